@@ -25,7 +25,8 @@ class KeyRequest(Message):
     )
     role: Role = Field(description=_ROLE)
     expires_at: AwareDatetime | None = Field(
-        default=None, description="Time at which the key ends, with a time zone; null: when it is revoked."
+        default=None,
+        description="Time at which the key ends, with a time zone; null: valid until it is revoked.",
     )
 
     @field_validator("expires_at")
@@ -54,8 +55,8 @@ class Key(Message):
     )
     key: str | None = Field(
         default=None,
-        description="Secret to send as `Authorization: Bearer …`: in the answer that created the key, null "
-        "ever after.",
+        description="Secret to send as `Authorization: Bearer …`; only in the answer that creates the key, "
+        "else null.",
     )
 
 
@@ -77,7 +78,7 @@ class Session(Message):
         description="Callers that the service answers. `loopback`: programs of this machine; `keys`: "
         "holders of a key; `none`: everyone who reaches the address."
     )
-    key_id: str | None = Field(description="Id of the caller's key; null without a valid one.")
+    key_id: str | None = Field(description="Id of the caller's key; null without a valid key.")
     key_name: str | None = Field(description="Name of that key.")
     role: Role | None = Field(description="Role of that key.")
     ends_at: Timestamp | None = Field(
@@ -89,7 +90,7 @@ class AuditItem(Message):
     """An attempt to change something."""
 
     at: Timestamp
-    key_id: str | None = Field(description="Id of the caller's key; null without a valid one.")
+    key_id: str | None = Field(description="Id of the caller's key; null without a valid key.")
     key_name: str | None = Field(description="Name of the key.")
     address: str = Field(description="Address of the caller; `terminal`: a command on the database.")
     method: str = Field(description="HTTP method.")
@@ -103,7 +104,7 @@ class AuditQuery(PageQuery):
 
     key_id: KeyId | None = Field(default=None, description="Filter by key.")
     format: Literal["json", "csv"] = Field(
-        default="json", description="`csv`: the whole audit as a table for spreadsheets, without pages."
+        default="json", description="`csv`: the whole audit, without pages."
     )
 
 

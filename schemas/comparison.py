@@ -16,7 +16,7 @@ from jointstiff.schemas.fields import (
     Name,
     Stiffness,
     Terminal,
-    parse_draws,
+    parse_resampling,
 )
 from jointstiff.schemas.finding import Assessment, Finding, Problem, ResultSummary
 from jointstiff.schemas.job import Job, Result
@@ -57,7 +57,8 @@ class ComparisonOptions(Message):
         "as with secondary encoders switched on.",
     )
     confidence: Confidence | None = Field(
-        default=None, description="Confidence level of ratios; default: that of the first run."
+        default=None,
+        description="Confidence level of ratios; default: that of the first run.",
     )
 
 
@@ -65,8 +66,8 @@ class ComparisonRequest(ComparisonOptions):
     """A comparison as it is posted: runs of one or two measurement sets, which are its sides."""
 
     run_ids: Annotated[list[Identifier], Field(min_length=2, max_length=MAX_COMPARED)] = Field(
-        description="Runs to compare. Two sets are compared by the first run of each; if a constraint holds "
-        "one of its joints, list the same run with `positive` false, too: ratios are those of estimates "
+        description="Runs to compare. Two sets are compared by the first run of each; if a constraint is "
+        "active on a joint, list the same run with `positive` false, too: ratios are those of estimates "
         "without constraints."
     )
 
@@ -89,7 +90,7 @@ class CampaignComparison(ComparisonOptions):
         description="Constraints to combine with each method: compliances free, or zero or positive.",
     )
     resampling: Annotated[
-        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_draws)
+        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_resampling)
     ] = Field(
         default=None,
         description="Resampling: repeat each fit on configurations drawn at random, the same draws for all. "
@@ -123,7 +124,7 @@ class ComparedRun(Message):
     """One run of the comparison; it has no numbers if it has failed."""
 
     run_id: Identifier
-    side: Side = Field(description="Side that has its readings.")
+    side: Side = Field(description="Side to which the run's readings belong.")
     method: Method
     weighting: Weighting
     characteristic_length: Metres[float | None] = Field(
@@ -150,8 +151,8 @@ class ComparedRun(Message):
     draws: Resampling | None = Field(description="Draws of the resampling, if there was one.")
     resampling: ResamplingResult | None = Field(description="Results of the resampling, if there was one.")
     left: Metres[list[float | None]] = Field(
-        description="Mean length of what the model leaves of the deflection in each configuration of the "
-        "side, over its targets; null where the run leaves it out."
+        description="Mean length of the residuals in each configuration of the side, over its targets; null "
+        "where the run leaves the configuration out."
     )
 
 
@@ -160,11 +161,11 @@ class ComparedSide(Message):
 
     side: Side
     measurement_set_id: Identifier
-    run_id: Identifier = Field(description="Run by which the side is compared with the other one.")
+    run_id: Identifier = Field(description="Run that represents the side in the comparison.")
     configurations: list[Name] = Field(description="Labels of its observations.")
     deflection: Metres[list[float | None]] = Field(
         description="Mean length of the measured deflection in each configuration, over its targets; null "
-        "where all runs leave it out."
+        "where all runs leave the configuration out."
     )
 
 
@@ -188,8 +189,8 @@ class JointRatio(Message):
     )
     p_value: Dimensionless[float | None] = Field(
         default=None,
-        description="p-value of the hypothesis that the compliance has not changed (two-sided). Small: it "
-        "has changed.",
+        description="Two-sided p-value of the hypothesis that the compliance has not changed: small "
+        "if it has.",
     )
     reason: str | None = Field(default=None, description="Reason why there is no ratio.")
 
@@ -241,7 +242,7 @@ class OrderedJoint(Message):
     )
     compliance_interval_second: Compliance[tuple[float, float] | None]
     equal: StrictBool = Field(
-        description="True if the order makes both equal: separate fits would violate it."
+        description="True if the order makes both compliances equal: separate fits would violate the order."
     )
 
 
@@ -250,8 +251,8 @@ class OrderedResult(Message):
 
     joints: list[OrderedJoint]
     chi_square_increase: float = Field(
-        description="Increase of both sides' χ² due to the order. If far larger than the number of "
-        "joints held equal, the readings contradict the order. Dimensionless."
+        description="Increase of the χ² of both sides due to the order. If far larger than the number of "
+        "`equal` joints, the readings contradict the order. Dimensionless."
     )
     certificate: Certificate = Field(description="Proof of optimality.")
 
@@ -260,8 +261,8 @@ class ComparisonResult(Result):
     """Runs side by side; of two measurement sets also the ratios of the stiffnesses."""
 
     assessment: Assessment = Field(
-        description="Worst verdict with its reasons: of all runs of one set, or of the two runs by which two "
-        "sets are compared; equal kinds and places once."
+        description="Worst verdict with its reasons: of all runs of one set, or of the two runs by which "
+        "two sets are compared; reasons of equal kind and place once."
     )
     confidence: Dimensionless[float] = Field(description="Confidence level of ratios.")
     sides: list[ComparedSide] = Field(description="One or two measurement sets.")
@@ -270,7 +271,7 @@ class ComparisonResult(Result):
     avoided: AvoidedDeflection | None = Field(
         description="Deflection that the second side avoids; null for one side."
     )
-    ordered: OrderedResult | None = Field(description="Both sides in one problem, if requested.")
+    ordered: OrderedResult | None = Field(description="Common fit of both sides, if requested.")
     warnings: list[Finding] = Field(
         description="Warnings of the measurement sets and of the fits, then of the comparison; with two "
         "sides, `where` starts with the side. Duplicates are omitted."
@@ -278,22 +279,27 @@ class ComparisonResult(Result):
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt for listings: figures of the poorer of two compared sets, or of the best method."""
+        """Summary for listings.
+
+        A comparison of two campaigns has the figures of the poorer campaign, a comparison of methods those of
+        the best method.
+        """
         runs_of_sides = {side.run_id for side in self.sides}
         has_two_sides = bool(self.joints)
-        fits = [
+        # An entry without joints has no figures. Of two campaigns only the runs that are compared count.
+        entries = [
             entry
             for entry in self.entries
             if entry.joints and (not has_two_sides or entry.run_id in runs_of_sides)
         ]
-        shares = [fit.compensation for fit in fits if fit.compensation is not None]
-        counts = [count_identified_joints(fit.joints) for fit in fits]
+        compensations = [entry.compensation for entry in entries if entry.compensation is not None]
+        counts = [count_identified_joints(entry.joints) for entry in entries]
         poorer_or_best = min if has_two_sides else max
         return ResultSummary(
             verdict=self.assessment.verdict,
-            compensation=poorer_or_best(shares, default=None),
+            compensation=poorer_or_best(compensations, default=None),
             joints_identified=poorer_or_best(counts, default=0),
-            joint_count=max((len(fit.joints) for fit in fits), default=None),
+            joint_count=max((len(entry.joints) for entry in entries), default=None),
             warning_count=len(self.warnings),
         )
 

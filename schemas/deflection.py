@@ -54,7 +54,8 @@ class LoadCase(Message):
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Point where the force acts, flange frame, in units.length; default: that of all cases.",
+        description="Point where the force acts, flange frame, in units.length; default: the load point of "
+        "all cases.",
     )
     place: Vector3 | None = Field(
         default=None,
@@ -63,7 +64,7 @@ class LoadCase(Message):
     )
     direction: Vector3 | None = Field(
         default=None,
-        description="Direction of the requested stiffness, axes of R0; default: that of the force.",
+        description="Direction of the requested stiffness, axes of R0; default: the direction of the force.",
     )
 
 
@@ -82,8 +83,8 @@ class SagOptions(Message):
 
     absolute: StrictBool = Field(
         default=False,
-        description="True for deflections relative to an arm that does not bend: with the sag by its own "
-        "weight and any load. Needs a run with `weight`.",
+        description="True for deflections relative to an arm that does not bend: they include the sag by "
+        "own weight. Needs a run with `weight`.",
     )
 
 
@@ -125,7 +126,7 @@ class ModelErrorInterval(Message):
     displacement: Metres[Interval3]
     radius: Metres[float] = Field(
         description="Radius of the ball that contains the true displacement at the confidence level; "
-        "empirical, from postures omitted in turn."
+        "empirical, from held-out postures."
     )
     load_ratio: Dimensionless[float] = Field(
         description="Magnitude of the load relative to the campaign's greatest; above 1.01 the load is "
@@ -177,8 +178,13 @@ class CartesianCompliance(Message):
     translation_by_moment: TranslationPerMoment[Square3]
     rotation_by_force: RotationPerForce[Square3]
     rotation_by_moment: RotationalCompliance[Square3]
-    symmetric: StrictBool = Field(description="True if the load has a potential: a dead moment has none.")
-    along: DirectionalStiffness | None = Field(description="Null without a force and a direction.")
+    symmetric: StrictBool = Field(
+        description="True if the matrices are symmetric; a moment of constant "
+        "direction makes them asymmetric."
+    )
+    along: DirectionalStiffness | None = Field(
+        description="Stiffness along the direction; null without a force and a direction."
+    )
     worst: WorstDirection
 
 
@@ -191,7 +197,7 @@ class DeflectionBudget(Message):
     )
     included: list[str] = Field(description="Sources that `standard_uncertainty` combines.")
     standard_uncertainty: Metres[float]
-    coverage_factor: Dimensionless[float] = Field(description="Factor for the request's confidence.")
+    coverage_factor: Dimensionless[float] = Field(description="Factor for the requested confidence.")
     expanded_uncertainty: Metres[float]
     expanded_with_model_error: Metres[float] = Field(description="Expanded uncertainty of all sources.")
 
@@ -219,7 +225,7 @@ class CaseResult(Message):
         "the uncertainty is unknown.",
     )
     remarks: list[str] = Field(
-        description="Extrapolations by name, or reasons why there is no number or no bound."
+        description="Extrapolations, and reasons why a number or an interval is missing."
     )
 
 
@@ -265,8 +271,9 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     turns: Annotated[int, Field(strict=True, ge=1, le=360)] = Field(
         default=1,
-        description="Number of angles about the tool's axis, evenly over a full turn. At the first one the "
-        "flange's x axis, seen along the tool, points along x of R0 (along y if the tool points along x).",
+        description="Number of angles about the tool's axis, evenly over a full turn. At the first angle "
+        "the flange's x axis, seen along the tool, points along x of R0 (along y if the tool points along "
+        "x).",
     )
     force: Newtons[Vector3] = Field(description="Force of the process on the robot.")
     moment: Torque[Vector3 | None] = Field(
@@ -285,8 +292,9 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     near: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
         default=None,
-        description="Joints as the controller shows them: each place has the posture nearest to them; "
-        "default: the stiffest one. Needed if the robot has prismatic joints, which keep still.",
+        description="Posture as the controller shows it: each place gets the posture nearest to it; "
+        "default: the stiffest posture. Needed if the robot has prismatic joints, which keep these "
+        "positions.",
     )
     confidence: Dimensionless[Confidence] = 0.95
 
@@ -311,7 +319,7 @@ class MapPlace(Message):
     displacement: Metres[Point] = Field(description="Displacement, loaded minus unloaded, axes of R0.")
     deflection: Metres[float] = Field(description="Length of the displacement.")
     readings_only: Metres[tuple[float, float] | None] = Field(
-        description="Interval of that length from the readings alone; null if the uncertainty is unknown."
+        description="Interval of `deflection` from the readings alone; null if the uncertainty is unknown."
     )
     with_model_error: Metres[tuple[float, float] | None] = Field(
         description="Interval that includes the model error; null without a bound."
@@ -325,8 +333,8 @@ class MapPlace(Message):
         "determine contributes."
     )
     extrapolation: Dimensionless[float | None] = Field(
-        description="Load, or uncertainty per load, relative to the campaign's greatest: above 1.01 it is "
-        "extrapolated. Null without a bound."
+        description="Load, or uncertainty per load, relative to the campaign's greatest: above 1.01 the "
+        "model extrapolates. Null without a bound."
     )
 
 

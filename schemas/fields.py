@@ -31,9 +31,10 @@ class Message(BaseModel):
 
 
 def require_exactly_one(first: str, second: str) -> Any:  # noqa: ANN401 - what pydantic makes of a validator
-    """Return a validator that refuses a message with both of two fields, or with neither of them."""
+    """Return a validator of a message that requires exactly one of two fields, given their names."""
 
     def check(message: Message) -> Message:
+        """Return the message unchanged; refuse it if both fields, or neither field, are stated."""
         if (getattr(message, first) is None) == (getattr(message, second) is None):
             raise ValueError(f"give either `{first}` or `{second}`")
         return message
@@ -136,19 +137,20 @@ class Page(Message, Generic[Item]):
     """One page of a listing."""
 
     items: list[Item] = Field(description="The resources on this page.")
-    next: str | None = Field(description="Value of `cursor` for the following page; null on the last page.")
+    next: str | None = Field(description="`cursor` of the following page; null on the last page.")
     total: int | None = Field(
         default=None, description="Number of resources on all pages; null after the first page."
     )
 
 
 def validate_list(kind: type[Item], documents: Sequence[dict[str, Any]]) -> list[Item]:
-    """Validate many documents in one call, five times faster than one by one; return the messages."""
+    """Validate many documents as messages of a class, five times faster than one after the other."""
     return _list_adapter(kind).validate_python(documents, from_attributes=True)
 
 
 @lru_cache(maxsize=64)
 def _list_adapter(kind: type[Item]) -> TypeAdapter[list[Item]]:
+    """Return pydantic's validator of lists of messages of a class; cached, as it takes time to build."""
     return TypeAdapter(list[kind])  # type: ignore[valid-type]
 
 
@@ -167,7 +169,7 @@ class Terminal:
 
 
 def parse_prior(text: str) -> tuple[str, dict[str, float]]:
-    """Parse `JOINT=STIFFNESS:UNCERTAINTY`; return the joint's name and the fields of its prior."""
+    """Parse `JOINT=STIFFNESS:UNCERTAINTY`; return (name of the joint, fields of its prior)."""
     name, _, numbers = text.rpartition("=")
     stiffness, _, uncertainty = numbers.partition(":")
     try:
@@ -179,17 +181,17 @@ def parse_prior(text: str) -> tuple[str, dict[str, float]]:
 
 
 def parse_cause(text: str) -> dict[str, str | None]:
-    """Parse `NAME[:FIRST]`: a cause, and the label of the first observation that the cause concerns."""
-    name, _, first = text.partition(":")
-    return {"name": name, "first": first or None}
+    """Parse `NAME[:FIRST]`; return the fields of a cause: its name, and the label of an observation."""
+    name, _, first_label = text.partition(":")
+    return {"name": name, "first": first_label or None}
 
 
-def parse_chain(text: str) -> list[str]:
-    """Parse `JOINT,JOINT,...`; return the joints' names without blanks."""
+def parse_names(text: str) -> list[str]:
+    """Parse `NAME,NAME,...`, such as names of joints; return the names without blanks around them."""
     return [name.strip() for name in text.split(",")]
 
 
-def parse_draws(text: str) -> dict[str, int]:
+def parse_resampling(text: str) -> dict[str, int]:
     """Parse `SIZE[:REPETITIONS[:SEED]]`; return the stated fields of a resampling."""
     parts, names = text.split(":"), ("size", "repetitions", "seed")
     if len(parts) > len(names) or not all(part.isdecimal() for part in parts):
@@ -214,7 +216,7 @@ def parse_planned_load(text: str) -> dict[str, Any]:
 
 
 def parse_target(text: str) -> tuple[str, list[float]]:
-    """Parse `NAME=X,Y,Z` in mm; return the target's name and its place on the flange [m]."""
+    """Parse `NAME=X,Y,Z` in mm; return (name of the target, its place in the flange frame [m])."""
     name, _, numbers = text.rpartition("=")
     place = parse_numbers(numbers)
     if not name or len(place) != 3:
@@ -223,12 +225,12 @@ def parse_target(text: str) -> tuple[str, list[float]]:
 
 
 def parse_box(text: str) -> list[list[float]]:
-    """Parse `X,Y,Z,X,Y,Z` in mm; return the least and the greatest corner of the box [m]."""
+    """Parse two corners of a box, `X,Y,Z,X,Y,Z` in mm; return [least corner, greatest corner] [m]."""
     numbers = [1e-3 * part for part in parse_numbers(text)]
     if len(numbers) != 6:
         raise ValueError(f"'{text}' must be two corners in mm, such as 800,-600,400,1900,600,1600")
-    pairs = [sorted(pair) for pair in zip(numbers[:3], numbers[3:], strict=True)]
-    return [[least for least, _ in pairs], [greatest for _, greatest in pairs]]
+    ranges = [sorted(pair) for pair in zip(numbers[:3], numbers[3:], strict=True)]  # along x, y and z
+    return [[least for least, _ in ranges], [greatest for _, greatest in ranges]]
 
 
 def parse_force(text: str) -> dict[str, list[float]]:
@@ -243,7 +245,7 @@ def parse_frame(text: str) -> dict[str, Any]:
 
 
 def parse_numbers(text: str) -> list[float]:
-    """Parse numbers that are separated by commas or blanks."""
+    """Parse numbers that are separated by commas or blanks; return the numbers."""
     try:
         return [float(number) for number in text.replace(",", " ").split()]
     except ValueError:

@@ -61,17 +61,18 @@ class NamedCause(Message):
     """Something that moved the targets, too, such as a load point elsewhere or play in gears."""
 
     name: Name = Field(
-        description="Name: `load_point`, `constant_force` (axes of R0), `load_zero` (a force in the flange's "
-        "axes), `load_scale` (of each distinct load, or before and after), `play`, `shift` or `turn` (with a "
-        "shift) of what was read under load."
+        description="Name: `load_point`, `constant_force` (axes of R0), `load_zero` (a force along the "
+        "flange's axes), `load_scale` (of each distinct load, or before and after), `play`, `shift` or "
+        "`turn` (with a shift) of all positions read under load."
     )
     first: Name | None = Field(
-        default=None, description="Label of the first observation that it concerns; null for all."
+        default=None,
+        description="Label of the first observation that the cause concerns; null for all.",
     )
 
     @property
-    def pair(self) -> tuple[str, str | None]:
-        """Name of the cause, and label of the first observation that it concerns; None for all."""
+    def name_and_first_label(self) -> tuple[str, str | None]:
+        """Pair (name of the cause, label of the first observation that it concerns, or None for all)."""
         return self.name, self.first
 
 
@@ -80,9 +81,9 @@ class Action(Message):
 
     kind: ActionKind = Field(
         description="Action. `fit_causes` fits `causes` with the joints and leaves the readings as they "
-        "are; `convert_units` declares `unit` and keeps the numbers; `exchange_readings` "
-        "exchanges unloaded and loaded readings; `choose_model` lets the readings choose elasticity and "
-        "loss; `choose_robot` keeps the readings and takes `robot`."
+        "are; `convert_units` declares `unit` and keeps the numbers; `exchange_readings` exchanges unloaded "
+        "and loaded readings; `choose_model` lets the readings choose elasticity and loss; `choose_robot` "
+        "identifies the same readings with `robot`."
     )
     observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
@@ -121,7 +122,7 @@ class Action(Message):
         robot: str | None = None,
         robot_id: str | None = None,
     ) -> Action:
-        """Build an action of a kind; the fields that are not stated remain empty."""
+        """Build an action; fields for which no argument is given are empty or null."""
         return cls(
             kind=kind,
             observations=list(observations),
@@ -234,14 +235,14 @@ class Finding(Message):
 
     code: FindingCode = Field(description="Kind of the finding.")
     weight: Verdict = Field(
-        description="Best verdict that it allows: `do_not_use`, almost certainly a mistake, to be corrected "
-        "first; `use_with_care`, to be checked; `use`, a mere remark. A run sums up the "
+        description="Best verdict that the finding allows: `do_not_use`, almost certainly a mistake, to be "
+        "corrected first; `use_with_care`, to be checked; `use`, a mere remark. A run summarises the "
         "findings of its set by kind, and may explain them."
     )
     where: str | None = Field(
         default=None,
-        description="Observation, reading, sweep or joint; null for the whole. Of two sides it begins with "
-        "the side.",
+        description="Observation, reading, sweep or joint; null for the whole set. With two sides it begins "
+        "with the side.",
     )
     observation: Name | None = Field(
         default=None, description="Label of the observation; null if the finding concerns none or several."
@@ -273,7 +274,7 @@ class Assessment(Message):
     )
     notes: list[str] = Field(
         default_factory=list,
-        description="Checks that these readings do not allow, and assumptions in their place.",
+        description="Checks that these readings do not allow, and assumptions made instead.",
     )
 
 
@@ -284,7 +285,7 @@ class AcceptingOptions(Message):
         Literal["do_not_use"] | None, Terminal("--despite-verdict", flag="do_not_use")
     ] = Field(
         default=None,
-        description="`do_not_use` accepts a run with this verdict, which is refused otherwise.",
+        description="`do_not_use` accepts a run with this verdict, else refused.",
     )
 
 
@@ -317,21 +318,22 @@ def combine_assessments(assessments: Sequence[Assessment]) -> Assessment:
     Of reasons with equal code and place only the first is kept. The numbers of joints are taken from the
     assessment with the fewest identified joints. Notes are left out, because they concern a single run.
     """
-    reasons: dict[tuple[str, str | None], Finding] = {}
+    reasons: dict[tuple[str, str | None], Finding] = {}  # (code, place) → reason
     for reason in (reason for assessment in assessments for reason in assessment.reasons):
         reasons.setdefault((reason.code, reason.where), reason)
     counts = [
-        (each.joints_identified, each.joint_count)
-        for each in assessments
-        if each.joints_identified is not None
+        (assessment.joints_identified, assessment.joint_count)
+        for assessment in assessments
+        if assessment.joints_identified is not None
     ]
-    identified, count = min(counts, default=(None, None))
+    joints_identified, joint_count = min(counts, default=(None, None))
+    verdicts = (assessment.verdict for assessment in assessments)
     return Assessment(
-        joints_identified=identified,
-        joint_count=count,
-        verdict=max((each.verdict for each in assessments), key=_ORDER.index, default="use"),
-        reasons=sorted(reasons.values(), key=lambda reason: -_ORDER.index(reason.weight)),
+        joints_identified=joints_identified,
+        joint_count=joint_count,
+        verdict=max(verdicts, key=_VERDICTS_BY_SEVERITY.index, default="use"),
+        reasons=sorted(reasons.values(), key=lambda reason: -_VERDICTS_BY_SEVERITY.index(reason.weight)),
     )
 
 
-_ORDER: tuple[Verdict, ...] = ("use", "use_with_care", "do_not_use")
+_VERDICTS_BY_SEVERITY: tuple[Verdict, ...] = ("use", "use_with_care", "do_not_use")

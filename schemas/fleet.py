@@ -30,8 +30,8 @@ class FleetRequest(FleetOptions):
 
     measurement_set_ids: Annotated[list[Identifier], Field(min_length=1, max_length=MAX_SETS)] | None = Field(
         default=None,
-        description="Sets to identify. Null or absent: of each robot that is not deleted the set with loads "
-        "that was measured last, as they are when the fleet is posted; the job names them.",
+        description="Sets to identify. Null or absent: for each robot that is not deleted, the set with "
+        "loads that was measured last when the fleet is posted; the job names these sets.",
     )
 
     @field_validator("measurement_set_ids", mode="after")
@@ -51,10 +51,10 @@ class FleetRow(Message):
     robot_name: Name
     verdict: Verdict | None
     joint_kinds: dict[Name, JointKind] = Field(
-        description="Kinds of the joints in order, where one is prismatic; empty if all turn."
+        description="Kinds of the joints in order; empty if all are revolute."
     )
     stiffness: Stiffness[dict[Name, float | None]] = Field(
-        description="Stiffness of each joint, as of a run."
+        description="Stiffness of each joint, as in a run."
     )
     stiffness_interval: Stiffness[dict[Name, tuple[float, float | None] | None]]
     error: Problem | None
@@ -66,7 +66,7 @@ class FleetResult(Message):
     counts: dict[FleetOutcome, int] = Field(
         description="Number of sets by verdict, and of those that failed."
     )
-    rows: list[FleetRow] = Field(description="One for each set, in the order of the request.")
+    rows: list[FleetRow] = Field(description="Row of each set, in the order of the request.")
 
 
 class Fleet(Job):

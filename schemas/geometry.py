@@ -59,8 +59,8 @@ class SweepEvidence(Message):
     positions: int
     arc: Radians[float] = Field(description="Arc covered by the readings.")
     radial_rms: Metres[dict[Name, float | None]] = Field(
-        description="Root mean square of the radial residuals by target; of those across the axis in a sweep "
-        "that turns two axes. Null without a reading."
+        description="Root mean square of the radial residuals by target; in a sweep that turns two axes, of "
+        "the residuals across the axis. Null without a reading."
     )
     axial_rms: Metres[dict[Name, float | None]] = Field(
         description="Root mean square of the residuals along the axis by target; null without a reading."
@@ -122,7 +122,7 @@ class WristResult(Message):
     combined: WristCentre = Field(description="Weighted mean of the estimates, weights by their information.")
     distances: list[WristDistance]
     posture: Radians[list[float]] = Field(
-        description="Model angles at which the centre is given; those of the wrist do not matter."
+        description="Model angles at which the centre is given; the angles of the wrist joints do not matter."
     )
     miss_distance: Metres[float] = Field(
         description="Largest distance of one of the three axes from the point nearest to them."
@@ -202,8 +202,8 @@ class GeometryResult(Result):
     )
     poses: PoseEvidence | None = Field(description="Calibration from poses; null for sweeps.")
     sigma: Metres[float] = Field(
-        description="Standard uncertainty of a coordinate, from which all others follow; for an instrument, "
-        "the root mean square over the readings."
+        description="Standard uncertainty of a coordinate, from which all other uncertainties follow; for "
+        "an instrument, the root mean square over the readings."
     )
     sigma_source: Literal["stated", "residuals"]
     degrees_of_freedom: int
@@ -212,11 +212,11 @@ class GeometryResult(Result):
         "Dimensionless."
     )
     agreement_probability: float | None = Field(
-        description="p-value of one robot model for all sweeps. Small: fit the sweeps one by one."
+        description="p-value of one robot model for all sweeps. If it is small, fit the sweeps one by one."
     )
     controller_probability: float | None = Field(
-        description="p-value of the controller's angles. Not small: `angles` = `controller` gives the better "
-        "estimate."
+        description="p-value of the controller's angles. If it is not small, `angles` = `controller` gives "
+        "the better estimate."
     )
     base: Literal["nominal", "axes"] = Field(description="Definition of R0.")
     transform_tracker_to_base: Rigid
@@ -238,7 +238,7 @@ class GeometryResult(Result):
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt for listings."""
+        """Summary of the result for listings."""
         return ResultSummary(
             verdict=self.assessment.verdict,
             warning_count=sum(finding.weight != "use" for finding in self.findings),
@@ -377,7 +377,7 @@ class GeometryRequest(Message):
     @model_validator(mode="after")
     def _require_base_targets_before(self) -> GeometryRequest:
         if self.base_targets_after is not None and self.base_targets_before is None:
-            raise ValueError("give `base_targets_before` with `base_targets_after`: they are compared")
+            raise ValueError("give `base_targets_before`, too: `base_targets_after` are compared with them")
         return self
 
     @model_validator(mode="after")
@@ -388,33 +388,39 @@ class GeometryRequest(Message):
 
     @model_validator(mode="after")
     def _refuse_too_many_readings(self) -> GeometryRequest:
-        swept = [position for sweep in self.sweeps or () for position in sweep.observations]
-        if len(swept) > MAX_GEOMETRY_POSITIONS:
+        """Refuse too many positions in all sweeps together, and too many readings of targets in all."""
+        swept_positions = [position for sweep in self.sweeps or () for position in sweep.observations]
+        if len(swept_positions) > MAX_GEOMETRY_POSITIONS:
             raise ValueError(
-                f"give at most {MAX_GEOMETRY_POSITIONS} positions in all sweeps together, not {len(swept)}: "
-                "leave out every second position, as 15 to 20 positions over each joint's arc are enough"
+                f"give at most {MAX_GEOMETRY_POSITIONS} positions in all sweeps together, not "
+                f"{len(swept_positions)}: omit every second position, as 15 to 20 positions over each "
+                "joint's arc are enough"
             )
-        readings = sum(len(position.targets) for position in (*swept, *(self.poses or ())))
+        readings = sum(len(position.targets) for position in (*swept_positions, *(self.poses or ())))
         if readings > MAX_GEOMETRY_READINGS:
             raise ValueError(
-                f"give at most {MAX_GEOMETRY_READINGS} readings of targets in all, not {readings}: leave out "
-                "every other position, or targets beyond three"
+                f"give at most {MAX_GEOMETRY_READINGS} readings of targets in all, not {readings}: omit "
+                "every second position, or targets beyond three"
             )
         return self
 
     @model_validator(mode="after")
     def _refuse_contradictory_robot(self) -> GeometryRequest:
-        """Refuse two robots, a joint map in addition to a robot's, and nominal frames without a robot."""
+        """Refuse two robots, two joint maps, and nominal frames without a robot."""
         if self.robot_id is not None and self.robot is not None:
             raise ValueError("give either `robot_id` or `robot`, not both")
         if self.has_robot and self.joint_map is not None:
-            raise ValueError("omit `joint_map`: the robot has its own")
+            raise ValueError("omit `joint_map`: the robot has a joint map already")
         if not self.has_robot and "nominal" in (self.base, self.flange):
-            raise ValueError("give `robot_id` or `robot`, or place the frames by `axes` or `targets`")
+            raise ValueError(
+                "`nominal` frames need a robot: give `robot_id` or `robot`, or choose other values of `base` "
+                "and `flange`"
+            )
         return self
 
     @model_validator(mode="after")
     def _require_different_flange_targets(self) -> GeometryRequest:
+        """Require three different flange targets if targets place the flange frame, and none otherwise."""
         if (self.flange == "targets") != (self.flange_targets is not None):
             raise ValueError("give `flange_targets` if, and only if, `flange` is `targets`")
         if self.flange_targets is not None and len(set(self.flange_targets)) != len(self.flange_targets):
@@ -423,7 +429,7 @@ class GeometryRequest(Message):
 
     @property
     def has_robot(self) -> bool:
-        """Return whether the request names or contains a robot, whose geometry is the nominal one."""
+        """True if the request names or contains a robot, whose geometry is the nominal geometry."""
         return self.robot_id is not None or self.robot is not None
 
 

@@ -103,7 +103,7 @@ class ImportOptions(Message):
     )
     by_order: StrictBool = Field(
         default=False,
-        description="Number the rows of files without names: the first row of each is observation 1.",
+        description="Number the rows of files without names: the first row of each file is observation 1.",
     )
     allow_missing: StrictBool = Field(
         default=False,
@@ -148,13 +148,15 @@ class FilePreview(Message):
         default_factory=list, description="Lines or rows of the file that make the header; empty without one."
     )
     first_lines: list[int] = Field(
-        default_factory=list, description="Line or row of the file of each of `first_rows`."
+        default_factory=list,
+        description="Line or row number in the file, for each of `first_rows`.",
     )
     fault_rows: list[list[str]] = Field(
         default_factory=list, description="Rows with faults beyond the first ones, as they are in the file."
     )
     fault_lines: list[int] = Field(
-        default_factory=list, description="Line or row of the file of each of `fault_rows`."
+        default_factory=list,
+        description="Line or row number in the file, for each of `fault_rows`.",
     )
 
 
@@ -167,7 +169,7 @@ class ImportFault(Message):
     reason: str = Field(description="Description of the fault.")
     remedy: str = Field(description="Recommended correction.")
     option: str | None = Field(
-        default=None, description="Option that corrects it.", examples=["units.length", "decimal_mark"]
+        default=None, description="Option that corrects the fault.", examples=["units.length", "decimal_mark"]
     )
     words: list[str] = Field(
         default_factory=list,
@@ -211,7 +213,7 @@ class ImportRequest(ImportOptions):
     """Format of the files, and the parts of a measurement set that no file contains."""
 
     name: Name | None = Field(
-        default=None, description="Name of the measurement set; default: that of the first file."
+        default=None, description="Name of the measurement set; default: the name of the first file."
     )
     encoders: Literal["motor", "secondary"] | None = Field(
         default=None, description="Encoders that close the position loop; never guessed."

@@ -39,12 +39,12 @@ class Result(Message):
     assessment: Assessment | None
     joint_kinds: dict[Name, JointKind] = Field(
         default_factory=dict,
-        description="Kinds of the joints in order, where one is prismatic; empty if all turn.",
+        description="Kinds of the joints in order; empty if all are revolute.",
     )
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt of the job for listings."""
+        """Summary of the result for listings."""
         return ResultSummary(verdict=None if self.assessment is None else self.assessment.verdict)
 
 
@@ -52,7 +52,7 @@ class FromRun(Result):
     """Result that is made from a run."""
 
     assessment: Assessment = Field(
-        description="Assessment of this result, with the reasons of its own and those of its run."
+        description="Assessment of this result, with its own reasons and those of its run."
     )
 
 
@@ -64,12 +64,12 @@ class Job(Message):
     id: Identifier
     kind: str
     state: JobState = Field(description="While `queued` or `running`, poll its address or follow its events.")
-    progress: Progress | None = Field(default=None, description="Null for a job that is computed at once.")
+    progress: Progress | None = Field(default=None, description="Progress; null if computed at once.")
     request: Message
     result: Message | None = Field(description="Result; present if the job has succeeded.")
     error: Problem | None = Field(description="Present if the job has failed.")
     provenance: Provenance
-    key_id: str | None = Field(default=None, description="Id of the requester's key; null without one.")
+    key_id: str | None = Field(default=None, description="Id of the requester's key; null without a key.")
     key_name: str | None = Field(default=None, description="Name of this key.")
 
     @classmethod
@@ -90,14 +90,16 @@ class JobSummary(ResultSummary):
     kind: str = Field(description="Kind of the job, such as `run`.", examples=["run"])
     state: JobState
     created_at: Timestamp
-    name: Name | None = Field(default=None, description="Name; of a program that of its first file.")
+    name: Name | None = Field(
+        default=None, description="Name of the job; for a program, the name of its first file."
+    )
     robot_id: Identifier | None = Field(
         default=None,
-        description="Robot; of a comparison that of the first side, of a geometry the nominal one.",
+        description="Robot; for a comparison, that of the first side; for a geometry, the nominal robot.",
     )
     measurement_set_id: Identifier | None = Field(
         default=None,
-        description="Measurement set of a run or a plan; of a comparison that of the first side.",
+        description="Measurement set of a run or plan; for a comparison, that of the first side.",
     )
     second_set_id: Identifier | None = Field(
         default=None, description="Measurement set of the second side of a comparison."
@@ -110,7 +112,9 @@ class JobSummary(ResultSummary):
     run_id: Identifier | None = Field(default=None, description="Run of a map or a program.")
     method: Method | None = None
     weighting: Weighting | None = None
-    positive: StrictBool | None = Field(default=None, description="True if every compliance was constrained.")
+    positive: StrictBool | None = Field(
+        default=None, description="True if every compliance was constrained to be zero or positive."
+    )
     elasticity: Elasticity | None = Field(default=None, description="Parts that bend.")
     leave_out: list[Name] = Field(default_factory=list, description="Omitted observations.")
     variant_of: Identifier | None = Field(default=None, description="Run that a run tries to improve.")
@@ -124,7 +128,7 @@ class JobChange(Message):
     """Changes of a job: its end, its deletion. Omitted fields remain unchanged."""
 
     cancelled: Literal[True] | None = Field(
-        default=None, description="True to cancel the job; one that has ended stays as it is."
+        default=None, description="True to cancel the job; a job that has ended stays as it is."
     )
     deleted: StrictBool | None = Field(
         default=None,

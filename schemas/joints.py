@@ -20,8 +20,7 @@ JointKind = Literal["revolute", "prismatic"]
 StatedKind = Annotated[
     JointKind,
     Field(
-        description="Kind of the joint; of a `prismatic` one positions are in m, stiffnesses in N/m, "
-        "compliances in m/N."
+        description="Kind of the joint; `prismatic`: positions in m, stiffnesses in N/m, compliances in m/N."
     ),
 ]
 """Kind of a joint as messages state it."""

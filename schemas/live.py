@@ -34,10 +34,11 @@ class LiveOptions(ReadingOptions):
 
     goal: Goal
     candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
-        default=1_000, description="Postures drawn within the joints' limits, from which the next is chosen."
+        default=1_000,
+        description="Postures drawn within the joints' limits, from which the next posture is chosen.",
     )
     plan_id: Identifier | None = Field(
-        default=None, description="Plan whose robot, loads, targets and surroundings are taken."
+        default=None, description="Plan whose robot, loads, targets and surroundings are used."
     )
 
 
@@ -46,23 +47,23 @@ class LiveReading(Message):
 
     label: Name
     state: Literal["counts", "doubtful", "withdrawn"]
-    reason: str | None = Field(default=None, description="Reason for which it was withdrawn.")
+    reason: str | None = Field(default=None, description="Reason why the reading was withdrawn.")
     p_value: Dimensionless[float | None] = Field(
-        description="Probability of a reading at least so far from its prediction by the others; null where "
-        "they do not predict it."
+        description="Probability that a good reading deviates at least as far from its prediction by the "
+        "other readings; null if they do not predict it."
     )
     distance: Metres[float | None] = Field(
-        description="Greatest distance of a target from where it was expected."
+        description="Greatest distance of a target from its predicted position."
     )
     doubtful: StrictBool = Field(
-        description="True if it ought to be read again before the load is taken off."
+        description="True if the reading should be repeated before the load is removed."
     )
     causes: list[str] = Field(description="Causes of the doubt in words, the likeliest first.")
-    message: str | None = Field(description="Comparison with the others in words.")
+    message: str | None = Field(description="Comparison with the other readings in words.")
     ball_ratio: Dimensionless[float | None] = Field(
         default=None,
-        description="Distance from the prediction over the radius of its 90 % ball, at most 1 inside; null "
-        "for a reading that was not held out.",
+        description="Distance from the prediction over the radius of its 90 % ball: at most 1 in the "
+        "ball; null if the reading was not held out.",
     )
 
 
@@ -76,8 +77,8 @@ class LiveJoint(Message):
         description="95 % interval of the stiffness, with the model error where the postures show it."
     )
     relative: Dimensionless[float | None] = Field(
-        description="Half-width of the interval of the compliance over it, without assumed errors, which "
-        "more readings do not lessen. It is compared with the goal."
+        description="Half-width of the compliance's interval divided by the compliance, compared with the "
+        "goal; without assumed errors, which more readings do not reduce."
     )
     relative_with_assumed: Dimensionless[float | None] = Field(
         default=None, description="`relative` with the assumed errors of load point and force."
@@ -85,29 +86,31 @@ class LiveJoint(Message):
     reason: str | None = Field(default=None, description="Reason for which the joint will have no number.")
     prior: Literal["waits", "counts", "deviates"] | None = Field(
         default=None,
-        description="Prior of the joint: `waits` until readings determine the joint as well, `counts`, or is "
-        "ignored, as it `deviates` from them. Null: no prior.",
+        description="Prior of the joint: it `waits` until readings determine the joint as well, "
+        "`counts`, or is ignored because it `deviates` from them. Null: no prior.",
     )
 
 
 class LiveState(Message):
     """State of an open set: its record, what it says so far, and what to do next."""
 
-    revision: int = Field(description="Number of entries in the record: another one with each change.")
+    revision: int = Field(description="Number of entries in the record; every change adds one.")
     state: Literal["measuring", "reached", "cannot", "closed"] = Field(
-        description="`reached`: the goal is met, and a held-out reading lay in its ball; `cannot`: it will "
-        "not be met, and why; `closed`: it is an ordinary measurement set."
+        description="`reached`: the goal is met, and a held-out reading agrees with its prediction; "
+        "`cannot`: the goal will not be met, as `message` explains; `closed`: an "
+        "ordinary measurement set."
     )
     message: str = Field(description="State in words.")
     goal: str = Field(description="Declared goal in words.")
     share: Dimensionless[float | None] = Field(
-        description="Uncertainty over that of the goal, which is met at 1 and below; null before it is known."
+        description="Uncertainty divided by that of the goal, which is met at 1 and below; null "
+        "while unknown."
     )
     still_needed: int | None = Field(
-        description="Number of readings that are missing, the held-out one among them; null if unknown."
+        description="Number of readings still needed, including the held-out reading; null if unknown."
     )
-    readings: list[LiveReading] = Field(description="The record, in the order in which they came.")
-    joints: list[LiveJoint] = Field(description="Joints so far; none before they are determined.")
+    readings: list[LiveReading] = Field(description="All readings, in the order in which they came.")
+    joints: list[LiveJoint] = Field(description="Joints so far; empty before any is determined.")
     deflection_uncertainty: Metres[float | None] = Field(
         default=None, description="Expanded uncertainty (95 %) of the deflection in the work area."
     )
@@ -117,8 +120,10 @@ class LiveState(Message):
     assessment: Assessment | None = Field(description="Verdict so far; null without a verdict.")
     next: PlannedReading | None = Field(description="Next reading; null if nothing is left to read.")
     warnings: list[Finding] = Field(default_factory=list, description="Findings in the readings.")
-    measurement_set_id: Identifier | None = Field(default=None, description="The set, once it is closed.")
-    run_id: Identifier | None = Field(default=None, description="The run of the closed set.")
+    measurement_set_id: Identifier | None = Field(
+        default=None, description="Measurement set, once the campaign is closed."
+    )
+    run_id: Identifier | None = Field(default=None, description="Run of the closed measurement set.")
 
 
 class MeasurementSetPost(MeasurementSetRequest):

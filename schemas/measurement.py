@@ -195,7 +195,7 @@ class Noise(Message):
 
     @model_validator(mode="after")
     def _require_one_statement(self) -> Noise:
-        """Refuse a noise that gives nothing, or both sigma and an instrument."""
+        """Refuse a noise that states nothing, or that states sigma and also an instrument."""
         if self.sigma is not None and self.instrument is not None:
             raise ValueError("give either `sigma` or `instrument`, not both")
         if not self.states_something:
@@ -204,11 +204,13 @@ class Noise(Message):
 
     @property
     def states_something(self) -> bool:
-        """Return whether any field differs from its default."""
+        """True if any field differs from its default."""
         return any(getattr(self, name) != field.default for name, field in type(self).model_fields.items())
 
 
-def refuse_two_kinds(sigma: Quantity | None, unloaded: Matrix3 | None, loaded: Matrix3 | None) -> None:
+def refuse_sigma_with_covariances(
+    sigma: Quantity | None, unloaded: Matrix3 | None, loaded: Matrix3 | None
+) -> None:
     """Refuse a reading with both sigma and covariances, or with the covariance of only one state.
 
     Raises:
@@ -224,7 +226,7 @@ Rotation = tuple[Vector3, Vector3, Vector3]
 
 
 class Frame(Message):
-    """Positions are in a tracker's frame: by a geometry, or by an explicit transform to R0."""
+    """Frame of a tracker, stated by a geometry or by an explicit transform to R0."""
 
     geometry_id: Identifier | None = Field(
         default=None,
@@ -250,12 +252,15 @@ class Frame(Message):
     @model_validator(mode="after")
     def _require_geometry_or_transform(self) -> Frame:
         """Refuse a frame unless it gives either a geometry or a whole transform."""
-        has_both = self.rotation is not None and self.translation is not None
-        has_either = self.rotation is not None or self.translation is not None
-        if (self.geometry_id is not None) == has_either or has_either != has_both:
+        has_whole_transform = self.rotation is not None and self.translation is not None
+        has_part_of_transform = self.rotation is not None or self.translation is not None
+        has_geometry = self.geometry_id is not None
+        if has_geometry == has_part_of_transform or has_part_of_transform != has_whole_transform:
             raise ValueError("give either `geometry_id`, or both `rotation` and `translation`")
         if self.base_targets is not None and self.geometry_id is None:
-            raise ValueError("give `geometry_id` with `base_targets`: they are compared with the geometry's")
+            raise ValueError(
+                "give `geometry_id`, too: `base_targets` are compared with the base targets of the geometry"
+            )
         return self
 
 
@@ -273,7 +278,7 @@ class ResolvedFrame(Message):
     translation: Metres[Vector3] = Field(description="The tracker's origin in R0.")
     flange_targets: Metres[dict[Name, Vector3]] = Field(
         description="Targets of the geometry in the flange frame, used for deflections of targets that the "
-        "set does not place; empty if it has another flange frame."
+        "set does not place; empty if the geometry has another flange frame."
     )
 
 
@@ -291,6 +296,7 @@ def _refuse_number(value: object) -> object:
 
 
 def _convert_to_utc(value: datetime) -> datetime:
+    """Return a time in UTC; refuse a time of an implausible year."""
     if not _FIRST_YEAR <= value.year <= _LAST_YEAR:
         raise ValueError(f"must lie between {_FIRST_YEAR} and {_LAST_YEAR}")
     return value.astimezone(UTC)
@@ -346,9 +352,9 @@ LEAST_DIRECTION = 1e-6
 
 
 class SetChange(ResourceChange, SetMetadata):
-    """Changes of a measurement set, its readings apart; and of an open one, what becomes of a reading.
+    """Changes of a measurement set, but not of its readings.
 
-    Omitted fields remain unchanged.
+    In a live campaign, readings to withdraw, keep or skip. Omitted fields remain unchanged.
     """
 
     withdrawn: Annotated[dict[Name, Notes], Field(max_length=MAX_OBSERVATIONS)] = Field(
@@ -358,16 +364,17 @@ class SetChange(ResourceChange, SetMetadata):
         examples=[{"m04": "target P11 was blocked"}],
     )
     kept: Annotated[list[Name], Field(max_length=MAX_OBSERVATIONS)] = Field(
-        default_factory=list, description="Labels of doubtful readings that count, as they are right."
+        default_factory=list, description="Labels of doubtful readings that are to count."
     )
     skipped: Name | None = Field(
         default=None,
-        description="Label of the next reading, if its posture cannot be taken; another one is chosen.",
+        description="Label of the next reading, to skip a posture that the robot cannot take; "
+        "another is chosen.",
     )
 
     @property
     def is_live(self) -> bool:
-        """True if the request withdraws, keeps or skips observations, which only an open set allows."""
+        """True if the request changes a live campaign: it withdraws, keeps or skips observations."""
         return bool(self.withdrawn or self.kept or self.skipped)
 
 
@@ -433,9 +440,10 @@ class Reading(Message):
     )
     sigma: Sigma | None = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of either position of this reading, or of the "
-        "gauge before and under load, in units.length. All readings of the tracker state their own noise, "
-        "or none and `noise` does; a reading along a direction may state its own in addition to them.",
+        description="Standard uncertainty of one coordinate of either position of this reading, or "
+        "of the gauge before and under load, in units.length. Either all tracker "
+        "readings state their noise, or none does and `noise` states it; a reading along "
+        "a direction always may.",
     )
     unloaded_covariance: Matrix3 | None = Field(
         default=None,
@@ -448,14 +456,14 @@ class Reading(Message):
 
     @model_validator(mode="after")
     def _refuse_two_kinds_of_noise(self) -> Reading:
-        refuse_two_kinds(self.sigma, self.unloaded_covariance, self.loaded_covariance)
+        refuse_sigma_with_covariances(self.sigma, self.unloaded_covariance, self.loaded_covariance)
         return self
 
     @model_validator(mode="after")
     def _require_one_kind_of_reading(self) -> Reading:
         """Refuse a reading unless its fields belong to exactly one of the kinds of readings."""
-        given = {name for name in _KINDS_OF_READING if getattr(self, name) is not None}
-        if given not in ({"unloaded"}, {"unloaded", "loaded"}, {"deflection"}, {"displacement"}):
+        stated = {name for name in _KINDS_OF_READING if getattr(self, name) is not None}
+        if stated not in ({"unloaded"}, {"unloaded", "loaded"}, {"deflection"}, {"displacement"}):
             raise ValueError(
                 "give `unloaded` and `loaded`, or `deflection`, or `displacement` with its direction, or "
                 "`unloaded` alone for runs with `weight`"
@@ -465,11 +473,13 @@ class Reading(Message):
         # A displacement needs exactly one direction, any other reading none.
         if is_short or len(directions) != (self.displacement is not None):
             raise ValueError(
-                "give exactly one of `direction` and `flange_direction` with a `displacement`, at least "
-                f"{LEAST_DIRECTION:g} long, and neither of them with another reading"
+                "give either `direction` or `flange_direction`, at least "
+                f"{LEAST_DIRECTION:g} long, with a `displacement`; omit both with any other reading"
             )
         if self.displacement is not None and self.unloaded_covariance is not None:
-            raise ValueError("give `sigma` with a `displacement`: it has no covariance")
+            raise ValueError(
+                "give `sigma`, not covariances, with a `displacement`: it has a single component"
+            )
         return self
 
 
@@ -505,7 +515,7 @@ class Observation(Message):
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Load point in the flange frame, in units.length; default: that of the set.",
+        description="Load point in the flange frame, in units.length; default: the load point of the set.",
     )
     readings: Annotated[list[Reading], Field(min_length=1, max_length=MAX_TARGETS), FailFast()] = Field(
         description="Readings of the targets, at most one per target."
@@ -533,8 +543,7 @@ class MeasurementSetHeader(SetMetadata):
     )
     frame: Frame | None = Field(
         default=None,
-        description="Frame of positions, deflections, covariances and the tracker's station, if it is a "
-        "tracker's; default: R0.",
+        description="Frame of positions, deflections, covariances and a tracker's station; default: R0.",
     )
     flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict,
@@ -546,8 +555,8 @@ class MeasurementSetHeader(SetMetadata):
     )
     joint_kinds: Annotated[list[JointKind], Field(max_length=MAX_JOINTS)] | None = Field(
         default=None,
-        description="Kinds of the joints as the readings state them, such as a table whose header says which "
-        "are lengths. If stated, they must be those of the robot.",
+        description="Kinds of the joints by the source of the readings, such as a table's headers; "
+        "they must equal the robot's kinds.",
     )
 
 
@@ -592,18 +601,18 @@ class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
 
     resolved_frame: Rigid | None = Field(
         default=None,
-        description="Transform from tracker to R0 that `frame` stood for when the set was stored.",
+        description="Transform from tracker to R0 to which `frame` referred when the set was stored.",
     )
     geometry_targets: Metres[dict[Name, Vector3]] = Field(
         default_factory=dict,
-        description="Targets of the geometry of `frame` in the flange frame, which place those that the set "
-        "does not; empty if the geometry has another flange frame.",
+        description="Targets of the geometry of `frame` in the flange frame, used for targets that the set "
+        "does not place; empty if the geometry has another flange frame.",
     )
     warnings: list[Finding]
 
     @property
     def resolved(self) -> ResolvedFrame | None:
-        """Transform from the set's frame to R0, with the geometry's targets; None if the set is in R0."""
+        """Transform from the set's frame to R0, with the targets of the geometry; None for a set in R0."""
         frame = self.resolved_frame
         if frame is None:
             return None

@@ -239,7 +239,7 @@ class ScoredModel(Message):
     model: ElasticModel
     loss: Loss
     penalty: Dimensionless[float | None] = Field(
-        description="Penalty, chosen for this model and loss, or given; null for joints alone."
+        description="Penalty that was chosen for this model and loss, or given; null for joints alone."
     )
     compensation: Dimensionless[float] = Field(
         description="Compensation of held-out configurations, mean over the folds."

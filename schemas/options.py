@@ -15,9 +15,9 @@ from jointstiff.schemas.fields import (
     Terminal,
     Vector3,
     parse_cause,
-    parse_chain,
-    parse_draws,
+    parse_names,
     parse_prior,
+    parse_resampling,
 )
 from jointstiff.schemas.finding import NamedCause
 from jointstiff.schemas.robot import MAX_JOINTS
@@ -54,7 +54,7 @@ class CrossValidation(Message):
     rule: Literal["best", "one_standard_error"] = Field(
         default="best",
         description="`best`: the penalty of least held-out residual (mean length; beyond 500 targets root "
-        "mean square). `one_standard_error`: the largest within one standard error of the best.",
+        "mean square). `one_standard_error`: the largest penalty within one standard error of the best.",
     )
 
 
@@ -102,7 +102,7 @@ class Balancer(Message):
 
 
 class OwnWeight(Message):
-    """Weight of the robot's bodies as the load: positions are read without another one.
+    """Weight of the robot's bodies as the load: positions are read without another load.
 
     A run estimates geometry of the robot and places of the targets, too; a plan knows no balancers.
     """
@@ -197,13 +197,13 @@ class MethodOptions(Message):
     def _require_weighting_by_length(cls, length: float | None, info: ValidationInfo) -> float | None:
         weighting = info.data.get("weighting")
         if length is not None and weighting != "characteristic_length":
-            raise ValueError(f"needs weighting `characteristic_length`, not `{weighting}`")
+            raise ValueError(f"needs the weighting `characteristic_length`, not `{weighting}`")
         return length
 
 
 def _refuse_repeated_causes(causes: list[NamedCause]) -> list[NamedCause]:
     if len({(cause.name, cause.first) for cause in causes}) < len(causes):
-        raise ValueError("names the same cause twice")
+        raise ValueError("must not name the same cause twice")
     return causes
 
 
@@ -232,11 +232,11 @@ class RunOptions(MethodOptions):
         Literal["squared", "huber", "absolute", "automatic"], BeforeValidator(_replace_missing_loss)
     ] = Field(
         default="automatic",
-        description="Loss function of the norm of each target's whitened residual. `huber`: linear beyond a "
-        "threshold, against bumped targets. `absolute`: the norm itself; needs a named "
-        "elasticity other than `joints`. `automatic`: `squared` for joints alone and with "
-        "`link_penalty`, else by cross-validation. With elastic links or coupling `huber` and "
-        "`absolute` take at most 500 targets read in all.",
+        description="Loss function of the norm of each target's whitened residual. `huber`: linear "
+        "beyond a threshold, against bumped targets. `absolute`: the norm itself; needs "
+        "a named elasticity other than `joints`. `automatic`: `squared` for joints alone "
+        "and with `link_penalty`, else by cross-validation. With links or coupling, "
+        "`huber` and `absolute` take at most 500 targets read in all.",
     )
     huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
         default=None,
@@ -251,8 +251,8 @@ class RunOptions(MethodOptions):
     )
     causes: Causes = Field(
         default_factory=list,
-        description="Causes to fit with the joints, such as a reason advises: the readings stay as they "
-        "are, and the intervals include the uncertainty of the causes.",
+        description="Causes to fit with the joints, as a reason recommends: the readings stay as they are, "
+        "and the intervals include the uncertainty of the causes.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],
@@ -267,7 +267,7 @@ class RunOptions(MethodOptions):
     stiffness_order: Annotated[
         list[Annotated[list[Name], Field(min_length=2, max_length=MAX_JOINTS)]],
         Field(max_length=MAX_JOINTS),
-        Terminal("", "JOINT,JOINT,...", parse_chain, "list"),
+        Terminal("", "JOINT,JOINT,...", parse_names, "list"),
     ] = Field(
         default_factory=list,
         description="Order constraints: chains of joints, each at least as stiff as the next; all "
@@ -277,13 +277,15 @@ class RunOptions(MethodOptions):
     elasticity: Elasticity = Field(
         default="automatic",
         validate_default=True,
-        description="Elastic elements. `coupled_joints`: a full joint compliance. `diagonal_links`: joints, "
-        "and six compliances per link. `joints_and_links`: joints, and a 6 x 6 compliance per link. "
-        "`joints_and_base`: joints, and one of the base below joint 1. `links_and_base`: both. `automatic`: "
-        "joints only, unless a test shows that something else bends; then the simplest model within one "
-        "standard error of the best on held-out postures. Every model but `joints` needs method "
-        "`partial_pose` and weighting `covariance`, and no bounds, priors, order, encoder readings or "
-        "resampling; with one of these, `automatic` uses joints alone.",
+        description="Elastic elements. `coupled_joints`: a full joint compliance. `diagonal_links`: "
+        "joints, and six compliances per link. `joints_and_links`: joints, and a 6 x 6 "
+        "compliance per link. `joints_and_base`: joints, and a 6 x 6 compliance of the "
+        "base. `links_and_base`: joints, links and base. `automatic`: joints only, "
+        "unless a test shows that something else bends; then the simplest model within "
+        "one standard error of the best on held-out postures. All but `joints` need "
+        "method `partial_pose` and weighting `covariance`, and no bounds, priors, order, "
+        "encoder readings or resampling; with one of these, `automatic` uses joints "
+        "alone.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
@@ -292,14 +294,14 @@ class RunOptions(MethodOptions):
     )
     link_penalty: Annotated[float, Field(strict=True, ge=1e-9, le=1e3)] | None = Field(
         default=None,
-        description="Penalty on links and coupling; default: chosen by cross-validation together with the "
-        "loss, and the run may then take long. Dimensionless.",
+        description="Penalty on links and coupling; default: chosen with the loss by "
+        "cross-validation, which may take long. Dimensionless.",
     )
     cross_validation: CrossValidation = Field(
         default=CrossValidation(), description="Cross-validation, for all elasticities but `joints`."
     )
     resampling: Annotated[
-        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_draws)
+        Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_resampling)
     ] = Field(
         default=None,
         description="Resampling: repeat the fit on configurations drawn at random; the run may "
@@ -314,7 +316,7 @@ class RunOptions(MethodOptions):
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,
-        description="Labels of observations to omit; the others are checked again without them.",
+        description="Labels of observations to omit; the remaining observations are checked again.",
         examples=[["c07"]],
     )
 
@@ -322,7 +324,7 @@ class RunOptions(MethodOptions):
     @classmethod
     def _require_huber_loss(cls, threshold: float | None, info: ValidationInfo) -> float | None:
         if threshold is not None and info.data.get("loss") != "huber":
-            raise ValueError("needs loss `huber`")
+            raise ValueError("needs the loss `huber`")
         return threshold
 
     @field_validator("elasticity", mode="after")
@@ -332,7 +334,8 @@ class RunOptions(MethodOptions):
         loss = info.data.get("loss")
         if loss == "absolute" and elasticity in {"joints", "automatic"}:
             raise ValueError(
-                "must be stated, and not be `joints`, with loss `absolute`; for joints alone use loss `huber`"
+                "must name a model with more than joints if the loss is `absolute`; for joints alone use "
+                "the loss `huber`"
             )
         return elasticity
 
@@ -346,7 +349,9 @@ class RunOptions(MethodOptions):
         if chosen and elasticity == "joints":
             raise ValueError("needs an elasticity other than `joints`")
         if isinstance(chosen, float) and elasticity == "automatic":
-            raise ValueError("needs an elasticity that is named: `automatic` chooses the penalty")
+            raise ValueError(
+                "must be omitted with the elasticity `automatic`, which chooses the penalty itself"
+            )
         if isinstance(chosen, list) and chosen and elasticity in {"coupled_joints", "joints_and_base"}:
             raise ValueError(f"needs an elasticity with links, not `{elasticity}`")
         return chosen
@@ -361,12 +366,12 @@ class RunOptions(MethodOptions):
         incompatible |= {"stiffness_bounds", "stiffness_order", "causes"}
         for name in sorted(incompatible & info.data.keys()):
             if info.data[name] != cls.model_fields[name].get_default(call_default_factory=True):
-                raise ValueError(f"cannot be combined with `{name}`: leave one of the two out")
+                raise ValueError(f"cannot be combined with `{name}`: omit one of the two options")
         compatible = {"loss": {"automatic", "squared"}, "elasticity": {"automatic", "joints"}}
         for name, accepted in compatible.items():
             if name in info.data and info.data[name] not in accepted:
                 raise ValueError(
-                    f"cannot be combined with {name} `{info.data[name]}`: leave one of the two out"
+                    f"cannot be combined with {name} `{info.data[name]}`: omit one of the two options"
                 )
         return weight
 

@@ -60,8 +60,8 @@ class DeflectionGoal(Message):
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
-        description="Force there, axes of R0; default: that of the load, down if it is a weight, else along "
-        "each axis.",
+        description="Force in the work area, axes of R0; default: the force of the load, down if it is a "
+        "weight, else along each axis.",
     )
 
 
@@ -76,8 +76,8 @@ class DecisionGoal(Message):
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
-        description="Force there, axes of R0; default: that of the load, down if it is a weight, else along "
-        "each axis.",
+        description="Force in the work area, axes of R0; default: the force of the load, down if it is a "
+        "weight, else along each axis.",
     )
 
 
@@ -91,25 +91,28 @@ _METRES: Final = {"um": 1e-6, "µm": 1e-6, "μm": 1e-6, "mm": 1e-3, "m": 1.0}
 
 
 def parse_goal(text: str) -> dict[str, Any]:
-    """Parse a goal: `15 %` (every joint), `6 um` (the deflection in a box), or `below 0.5 mm`.
+    """Parse the text of a goal; return the fields of the goal.
+
+    Goals are `15 %` (uncertainty of every joint's stiffness), `6 um` (uncertainty of the deflection in the
+    work area), and `below 0.5 mm` (decision whether the deflection stays below a limit).
 
     Raises:
         ValueError: the text is not a goal.
     """
     match = _WORDS.fullmatch(text.strip())
-    relative = match is not None and match["unit"] == "%"
-    if match is None or float(match["number"]) <= 0.0 or (relative and match["below"]):
+    is_relative = match is not None and match["unit"] == "%"
+    if match is None or float(match["number"]) <= 0.0 or (is_relative and match["below"]):
         raise ValueError(
             f'\'{text}\' is not a goal: write "15 %" for every joint, "6 um" for the deflection in the work '
             'area, or "below 0.5 mm" for a decision about it'
         )
     number = float(match["number"])
-    if relative:
+    if is_relative:
         return {"kind": "joints", "relative": 0.01 * number}
-    size = number * _METRES[match["unit"].lower()]
+    length = number * _METRES[match["unit"].lower()]
     if match["below"]:
-        return {"kind": "decision", "limit": size}
-    return {"kind": "deflection", "uncertainty": size}
+        return {"kind": "decision", "limit": length}
+    return {"kind": "deflection", "uncertainty": length}
 
 
 MAX_CANDIDATES = 50_000
@@ -134,7 +137,7 @@ class DeadWeight(Message):
 
     @property
     def newtons(self) -> float:
-        """Weight in N."""
+        """Weight of the load [N], from its stated force or its stated mass."""
         return self.force if self.force is not None else 9.80665 * (self.mass or 0.0)
 
 
@@ -178,7 +181,7 @@ class Surroundings(Message):
         default_factory=dict, description="Direction in which each reflector looks, flange frame."
     )
     acceptance: Radians[_Angle] = Field(
-        default=3.2, description="Greatest angle between that direction and the line of sight."
+        default=3.2, description="Greatest angle between `facing` and the line of sight."
     )
 
 
@@ -203,7 +206,7 @@ class ReadingOptions(Message):
         Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]],
         Terminal("--target", "NAME=X,Y,Z[mm]", parse_target, "dict"),
     ] = Field(
-        default_factory=dict, description="Targets in the flange frame; default: those of the campaign."
+        default_factory=dict, description="Targets in the flange frame; default: the targets of the campaign."
     )
     directions: Annotated[
         Dimensionless[Annotated[list[Vector3], Field(max_length=8)]],
@@ -288,15 +291,15 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
         ),
     ] = Field(
         default=None,
-        description="Goal in place of `readings`: the least list whose design meets it by the noise of the "
-        "readings (95 %). Of joints, it is relative to `stiffness`.",
+        description="Goal in place of `readings`: the plan has as few readings as meet the goal with the "
+        "noise of the readings (95 %). A goal for joints is relative to `stiffness`.",
     )
     criterion: PlanCriterion | None = Field(
         default=None,
         description="Criterion. `work_area`: least mean variance of predicted deflections in the work area, "
-        "the default with one; `relative_a`: least mean variance of the relative compliances, "
-        "the default without; `d`, `e`: volume and longest axis of their uncertainty ellipsoid; "
-        "`worst_place`: greatest variance in the work area.",
+        "the default if one is stated; `relative_a`: least mean variance of the relative compliances, else "
+        "the default; `d`, `e`: volume and longest axis of their uncertainty ellipsoid; `worst_place`: "
+        "greatest variance in the work area.",
     )
     causes: Causes = Field(
         default_factory=list,
@@ -325,7 +328,9 @@ class PlanRequest(PlanOptions):
 class PlannedReading(Message):
     """A reading to take: posture and load."""
 
-    label: Name = Field(description="Label to send it with; v1, v2, … for held-out readings of a plan.")
+    label: Name = Field(
+        description="Label to send with the reading; v1, v2, … for held-out readings of a plan."
+    )
     joints: Positions[list[float]] = Field(description="Joints as the controller shows them.")
     force: Newtons[Point] = Field(description="Force on the robot, axes of R0.")
     anchor: int | None = Field(default=None, description="Anchor of the cable, counted from 0.")
@@ -333,15 +338,15 @@ class PlannedReading(Message):
         default=None, description="Direction in R0 along which to read; null if all coordinates are read."
     )
     held_out: StrictBool = Field(
-        description="True if the reading is held out: of a plan from the fit; of an open set it may be the "
-        "last, and is compared with its prediction before it counts."
+        description="True if the reading is held out. In a plan: from the fit. In a live campaign: it may "
+        "be the last reading, and is compared with its prediction before it counts."
     )
     block: int = Field(
         default=1,
         description="Block of a plan, counted from 1; each is a good plan by itself, so you may stop after "
         "any.",
     )
-    reason: str | None = Field(default=None, description="Reason for the next reading of an open set.")
+    reason: str | None = Field(default=None, description="Reason for the next reading of a live campaign.")
 
 
 class PlannedJoint(Message):
@@ -356,13 +361,13 @@ class PlannedJoint(Message):
         description="Standard uncertainty relative to the compliance; null if the compliance is unknown."
     )
     before: Compliance[float | None] = Field(
-        description="Standard uncertainty now; null if the joint is not determined."
+        description="Standard uncertainty before the plan; null if the joint is not determined."
     )
     random: Compliance[float | None] = Field(
         description="Standard uncertainty after random plans of equal length."
     )
     one_at_a_time: Compliance[float | None] = Field(
-        description="Standard uncertainty if each reading is the best next one."
+        description="Standard uncertainty if each reading is chosen as the best next reading."
     )
 
 
@@ -374,8 +379,8 @@ class PlanResult(Result):
     )
 
     readings: list[PlannedReading] = Field(
-        description="Readings in blocks of four, in each in the order of little travel; with several anchors "
-        "in the order of few load changes."
+        description="Readings in blocks of four, each ordered for short travel; with several anchors "
+        "ordered for few load changes."
     )
     targets: Metres[dict[Name, Point]] = Field(description="Targets to measure, in the flange frame.")
     load_point: Metres[Point] = Field(description="Load point of the plan, in the flange frame.")
@@ -391,14 +396,15 @@ class PlanResult(Result):
     )
     efficiencies: Dimensionless[dict[str, float]] = Field(description="Efficiency by other criteria.")
     goal_share: Dimensionless[float | None] = Field(
-        default=None, description="Expanded uncertainty over that of the goal; null without one."
+        default=None,
+        description="Expanded uncertainty divided by that of the goal; null without a goal.",
     )
     weights_gap: Dimensionless[float] = Field(description="1 − certified efficiency of the optimal weights.")
     random_efficiency: Dimensionless[float] = Field(
-        description="Efficiency of random plans, relative to this one."
+        description="Efficiency of random plans, relative to this plan."
     )
     one_at_a_time_efficiency: Dimensionless[float] = Field(
-        description="Efficiency of taking the best next reading each time, relative to this one."
+        description="Efficiency of taking the best next reading each time, relative to this plan."
     )
     deflection_uncertainty: Metres[float | None] = Field(
         description="Standard uncertainty of a predicted deflection in the work area under this load, "

@@ -69,10 +69,11 @@ class ProcessLoad(Message):
     )
     first_line: _Line | None = Field(
         default=None,
-        description="First line of the moves under this load, from 1; default: that of the program.",
+        description="First line of the moves under this load, from 1; default: first line of the program.",
     )
     last_line: _Line | None = Field(
-        default=None, description="Last line of the moves under this load; default: that of the program."
+        default=None,
+        description="Last line of the moves under this load; default: last line of the program.",
     )
 
     @model_validator(mode="after")
@@ -93,7 +94,7 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         "twice."
     )
     load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", parse_force, unit="N")] = Field(
-        default=None, description="One load, of all moves unless it states lines; other moves have no load."
+        default=None, description="One load, for all moves unless it states lines; other moves have no load."
     )
     segments: Annotated[list[ProcessLoad], Field(max_length=MAX_SEGMENTS)] = Field(
         default_factory=list, description="Loads by lines, instead of `load`; other moves have no load."
@@ -165,13 +166,13 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     leave_others: StrictBool = Field(
         default=False,
-        description="True to leave the moves whose target, base or tool is not certain, and correct the "
-        "others; without it, a program with such moves is refused with their list.",
+        description="True to leave moves uncorrected whose target, base or tool is not certain, and correct "
+        "the others; without it, a program with such moves is refused with their list.",
     )
     external_axes: Literal["carry_nothing"] | None = Field(
         default=None,
         description="`carry_nothing` if external axes and other groups of the program carry neither the arm "
-        "nor the part; without it, moves that have such an axis away from zero are left.",
+        "nor the part; without it, moves with such an axis away from zero are not corrected.",
     )
     format: ProgramFormat | None = Field(
         default=None, description="Format of the program; default: by the file's name."
@@ -185,6 +186,7 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
 
     @model_validator(mode="after")
     def _require_one_load(self) -> ProgramOptions:
+        """Refuse more than one statement of the load, and none unless `absolute` makes a load unnecessary."""
         stated = (self.load is not None) + bool(self.segments) + (self.loads is not None)
         if stated > 1 or not (stated or self.absolute):
             raise ValueError("state the load of the process: one of `load`, `segments` and `loads`")
@@ -244,7 +246,7 @@ class ProgramPoint(Message):
     correction: Metres[float] = Field(description="Distance from the programmed to the commanded position.")
     correction_rotation: Radians[float]
     standard_uncertainty: Metres[float | None] = Field(
-        description="Standard uncertainty of the deflection along itself, by the errors of the readings; "
+        description="Standard uncertainty of the length of the deflection, from the errors of the readings; "
         "null if unknown."
     )
     interval: Metres[tuple[float, float] | None] = Field(
@@ -259,8 +261,10 @@ class ProgramPoint(Message):
         description="Distance of the loaded tool from its target, predicted for the program as it is written."
     )
     residual_rotation: Radians[float]
-    rounding: Metres[float] = Field(description="Part of it due to the rounding of numbers in the program.")
-    share: Dimensionless[float] = Field(description="Share of the full correction that is applied.")
+    rounding: Metres[float] = Field(
+        description="Part of `residual` due to the rounding of numbers in the program."
+    )
+    share: Dimensionless[float] = Field(description="Fraction of the full correction that is applied.")
     capped: StrictBool = Field(description="True if the limits reduce the correction.")
 
 
@@ -272,7 +276,7 @@ class ProgramResult(FromRun):
     moves: int = Field(description="Number of moves of the program.")
     moves_left: int = Field(
         default=0,
-        description="Number of moves that are not corrected because something of them is not certain.",
+        description="Number of moves that are not corrected because target, base or tool is not certain.",
     )
     corrected: int = Field(description="Number of corrected targets.")
     capped: int = Field(description="Number of targets whose correction is reduced by the limits.")
@@ -280,10 +284,10 @@ class ProgramResult(FromRun):
     deflection: Metres[Spread | None] = Field(
         description="Distance from target without a correction; null if nothing is loaded."
     )
-    correction: Metres[Spread | None] = Field(description="Displacement of targets.")
-    residual: Metres[Spread | None] = Field(description="Distance from target, compensated program.")
+    correction: Metres[Spread | None] = Field(description="Displacement of targets by the correction.")
+    residual: Metres[Spread | None] = Field(description="Distance from target with the compensated program.")
     rounding: Metres[Spread | None] = Field(
-        description="Part of it due to the rounding of numbers in the program."
+        description="Part of `residual` due to the rounding of numbers in the program."
     )
     confidence: Dimensionless[float] = Field(description="Confidence level of the intervals.")
     worst: Annotated[list[ProgramPoint], Field(max_length=MAX_WORST)] = Field(

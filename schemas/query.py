@@ -35,24 +35,27 @@ class ListQuery(PageQuery):
 
     q: ExactName | None = Field(
         default=None,
-        description="Words, each part of a name that the list shows (its own, that of its robot or set, a "
-        "serial number); upper and lower case are the same.",
+        description="Words; each must be part of a name that the list shows (of the resource, its robot or "
+        "its set, or a serial number), in upper or lower case.",
     )
     sort: Literal["created_at", "-created_at", "name", "-name"] = Field(
         default="-created_at",
-        description="Order by time or by name; `-` reverses it: the newest come first. A run has the name of "
-        "its set.",
+        description="Order by time or by name; `-` reverses the order: the newest come first. Runs are "
+        "sorted by the name of their set.",
     )
     deleted: bool = Field(
         default=False,
         description="True: only deleted resources, which can be restored; false: only the others.",
     )
 
-    def listing(self) -> dict[str, Any]:
-        """Return the arguments of a listing: page, order, search, and `filters` (field → exact value)."""
+    def listing_arguments(self) -> dict[str, Any]:
+        """Return the arguments for the method `page` of a collection, which lists the resources.
+
+        They are page, order, search, and `filters`: field → value that the field must have.
+        """
         stated = self.model_dump(exclude_none=True)
         common = {name: stated.pop(name) for name in ListQuery.model_fields if name in stated}
-        filters = {name: str(value) for name, value in stated.items()}
+        filters = {name: str(value) for name, value in stated.items()}  # fields of the subclass
         return common | {"filters": filters, "counted": True}
 
 
@@ -64,7 +67,8 @@ class JobQuery(ListQuery):
     verdict: Verdict | None = Field(default=None, description="Filter by verdict.")
     robot_id: Reference | None = Field(default=None, description="Filter by robot.")
     measurement_set_id: Reference | None = Field(
-        default=None, description="Filter by measurement set; of comparisons that of the first side."
+        default=None,
+        description="Filter by measurement set; for comparisons, by the set of the first side.",
     )
     second_set_id: Reference | None = Field(
         default=None, description="Filter comparisons by the measurement set of the second side."
@@ -91,7 +95,7 @@ class FileQuery(AcceptingOptions):
     )
     details: bool = Field(default=True, description="False: only the main tables in `tables.json`.")
     file: Annotated[str, Field(max_length=MAX_NAME_LENGTH)] | None = Field(
-        default=None, description="Name of the file of a corrected `program`; default: the first one."
+        default=None, description="Name of the file of a compensated `program`; default: the first file."
     )
 
 
@@ -111,7 +115,7 @@ class OpenSetQuery(ListQuery):
 
     @classmethod
     def from_set_query(cls, query: SetQuery) -> OpenSetQuery:
-        """Return a query of live campaigns with the filters that `query` has in common with it."""
+        """Return a query of live campaigns with those filters of `query` that live campaigns have, too."""
         return cls(**{name: getattr(query, name) for name in cls.model_fields})
 
 
@@ -120,7 +124,8 @@ class SetQuery(OpenSetQuery):
 
     open: bool = Field(
         default=False,
-        description="True: only sets that are measured live; `robot_id` narrows them, no other filter.",
+        description="True: only sets that are measured live; of the other filters only `robot_id` is "
+        "allowed.",
     )
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
     encoders: Literal["motor", "secondary"] | None = Field(default=None, description="Filter by encoders.")
@@ -145,11 +150,14 @@ class SetQuery(OpenSetQuery):
             raise ValueError("`measured_to` must be after `measured_from`")
         return self
 
-    def listing(self) -> dict[str, Any]:
-        """Return the arguments of a listing, with `spans`: field → (first time, time before the end)."""
-        listing = super().listing()
+    def listing_arguments(self) -> dict[str, Any]:
+        """Return the arguments for the method `page` of a collection, with `spans`.
+
+        Spans are field → (first time, end), where the end itself does not belong to the span.
+        """
+        arguments = super().listing_arguments()
         for name in ("measured_from", "measured_to"):
-            listing["filters"].pop(name, None)
+            arguments["filters"].pop(name, None)
         spans = {"measured_at": (self.measured_from, self.measured_to)}
         has_span = self.measured_from is not None or self.measured_to is not None
-        return listing | {"spans": spans if has_span else {}}
+        return arguments | {"spans": spans if has_span else {}}

@@ -18,7 +18,7 @@ class Party(Message):
 
     name: Name
     address: Lines = Field(default_factory=list, description="Lines of the address.")
-    contact: Name | None = Field(default=None, description="Telephone, mail or person.")
+    contact: Name | None = Field(default=None, description="Telephone number, mail address or person.")
 
 
 class Laboratory(Party):

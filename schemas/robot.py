@@ -82,7 +82,7 @@ class CatalogueModel(Message):
 
     format: Literal["catalogue"]
     arm: Name = Field(
-        description="Name of the arm, or a part of it that no other arm has.",
+        description="Name of the arm, or a part of the name that no other arm has.",
         examples=["KUKA KR 210 R2700 extra"],
     )
 
@@ -143,7 +143,7 @@ class RobotDocument(Message):
     @model_validator(mode="after")
     def _refuse_second_joint_map(self) -> RobotDocument:
         if isinstance(self.model, GeometryModel) and self.joint_map is not None:
-            raise ValueError("omit `joint_map`: the geometry has its own")
+            raise ValueError("omit `joint_map`: the geometry has a joint map already")
         return self
 
 
@@ -164,7 +164,7 @@ class Estimate(Message):
 
 
 class ChangedJoint(Message):
-    """A joint whose stiffness is another than in the first campaign."""
+    """A joint whose stiffness differs from that in the first campaign."""
 
     joint: Name
     serial_number: str | None = Field(description="Serial number of the arm; null if its sets state none.")
@@ -182,7 +182,7 @@ class LastCampaign(Message):
     verdict: Verdict = Field(description="Verdict on its newest run.")
     changed: list[ChangedJoint] = Field(
         description="Joints that changed in the trend of any serial number and any options, each once for "
-        "its serial number; empty if none did."
+        "its serial number; empty if none changed."
     )
 
 

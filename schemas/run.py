@@ -86,13 +86,16 @@ class _Joint(Protocol):
 
 
 def count_identified_joints(joints: Iterable[_Joint]) -> int:
-    """Return the number of joints that are identified, and have an upper limit if they have an interval."""
-    found = 0
+    """Return the number of joints with a stiffness that is bounded above.
+
+    The stiffness of a joint without an interval counts as bounded if the status is `identified`.
+    """
+    count = 0
     for joint in joints:
-        ends = joint.stiffness_interval
-        bounded = joint.status == "identified" if ends is None else ends[1] is not None
-        found += joint.stiffness is not None and bounded
-    return found
+        interval = joint.stiffness_interval  # (lower end, upper end or None)
+        is_bounded = joint.status == "identified" if interval is None else interval[1] is not None
+        count += joint.stiffness is not None and is_bounded
+    return count
 
 
 BudgetSource = Annotated[
@@ -127,7 +130,7 @@ class BudgetComponent(Message):
         description="Contribution to the standard uncertainty of each joint of the budget."
     )
     correlation: Dimensionless[list[list[float]]] = Field(
-        description="Correlation coefficients between the joints by this source; 0 if a contribution is 0."
+        description="Correlation coefficients between the joints from this source; 0 if a contribution is 0."
     )
 
 
@@ -160,11 +163,18 @@ class Budget(Message):
     )
 
     def contributions_to(self, joint: str) -> dict[str, float]:
-        """Return source → contribution to a joint's standard uncertainty; empty for an unknown joint."""
+        """Return source → contribution to the standard uncertainty of a joint, given its name.
+
+        Sources that are not included in the intervals are left out; empty for an unknown joint.
+        """
         if joint not in self.joints:
             return {}
-        place = self.joints.index(joint)
-        return {part.source: part.contributions[place] for part in self.components if part.included}
+        index = self.joints.index(joint)
+        return {
+            component.source: component.contributions[index]
+            for component in self.components
+            if component.included
+        }
 
 
 class StageIdentifiability(Message):
@@ -195,13 +205,13 @@ class Advice(Message):
         description="Label of the observation with this posture, if there is one."
     )
     force: Newtons[Point] = Field(
-        description="Force on the robot, axes of R0, as large as the set's largest, at the load point of "
-        "that observation, or for a new posture at that of the largest force."
+        description="Force on the robot, axes of R0, as large as the set's largest, at the load "
+        "point of that observation, or for a new posture at that of the largest force."
     )
     uncertainty_ratio: float | None = Field(
-        description="Standard uncertainty of the compliance after one such reading of all targets over that "
-        "before, by partial pose without constraints and priors. Null if the readings so far do "
-        "not determine the compliance. Dimensionless."
+        description="Standard uncertainty of the compliance after one such reading of all targets divided "
+        "by that before, by partial pose without constraints and priors. Null if the readings so far do not "
+        "determine the compliance. Dimensionless."
     )
     standard_uncertainty: Compliance[float | None] = Field(
         default=None,
@@ -231,9 +241,9 @@ class Identifiability(Message):
     )
     advice: list[Advice] = Field(
         default_factory=list,
-        description="Advice on the next measurements, for at most three joints: those without a number, at "
-        "zero compliance, or with a standard uncertainty above 10 %. At most two pieces per "
-        "joint, the better first.",
+        description="Advice on the next measurements, for at most three joints: joints without a number, at "
+        "zero compliance, or with a standard uncertainty above 10 %. At most two pieces per joint, the "
+        "better first.",
     )
     weakest: list[str] = Field(
         default_factory=list,
@@ -324,8 +334,8 @@ class RunRequest(RunOptions):
     measurement_set_id: Identifier
     variant_of: Identifier | None = Field(
         default=None,
-        description="Run that this one tries to improve by other options or corrected readings; listings "
-        "can group both. It changes no number.",
+        description="Earlier run that this run is to improve by other options or corrected readings, "
+        "so that listings can group both; it changes no number.",
     )
 
 
@@ -412,8 +422,8 @@ class Contribution(Message):
 
     joint: Name
     share: Dimensionless[float] = Field(
-        description="Contribution to the mean length of the predicted deflections; those of all joints sum "
-        "to 1. Zero for a joint without a number."
+        description="Contribution to the mean length of the predicted deflections; all contributions "
+        "sum to 1. Zero for a joint without a number."
     )
     mean: Metres[float] = Field(
         description="Contribution of the joint, mean over all readings of the targets."
@@ -440,8 +450,8 @@ class ModelChoice(Message):
     loss: Loss
     source: Literal["given", "screening", "cross_validation", "options"] = Field(
         description="`given`: named in the request. `screening`: no test shows that something besides "
-        "joints bends. `cross_validation`: compared on held-out postures. `options`: other "
-        "options exclude more than joints."
+        "joints bends. `cross_validation`: compared on held-out postures. `options`: other options allow "
+        "only joints."
     )
     links_p_value: Dimensionless[float | None] = Field(
         description="p-value of the F test of links added to the joints; null if it was not made."
@@ -453,15 +463,15 @@ class ModelChoice(Message):
         "none were compared.",
     )
     losses: dict[ElasticModel, Loss] = Field(
-        default_factory=dict, description="Loss of least held-out residual of each model."
+        default_factory=dict, description="For each model, the loss with the least held-out residual."
     )
     best: ElasticModel | None = Field(
-        default=None, description="Model of least mean residual, each with its best loss."
+        default=None, description="Model with the least mean residual, each model with its best loss."
     )
     simplest: ElasticModel | None = Field(
         default=None,
         description="Simplest model within one standard error of the best, paired by posture (joints alone: "
-        "within two): the recommended one.",
+        "within two): the recommended model.",
     )
 
 
@@ -469,10 +479,12 @@ class CauseTest(Message):
     """Test of something that may have moved the targets in addition to the joints."""
 
     name: Name = Field(description="Name of the cause, as in the `causes` of a run.")
-    first: Name | None = Field(description="Label of the first observation that it concerns; null for all.")
+    first: Name | None = Field(
+        description="Label of the first observation that the cause concerns; null for all."
+    )
     p_value: Dimensionless[float] = Field(
-        description="p-value of its F test, added to the joints: the larger of those with the weights stated "
-        "and with equal weights."
+        description="p-value of the F test of the cause added to the joints: the larger of those with "
+        "stated and with equal weights."
     )
 
 
@@ -497,7 +509,9 @@ class RunResult(Result):
     )
     goodness: Goodness
     identifiability: Identifiability
-    certificate: Certificate = Field(description="Largest violations over the stages.")
+    certificate: Certificate = Field(
+        description="Largest violations of the optimality conditions over the stages."
+    )
     characteristic_length: Metres[float | None] = Field(
         description="Length that was used, if the weighting needs one."
     )
@@ -516,9 +530,10 @@ class RunResult(Result):
     )
     links: LinksResult | None = Field(
         default=None,
-        description="Elastic links or coupling, if requested. The joints' numbers are then effective: of "
-        "the joint and its link's rotation about its axis. Their intervals hold all values that "
-        "fit the readings with 0.3 times the best penalty; null if `link_penalty` is given.",
+        description="Elastic links or coupling, if requested. The joints' numbers are then "
+        "effective: of the joint with its link's rotation about the joint's axis. Their "
+        "intervals contain all values that fit the readings with 0.3 times the best "
+        "penalty; null if `link_penalty` is given.",
     )
     choice: ModelChoice | None = Field(
         default=None,
@@ -526,8 +541,8 @@ class RunResult(Result):
     )
     causes: list[CauseTest] = Field(
         default_factory=list,
-        description="Causes that were tested with the joints, the most significant first; empty where none "
-        "could be.",
+        description="Causes that were tested with the joints, the most significant first; empty if none "
+        "could be tested.",
     )
     residuals: list[Residual]
     contributions: list[Contribution] = Field(
@@ -557,7 +572,7 @@ class RunResult(Result):
 
     @property
     def summary(self) -> ResultSummary:
-        """Excerpt for listings."""
+        """Summary of the result for listings."""
         return ResultSummary(
             verdict=self.assessment.verdict,
             compensation=self.compensation,
@@ -566,11 +581,11 @@ class RunResult(Result):
             warning_count=len(self.warnings),
         )
 
-    def mean_lengths(self, of: Literal["deflection", "residual"]) -> dict[str, float]:
-        """Return observation's label → mean length [m] of its targets' deflections, or of their residuals."""
+    def mean_lengths(self, quantity: Literal["deflection", "residual"]) -> dict[str, float]:
+        """Return label of an observation → mean length [m] of the quantity over the targets."""
         lengths: dict[str, list[float]] = {}
-        for each in self.residuals:
-            lengths.setdefault(each.observation, []).append(hypot(*getattr(each, of)))
+        for residual in self.residuals:  # one for each target in each observation
+            lengths.setdefault(residual.observation, []).append(hypot(*getattr(residual, quantity)))
         return {label: sum(values) / len(values) for label, values in lengths.items()}
 
 
@@ -585,9 +600,9 @@ class Run(Job):
 
     @property
     def elasticity(self) -> Elasticity:
-        """Elements that bend in the model of the result; before there is a result, those of the request."""
+        """Elasticity of the result's model; before the run has ended, the elasticity of the request."""
         choice = None if self.result is None else self.result.choice
-        if self.request.weight is not None:
+        if self.request.weight is not None:  # identification by own weight supports joints only
             return "joints"
         return self.request.elasticity if choice is None else choice.elasticity
 

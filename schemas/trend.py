@@ -64,7 +64,7 @@ class TrendPoint(Message):
         default=None,
         description="Interval of the stiffness at the run's confidence; null at its end: no upper limit.",
     )
-    reason: str | None = Field(description="Reason why it is not compared; null if it can be.")
+    reason: str | None = Field(description="Reason why the point is not compared; null if it is.")
 
 
 class TrendJoint(Message):
@@ -74,14 +74,15 @@ class TrendJoint(Message):
     kind: StatedKind = "revolute"
     points: list[TrendPoint] = Field(description="Points of the joint, one for each of `campaigns`.")
     change: Estimate | None = Field(
-        description="Relative change of stiffness from the first to the latest point without a `reason`: "
-        "-0.1 is 10 % softer; uncertain by the errors that the two do not share. Null with fewer than two."
+        description="Relative change of stiffness from the first to the latest point without a "
+        "`reason`: -0.1 is 10 % softer; uncertain by the errors that the two campaigns "
+        "do not share. Null with fewer than two points."
     )
     p_value: Dimensionless[float | None] = Field(
         description="Probability of a change at least as large if the stiffness is the same (two-sided)."
     )
     changed: StrictBool = Field(
-        description="True if `p_value` is below `level` over the number of joints that are tested."
+        description="True if `p_value` is below `level` divided by the number of tested joints."
     )
 
 
@@ -102,7 +103,7 @@ class Trend(Message):
     campaigns: list[TrendCampaign] = Field(description="Oldest first.")
     joints: list[TrendJoint]
     level: Dimensionless[float] = Field(
-        description="Probability, at most, that any joint is reported as changed if none has."
+        description="Greatest probability that a joint is reported as changed although none has."
     )
     left_out: list[LeftOut] = Field(description="Campaigns that are not compared, with the reason.")
     note: str | None = Field(description="Remarks on what the test cannot say, or what to check first.")

@@ -24,16 +24,19 @@ from jointstiff.service.jobs import Enqueue, Parts
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.process import jointstiff_version
 from jointstiff.service.reports.laboratory import LaboratorySettings
-from jointstiff.service.security.access import Audit, Gate, operation_id, public_paths
+from jointstiff.service.security.access import Audit, Gate, find_public_paths, make_operation_id
 from jointstiff.service.security.admission import LARGE_BODIES, PARSERS, AccessPolicy, BodyLimits
 from jointstiff.service.security.keys import Keyring
 from jointstiff.service.store.store import Store
 
 CONCURRENT_REQUESTS: Final = 8
-"""Requests worked on at once; others wait."""
+"""Greatest number of requests that are answered at the same time; further requests wait."""
 CONCURRENT_WORK: Final = 2
-"""Posts of jobs worked on at once, in threads of their own: reads do not wait for them. More threads than
-processors only take turns: of 1,000 posts at once four threads answer a fifth fewer in a second."""
+"""Greatest number of posted jobs that are computed at the same time.
+
+Jobs are computed in separate threads, so that reads do not wait for them. More threads than processors
+compete: of 1,000 posts at the same time, four threads answer a fifth fewer in a second than two threads.
+"""
 
 _DESCRIPTION = """Joint stiffness of industrial robots from laser-tracker readings.
 
@@ -49,7 +52,7 @@ the correction. Posting with an `Idempotency-Key` is safe to repeat.
 def create_app(
     store: Store,
     enqueue: Enqueue | None = None,
-    posture: AccessPolicy | None = None,
+    policy: AccessPolicy | None = None,
     keyring: Keyring | None = None,
     laboratory: LaboratorySettings | None = None,
 ) -> FastAPI:
@@ -57,13 +60,13 @@ def create_app(
 
     Args:
         store: where robots, measurement sets and runs are kept.
-        enqueue: leaves a long job to workers; None: every job is computed while its request waits.
-        posture: rules for the callers to answer; None: only programs of this machine are answered.
-        keyring: valid keys, if the posture requires keys; None: the keys in the store.
-        laboratory: settings of the laboratory that issues reports; without it reports name no laboratory.
+        enqueue: function that leaves a long job to workers; None to compute each job in its request.
+        policy: rules for callers; None to answer only programs of this machine.
+        keyring: valid keys, if the policy requires keys; None to use the keys in the store.
+        laboratory: settings of the laboratory that issues reports; None if reports name no laboratory.
 
     Raises:
-        UndeclaredRoleError: a route does not say which role it needs.
+        UndeclaredRoleError: a route does not declare the role that it needs.
     """
     app = DescribedApplication(
         title="Jointstiff",
@@ -77,15 +80,15 @@ def create_app(
         redirect_slashes=False,  # a redirect would repeat the Host header, whoever wrote it
         lifespan=_lifespan,
     )
-    posture = posture or AccessPolicy()
-    demands_keys = posture.access == "keys"
+    policy = policy or AccessPolicy()
+    requires_keys = policy.access == "keys"
     keyring = keyring or Keyring(store)
-    app.state.watch = watch = Watch(store, keyring if demands_keys else None)
-    app.state.gate = gate = Gate(store, keyring, watch.require_recent_check, posture.access)
-    app.state.access = posture.access
+    app.state.watch = watch = Watch(store, keyring if requires_keys else None)
+    app.state.gate = gate = Gate(store, keyring, watch.require_recent_check, policy.access)
+    app.state.access = policy.access
     app.state.laboratory = laboratory or LaboratorySettings()
     app.state.parts = Parts(store, enqueue)
-    app.state.answer_elsewhere = None  # answers large bodies in place of this process
+    app.state.answer_elsewhere = None  # function that lets another process answer requests with large bodies
     app.state.is_closing = lambda: False
     app.state.failing_workers = lambda: 0
     app.state.followers = Followers(lambda: app.state.is_closing())
@@ -104,8 +107,9 @@ def create_app(
         exclude_content_types=UNCOMPRESSED_TYPES,
     )
     app.add_middleware(Methods, routes=app.routes)
-    public_paths(app.routes)  # checks the roles of all routes now: middleware is made with the first request
-    app.add_middleware(Guard, posture=posture, gate=gate, audit=Audit(store), routes=app.routes)
+    # Raises an error now if a route declares no role: middleware is made only with the first request.
+    find_public_paths(app.routes)
+    app.add_middleware(Guard, policy=policy, gate=gate, audit=Audit(store), routes=app.routes)
     app.state.metrics = metrics = Metrics()
     app.add_middleware(Observed, metrics=metrics)
     return app
@@ -114,8 +118,8 @@ def create_app(
 @cache
 def all_routes() -> Sequence[BaseRoute]:
     """Return the routes of all resources and kinds of jobs; cached, as FastAPI takes 0.1 s to build them."""
-    # Without a declared answer 422 FastAPI would describe its own error format, which this API never sends.
-    combined = APIRouter(generate_unique_id_function=operation_id, responses=describe_problems(422))
+    # Without a declared answer 422, FastAPI would describe its own error format, which this API never uses.
+    router_of_all = APIRouter(generate_unique_id_function=make_operation_id, responses=describe_problems(422))
     for router in (
         resources.robots,
         resources.trends,
@@ -131,8 +135,8 @@ def all_routes() -> Sequence[BaseRoute]:
         jobs.router,
         *(jobs.make_post_route(kind) for kind in KINDS if not kind.is_form),
     ):
-        combined.include_router(router)
-    return combined.routes
+        router_of_all.include_router(router)
+    return router_of_all.routes
 
 
 @asynccontextmanager

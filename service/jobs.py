@@ -1,4 +1,4 @@
-"""Jobs of every kind as resources: every job ends, and a failure is a stored result."""
+"""Jobs of every kind as resources. Every job ends; if it fails, its problem is stored as its outcome."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ _COLUMNS: Final = (
 """Columns of a job's record whose values are fields of its summary with the same names."""
 _ROW_FIELDS: Final = frozenset(field.name for field in fields(JobEntry)) - {"summary"}
 """Fields of `JobEntry` that are columns of their own; the others are in its column `summary`."""
-_CHANGING: Final = ("state", "summary", "trend", "document", "elasticity", "verdict")
-"""Columns that change until a job ends."""
+_CHANGING_COLUMNS: Final = ("state", "summary", "trend", "document", "elasticity", "verdict")
+"""Columns of a job's record that change until the job ends."""
 STEPS_OF_A_PART: Final = 12
 """Number of steps that a worker carries out before it checks whether another part has priority."""
 PART_SECONDS: Final = 1.25
@@ -71,7 +71,7 @@ PART_SECONDS: Final = 1.25
 PARTS_AT_ONCE: Final = 8
 """Number of parts of a job in the queue at a time; a part that ends puts a further part into the queue."""
 CANCEL_SECONDS: Final = 2.0
-"""Time that a request to cancel a job waits for a worker that has it locked, which may be stopped [s]."""
+"""Time that a request to cancel a job waits for a worker that has locked the job; the worker may hang [s]."""
 _NO_CHANGES: Final[Mapping[str, object]] = MappingProxyType({})
 
 _logger = logging.getLogger(__name__)
@@ -86,11 +86,11 @@ class Part:
 
     job_id: str
     number: int  # number of the part within the job, from 0
-    kept: int  # number of the part's steps whose results were stored when the part was put into the queue
+    kept: int  # number of the part's steps that had a stored result when the part was put into the queue
 
 
 class PartQueue(Protocol):
-    """Queue in which parts of jobs wait for workers."""
+    """Queue in which parts of jobs (groups of steps) wait for workers."""
 
     def add_following_parts(self, job_id: str, parts: Iterable[Part]) -> object:
         """Add parts of a running job to the queue; a part that was added before is not added again."""
@@ -101,7 +101,7 @@ class PartQueue(Protocol):
 
 
 class Jobs:
-    """The jobs of one kind in a store. Quick jobs are computed at once, long jobs may be left to workers."""
+    """The jobs of one kind in a store. Quick jobs are computed at once; workers may compute long jobs."""
 
     def __init__(self, kind: AnyKind, resources: Resources, enqueue: Enqueue | None = None) -> None:
         """Serve the jobs of a store.
@@ -109,11 +109,11 @@ class Jobs:
         Args:
             kind: kind of the jobs.
             resources: robots, measurement sets and jobs of the store.
-            enqueue: leaves a long job to workers; without it every job is computed at once.
+            enqueue: function that leaves a long job to workers; None to compute every job at once.
         """
         self.kind = kind
         self.records = resources.store.jobs(kind.resource)
-        # Return the work of a stored job by its id; cached, as each part of a job needs it.
+        # Function: id of a stored job → its work; cached, as each part of a job needs the work.
         self.work: Callable[[str], Any] = lru_cache(maxsize=4)(self._load_work)
         self._inputs = resources
         self._enqueue = enqueue
@@ -121,23 +121,24 @@ class Jobs:
     def create(self, request: Message, key: IdempotencyKey | None, by: AccessKey | None = None) -> JobRecord:
         """Store a new job and return its record; if there are workers, a long job is left to them.
 
-        If the idempotency key `key` came before with the same body, the job created then is returned. `by` is
-        the access key of the requester.
+        If the idempotency key `key` was used before with the same body, the job created then is returned.
+        `by` is the access key of the requester.
 
         Raises:
-            RequestError: what is requested does not exist, or the readings cannot support it.
+            RequestError: a requested resource does not exist, or the readings cannot support the request.
                 Nothing is stored then.
-            IdempotencyConflictError: the key came before with another body.
+            IdempotencyConflictError: the key was used before with another body.
             TooManyJobsError: `MAX_OPEN` jobs of this kind have not ended.
         """
         if key is not None and (before := self.records.find(key)) is not None:
             return before
-        work = self.kind.compute(self._inputs, request)
+        work = self.kind.prepare_work(self._inputs, request)
         job = new_job(self.kind.message, request, work, by)
         enqueue = self._enqueue
-        if job.progress is None or enqueue is None:
-            ended = make_record(self.kind, carry_out(job, work), work.robot_id)
-            return self.records.add(ended, key)
+        is_long = job.progress is not None  # only jobs that are cut into steps have a progress
+        if not is_long or enqueue is None:
+            ended_job = carry_out(job, work)
+            return self.records.add(make_record(self.kind, ended_job, work.robot_id), key)
         if len(self.records.open_jobs()) >= MAX_OPEN:
             raise TooManyJobsError(self.kind.resource, MAX_OPEN)
         return self.records.add(
@@ -147,40 +148,40 @@ class Jobs:
         )
 
     def current(self, job_id: str) -> Job:
-        """Return a job as it is now, with its progress while it has not ended.
+        """Return the present state of a job; a job that has not ended has its progress.
 
         Raises:
-            NotFoundError: there is no such job.
+            NotFoundError: no job has this id.
         """
         return self._with_progress(self.records.get(job_id))
 
     def answered(self, record: JobRecord) -> str:
-        """Return the JSON with which the API answers for a job; a job that has not ended has its progress."""
+        """Return a job as the JSON of the API; a job that has not ended has its progress."""
         is_active = record.state in OPEN_STATES
-        return self.kind.answered(
+        return self.kind.to_answer(
             self._with_progress(record).model_dump_json() if is_active else record.document
         )
 
     def cancel(self, job_id: str) -> Job:
-        """Cancel a job and return it; nothing changes if the job has ended.
+        """Cancel a job and return the job; nothing changes if the job has ended.
 
         Raises:
-            NotFoundError: there is no such job.
+            NotFoundError: no job has this id.
             StoreUnavailableError: a worker keeps the job locked; cancel the job again.
         """
         job = self.current(job_id)
         if job.state in OPEN_STATES:
-            self._end_job(job_id, "cancelled", at_most=CANCEL_SECONDS)
+            self._end_job(job_id, "cancelled", lock_timeout=CANCEL_SECONDS)
         return self.current(job_id)
 
     def mark_running(self, job_id: str) -> None:
         """Set the state of a queued job to running, and its start to the present time."""
         record = self.records.get(job_id)
         job = self._read_job(record)
-        started = job.provenance.model_copy(
-            update={"started_at": max(datetime.now(UTC), job.provenance.created_at)}
-        )
-        job = job.model_copy(update={"state": "running", "provenance": started})
+        # The clock of this machine may be behind the clock of the machine that created the job.
+        start = max(datetime.now(UTC), job.provenance.created_at)
+        provenance = job.provenance.model_copy(update={"started_at": start})
+        job = job.model_copy(update={"state": "running", "provenance": provenance})
         self.records.start(job_id, self._changing_columns(job, record.robot_id))
 
     def carry_out(self, part: Part, queue: PartQueue) -> None:
@@ -191,7 +192,7 @@ class Jobs:
 
         Args:
             part: the part that a worker claimed.
-            queue: takes the parts that follow, and the rest of this part if other jobs wait.
+            queue: queue to which later parts are added, and the rest of this part if other jobs wait.
 
         Raises:
             JointstiffError: a step cannot be computed; the caller lets the job fail.
@@ -201,36 +202,43 @@ class Jobs:
         if not self.records.is_active(job_id):
             return
         stored, steps = self._inputs.store.steps, self.work(job_id).steps()
-        parts = [steps[first : first + STEPS_OF_A_PART] for first in range(0, len(steps), STEPS_OF_A_PART)]
+        steps_of_parts = [
+            steps[start : start + STEPS_OF_A_PART] for start in range(0, len(steps), STEPS_OF_A_PART)
+        ]
+        part_count = len(steps_of_parts)
         if number == part.kept == 0:
+            # Only part 0 was put into the queue when the job was created.
             self.mark_running(job_id)
             queue.add_following_parts(
-                job_id, [Part(job_id, other, 0) for other in range(1, min(PARTS_AT_ONCE, len(parts)))]
+                job_id, [Part(job_id, other, 0) for other in range(1, min(PARTS_AT_ONCE, part_count))]
             )
         # A step is a span (first unit, one past the last); its first unit identifies the stored result.
         stored_starts = stored.done_starts(job_id)
-        own_steps = parts[number] if parts else ()
-        remaining = [span for span in own_steps if span[0] not in stored_starts]
-        kept = len(own_steps) - len(remaining)
+        steps_of_part = steps_of_parts[number] if steps_of_parts else ()
+        remaining = [span for span in steps_of_part if span[0] not in stored_starts]
+        kept = len(steps_of_part) - len(remaining)  # number of steps of this part that have a stored result
         deadline = time.monotonic() + PART_SECONDS
         for span in remaining:
             must_yield = time.monotonic() >= deadline and queue.others_wait(job_id)
-            # Results that an earlier worker kept before it died are progress: the rest becomes a new entry
-            # of the queue, which counts the deaths of workers from zero.
+            # If an earlier worker stored results of this part and then died, the rest becomes a new entry of
+            # the queue. The queue gives up an entry after a number of dead workers, and counts them anew for
+            # a new entry. The rest is also put back into the queue if other jobs have waited long enough.
             if kept > part.kept and (span is remaining[0] or must_yield):
                 queue.add_following_parts(job_id, [Part(job_id, number, kept)])
                 return
-            if not stored.keep(job_id, span, pack_arrays(self.work(job_id).compute(span))):
+            if not stored.store_result(job_id, span, pack_arrays(self.work(job_id).compute(span))):
                 return  # the job has ended
             kept += 1
-        if (following := number + PARTS_AT_ONCE) < len(parts):
-            queue.add_following_parts(job_id, [Part(job_id, following, 0)])
-        # Another worker may have ended the job meanwhile, which removes the results: then there are fewer.
+        if (next_number := number + PARTS_AT_ONCE) < part_count:
+            queue.add_following_parts(job_id, [Part(job_id, next_number, 0)])
+        # Another worker may have ended the job meanwhile, which removes the results: then some are missing.
         if len(stored.done_starts(job_id)) == len(steps) == len(results := stored.results(job_id)):
             self.conclude(job_id, results)
 
     def conclude(self, job_id: str, computed: Sequence[bytes]) -> None:
-        """Compute the result of a job from the packed results of its steps, in their order, and end the job.
+        """Compute the result of a job from the results of its steps, and end the job.
+
+        `computed` are the packed results of all steps, in the order of the steps.
 
         Raises:
             MemoryError: this process has too little memory; another worker may have enough.
@@ -244,7 +252,7 @@ class Jobs:
         self._end_job(job_id, final_state(error), {"result": result, "error": error}, provenance)
 
     def fail(self, job_id: str, failure: Exception) -> None:
-        """End a job as failed, with the problem details of an exception; do nothing if it has ended."""
+        """End a job as failed, with the problem details of an exception; do nothing if the job has ended."""
         if not self.records.is_active(job_id):
             return
         if isinstance(failure, JointstiffError | WorkerLostError):
@@ -260,7 +268,7 @@ class Jobs:
         if record.state not in OPEN_STATES or job.progress is None:
             return job
         status = self.records.status(record.id)
-        if status is None or not status.is_active:  # it has ended since, and its steps are gone
+        if status is None or not status.is_active:  # the job has ended meanwhile, which removed its steps
             return self._read_job(self.records.get(record.id, hidden=True))
         progress = job.progress.model_copy(update={"done": status.done})
         return job.model_copy(update={"state": record.state, "progress": progress})
@@ -272,12 +280,12 @@ class Jobs:
 
     def _load_work(self, job_id: str) -> Work:
         """Prepare the work of a stored job from its request."""
-        return self.kind.compute(self._inputs, self.current(job_id).request)
+        return self.kind.prepare_work(self._inputs, self.current(job_id).request)
 
     def _changing_columns(self, job: Job, robot_id: str | None) -> dict[str, Any]:
         """Return the columns of a job's record that change until the job ends, with their values."""
         record = make_record(self.kind, job, robot_id)
-        return {name: getattr(record, name) for name in _CHANGING}
+        return {name: getattr(record, name) for name in _CHANGING_COLUMNS}
 
     def _end_job(
         self,
@@ -285,35 +293,41 @@ class Jobs:
         state: JobState,
         changes: Mapping[str, object] = _NO_CHANGES,
         provenance: Mapping[str, object] = _NO_CHANGES,
-        at_most: float = BUSY_SECONDS,
+        lock_timeout: float = BUSY_SECONDS,
     ) -> None:
-        """End a job in a final state: set fields of the stored job (`changes`) and of its provenance.
+        """End a job in a final state, and store the end in its record.
 
-        `at_most` is the time to wait for a worker that has the job locked [s].
+        Args:
+            job_id: id of the job.
+            state: final state.
+            changes: fields of the job to set.
+            provenance: fields of the job's provenance to set, in addition to the time of the end.
+            lock_timeout: time to wait for a worker that has locked the job [s].
         """
 
         def final_columns(before: JobRecord, done_units: int) -> dict[str, Any]:
-            """Return the columns to change when the job ends, given its record and number of done units."""
+            """Return column → new value of the record of the job, given the record and the units done."""
             try:
                 job = self._read_job(before)
             except ValidationError:
                 # The document is damaged; the job ends without it, so that no worker tries it again.
                 return {"state": state}
-            began = job.provenance.started_at or job.provenance.created_at
-            # The clock may have been set back since the job began.
-            final_provenance = {"ended_at": max(datetime.now(UTC), began), **provenance}
-            always = {
+            start = job.provenance.started_at or job.provenance.created_at
+            # The clock may have been set back since the job began: a job must not end before its start.
+            provenance_changes = {"ended_at": max(datetime.now(UTC), start), **provenance}
+            fields_of_end = {
                 "state": state,
                 "progress": job.progress and job.progress.model_copy(update={"done": done_units}),
-                "provenance": job.provenance.model_copy(update=final_provenance),
+                "provenance": job.provenance.model_copy(update=provenance_changes),
             }
-            return self._changing_columns(job.model_copy(update={**changes, **always}), before.robot_id)
+            ended_job = job.model_copy(update={**changes, **fields_of_end})
+            return self._changing_columns(ended_job, before.robot_id)
 
-        self.records.end(job_id, state, final_columns, at_most)
+        self.records.end(job_id, state, final_columns, lock_timeout)
 
 
 def make_record(kind: AnyKind, job: Job, robot_id: str | None) -> JobRecord:
-    """Return the record of a job: its message as JSON, and the columns by which jobs are listed."""
+    """Return the record of a job: its message as JSON, and the columns that listings search and show."""
     summary = summarize_job(job, robot_id)
     return JobRecord(
         id=job.id,
@@ -345,28 +359,28 @@ def summarize_job(job: Job, robot_id: str | None) -> JobSummary:
 
 
 def summary_from_row(entry: JobEntry) -> JobSummary:
-    """Return the summary of a job, given its row in a listing."""
+    """Return the summary of a job, made from its row in a listing."""
     columns = {name: getattr(entry, name) for name in _ROW_FIELDS}
     return JobSummary.model_validate(entry.summary | columns)
 
 
 class Parts(Resources):
-    """Parts of the application that use one store: resources, jobs, trends and live measurement sets."""
+    """All that the application serves from one store: resources, jobs, trends and live measurement sets."""
 
     def __init__(self, store: Store, enqueue: Enqueue | None = None) -> None:
-        """Compose the parts on a store; without `enqueue` every job is carried out at once."""
+        """Serve from a store; if `enqueue` is None, every job is computed at once."""
         super().__init__(store)
         self.jobs = {kind.name: Jobs(kind, self, enqueue) for kind in KINDS}  # name of a kind → its jobs
         self._records = store.jobs(JOB)
         self.trends = Trends(store)  # trends of the robots
-        # The sets that are measured live: closing such a set creates a run.
+        # The live campaigns: closing a campaign creates a run.
         self.live = OpenSets(self, lambda *run: self.jobs["run"].create(*run).id)
 
     def jobs_of(self, job_id: str) -> Jobs:
-        """Return the jobs of the same kind as a job, given its id; the job may be deleted.
+        """Return the jobs of the kind of a job, given its id; the job may be deleted.
 
         Raises:
-            NotFoundError: there is no such job.
+            NotFoundError: no job has this id.
         """
         kind = self.store.kind_of_job(job_id)
         if kind is None:
@@ -374,10 +388,10 @@ class Parts(Resources):
         return self.jobs[kind]
 
     def job(self, job_id: str, *, hidden: bool = False) -> str:
-        """Return a job of any kind as JSON, as the API answers it; with `hidden` also a deleted job.
+        """Return a job of any kind as the JSON of the API; with `hidden` also a deleted job.
 
         Raises:
-            NotFoundError: there is no such job.
+            NotFoundError: no job has this id.
         """
         record = self._records.get(job_id, hidden=hidden)
         return self.jobs[record.kind].answered(record)
@@ -386,9 +400,9 @@ class Parts(Resources):
         """Return one page of the jobs of all kinds, in the order of the query.
 
         Raises:
-            CursorError: no page gave this cursor.
+            CursorError: the cursor of the query was not returned by an earlier page.
         """
-        page = self._records.page(**query.listing())
+        page = self._records.page(**query.listing_arguments())
         return Page(
             items=[summary_from_row(entry) for entry in page.records], next=page.next, total=page.total
         )

@@ -1,9 +1,9 @@
 """Large request bodies are processed by a child process of limited memory and time.
 
 A parser blocks all other threads of its process, and its result takes many times the memory of the body.
-The child builds the same application; the service has checked the key of the requester before. The two
-processes exchange JSON and bytes only, never code or pickles.
-The service starts it as `python -m jointstiff.service.limited DESCRIPTOR`, of the pipe between them.
+The child builds the same application as the service, which has checked the key of the requester before. The
+two processes exchange JSON and bytes only, never code or pickles. The service starts the child as
+`python -m jointstiff.service.limited DESCRIPTOR`, with the file descriptor of the pipe between them.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from starlette.types import Message, Scope
 from jointstiff.service.api.middleware import KNOWN_ID
 from jointstiff.service.app import create_app
 from jointstiff.service.process import FORMAT_VARIABLE, REQUEST_ID, LogFormat, set_log_format
-from jointstiff.service.security.access import REQUESTER, Requester, requester_of
+from jointstiff.service.security.access import REQUESTER, Requester, get_requester
 from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import Queue
 
 LIMITED_BYTES: Final = 256 * 1024
-"""Size above which the child processes a body [bytes]; workbooks and archives of any size go there, too."""
+"""Size above which the child processes a body [bytes]; it processes workbooks and archives of any size."""
 LIMITED_SECONDS: Final = 60.0
-"""Time, and processor time, that the child may take for one body [s]."""
+"""Time, and also processor time, that the child may take for one body [s]."""
 LIMITED_MEMORY: Final = 512 * 1024 * 1024
 """Memory that the child may take for one body [bytes]."""
 _PATHS: Final = frozenset(
@@ -47,10 +47,13 @@ _PATHS: Final = frozenset(
     for name in ("robots", "kinematics", "measurement-sets", "campaigns", "imports", "plans", "deflections")
 )
 """Addresses whose large bodies the child processes."""
-_ALWAYS: Final = frozenset({"/v1/geometries", "/v1/programs"})
-"""Addresses whose bodies of any size the child processes: program texts written elsewhere, and fits whose
-time grows with the cube of the number of positions."""
+_ALWAYS_IN_CHILD: Final = frozenset({"/v1/geometries", "/v1/programs"})
+"""Addresses whose bodies of any size the child processes.
+
+Programs are texts of any origin; the time of a geometry grows with the cube of the number of positions.
+"""
 _ARCHIVE: Final = b"PK\x03\x04"
+"""First bytes of a ZIP archive, such as an Excel workbook."""
 START_SECONDS: Final = 60.0
 """Time that a body waits for the child to start [s]."""
 
@@ -63,10 +66,10 @@ class Forwarded:
     path: str
     query: str
     headers: list[tuple[str, str]]
-    request_id: str | None
+    request_id: str | None  # identifier of the request in the log
     requester: Requester
 
-    def scope(self) -> Scope:
+    def build_scope(self) -> Scope:
         """Return the ASGI scope of the request, with its requester and its id."""
         return {
             "type": "http",
@@ -88,12 +91,14 @@ FORWARDED: Final = TypeAdapter(Forwarded)
 
 
 def belongs_to_child(path: str, content: bytes) -> bool:
-    """Return whether the child must answer a request, given its path and its body `content`."""
-    return path in _ALWAYS or (path in _PATHS and (len(content) > LIMITED_BYTES or _ARCHIVE in content))
+    """Return whether the child must answer a request, given the path and the body of the request."""
+    return path in _ALWAYS_IN_CHILD or (
+        path in _PATHS and (len(content) > LIMITED_BYTES or _ARCHIVE in content)
+    )
 
 
 class LimitedChild:
-    """A child process that answers one request at a time; it is started with the first one."""
+    """A child process that answers one request at a time; it is started when its first request comes."""
 
     def __init__(
         self,
@@ -110,15 +115,15 @@ class LimitedChild:
             memory: memory for one body, in addition to the memory of the idle process [bytes].
             seconds: time for one body [s].
         """
-        self._opening = json.dumps([database, quota, memory, seconds]).encode()
+        self._settings_message = json.dumps([database, quota, memory, seconds]).encode()
         self._memory, self._seconds = memory, seconds
-        self._turns = CapacityLimiter(1)
+        self._one_request = CapacityLimiter(1)  # lets the child answer one request at a time
         self._connection: Connection[bytes, bytes] | None = None
         self._process: subprocess.Popen[bytes] | None = None
-        self._is_ready = False
+        self._is_ready = False  # True once the child has sent `ready`
 
     async def answer(self, request: Request) -> Response | None:
-        """Let the child answer a request; return None if the request is not one for the child.
+        """Let the child answer a request; return None if this process is to answer the request.
 
         Raises:
             HTTPException: the body took too much memory or time (413), or the child does not start (503).
@@ -132,9 +137,9 @@ class LimitedChild:
             request.url.query,
             [(name.decode("latin-1"), value.decode("latin-1")) for name, value in request.headers.raw],
             REQUEST_ID.get(),
-            requester_of(request),
+            get_requester(request),
         )
-        head, body = await run_sync(self._exchange, forwarded, content, limiter=self._turns)
+        head, body = await run_sync(self._send_and_receive, forwarded, content, limiter=self._one_request)
         status, headers = json.loads(head)
         response = Response(body, status)
         response.raw_headers = [(name.encode("latin-1"), value.encode("latin-1")) for name, value in headers]
@@ -144,14 +149,16 @@ class LimitedChild:
         """Kill the child, even while it works on a body."""
         if self._connection is not None:
             self._connection.close()
-        if self._process is not None:  # even if nothing could be sent to it
+        if self._process is not None:  # kills it even if nothing could be sent
             self._process.kill()
             self._process.wait()
         self._connection = self._process = None
         self._is_ready = False
 
-    def _exchange(self, forwarded: Forwarded, content: bytes) -> tuple[bytes, bytes]:
-        """Send a request and its body to the child; return (JSON of status and headers, body) of the answer.
+    def _send_and_receive(self, forwarded: Forwarded, content: bytes) -> tuple[bytes, bytes]:
+        """Send a request and its body `content` to the child, and wait for the answer.
+
+        Return (status and headers as JSON, body) of the answer.
 
         Raises:
             HTTPException: the body took too much memory or time (413), or the child does not start (503).
@@ -166,14 +173,16 @@ class LimitedChild:
         except (OSError, EOFError):  # the child was too slow, or its limits ended it
             self.close()
             raise HTTPException(
-                413, f"the body takes more than {self._seconds:.0f} s or {self._memory >> 20} MiB; split it"
+                413,
+                f"processing the body takes more than {self._seconds:.0f} s or {self._memory >> 20} MiB; "
+                "split it into several requests",
             ) from None
 
     def _ready_connection(self) -> Connection[bytes, bytes]:
-        """Return the connection to the child once it is ready; start the child if it does not run.
+        """Return the connection to the child when the child is ready; start the child if it does not run.
 
         Raises:
-            HTTPException: the child does not start, or is not ready yet and goes on starting (503).
+            HTTPException: the child does not start, or is still starting (503).
         """
         try:
             if self._connection is None or self._process is None or self._process.poll() is not None:
@@ -194,7 +203,7 @@ class LimitedChild:
         return self._connection
 
     def _start_child(self) -> Connection[bytes, bytes]:
-        """Start the child; return our end of the pipe to it, through which it sends `ready`."""
+        """Start the child; return the parent's end of the pipe to the child, which sends `ready` later."""
         connection, child_end = Pipe()
         with child_end:
             self._process = subprocess.Popen(  # noqa: S603 - no part of the command comes from outside
@@ -204,7 +213,7 @@ class LimitedChild:
                 pass_fds=[child_end.fileno()],
                 process_group=0,  # so that Ctrl-C at the terminal ends the service, not the child
             )
-        connection.send_bytes(self._opening)
+        connection.send_bytes(self._settings_message)
         return connection
 
 
@@ -212,7 +221,7 @@ _NO_THREAD: Final = "can't start new thread"  # Python's message if a new thread
 
 
 def run_child(descriptor: int) -> None:
-    """Answer requests that come through a pipe, given its descriptor, until the service closes the pipe.
+    """Answer requests that come through the pipe with a file descriptor, until the service closes the pipe.
 
     Raises:
         StoreError: the database cannot be used.
@@ -225,47 +234,48 @@ def run_child(descriptor: int) -> None:
         app = create_app(store, queue.enqueue, AccessPolicy(hosts=None))
         app.state.is_closing = lambda: True  # no request waits here for workers: the service itself does
         with suppress(OSError):  # without /proc there is no limit of memory
-            # Its sixth number is the size of data and stack, the memory of the idle process.
+            # The sixth number of this file is the size of data and stack: the memory of the idle process.
             pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
-            most = pages * resource.getpagesize() + memory
-            resource.setrlimit(resource.RLIMIT_DATA, (most, most))
-        gc.freeze()  # libraries stay to the end
+            memory_limit = pages * resource.getpagesize() + memory
+            resource.setrlimit(resource.RLIMIT_DATA, (memory_limit, memory_limit))
+        gc.freeze()  # garbage collections need not examine the libraries, which are never freed
         connection.send_bytes(b"ready")
         while True:
             forwarded, content = FORWARDED.validate_json(connection.recv_bytes()), connection.recv_bytes()
             _limit_time(seconds)
-            start, body = anyio.run(_get_answer_of_app, app, forwarded, content)
-            headers = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in start["headers"]]
-            connection.send_bytes(json.dumps([start["status"], headers]).encode())
+            head, body = anyio.run(_get_answer_of_app, app, forwarded, content)
+            headers = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in head["headers"]]
+            connection.send_bytes(json.dumps([head["status"], headers]).encode())
             connection.send_bytes(body)
 
 
 async def _get_answer_of_app(app: FastAPI, forwarded: Forwarded, content: bytes) -> tuple[Message, bytes]:
-    """Pass a request to the application; return the ASGI message with status and headers, and the body."""
-    received = iter([{"type": "http.request", "body": content, "more_body": False}])
+    """Pass a request to the application; return (ASGI message with status and headers, body)."""
+    body_message = iter([{"type": "http.request", "body": content, "more_body": False}])
     sent: list[Message] = []
 
     async def receive() -> Message:
-        """Return the body to the application, then a disconnection."""
-        return next(received, {"type": "http.disconnect"})
+        """Return the body of the request in the first call, later that the client has disconnected."""
+        return next(body_message, {"type": "http.disconnect"})
 
     async def send(message: Message) -> None:
         """Keep a message of the application's answer."""
         sent.append(message)
 
     try:
-        await app(forwarded.scope(), receive, send)
+        await app(forwarded.build_scope(), receive, send)
     except Exception as error:
         if isinstance(error, MemoryError) or str(error) == _NO_THREAD or not sent:
-            raise  # ends this process: the service answers 413; other errors were logged and answered
+            raise  # ends this process, so that the service answers 413; other errors were answered already
     return sent[0], b"".join(message.get("body", b"") for message in sent[1:])
 
 
 def _limit_time(seconds: float) -> None:
     """Limit the processor time of this process to `seconds` from now [s]; the system kills it afterwards."""
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    most = int(used.ru_utime + used.ru_stime + seconds) + 1
-    resource.setrlimit(resource.RLIMIT_CPU, (most, resource.getrlimit(resource.RLIMIT_CPU)[1]))
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    time_limit = int(usage.ru_utime + usage.ru_stime + seconds) + 1  # processor time since the process began
+    _, hard_limit = resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_CPU, (time_limit, hard_limit))
 
 
 if __name__ == "__main__":

@@ -2,33 +2,33 @@
 
 The table `_KINDS` gives the HTTP status of each class of errors, also of those of the numerical core.
 
-ServiceError                   something outside of a request is in the way: see the remedy
+ServiceError                   an error whose cause is not in the request: see the remedy
 ├── ServerError                the service cannot start (service/server.py)
 ├── KeysFileError              a file of keys cannot be read or written (security/keys.py)
-├── SettingsError              a laboratory's settings cannot be used (reports/laboratory.py)
+├── SettingsError              the settings of a laboratory cannot be used (reports/laboratory.py)
 ├── MissingExtraError          a library of an extra is not installed: install the extra
-├── ExecutorError              the caller's executor failed: see its own error
-└── StoreError                 a database that this software cannot work with
+├── ExecutorError              the caller's executor failed: see the executor's error
+└── StoreError                 base of the errors of the store
     ├── StoreUnavailableError  the database does not answer: try again, or look at the server
     ├── DamagedError           a document that cannot be read: delete it, or restore a copy
     ├── NotFoundError          no such record: check the id
-    │   └── DeletedError       it was deleted: restore it
-    ├── NotEndedError          a job that goes on cannot be deleted: cancel it first
-    ├── ClosedError            a set that was closed takes no more readings: open another one
-    ├── ReferencedError        others refer to what is to be deleted: delete those first
-    ├── WorkerLostError        the workers of a job died: send it again
-    ├── QuotaError             the database has its full size: delete something, or raise --quota
-    ├── TooManyJobsError       as many jobs wait as may: post again later
-    ├── KeyRefusedError        no valid key came: send one
-    │   └── WrongKeysError     too many wrong ones came: wait, then send the right one
-    ├── RoleError              the key's role does not allow it: use another key
-    ├── IdempotencyConflictError  a key used again for another body: take a new key
-    └── CursorError            not a cursor that a page gave: start from the first page
+    │   └── DeletedError       the record was deleted: restore it
+    ├── NotEndedError          a job that has not ended cannot be deleted: cancel it first
+    ├── ClosedError            a closed set takes no more readings: open another set
+    ├── ReferencedError        other resources refer to the resource to delete: delete those first
+    ├── WorkerLostError        the workers of a job died: send the job again
+    ├── QuotaError             the database has reached its quota: delete resources, or raise --quota
+    ├── TooManyJobsError       the queue of jobs is full: post the job later
+    ├── KeyRefusedError        the request has no valid key: send a valid key
+    │   └── WrongKeysError     too many wrong keys were sent: wait, then send the right key
+    ├── RoleError              the key's role does not allow the request: use another key
+    ├── IdempotencyConflictError  an idempotency key was used for another body: use a new key
+    └── CursorError            the cursor is not that of a page: start from the first page
 
 RequestError of the numerical core
 └── ItemsError                 a request with several faults
-    ├── FilesError             files that were not understood: mend them
-    └── VerdictError           a result that is not to be used: mend the readings, or accept its verdict
+    ├── FilesError             files that were not understood: correct the files
+    └── VerdictError           a result with the verdict "do not use": correct the readings, or accept it
 
 ProblemError                   a problem document as an exception, for programs and commands
 ├── CampaignError              a campaign that cannot be identified: correct it
@@ -60,26 +60,29 @@ from jointstiff.solver.errors import (
 )
 
 _MAX_SHOWN = 80
-_CHANGED = ("robots", "measurement-sets")
-"""Collections of resources other than jobs, which are changed at addresses of their own."""
+_COLLECTIONS_WITH_ADDRESS = ("robots", "measurement-sets")
+"""Collections that have addresses of their own; all other resources are jobs."""
 
 
 class Resource(NamedTuple):
     """A kind of resource."""
 
-    name: str  # in messages
-    collection: str  # name of all resources of this kind in addresses
+    name: str  # name of the kind in messages, such as `measurement set`
+    collection: str  # name of the kind in addresses, such as `measurement-sets`
 
     @property
     def listing(self) -> str:
         """Address that lists the resources of this kind."""
-        if self.collection in (*_CHANGED, "jobs"):
+        if self.collection in (*_COLLECTIONS_WITH_ADDRESS, "jobs"):
             return f"/v1/{self.collection}"
         return f"/v1/jobs?kind={self.name}"
 
     def change_request(self, identifier: str, change: str) -> str:
-        """Return the HTTP request that changes a resource as text: method, address and body {`change`}."""
-        collection = self.collection if self.collection in _CHANGED else "jobs"
+        """Return the text of an HTTP request that changes a resource: method, address and body.
+
+        `change` is the content of the JSON object in the body, such as `"deleted": false`.
+        """
+        collection = self.collection if self.collection in _COLLECTIONS_WITH_ADDRESS else "jobs"
         return f"PATCH /v1/{collection}/{identifier} {{{change}}}"
 
 
@@ -90,8 +93,8 @@ class ItemsError(RequestError):
         self, reason: str, *, remedy: str, where: str | None = None, items: Iterable[Sequence[str]] = ()
     ) -> None:
         super().__init__(reason, remedy=remedy, where=where)
-        # place, reason and remedy of each fault, where several are known
-        self.items = tuple((place, why, mend) for place, why, mend in items)
+        # (place, reason, remedy) of each fault, if several faults are known
+        self.items = tuple((place, fault_reason, fault_remedy) for place, fault_reason, fault_remedy in items)
 
 
 class FilesError(ItemsError):
@@ -103,9 +106,12 @@ class VerdictError(ItemsError):
 
     @classmethod
     def for_result(cls, subject: str, where: str, items: Iterable[Sequence[str]]) -> VerdictError:
-        """Return the error that refuses the result `subject` at the field `where`.
+        """Return the error that refuses a result.
 
-        `items` are the reasons of the verdict: place, reason and remedy of each.
+        Args:
+            subject: name of the result in the message, such as `the run`.
+            where: field of the request that names the result.
+            items: (place, reason, remedy) of each reason of the verdict.
         """
         return cls(
             f"the verdict on {subject} is: do not use",
@@ -117,7 +123,7 @@ class VerdictError(ItemsError):
 
 
 def _quote(text: str) -> str:
-    """Return the text of a user in quotes, escaped, and cut to a length that suits a message."""
+    """Return a text of a user in quotes, escaped, and cut to at most `_MAX_SHOWN` characters."""
     return repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "…")
 
 
@@ -126,8 +132,8 @@ class ServiceError(Exception):
 
     def __init__(self, reason: str, remedy: str) -> None:
         super().__init__(f"{reason}: {remedy}")
-        self.reason = reason  # what is wrong, in a sentence
-        self.remedy = remedy  # how to mend it
+        self.reason = reason  # sentence that says what is wrong
+        self.remedy = remedy  # sentence that says how to correct the cause
 
 
 EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
@@ -158,7 +164,7 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
 
 
 class MissingExtraError(ServiceError, ImportError):
-    """A library is not installed that an extra of this package installs."""
+    """A library that an extra of this package installs is not installed."""
 
     def __init__(self, feature: str, extra: str) -> None:
         super().__init__(
@@ -168,10 +174,12 @@ class MissingExtraError(ServiceError, ImportError):
 
 
 def explain_missing_library(feature: str, error: ImportError) -> ImportError:
-    """Return the error that tells which extra installs a missing library; `error` for any other library.
+    """Return the error that names the extra which installs a missing library.
+
+    If no extra of this package installs the library, return `error`.
 
     Args:
-        feature: subject of the message, such as `a chart`: the feature that needs the library.
+        feature: the feature that needs the library, as the subject of the message, such as `a chart`.
         error: error of the import.
     """
     extra = EXTRAS.get((error.name or "").partition(".")[0])
@@ -193,11 +201,11 @@ class StoreError(ServiceError):
 
 
 class StoreUnavailableError(StoreError):
-    """The database does not answer, or refuses what the store must do."""
+    """The database does not answer, or refuses an operation of the store."""
 
     def __init__(self, reason: str, remedy: str, public_reason: str | None = None) -> None:
         super().__init__(reason, remedy)
-        # The reason without names of hosts and users, for answers over the network
+        # the reason without names of hosts and users, for answers over the network
         self.public_reason = reason if public_reason is None else public_reason
 
 
@@ -217,14 +225,14 @@ class NotFoundError(StoreError):
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(
             f"there is no {kind.name} {_quote(identifier)}",
-            f"check the id; list them with GET {kind.listing}",
+            f"check the id; list the existing ids with GET {kind.listing}",
         )
         self.kind = kind  # the kind of the missing resource
         self.id = identifier  # the unknown id; text from outside, of any length
 
 
 class DeletedError(NotFoundError):
-    """The record was deleted, and has not been removed yet."""
+    """The record was deleted, and can still be restored."""
 
     def __init__(self, kind: Resource, identifier: str) -> None:
         super().__init__(kind, identifier)
@@ -250,7 +258,7 @@ class ClosedError(StoreError):
     def __init__(self, identifier: str) -> None:
         super().__init__(
             f"the measurement set {_quote(identifier)} is closed",
-            "open another set; the readings of this set are kept",
+            "declare another live campaign; the readings of this set are kept",
         )
 
 
@@ -270,12 +278,12 @@ class ReferencedError(StoreError):
     def __init__(self, kind: Resource, identifier: str, users: Sequence[str], *, more: bool) -> None:
         super().__init__(
             f"the {kind.name} {_quote(identifier)} is used by {', '.join(users)}{', …' if more else ''}",
-            "delete these first",
+            "delete these resources first",
         )
 
 
 class WorkerLostError(StoreError):
-    """The workers of a job died, or the job queue no longer tries the job."""
+    """The workers of a job died, or the job queue gave the job up."""
 
     def __init__(self, reason: str) -> None:
         super().__init__(
@@ -337,7 +345,7 @@ class IdempotencyConflictError(StoreError):
 
 
 class CursorError(StoreError):
-    """A cursor that is not the `next` of any page."""
+    """A cursor that was not returned as `next` of any page."""
 
     def __init__(self, cursor: str) -> None:
         super().__init__(
@@ -351,9 +359,12 @@ MAX_ITEMS: Final = 20
 MAX_PROBLEM_BYTES: Final = 8_000
 """Maximum size of an error body [bytes]."""
 _LONGEST: Final = 300
-_COMPARE: Final = "compare with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them"
+_SEE_EXAMPLE: Final = (
+    "compare with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them"
+)
 
-_OUTSIDE: Final = {"query", "path", "header"}  # parts of a request other than its body
+_OUTSIDE_BODY: Final = {"query", "path", "header"}  # parts of a request other than its body
+# pydantic's types of faults of a value that is no JSON object
 _NO_OBJECT: Final = {"model_type", "model_attributes_type", "dict_type"}
 
 _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType(
@@ -388,6 +399,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         StoreError: (500, "store", "The database cannot be used"),
     }
 )
+"""Class of errors → (HTTP status, last part of the URN that is the type of the problem, title)."""
 
 _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -403,6 +415,7 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "timezone_aware": "add the time zone, such as 2026-11-20T14:30:00+01:00",
     }
 )
+"""Type of a fault that pydantic found → remedy."""
 _LONGEST_NAME: Final = 60
 MISSING: Final = "required field is missing"
 
@@ -433,13 +446,19 @@ _WORDING: Final = tuple(
         (r"\w+ should have at (least|most) (.+)", r"must have at \1 \2"),
     )
 )
-"""Patterns of pydantic's messages with our words for them: the first match counts; others are kept."""
+"""(pattern of a message of pydantic, message in the words of this project); the first match is used.
+
+A message that no pattern matches remains unchanged.
+"""
 
 
 def problem_from_error(error: JointstiffError | StoreError) -> Problem:
-    """Return the problem details of an error; its class decides type, title and status (table `_KINDS`)."""
-    internal = (500, "internal", "Internal error")
-    status, slug, title = next((_KINDS[each] for each in type(error).__mro__ if each in _KINDS), internal)
+    """Return the problem details of an error.
+
+    Status, type and title are those of the nearest class in the table `_KINDS`.
+    """
+    unknown_kind = (500, "internal", "Internal error")
+    status, slug, title = next((_KINDS[each] for each in type(error).__mro__ if each in _KINDS), unknown_kind)
     items = error.items if isinstance(error, ItemsError) else ()
     problem = Problem(
         type=_urn(slug),
@@ -458,20 +477,23 @@ def problem_from_error(error: JointstiffError | StoreError) -> Problem:
     return _fit_into_body(problem)
 
 
-def place_in_document(section: str, where: str | None) -> str | None:
+def find_path_in_document(section: str, where: str | None) -> str | None:
     """Return the path of a faulty field in a document of several sections, such as a campaign.
 
     A path that begins with `observations` belongs to the section `measurement_set`, even if an error names
     another section.
 
     Args:
-        section: section with the error; empty for a document of one section.
-        where: path within that section; None if it is not known.
+        section: section with the fault; empty for a document of one section.
+        where: path within this section; None if the path is not known.
+
+    Returns:
+        The path in the whole document; None if neither section nor path are known.
     """
-    in_set = re.match(r"observations\b", where or "") is not None
+    is_in_observations = re.match(r"observations\b", where or "") is not None
     if section and where == "measurement_set_id":
-        return "measurement_set"
-    if section and in_set and not section.endswith("measurement_set"):
+        return "measurement_set"  # a document contains the set itself in place of the set's id
+    if section and is_in_observations and not section.endswith("measurement_set"):
         section = "measurement_set"
     return ".".join(part for part in (section, where) if part) or None
 
@@ -489,11 +511,13 @@ def http_problem(status: int, detail: str, remedy: str | None = None) -> Problem
 
 
 def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequence[str] = ()) -> Problem:
-    """Return problem details of a request that pydantic refused: its first faults, without the sent values.
+    """Return the problem details of a request that pydantic refused.
+
+    They list the first `MAX_ITEMS` faults, without the values that were sent.
 
     Args:
-        errors: the list `ValidationError.errors()` of pydantic.
-        parameters: names of the query parameters of the route.
+        errors: faults, as pydantic lists them (`ValidationError.errors()`).
+        parameters: names of the query parameters of the route, to suggest a name for an unknown parameter.
     """
     items = [
         ProblemItem(
@@ -501,7 +525,7 @@ def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequenc
             reason="must be an object"
             if error["type"] in _NO_OBJECT
             else _shorten(reword_fault(error, parameters)),
-            remedy=_remedy(error),
+            remedy=_find_remedy(error),
         )
         for error in errors[:MAX_ITEMS]
     ]
@@ -521,20 +545,21 @@ def problem_from_faults(errors: Sequence[Mapping[str, Any]], parameters: Sequenc
 
 def _general_remedy(error: Mapping[str, Any]) -> str:
     """Return the remedy for a fault whose type has no remedy in `_REMEDIES`."""
-    if error["loc"] and error["loc"][0] in _OUTSIDE:
-        return "see this address in /openapi.json"
-    return "correct the field as the reason says" if error["type"] == "value_error" else _COMPARE
+    if error["loc"] and error["loc"][0] in _OUTSIDE_BODY:
+        return "see the description of this address in /openapi.json"
+    return "correct the field as the reason says" if error["type"] == "value_error" else _SEE_EXAMPLE
 
 
-def _remedy(error: Mapping[str, Any]) -> str | None:
-    """Return the remedy for a fault of pydantic by its type; None if the type has none."""
+def _find_remedy(error: Mapping[str, Any]) -> str | None:
+    """Return the remedy for a type of fault that pydantic found; None if the type has no remedy."""
     if error["type"] in {"too_long", "too_short"} and str(error["msg"]).startswith("Tuple"):
+        # A vector with decimal commas, such as 1,5,2,5,3,5, has too many numbers.
         return "give one number per component, with decimal points, not commas"
     return _REMEDIES.get(str(error["type"]))
 
 
 def _urn(slug: str) -> str:
-    """Return the `type` of problem details, a URN, for a short name of the kind of problem."""
+    """Return the URN that is the `type` of problem details; `slug` is a short name of the kind of problem."""
     return f"urn:jointstiff:problem:{slug}"
 
 
@@ -546,7 +571,7 @@ def _fit_into_body(problem: Problem) -> Problem:
 
 
 def _shorten(text: str, longest: int = _LONGEST) -> str:
-    """Cut a text to `longest` characters and replace unprintable characters by �."""
+    """Return a text cut to `longest` characters, with � in place of unprintable characters."""
     printable = "".join(c if c.isprintable() else "�" for c in text[: longest + 1])
     return printable if len(printable) <= longest else printable[:longest] + "…"
 
@@ -554,12 +579,14 @@ def _shorten(text: str, longest: int = _LONGEST) -> str:
 def _path_text(location: Sequence[int | str]) -> str:
     """Return the path of a field as text, such as `observations[3].force[0]`.
 
-    FastAPI's first part `body` and pydantic's tags of model formats are left out.
+    The parts of `location` that are no fields are left out: FastAPI's first part `body`, and the format of a
+    robot's model, which pydantic adds after `model`.
     """
     location = location[1:] if location[:1] == ("body",) else location
     path = ""
     for i, part in enumerate(location):
-        if i and location[i - 1] == "model" and part in {"urdf", "dh", "geometry", "catalogue"}:
+        is_model_format = i and location[i - 1] == "model"
+        if is_model_format and part in {"urdf", "dh", "geometry", "catalogue"}:
             continue
         if isinstance(part, int):
             path += f"[{part}]"
@@ -573,35 +600,35 @@ def reword_fault(error: Mapping[str, Any], parameters: Sequence[str] = ()) -> st
 
     Args:
         error: the fault as pydantic lists it, with `type`, `loc` and `msg`.
-        parameters: names of the query parameters of the route, to suggest one for an unknown name.
+        parameters: names of the query parameters of the route, to suggest a name for an unknown parameter.
     """
     message = str(error["msg"])
     for pattern, wording in _WORDING:
         if match := pattern.fullmatch(message):
             message = match.expand(wording)
             break
-    name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
-    known = parameters if error["loc"][:1] == ("query",) else _known_fields()
-    if not name or len(name) > _LONGEST_NAME or name in known:
+    unknown_name = str(error["loc"][-1]) if error["type"] == "extra_forbidden" and error["loc"] else ""
+    known_names = parameters if error["loc"][:1] == ("query",) else _list_field_names()
+    if not unknown_name or len(unknown_name) > _LONGEST_NAME or unknown_name in known_names:
         return message
-    nearest = get_close_matches(name, known, n=1, cutoff=0.75)
-    return f"{message}; did you mean `{nearest[0]}`?" if nearest else message
+    similar_names = get_close_matches(unknown_name, known_names, n=1, cutoff=0.75)
+    return f"{message}; did you mean `{similar_names[0]}`?" if similar_names else message
 
 
 @cache
-def _known_fields() -> tuple[str, ...]:
+def _list_field_names() -> tuple[str, ...]:
     """Return the names of the fields of all messages of the API, sorted."""
     names: set[str] = set()
-    waiting: list[type[Message]] = [Message]
-    while waiting:
-        message = waiting.pop()
-        names |= set(message.model_fields)
-        waiting += message.__subclasses__()
+    classes_to_visit: list[type[Message]] = [Message]
+    while classes_to_visit:
+        message_class = classes_to_visit.pop()
+        names |= set(message_class.model_fields)
+        classes_to_visit += message_class.__subclasses__()
     return tuple(sorted(names))
 
 
 class ProblemError(Exception):
-    """An error with its problem; its text says what is wrong, where, and how to mend it."""
+    """An error with problem details; its text says what is wrong, where, and how to correct it."""
 
     def __init__(self, problem: Problem) -> None:
         place = f"{problem.where}: " if problem.where and problem.where not in problem.detail else ""
@@ -619,7 +646,7 @@ class RefusedError(ProblemError):
 
 
 class AwayError(RefusedError):
-    """The service does not answer now, and may later."""
+    """The service cannot be reached at present; a later request may succeed."""
 
 
 @contextmanager
@@ -630,5 +657,5 @@ def as_campaign_error(section: str) -> Iterator[None]:
     except JointstiffError as error:
         problem = problem_from_error(error)
         raise CampaignError(
-            problem.model_copy(update={"where": place_in_document(section, problem.where)})
+            problem.model_copy(update={"where": find_path_in_document(section, problem.where)})
         ) from error

@@ -1,7 +1,7 @@
 """Settings of each process: memory, one thread for linear algebra, versions and log.
 
-numpy and the C library read the environment when they are loaded. A log is for people, or JSON lines for
-programs; each line of a request has its identifier.
+numpy and the C library read the environment variables when they are loaded. The log is text for people, or
+JSON lines for programs; each line about a request has the identifier of the request.
 """
 
 from __future__ import annotations
@@ -26,25 +26,29 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from threadpoolctl import ThreadpoolController
 
-_SETTINGS: Final = {
+_MALLOC_SETTINGS: Final = {
     "MALLOC_TRIM_THRESHOLD_": (-1, 4 * 1024 * 1024),
     "MALLOC_MMAP_THRESHOLD_": (-3, 4 * 1024 * 1024),
     "MALLOC_ARENA_MAX": (-8, 1),
 }
-"""Environment variable of glibc → number of the option for `mallopt`, and value.
+"""Environment variable of glibc → (number of the option for `mallopt`, value).
 
-Freed blocks of more than 4 MiB go back to the system.
+With these values, freed blocks of more than 4 MiB go back to the system.
 """
 ONE_THREAD: Final = MappingProxyType(
     dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    | {name: str(value) for name, (_, value) in _SETTINGS.items()}
+    | {name: str(value) for name, (_, value) in _MALLOC_SETTINGS.items()}
 )
-"""Environment variables of a process. The matrices are small: more threads of linear algebra cost more than
-they gain, and with several processes they compete for the processors."""
+"""Environment variable → value, for each process.
+
+The matrices are small: a second thread of linear algebra costs more time than it saves, and the threads of
+several processes compete for the processors.
+"""
 
 
 _NEW_OBJECTS: Final = 50_000
-"""New objects between two garbage collections: with Python's default of 700 they take a fifth of a start."""
+"""Number of new objects after which garbage is collected: with Python's default of 700, collections take a
+fifth of the time of a start."""
 
 
 def collect_rarely() -> None:
@@ -58,24 +62,25 @@ def use_one_thread() -> None:
 
 
 class _OneThreadLimit:
-    """Limit of linear algebra to one thread while any computation of this process runs."""
+    """Limit of linear algebra to one thread while at least one computation of this process runs."""
 
     def __init__(self) -> None:
-        self._lock, self._running = Lock(), 0  # number of computations that run
+        self._lock = Lock()
+        self._computations = 0  # number of computations that run at present
         self._limiter: Any = None  # restores the earlier numbers of threads
 
     def enter(self) -> None:
         """Begin a computation; the first one limits the libraries to one thread."""
         with self._lock:
-            if not self._running:
-                self._limiter = _blas_controller().limit(limits=1)
-            self._running += 1
+            if not self._computations:
+                self._limiter = _find_blas_libraries().limit(limits=1)
+            self._computations += 1
 
     def leave(self) -> None:
         """End a computation; the last one restores the earlier numbers of threads."""
         with self._lock:
-            self._running -= 1
-            if not self._running:
+            self._computations -= 1
+            if not self._computations:
                 self._limiter.restore_original_limits()
 
 
@@ -83,9 +88,9 @@ _LIMIT: Final = _OneThreadLimit()
 
 
 @cache
-def _blas_controller() -> ThreadpoolController:
-    """Return the controller of the threads of BLAS; cached, as it searches all loaded libraries when made."""
-    import scipy.linalg  # noqa: F401 - loads the second library; numpy's is the first
+def _find_blas_libraries() -> ThreadpoolController:
+    """Return the controller of the threads of all BLAS libraries; cached, as the search takes time."""
+    import scipy.linalg  # noqa: F401 - loads the BLAS library of scipy; numpy has another
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController().select(user_api="blas")
@@ -95,8 +100,8 @@ def _blas_controller() -> ThreadpoolController:
 def one_thread() -> Iterator[None]:
     """Compute with one thread of linear algebra, so that the last digits do not depend on the process.
 
-    Commands and workers set their environment before they import numpy; a program of the user does not.
-    The user's own computations have their threads back afterwards.
+    Commands and workers limit the threads before they import numpy; a program of the user does not, and has
+    the earlier numbers of threads again after the block.
     """
     _LIMIT.enter()
     try:
@@ -108,11 +113,11 @@ def one_thread() -> Iterator[None]:
 def give_memory_back() -> None:
     """Let glibc return large freed blocks of memory to the system, from now on.
 
-    A running process needs this call, as glibc reads environment variables only when a process starts.
+    A running process needs this call, as glibc reads its environment variables only when a process starts.
     """
     with suppress(OSError, AttributeError, TypeError):  # the C library is not glibc
-        for setting in _SETTINGS.values():
-            ctypes.CDLL(None).mallopt(*setting)
+        for option, value in _MALLOC_SETTINGS.values():
+            ctypes.CDLL(None).mallopt(option, value)
 
 
 _DISTRIBUTIONS: Final = MappingProxyType(
@@ -125,6 +130,7 @@ _DISTRIBUTIONS: Final = MappingProxyType(
         "scipy": "scipy",
     }
 )
+"""Name of a library for people → name of its package."""
 
 
 @cache
@@ -142,9 +148,9 @@ def jointstiff_version() -> str:
 
 
 FORMAT_VARIABLE: Final = "JOINTSTIFF_LOG_FORMAT"
-"""Format of this process's log, and of those that it starts."""
+"""Environment variable with the format of the logs of this process and of processes that it starts."""
 ACCESS_LOGGER: Final = "jointstiff.access"
-"""Logger that writes one line for each request, in JSON logs only."""
+"""Name of the logger that writes one line for each request, in JSON logs only."""
 
 REQUEST_ID: Final[ContextVar[str | None]] = ContextVar("REQUEST_ID", default=None)
 """Identifier of the request that is being answered."""
@@ -153,7 +159,8 @@ _CONTROL_CHARACTERS: Final = re.compile("[\x7f-\x9f\u061c\u200e\u200f\u2028-\u20
 """Characters that control a terminal, end a line or change a text's direction; `json.dumps` does not escape
 them."""
 
-_EXTRAS: Final = ("method", "path", "status", "seconds")
+_REQUEST_FIELDS: Final = ("method", "path", "status", "seconds")
+"""Fields that the access logger adds to a log record."""
 
 
 class LogFormat(StrEnum):
@@ -174,7 +181,7 @@ class JsonFormatter(logging.Formatter):
             "logger": record.name,
             "message": record.getMessage(),
         }
-        line |= {name: getattr(record, name) for name in _EXTRAS if hasattr(record, name)}
+        line |= {name: getattr(record, name) for name in _REQUEST_FIELDS if hasattr(record, name)}
         if request_id := REQUEST_ID.get():
             line["request_id"] = request_id
         if record.exc_info:
@@ -186,7 +193,7 @@ class JsonFormatter(logging.Formatter):
 def set_log_format(log_format: LogFormat) -> None:
     """Set the format in which this process, and processes that it starts, log to standard error."""
     os.environ[FORMAT_VARIABLE] = log_format
-    if log_format is LogFormat.TEXT:
+    if log_format is LogFormat.TEXT:  # Python's default
         return
     handler = logging.StreamHandler()
     handler.setFormatter(JsonFormatter())

@@ -35,33 +35,43 @@ from jointstiff.service.tables.terminal import console
 from jointstiff.service.workers.engine import Queue
 from jointstiff.service.workers.supervisor import Supervisor
 
-_GOODBYE_SECONDS: Final = 5
+_SHUTDOWN_SECONDS: Final = 5
 """Time for unfinished requests when the service is stopped [s]; clients that follow a run connect again."""
-_COLLECT_AFTER: Final = (10_000, 20, 50)
+_GARBAGE_THRESHOLDS: Final = (10_000, 20, 50)
 """Thresholds of `gc.set_threshold`: collections are rare, as no request is answered while one runs."""
-_TURN_SECONDS: Final = 0.0005
-"""Time that a thread computes before Python switches to a waiting thread [s]. It is short because the thread
-that answers requests waits for each computing thread several times in a request."""
+_THREAD_SWITCH_SECONDS: Final = 0.0005
+"""Time that a thread computes before Python switches to a waiting thread [s].
+
+It is short because the thread that answers requests waits for each computing thread several times in a
+request.
+"""
 _KEEP_ALIVE_SECONDS: Final = 75
-"""Time that a connection stays open between two requests. A proxy's own time must be shorter, such as the
-30 s in docker/Caddyfile; else the proxy sends a request on a connection that we close at that moment, and the
-request is lost."""
+"""Time that a connection stays open between two requests [s].
+
+A proxy must close its connections earlier, such as after the 30 s in docker/Caddyfile; else the proxy may
+send a request on a connection that the service closes at the same moment, and the request is lost.
+"""
 _HEADER_BYTES: Final = 32 * 1024
-"""Greatest size of the header of a request [bytes]; a proxy adds lines to the 16 kB that it accepts."""
+"""Greatest size of the header of a request [bytes]. The proxy accepts 16 kB, and adds lines."""
 _MOST_DESCRIPTORS: Final = 65_536
 """Greatest number of open files and connections, if the system allows it; the usual default is 1,024."""
 _BACKLOG: Final = 128
-"""Connections that the kernel keeps until they are accepted. When no descriptor is free, asyncio tries to
-accept one so many times a second, and writes each failure to the log."""
-_UNCONTROLLED: Final = (
+"""Number of connections that the kernel keeps until they are accepted.
+
+When no file descriptor is free, asyncio tries this number of times a second to accept a connection, and
+writes each failure to the log.
+"""
+_NO_ACCESS_CONTROL: Final = (
     "warning: no access control: everyone who reaches this address can read, post and delete, unless a "
     "proxy prevents it"
 )
 
 
 PROXIES_VARIABLE: Final = "FORWARDED_ALLOW_IPS"
-"""Environment variable with the addresses of proxies whose statement of a client's address is trusted;
-uvicorn reads it."""
+"""Environment variable with the addresses of proxies that are trusted to state the address of a client.
+
+uvicorn reads the variable.
+"""
 
 
 class ServerError(ServiceError):
@@ -69,21 +79,23 @@ class ServerError(ServiceError):
 
 
 def run_server(settings: Settings, on_listening: Callable[[str], object] | None = None) -> None:
-    """Serve until interrupted; once the socket listens, call `on_listening` with the URL, in another thread.
+    """Run the service until the process is interrupted.
+
+    When the socket listens, `on_listening` is called in another thread with the URL of the service.
 
     Raises:
         StoreError: the database cannot be used.
-        ServerError: the address cannot be listened on.
+        ServerError: the service cannot listen on the address.
         KeysFileError, SettingsError: a file of keys, or of the laboratory's settings, cannot be used.
     """
     host, database, workers = settings.host, settings.database, settings.workers
-    quota = settings.quota and settings.quota * 1_000_000
+    quota = settings.quota and settings.quota * 1_000_000  # the setting is in megabytes
     set_log_format(settings.log_format)
     give_memory_back()
-    _raise_descriptors()
-    posture = _choose_posture(settings)
+    _raise_limit_of_open_files()
+    policy = _choose_access_policy(settings)
     laboratory = LaboratorySettings() if settings.laboratory is None else read_laboratory(settings.laboratory)
-    # Until uvicorn handles the signal: the first process of a container ignores it by default.
+    # The first process of a container ignores SIGTERM by default; later uvicorn handles the signal.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
         listeners = [stack.enter_context(listen(host, settings.port, "--port or --host"))]
@@ -94,7 +106,7 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
             listeners.append(stack.enter_context(metrics_listener))
         refuse_in_memory(database)
         store = stack.enter_context(Store.open(database, quota))
-        keyring = _open_keyring(store, posture, settings)
+        keyring = _open_keyring(store, policy, settings)
         queue = stack.enter_context(closing(Queue(store, database)))
         # Names of workers contain a hash of the database: messages distinguish workers of several stores.
         store_hash = hashlib.sha256(_url_without_password(database).encode()).hexdigest()[:8]
@@ -107,17 +119,18 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
             markup=False,
             soft_wrap=True,
         )
-        if posture.access == "none":
-            console(stderr=True).print(_UNCONTROLLED, markup=False, soft_wrap=True)
-        app = create_app(store, queue.enqueue, posture, keyring, laboratory)
+        if policy.access == "none":
+            console(stderr=True).print(_NO_ACCESS_CONTROL, markup=False, soft_wrap=True)
+        app = create_app(store, queue.enqueue, policy, keyring, laboratory)
         app.state.answer_elsewhere = stack.enter_context(closing(LimitedChild(database, quota))).answer
         app.state.failing_workers = lambda: supervisor.failing
         ports = [listener.getsockname()[1] for listener in listeners]
-        answering = app.state.metrics.serve_on_port(app, ports[1]) if ports[1:] else app
-        config = _configure_uvicorn(answering, settings.log_format)
-        sys.setswitchinterval(_TURN_SECONDS)
-        gc.set_threshold(*_COLLECT_AFTER)
-        gc.freeze()  # libraries stay to the end; no collection need look through them
+        has_metrics_port = len(ports) > 1
+        served_app = app.state.metrics.serve_on_port(app, ports[1]) if has_metrics_port else app
+        config = _configure_uvicorn(served_app, settings.log_format)
+        sys.setswitchinterval(_THREAD_SWITCH_SECONDS)
+        gc.set_threshold(*_GARBAGE_THRESHOLDS)
+        gc.freeze()  # garbage collections need not examine the libraries, which are never freed
         server = uvicorn.Server(config)
         app.state.is_closing = lambda: server.should_exit
         app.state.metrics.gauges = lambda: _gauge_values(app, server)
@@ -126,11 +139,12 @@ def run_server(settings: Settings, on_listening: Callable[[str], object] | None 
         server.run(sockets=listeners)
 
 
-def _raise_descriptors() -> None:
+def _raise_limit_of_open_files() -> None:
     """Raise the limit of open files and connections of this process as far as the system allows."""
-    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    most = _MOST_DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, _MOST_DESCRIPTORS)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
+    _, hard_limit = resource.getrlimit(resource.RLIMIT_NOFILE)
+    is_unlimited = hard_limit == resource.RLIM_INFINITY
+    limit = _MOST_DESCRIPTORS if is_unlimited else min(hard_limit, _MOST_DESCRIPTORS)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (limit, hard_limit))
 
 
 def _configure_uvicorn(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
@@ -145,16 +159,15 @@ def _configure_uvicorn(app: ASGIApp, log_format: LogFormat) -> uvicorn.Config:
         h11_max_incomplete_event_size=_HEADER_BYTES,
         ws="none",
         backlog=_BACKLOG,
-        proxy_headers=bool(
-            os.environ.get(PROXIES_VARIABLE)
-        ),  # by default uvicorn trusts all programs of this machine
+        # By default uvicorn would trust the headers of all programs of this machine.
+        proxy_headers=bool(os.environ.get(PROXIES_VARIABLE)),
         timeout_keep_alive=_KEEP_ALIVE_SECONDS,
-        timeout_graceful_shutdown=_GOODBYE_SECONDS,
+        timeout_graceful_shutdown=_SHUTDOWN_SECONDS,
     )
 
 
 def _gauge_values(app: FastAPI, server: uvicorn.Server) -> dict[str, float]:
-    """Return name → value of the gauges among the metrics; the store was read at its last check."""
+    """Return name → value of the metrics that are gauges; those of the store are from its last check."""
     last_check = app.state.watch.last_check
     state: dict[str, float] = {
         "database_up": last_check is not None and last_check.error is None,
@@ -178,11 +191,12 @@ def make_heartbeat_remover(store: Store) -> Callable[[str], None]:
     The function does nothing if the database does not answer: a silent worker soon counts as dead anyway.
     """
 
-    def forget(worker: str) -> None:
+    def remove_heartbeat(worker: str) -> None:
+        """Remove the heartbeat of a worker, given its name."""
         with suppress(StoreError):
             store.heartbeats.forget(worker)
 
-    return forget
+    return remove_heartbeat
 
 
 def _url_without_password(database: str) -> str:
@@ -193,8 +207,8 @@ def _url_without_password(database: str) -> str:
     return url.difference_update_query(["password", "sslpassword"]).render_as_string(hide_password=True)
 
 
-def _choose_posture(settings: Settings) -> AccessPolicy:
-    """Return the posture that the settings state: which callers the service answers.
+def _choose_access_policy(settings: Settings) -> AccessPolicy:
+    """Return the access policy that the settings state: rules for the callers that the service answers.
 
     Raises:
         ServerError: other machines could reach the service without keys, and no option allows it.
@@ -208,25 +222,25 @@ def _choose_posture(settings: Settings) -> AccessPolicy:
         )
     except ValueError as error:
         raise ServerError(
-            f"will not listen on {settings.host}: {error}",
+            f"the service will not listen on {settings.host}: {error}",
             "require keys (create one with `jointstiff keys create`), or put an authenticating proxy in "
             "front and add --no-access-control and --allowed-host NAME, the name in its addresses ('*' for "
             "any)",
         ) from error
 
 
-def _open_keyring(store: Store, posture: AccessPolicy, settings: Settings) -> Keyring:
-    """Return the keys that the service accepts, with those in the file of the settings.
+def _open_keyring(store: Store, policy: AccessPolicy, settings: Settings) -> Keyring:
+    """Return the keys that the service accepts, from the store and from the file that the settings name.
 
     Raises:
         KeysFileError: the file of keys cannot be used.
-        ServerError: keys are required, and none is valid.
+        ServerError: the service requires keys, and no key is valid.
     """
     keyring = Keyring(store, settings.keys_file)
-    if posture.access != "keys":
+    if policy.access != "keys":
         return keyring
     keyring.open_file()
-    keyring.look()
+    keyring.read_keys()
     if not (settings.await_key or keyring.has_keys()):
         raise ServerError(
             "the service will not start: it requires keys, and it has no valid key",
@@ -249,9 +263,10 @@ def listen(host: str, port: int, options: str) -> socket.socket:
         listener = socket.create_server((host, port), family=family, backlog=_BACKLOG)
     except OSError as error:
         raise ServerError(
-            f"cannot listen on {host}:{port}: {os.strerror(error.errno) if error.errno else error}",
+            f"the service cannot listen on {host}:{port}: "
+            f"{os.strerror(error.errno) if error.errno else error}",
             f"give another value of {options}, or stop the program that uses this port",
         ) from error
-    # asyncio sets this only on sockets with an explicit protocol; without it answers wait 40 ms for an ACK.
+    # asyncio sets this option only for sockets with an explicit protocol; without it answers wait for 40 ms.
     listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return listener

@@ -23,7 +23,7 @@ KeysFilePath = Annotated[
     typer.Option(
         envvar="JOINTSTIFF_KEYS_FILE",
         metavar="FILE",
-        help="File of keys, such as a container's secret; it has only hashes.",
+        help="File of keys, such as a secret of a container; the file has only hashes of the keys.",
     ),
 ]
 LaboratoryFile = Annotated[
@@ -48,7 +48,7 @@ class Settings:
     """Settings of `jointstiff serve`."""
 
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1"
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0: any free one.")] = 8000
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 for any free port.")] = 8000
     database: DatabaseUrl = "sqlite:///jointstiff.db"
     workers: Annotated[
         int,
@@ -62,7 +62,7 @@ class Settings:
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="Additional name of the service in addresses; '*' for any, with --no-access-control. "
+            help="Additional name of the service in addresses; '*' for any name, with --no-access-control. "
             "Repeatable.",
         ),
     ] = None
@@ -100,7 +100,7 @@ class Settings:
         bool,
         typer.Option(
             "--await-key",
-            help="Start without a valid key, too; other machines are refused (403) until there is one.",
+            help="Start even without a valid key; other machines are refused (403) until a key is created.",
         ),
     ] = False
     keys_file: KeysFilePath = None

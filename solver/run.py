@@ -25,7 +25,7 @@ from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Loss, Settings
 from jointstiff.solver.estimation.resampling import Draws
-from jointstiff.solver.links.competition import Competition, Winner, find_excluding_option
+from jointstiff.solver.links.competition import Competition, Winner, find_obstacle_to_elastic_links
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.own_weight.run import run_by_weight
@@ -88,7 +88,7 @@ class Identification:
         self._noticed = tuple(noticed)
         self.long: Draws | Competition | None = None
         if options.weight is None:  # a run by the robot's own weight has no long part
-            causes = [cause.pair for cause in options.causes]
+            causes = [cause.name_and_first_label for cause in options.causes]
             self._measurements = fit_causes(robot, measurements.require_loads(), causes)
             self._settings = Settings.from_options(options, robot)
             self.long = self._competition
@@ -105,7 +105,7 @@ class Identification:
         """Name of the option that rules out elastic links in an automatic choice; None if no option does."""
         if self._options.elasticity != "automatic":
             return None
-        return find_excluding_option(self._options, self._settings, self._robot, self._measurements)
+        return find_obstacle_to_elastic_links(self._options, self._settings, self._robot, self._measurements)
 
     @cached_property
     def _competition(self) -> Competition | None:
@@ -144,7 +144,7 @@ class Identification:
         if self._options.weight is not None:
             return run_by_weight(self._robot, self._measurements, self._options, self._noticed)
         if isinstance(self.long, Competition):
-            outcome = self._report_winner(self.long, self.long.winner(parts))
+            outcome = self._report_winner(self.long, self.long.choose_winner(parts))
         else:
             screening = replace(self._joints.screening, comparable=self._excluded is None)
             choice = describe_choice_of_joints(self._options, screening, self._excluded)

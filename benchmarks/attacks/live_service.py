@@ -77,7 +77,7 @@ def _numbers(observation: dict[str, Any] | None) -> object:
 def _opened(client: httpx2.Client, seed: int, row: Row = ROWS[0]) -> tuple[Reader, str]:
     reader = Reader.of(row, seed)
     robot = client.post("/v1/robots", json=robot_document(reader.arm)).raise_for_status().json()["id"]
-    header = reader.declared().declared.header.model_dump(mode="json", exclude_none=True)
+    header = reader.declared().declaration.header.model_dump(mode="json", exclude_none=True)
     body = {**header, "robot_id": robot, "observations": []}
     return reader, client.post("/v1/measurement-sets", json=body).raise_for_status().headers["location"]
 

@@ -42,9 +42,9 @@ if "jointstiff.service.workers" in sys.orig_argv:
 """
 _STEPS: Final = {
     "plan": "    life.Jobs.start = die\n",
-    "compute": "    log.Steps.keep = die\n",
+    "compute": "    log.Steps.store_result = die\n",
     "conclude": "    life.Jobs.conclude = die\n",
-    "fail": "    log.Steps.keep = refuse\n    life.Jobs.fail = fail\n",
+    "fail": "    log.Steps.store_result = refuse\n    life.Jobs.fail = fail\n",
 }
 """Code by which a worker dies in a step, each time."""
 _UNABLE: Final = """

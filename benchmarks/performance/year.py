@@ -25,7 +25,7 @@ from jointstiff.service.api.runs import _store_robot_once, _store_set_once
 from jointstiff.service.app import create_app
 from jointstiff.service.jobs import Parts
 from jointstiff.service.store.jobs import JOB
-from jointstiff.service.store.listing import search_text_of
+from jointstiff.service.store.listing import make_search_text
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import jobs, last_campaigns, measurement_sets, robots
 from jointstiff.service.workers.engine import Queue
@@ -214,7 +214,7 @@ def _robot(templates: list[dict[str, str]], number: int, identifier: str, name: 
     return {
         "id": identifier,
         "name": name,
-        "words": search_text_of(name),
+        "words": make_search_text(name),
         "of": templates[number % _TEMPLATES]["robot"],
     }
 
@@ -233,7 +233,7 @@ def _set(templates: list[dict[str, str]], arms: Arms, number: int) -> Row:
         "name": name,
         "serial_number": serial_number,
         "robot_name": robot,
-        "words": search_text_of(name, robot, serial_number),
+        "words": make_search_text(name, robot, serial_number),
         "of": templates[number % _TEMPLATES]["set"],
     }
 
@@ -249,7 +249,7 @@ def _run(templates: list[dict[str, str]], arms: Arms, number: int) -> Row:
         "robot_name": robot,
         "measurement_set_name": name,
         "serial_number": serial_number,
-        "words": search_text_of(name, robot, name, serial_number),
+        "words": make_search_text(name, robot, name, serial_number),
         "of": templates[of % _TEMPLATES]["run"],
     }
 
@@ -295,12 +295,12 @@ def _worker(
             _fill_short(store, url, count)
             parts = Parts(store)
             recovery = Recovery(store, parts.jobs_of, queue, "idle")  # type: ignore[arg-type]
-            recovery.look()
+            recovery.check_and_recover()
             before = 0.0 if server is None else cpu(server.pid)
             times = []
             for _ in range(_LOOKS):
                 began = time.process_time()
-                recovery.look()
+                recovery.check_and_recover()
                 times.append(time.process_time() - began)
             of_server = 0.0 if server is None else (cpu(server.pid) - before) / _LOOKS
         used.append(median(times) + of_server)
@@ -370,7 +370,7 @@ def _plans(urls: list[str]) -> Section:
             store.runs_with_numbers("x", 100)
             store.sets_of_robot("x")
             store.open_jobs(["run"])
-            store.unfinished_among(["x"])
+            store.find_unfinished_jobs(["x"])
         found.append(tuple(plans))
     rows = tuple((plan,) for plan in dict.fromkeys(found[0]))
     figure = Figure(

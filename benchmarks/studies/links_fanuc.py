@@ -33,7 +33,7 @@ from jointstiff.solver.links.model import (
     WITH_BASE,
     ElasticColumns,
     ElasticModel,
-    elastic_blocks,
+    generate_elastic_blocks,
 )
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -132,8 +132,8 @@ def _best_loss(
         chosen.append((float(path.errors[:, choose_weight_index(path.errors, "best")].mean()), path, model))
     _, path, model = min(chosen, key=lambda each: each[0])
     if name == "joints":
-        form = folds.formulation(model)
-        return form.compliances(form.fit_joints_only()), None
+        form = folds.formulate_model_fit(model)
+        return form.convert_to_compliances(form.fit_joints_only()), None
     path = refine_path(folds, model, path)
     elastic = fit_first_certified(folds, model, path.weights[choose_weight_index(path.errors, "best") :])
     return elastic.entries, elastic
@@ -141,7 +141,7 @@ def _best_loss(
 
 def _compensation(robot: Robot, measurements: Measurements, compliances: FloatArray) -> float:
     residual, moved = [], []
-    for block, rows in elastic_blocks(robot, measurements, COLUMNS):
+    for block, rows in generate_elastic_blocks(robot, measurements, COLUMNS):
         part = block.measurements
         left = np.linalg.norm(rows[..., -1] - rows[..., :-1] @ compliances, axis=-1)
         residual.append(left[part.present])

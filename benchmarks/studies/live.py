@@ -152,7 +152,7 @@ def _read_all(reader: Reader, joints: FloatArray, forces: FloatArray) -> LiveCam
         Entry("observation", f"f{k}", reader.read(f"f{k}", joints[k].tolist(), forces[k].tolist()))
         for k in range(len(joints))
     )
-    return LiveCampaign(reader.declared().declared, tuple(entries))
+    return LiveCampaign(reader.declared().declaration, tuple(entries))
 
 
 def needed(reader: Reader, joints: FloatArray, forces: FloatArray) -> int:
@@ -161,7 +161,7 @@ def needed(reader: Reader, joints: FloatArray, forces: FloatArray) -> int:
     low, high = 2, len(joints)
     while high - low > 1:
         middle = (low + high) // 2
-        met = replace(whole, entries=whole.entries[:middle]).progress.met
+        met = replace(whole, entries=whole.entries[:middle]).progress.goal_is_met
         low, high = (low, middle) if met else (middle, high)
     return high
 
@@ -195,7 +195,7 @@ def other_lists(reader: Reader) -> Lists:
     return Lists(
         fixed=fixed_list(reader),
         whole=len(whole.joints),
-        whole_meets=_read_all(reader, whole.joints[fitted], whole.force[fitted]).progress.met,
+        whole_meets=_read_all(reader, whole.joints[fitted], whole.force[fitted]).progress.goal_is_met,
         in_order=_in_order(reader, plan),
     )
 
@@ -203,7 +203,7 @@ def other_lists(reader: Reader) -> Lists:
 @cache
 def _plans(row: Row) -> tuple[CampaignPlan, CampaignPlan]:
     """Return the product's plan for the goal, and that of 40 readings; all arms of a row have the same."""
-    ahead = Reader.of(row, 0).declared().declared.ahead
+    ahead = Reader.of(row, 0).declared().declaration.candidate_readings
     forty = replace(ahead.request, readings=40, goal=None)
     return plan_campaign(ahead.robot, ahead.request), plan_campaign(ahead.robot, forty)
 
@@ -221,7 +221,7 @@ def covered(reader: Reader, campaign: LiveCampaign, state: LiveState) -> tuple[i
         ends = [(each.interval, k) for each, k in zip(state.joints, reader.arm.stiffnesses, strict=True)]
         known = [(each, k) for each, k in ends if each is not None]
         return int(sum(low <= k <= (high or np.inf) for (low, high), k in known)), len(known)
-    known_, places = campaign.progress.known, campaign.declared.ahead.places
+    known_, places = campaign.progress.known, campaign.declaration.candidate_readings.work_area_deflections
     moved = places @ known_.compliance
     half = known_.factor * np.sqrt(np.einsum("...j,jk,...k->...", places, known_.covariance, places))
     true = places @ (1.0 / reader.arm.stiffnesses)
@@ -263,12 +263,12 @@ def named(mistake: str, seed: int) -> bool:
     campaign = reader.declared()
     plant, words, _ = MISTAKES[mistake]
     for _ in range(5 + seed % 5):
-        following = campaign.next_reading()
+        following = campaign.plan_next_reading()
         if following is None:
             return False
         observation = reader.read(following.label, following.joints, following.force)
         campaign = campaign.with_entry(campaign.compare_with_prediction(observation))
-    following = campaign.next_reading()
+    following = campaign.plan_next_reading()
     if following is None:
         return False
     other = campaign.observations[seed % len(campaign.observations)]
@@ -368,7 +368,7 @@ def _right(reader: Reader, campaign: LiveCampaign, state: LiveState) -> tuple[in
     """Return whether a decision that was reached is right."""
     if state.state != "reached" or state.greatest_deflection is None:
         return 0, 0
-    places = campaign.declared.ahead.places
+    places = campaign.declaration.candidate_readings.work_area_deflections
     true = float(np.linalg.norm(places @ (1.0 / reader.arm.stiffnesses), axis=-1).max())
     limit = reader.row.goal["limit"]
     return int((state.greatest_deflection < limit) == (true < limit)), 1

@@ -49,7 +49,7 @@ def formats(robot: Robot, count: int) -> Iterator[tuple[str, ...]]:
         numbers = program.targets.values[:, : 3 + notation.count]
         parsed = np.abs(numbers[:, :3] * notation.length - goal[:, :3, 3]).max()
         if notation.has_pose:
-            parsed = max(parsed, np.abs(notation.poses(numbers) - goal).max())
+            parsed = max(parsed, np.abs(notation.to_poses(numbers) - goal).max())
         digits = program_text(kind, goal, 3)
         same = work_of(kind, digits, load={"force": [0.0, 0.0, 0.0]}).conclude(())
         identical = decompress_file(same.files[0]) == digits.encode()
@@ -58,7 +58,7 @@ def formats(robot: Robot, count: int) -> Iterator[tuple[str, ...]]:
         off = "-"
         if notation.has_pose:
             new = read_program([(name, decompress_file(result.files[0]))])
-            poses = notation.poses(new.targets.values[:, : 3 + notation.count])
+            poses = notation.to_poses(new.targets.values[:, : 3 + notation.count])
             angles, _ = inverse.refine(poses @ np.linalg.inv(to_tool), joints)
             off = (
                 f"{np.linalg.norm(loaded_poses(angles, FORCE)[:, :3, 3] - goal[:, :3, 3], axis=1).max():.1e}"

@@ -15,8 +15,8 @@ from jointstiff.schemas import access
 from jointstiff.schemas.fields import Page
 from jointstiff.service.api.answers import InjectedParts
 from jointstiff.service.api.bodies import BodyRoute
-from jointstiff.service.security.access import ADMIN, PUBLIC, Gate, cookie_name, requester_of
-from jointstiff.service.security.keys import describe_key, mint
+from jointstiff.service.security.access import ADMIN, PUBLIC, Gate, get_requester, make_cookie_name
+from jointstiff.service.security.keys import describe_key, make_key
 from jointstiff.service.store.store import SESSION_LONGEST, Store
 from jointstiff.service.store.tables import AccessKey
 from jointstiff.service.tables.files import csv_rows, escape_formula
@@ -43,8 +43,8 @@ router = APIRouter(prefix="/v1", tags=["access"], route_class=BodyRoute, depende
 @sessions.get("", response_model=access.Session)
 async def get_session(gate: InjectedGate, request: Request) -> access.Session:
     """Return who is answered, and whom the service takes the caller for. Needs no key."""
-    key = requester_of(request).key
-    browser, ends_at = (None, None) if gate.is_open else await gate.session(request)
+    key = get_requester(request).key
+    browser, ends_at = (None, None) if gate.is_open else await gate.find_session(request)
     is_browser = key is not None and browser is not None and key.id == browser.id
     return _describe_session(gate, key, ends_at if is_browser else None)
 
@@ -57,13 +57,13 @@ async def create_session(
 
     The session ends after 8 h without use, after 7 days, when its key is revoked, or by DELETE.
     """
-    requester = requester_of(request)
+    requester = get_requester(request)
     key, link = (None if one is None else one.get_secret_value() for one in (body.key, body.link))
     signed = await gate.sign_in(key, link, requester.address)
     requester.key = signed.key
     await gate.sign_out(request)  # ends the browser's old session, as the new cookie replaces the old one
     response.set_cookie(
-        cookie_name(request),
+        make_cookie_name(request),
         signed.token,
         max_age=int(SESSION_LONGEST.total_seconds()),
         secure=_is_https(request),
@@ -78,12 +78,14 @@ async def delete_session(gate: InjectedGate, request: Request) -> Response:
     """Sign the browser out: its session ends for good. One that is not signed in stays as it is."""
     await gate.sign_out(request)
     response = Response(status_code=204)
-    response.delete_cookie(cookie_name(request), secure=_is_https(request), httponly=True, samesite="strict")
+    response.delete_cookie(
+        make_cookie_name(request), secure=_is_https(request), httponly=True, samesite="strict"
+    )
     return response
 
 
 def _describe_session(gate: Gate, key: AccessKey | None, ends_at: datetime | None) -> access.Session:
-    """Return the description of a session: access control, key with its role, and end; None without a key."""
+    """Return the description of a session: access control; name, role and end of the key, or None."""
     if key is None:
         return access.Session(access=gate.access, key_id=None, key_name=None, role=None, ends_at=None)
     role = cast("access.Role", key.role)
@@ -103,9 +105,11 @@ async def create_key(gate: InjectedGate, parts: InjectedParts, body: access.KeyR
         raise RequestError(
             "the key would have expired already", remedy="give a time in the future", where="expires_at"
         )
-    text, record = mint(body.name, body.role, now, body.expires_at)
+    text, record = make_key(body.name, body.role, now, body.expires_at)
     await run_sync(parts.store.keys.add, record)
-    await run_sync(gate.keyring.look)  # valid in this process at once, in others when they read the keys next
+    await run_sync(
+        gate.keyring.read_keys
+    )  # valid in this process at once, in others when they read the keys next
     return describe_key(record).model_copy(update={"key": text})
 
 
@@ -118,10 +122,12 @@ async def list_keys(gate: InjectedGate) -> list[access.Key]:
 @router.delete("/keys/{key_id}", response_model=access.Key)
 async def revoke_key(gate: InjectedGate, parts: InjectedParts, key_id: KeyId) -> access.Key:
     """Revoke a key, and end its sessions. It stays in the list; to do so again changes nothing."""
-    if gate.keyring.is_filed(key_id):
+    if gate.keyring.is_in_file(key_id):
         raise HTTPException(409, "the key is in the file of keys: revoke it there")
     revoked = await run_sync(parts.store.keys.revoke, key_id, datetime.now(UTC))
-    await run_sync(gate.keyring.look)  # valid in this process at once, in others when they read the keys next
+    await run_sync(
+        gate.keyring.read_keys
+    )  # valid in this process at once, in others when they read the keys next
     return describe_key(revoked)
 
 

@@ -48,7 +48,7 @@ RETRY_SECONDS: Final = {429: 10, 503: 5}
 """Seconds after which a refused request may be sent again, by status."""
 _UNAUTHORISED: Final = 401
 NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {
-    304: {"description": "The document is that of the `ETag` in `If-None-Match`."}
+    304: {"description": "Unchanged since the `ETag` in `If-None-Match`."}
 }
 
 _ADDRESS: Final = {"Location": {"description": "Address of the resource.", "schema": {"type": "string"}}}
@@ -85,8 +85,8 @@ def answer_with_tag(
         return StreamingResponse(body, media_type=media_type, headers=all_headers)
     content = body.encode() if isinstance(body, str) else body
     all_headers["ETag"] = tag = f'W/"{hashlib.sha256(content).hexdigest()[:32]}"'
-    known = request.headers.get("if-none-match", "")
-    if known.strip() == "*" or tag.removeprefix("W/") in _TAG_PATTERN.findall(known):
+    client_tags = request.headers.get("if-none-match", "")
+    if client_tags.strip() == "*" or tag.removeprefix("W/") in _TAG_PATTERN.findall(client_tags):
         return Response(status_code=304, headers=all_headers)
     return Response(content, media_type=media_type, headers=all_headers)
 
@@ -103,7 +103,7 @@ def describe_post_responses(message: type[BaseModel]) -> dict[int | str, dict[st
 
     `message` is the class of the job in the answer.
     """
-    later = "Stored but not finished: poll its address, or follow its events at /v1/jobs."
+    later = "Not finished: poll its address, or follow its events at /v1/jobs."
     return LOCATION | {202: {"description": later, "headers": _ADDRESS, "model": message}}
 
 

@@ -53,12 +53,12 @@ class BodyRoute(AccessRoute):
         if field is None:
             return handle
         is_form = isinstance(field.field_info, params.Form)
-        needed = ("multipart/form-data", "a form") if is_form else ("application/json", "JSON")
+        media_type_and_words = ("multipart/form-data", "a form") if is_form else ("application/json", "JSON")
         message: type[BaseModel] = field.field_info.annotation  # type: ignore[assignment]
 
         async def handle_parsed(request: Request) -> Response:
             """Parse the body and let FastAPI handle the request, unless the child process answers it."""
-            _require_media_type(request, *needed)
+            _require_media_type(request, *media_type_and_words)
             if (answer := await _answer_by_child(request)) is not None:
                 return await self.finish_child_answer(request, answer)
             if is_form:  # FastAPI takes the form or the JSON that Starlette's request has stored
@@ -89,7 +89,7 @@ async def read_json(request: Request, message: type[BaseModel]) -> BaseModel:
 
 
 async def _answer_by_child(request: Request) -> Response | None:
-    """Return the answer of the child process that parses large bodies; None if this process is to answer."""
+    """Return the answer of the child process that parses large bodies; None if this process has to answer."""
     child: Callable[[Request], Awaitable[Response | None]] | None = request.app.state.answer_elsewhere
     return None if child is None else await child(request)
 
@@ -127,13 +127,13 @@ Key = Annotated[IdempotencyKey | None, Depends(_read_idempotency_key)]
 """Idempotency key of a request, bound to the bytes of its body."""
 
 
-def _require_media_type(request: Request, media_type: str, what: str) -> None:
-    """Refuse (415) a body that is compressed or not of the media type; `what` names the type in the error."""
+def _require_media_type(request: Request, media_type: str, words: str) -> None:
+    """Refuse (415) a compressed body or one of another media type; `words` names the type in the error."""
     coding = request.headers.get("content-encoding", "identity").strip().lower()
     if coding != "identity":
         raise HTTPException(415, f"the body has the Content-Encoding {coding[:40]!r}; send it without one")
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != media_type:
-        raise HTTPException(415, f"send {what}, with the header Content-Type: {media_type}")
+        raise HTTPException(415, f"send {words}, with the header Content-Type: {media_type}")
 
 
 def parse_body(message: type[BaseModel], content: bytes) -> BaseModel:

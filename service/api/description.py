@@ -24,21 +24,18 @@ _PROBLEMS: Final[dict[int | str, str]] = {
     415: "The body has the wrong Content-Type.",
     422: "The request is invalid: `where` names the field, `remedy` says what to do.",
     507: "The database has reached its quota.",
-    "default": "401 without a valid key; 403 where its role does not allow this, or a page of another "
-    "site requested a change; 429 where the queue is full, or too many wrong keys were sent; 503 while the "
-    "database is not available; or another error.",
+    "default": "401 without a valid key; 403 if its role does not allow this, or a page of another site "
+    "requested a change; 429 if the queue is full, or too many wrong keys were sent; 503 while the database "
+    "is unavailable; or another error.",
 }
 _STATUSES_OF_ALL_ROUTES: Final[frozenset[int | str]] = frozenset({422, "default"})
-_STATUSES_OF_BODIES: Final = frozenset(
-    {400, 404, 413, 415}
-)  # 404: a body may contain the id of a resource that does not exist
+# 404: a body may contain the id of a resource that does not exist.
+_STATUSES_OF_BODIES: Final = frozenset({400, 404, 413, 415})
 _STATUS_QUOTA_REACHED: Final = 507
 _EVENTS: Final = "text/event-stream"
 _FORM: Final = "multipart/form-data"
 _PAGE: Final = f"{Page.__name__}_"  # Pydantic's names of pages, such as `Page_JobSummary_`
-_VALUE_KEYWORDS: Final = frozenset(
-    {"enum", "const"}
-)  # all values of a type, among which null would have to be
+_VALUE_KEYWORDS: Final = frozenset({"enum", "const"})  # they list all values, and would exclude null
 
 
 class DescribedApplication(FastAPI):
@@ -55,9 +52,10 @@ class DescribedApplication(FastAPI):
                 _summarise_operation(operation)
                 _add_problem_responses(path, method, operation)
                 _describe_events_as_text(operation)
-                needed = operation.get("security", [])
-                if needed and {} not in needed and needed[0]["key"] != ["admin"]:
-                    operation["security"] = [{}, *needed]
+                # An empty requirement `{}` describes the key as optional; operations of admins need a key.
+                security = operation.get("security", [])
+                if security and {} not in security and security[0]["key"] != ["admin"]:
+                    operation["security"] = [{}, *security]
             _inline_forms(document)
             _add_example_answers(document)
             _drop_unused_schemas(document)
@@ -98,7 +96,7 @@ def _drop_titles(node: Any, *, names: bool = False) -> Any:  # noqa: ANN401 - an
             for key, value in node.items()
             if names or key != "title" or not isinstance(value, str) or "version" in node
         }
-    return [_drop_titles(each) for each in node] if isinstance(node, list) else node
+    return [_drop_titles(item) for item in node] if isinstance(node, list) else node
 
 
 def _summarise_operation(operation: Node) -> None:
@@ -146,23 +144,25 @@ def _inline_pages(document: Node) -> None:
     schemas = document["components"]["schemas"]
     for *_, operation in _iterate_operations(document):
         for answer in operation["responses"].values():
-            stated = answer.get("content", {}).get("application/json", {})
-            name = stated.get("schema", {}).get("$ref", "").rpartition("/")[2]
+            json_content = answer.get("content", {}).get("application/json", {})
+            name = json_content.get("schema", {}).get("$ref", "").rpartition("/")[2]
             if name.startswith(_PAGE):
-                stated["schema"] = schemas.pop(name)
+                json_content["schema"] = schemas.pop(name)
 
 
 def _shorten_nullable_types(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
     """Return a part of a description with `type: [X, null]` in place of `anyOf` of X and null."""
     if isinstance(node, list):
-        return [_shorten_nullable_types(each) for each in node]
+        return [_shorten_nullable_types(item) for item in node]
     if not isinstance(node, dict):
         return node
     match node.get("anyOf"):
-        case [{"type": str(kind)} as typed, {"type": "null"}] if not _VALUE_KEYWORDS & typed.keys():
-            rest = {key: value for key, value in node.items() if key != "anyOf"}
-            if not typed.keys() & rest.keys():
-                node = {**typed, "type": [kind, "null"], **rest}
+        case [{"type": str(type_name)} as type_schema, {"type": "null"}] if (
+            not _VALUE_KEYWORDS & type_schema.keys()
+        ):
+            other_keywords = {key: value for key, value in node.items() if key != "anyOf"}
+            if not type_schema.keys() & other_keywords.keys():
+                node = {**type_schema, "type": [type_name, "null"], **other_keywords}
     return {key: _shorten_nullable_types(value) for key, value in node.items()}
 
 
@@ -170,7 +170,7 @@ def _add_example_answers(document: Node) -> None:
     """Add the recorded examples to the answers of the operations that users meet first, such as a run."""
     for *_, operation in _iterate_operations(document):
         if (example := ANSWERS.get(operation["operationId"])) is not None:
-            status = next(each for each in operation["responses"] if each.startswith("2"))
+            status = next(code for code in operation["responses"] if code.startswith("2"))
             operation["responses"][status]["content"]["application/json"]["example"] = example
 
 
@@ -216,13 +216,13 @@ def _share_components(document: Node) -> None:
         for parameter in operation.get("parameters", ())
     )
     for *_, operation in operations:
-        for i, parameter in enumerate(operation.get("parameters", ())):
+        for index, parameter in enumerate(operation.get("parameters", ())):
             if use_counts[json.dumps(parameter, sort_keys=True)] > 1:
                 name = "".join(word.title() for word in re.findall(r"[a-z]+", parameter["name"]))
                 if shared["parameters"].setdefault(name, parameter) == parameter:
-                    operation["parameters"][i] = {"$ref": f"#/components/parameters/{name}"}
+                    operation["parameters"][index] = {"$ref": f"#/components/parameters/{name}"}
         for status in operation["responses"].keys() & set(map(str, _PROBLEMS)):
             name = f"Problem{status.title()}"
             shared["responses"][name] = operation["responses"][status]
             operation["responses"][status] = {"$ref": f"#/components/responses/{name}"}
-    document["components"] |= {kind: dict(sorted(parts.items())) for kind, parts in shared.items()}
+    document["components"] |= {kind: dict(sorted(components.items())) for kind, components in shared.items()}

@@ -71,7 +71,7 @@ class _RequestedFile:
 _MakeContent = Callable[[_RequestedFile], Content]
 
 
-def needs_no_work(kind: AnyKind, name: str) -> bool:
+def is_stored_file(kind: AnyKind, name: str) -> bool:
     """Return whether this file of a kind of job is stored with the result, so that nothing is computed."""
     # The compensated program is the only file whose content the result of a job contains.
     return _find_content_makers(kind).get(name) is _make_program_file
@@ -104,19 +104,19 @@ def file_names(kind: AnyKind) -> list[str]:
 @cache
 def _find_content_makers(kind: AnyKind) -> Mapping[str, _MakeContent]:
     """Return the function that makes each file of a kind's jobs, by the name of the file."""
-    made: dict[str, _MakeContent] = {"tables.json": _make_tables_json}
+    maker_by_name: dict[str, _MakeContent] = {"tables.json": _make_tables_json}
     if kind.name == Run.kind_name():
-        made |= {
+        maker_by_name |= {
             "report.pdf": _make_run_report,
             "report.html": _make_run_report,
             "report.xml": _make_certificate,
         }
-        made |= {f"model.{suffix}": _make_model_file for suffix in FORMATS}
-    elif kind.reported:
-        made |= {"report.pdf": _make_job_report, "report.html": _make_job_report}
+        maker_by_name |= {f"model.{suffix}": _make_model_file for suffix in FORMATS}
+    elif kind.has_report:
+        maker_by_name |= {"report.pdf": _make_job_report, "report.html": _make_job_report}
     if kind.name == Program.kind_name():
-        made["program"] = _make_program_file
-    return made | {file.name: partial(_make_table_file, file) for file in kind.files}
+        maker_by_name["program"] = _make_program_file
+    return maker_by_name | {file.name: partial(_make_table_file, file) for file in kind.files}
 
 
 def _make_tables_json(requested: _RequestedFile) -> Content:
@@ -128,10 +128,10 @@ def _make_tables_json(requested: _RequestedFile) -> Content:
         if isinstance(part, Table)
     ]
     assessment: BaseModel | None = getattr(requested.job.result, "assessment", None)
-    report = requested.jobs.kind.report(requested.job, requested.job.result, view)
-    verdict = assessment and assessment.model_dump(mode="json")
+    report = requested.jobs.kind.make_report(requested.job, requested.job.result, view)
+    assessment_json = assessment and assessment.model_dump(mode="json")
     document = {
-        "assessment": verdict,
+        "assessment": assessment_json,
         "tables": tables,
         "lines": _list_text_lines(report.parts),
         "evidence": _list_text_lines(report.evidence),
@@ -150,8 +150,8 @@ def _make_table_file(file: File, requested: _RequestedFile) -> Content:
     kind, job = requested.jobs.kind, requested.job
     sheet = build_job_sheet(file, job, lambda: requested.jobs.work(job.id))
     if not sheet.columns:
-        what = file.description.partition(",")[0]
-        reason = f"this {kind.name} has no rows for {file.name}, {what}"
+        file_words = file.description.partition(",")[0]
+        reason = f"this {kind.name} has no rows for {file.name}, {file_words}"
         raise HTTPException(404, f"{reason}; use tables.json, or another of its files")
     body = csv_parts(sheet) if file.suffix == "csv" else write_sheet(sheet, file.suffix)
     return Content(body, file.media_type, _make_attachment_header(f"{kind.name}-{job.id}.{file.suffix}"))
@@ -161,10 +161,13 @@ def _make_job_report(requested: _RequestedFile) -> Content:
     """Return the report of a job that is not a run, as PDF or HTML."""
     jobs, parts, job_id = requested.jobs, requested.parts, requested.job_id
     record = jobs.records.get(job_id)
-    about = [] if record.robot_id is None else [("Robot", parts.store.robots.get(record.robot_id).name)]
-    answered = jobs.kind.answered(record.document)
+    subject_lines = (
+        [] if record.robot_id is None else [("Robot", parts.store.robots.get(record.robot_id).name)]
+    )
+    json_text = jobs.kind.to_answer(record.document)
     return _render_report(
-        build_job_report(jobs.kind, requested.job, answered, requested.laboratory, about), requested.name
+        build_job_report(jobs.kind, requested.job, json_text, requested.laboratory, subject_lines),
+        requested.name,
     )
 
 
@@ -202,14 +205,18 @@ def _make_program_file(requested: _RequestedFile) -> Content:
         RequestError: the program has no file of this name.
     """
     result, file = cast("Program", requested.job).result, requested.query.file
-    found = next((each for each in result.files if file in {None, each.name}), None) if result else None
-    if result is None or found is None:
-        known = ", ".join(each.name for each in result.files) if result else ""
-        raise RequestError("the program has no such file", where="query.file", remedy=f"use one of {known}")
-    path = PurePath(found.name)
-    name = f"{path.stem}-corrected{path.suffix}" if result.corrected else found.name
+    chosen = (
+        next((candidate for candidate in result.files if file in {None, candidate.name}), None)
+        if result
+        else None
+    )
+    if result is None or chosen is None:
+        names = ", ".join(candidate.name for candidate in result.files) if result else ""
+        raise RequestError("the program has no such file", where="query.file", remedy=f"use one of {names}")
+    path = PurePath(chosen.name)
+    name = f"{path.stem}-corrected{path.suffix}" if result.corrected else chosen.name
     disposition = f"attachment; filename*=UTF-8''{quote(name, safe='')}"
-    return Content(decompress_file(found), "application/octet-stream", {"Content-Disposition": disposition})
+    return Content(decompress_file(chosen), "application/octet-stream", {"Content-Disposition": disposition})
 
 
 def _require_result(jobs: Jobs, job_id: str) -> Job:
@@ -265,18 +272,20 @@ def make_run_subject(parts: Parts, run_id: str, settings: LaboratorySettings) ->
 
 def _describe_media_types() -> dict[str, Any]:
     """Return the media types of all files of jobs, with their schemas for OpenAPI."""
-    own = {file.media_type for kind in KINDS for file in kind.files}
-    fixed = {"application/json", "application/pdf", "text/html", "application/octet-stream"}
-    types = sorted(own | fixed | {each.media_type for each in FORMATS.values()})
+    types_of_kinds = {file.media_type for kind in KINDS for file in kind.files}
+    general_types = {"application/json", "application/pdf", "text/html", "application/octet-stream"}
+    types = sorted(types_of_kinds | general_types | {format_.media_type for format_ in FORMATS.values()})
     binary = {"schema": {"type": "string", "format": "binary"}}
     return {name: binary if name == "application/octet-stream" else {} for name in types}
 
 
 def _write_description() -> str:
     """Return the description of the operation `get_job_file`, with the files of each kind of job."""
-    listed = [f"* {kind.name}: {', '.join(f'`{name}`' for name in file_names(kind))}" for kind in KINDS]
-    own = [f"* `{file.name}` of a {kind.name}: {file.description}" for kind in KINDS for file in kind.files]
-    return "\n".join([_FILES_TEXT, "", *listed, "", *own])
+    name_lines = [f"* {kind.name}: {', '.join(f'`{name}`' for name in file_names(kind))}" for kind in KINDS]
+    file_lines = [
+        f"* `{file.name}` of a {kind.name}: {file.description}" for kind in KINDS for file in kind.files
+    ]
+    return "\n".join([_FILES_TEXT, "", *name_lines, "", *file_lines])
 
 
 _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:

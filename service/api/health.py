@@ -116,26 +116,29 @@ class Watch:
         """
         self._store = store
         self._keyring = keyring
-        self.quota_bytes = store.quota.most  # size that the database may have; None for any
+        self.quota_bytes = store.quota.most  # size that the database may have [bytes]; None for no limit
         self.last_check: DatabaseCheck | None = None  # outcome of the last check
         self._unwritable: StoreError | None = None
         self._write_checked_at = 0.0
-        self._ended = threading.Event()
+        self._is_ended = threading.Event()
 
     def __enter__(self) -> Watch:
-        self._ended.clear()
+        self._is_ended.clear()
         self.last_check = self._check_database()
         self._write_checked_at = time.monotonic()
         self._threads = [
-            threading.Thread(target=self._repeat_until_end, args=each, daemon=True)
-            for each in ((CHECK_SECONDS, self._repeat_check), (WRITE_CHECK_SECONDS, self._check_writable))
+            threading.Thread(target=self._repeat_until_end, args=pause_and_check, daemon=True)
+            for pause_and_check in (
+                (CHECK_SECONDS, self._repeat_check),
+                (WRITE_CHECK_SECONDS, self._check_writable),
+            )
         ]
         for thread in self._threads:
             thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._ended.set()
+        self._is_ended.set()
         for thread in self._threads:  # a running check must not use the store after it is closed
             thread.join(_JOIN_SECONDS)
         self.last_check = None
@@ -179,7 +182,7 @@ class Watch:
 
     def _repeat_until_end(self, pause: float, act: Callable[[], None]) -> None:
         """Call a function again and again, with a pause [s], until the watch ends."""
-        while not self._ended.wait(pause):
+        while not self._is_ended.wait(pause):
             act()
 
     def _check_writable(self) -> None:
@@ -200,7 +203,7 @@ class Watch:
     def _repeat_check(self) -> None:
         """Check the database and store the outcome in `last_check`, unless the watch has ended meanwhile."""
         last_check = self._check_database()
-        if not self._ended.is_set():
+        if not self._is_ended.is_set():
             self.last_check = last_check
 
     def _check_database(self) -> DatabaseCheck:
@@ -208,7 +211,7 @@ class Watch:
         try:
             database = self._store.ping()
             if self._keyring is not None:
-                self._keyring.look()
+                self._keyring.read_keys()
             workers = len(self._store.heartbeats.living(SILENT))
             stored = self._store.quota.used()
         except StoreError as error:
@@ -259,7 +262,7 @@ class Metrics:
         # A limiter of its own, so that the metrics never wait for other requests.
         limiter = CapacityLimiter(1)
 
-        async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        async def answer_or_forward(scope: Scope, receive: Receive, send: Send) -> None:
             """Answer a request for metrics on their port; hand any other request to `app`."""
             if scope["type"] != "http" or scope["server"][1] != port:
                 await app(scope, receive, send)
@@ -267,7 +270,7 @@ class Metrics:
             text = await run_sync(generate_latest, self.registry, limiter=limiter)
             await Response(text, headers={"Content-Type": CONTENT_TYPE_LATEST})(scope, receive, send)
 
-        return answer
+        return answer_or_forward
 
 
 class _GaugeCollector(Collector):

@@ -2,7 +2,8 @@
 
 Their progress is sent as events: one task looks at all jobs that are followed.
 
-Annotations are evaluated where they stand: those of a kind's routes name the messages of that kind.
+Annotations are not postponed here: those of a kind's routes name the messages of that kind, which only a
+local variable holds.
 """
 
 import asyncio
@@ -25,12 +26,12 @@ from jointstiff.service.api import answers
 from jointstiff.service.api.bodies import BodyRoute, Key, json_body, limiter_of_large_work
 from jointstiff.service.api.description import describe_problems
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, make_file, needs_no_work
+from jointstiff.service.api.files import FILES, FILES_DESCRIPTION, is_stored_file, make_file
 from jointstiff.service.jobs import Jobs
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import NotFoundError, StoreUnavailableError
-from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, KeyOf, requester_of
+from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, RequesterKeyDependency, get_requester
 from jointstiff.service.store.jobs import JOB, JobStatus
 from jointstiff.service.store.tables import OPEN_STATES, AccessKey, JobRecord
 
@@ -44,7 +45,7 @@ _PAUSE_PER_POLL_TIME: Final = 4
 class _FollowedJob:
     """Job that clients follow, and its latest event."""
 
-    jobs: Jobs  # the jobs of its kind
+    jobs: Jobs  # all jobs of the same kind
     followers: int = 0  # number of clients that follow the job
     job: Job | None = None  # the job as it was last read from the store
     event: ServerSentEvent | None = None  # the latest event
@@ -77,6 +78,7 @@ class _FollowedJob:
             return
         self.has_ended = event is None or event.event == "end"
         self.event = event or self.event
+        # Streams that wait for this event are woken; their next wait needs a new one.
         self.changed.set()
         self.changed = asyncio.Event()
 
@@ -114,7 +116,7 @@ class Followers:
         """Yield `progress` events while a job goes on, then one `end` event with its final state.
 
         Args:
-            jobs: jobs of its kind.
+            jobs: all jobs of the kind of this job.
             job_id: id of the job.
             is_allowed: called every `ALLOWED_SECONDS`; the stream ends when it returns false.
 
@@ -141,9 +143,8 @@ class Followers:
                             await followed.changed.wait()
                 if clock() - checked_at >= self.ALLOWED_SECONDS:
                     checked_at = clock()
-                    with suppress(
-                        StoreUnavailableError
-                    ):  # the former permission holds until the database answers
+                    # The former permission holds until the database answers.
+                    with suppress(StoreUnavailableError):
                         may_follow = await is_allowed()
         finally:
             followed.followers -= 1
@@ -164,29 +165,37 @@ class Followers:
         clock = asyncio.get_running_loop().time
         try:
             while self._followed and not self._is_closing():
-                began = clock()
-                followed = {job_id: each for job_id, each in self._followed.items() if not each.has_ended}
-                with suppress(
-                    StoreUnavailableError
-                ):  # polling continues, however long the database is not available
+                started_at = clock()
+                followed = {
+                    job_id: followed_job
+                    for job_id, followed_job in self._followed.items()
+                    if not followed_job.has_ended
+                }
+                # Polling continues, however long the database is not available.
+                with suppress(StoreUnavailableError):
                     for job_id, event in (await run_in_threadpool(_read_events, followed)).items():
                         followed[job_id].publish(event)
-                await asyncio.sleep(max(self._pause, _PAUSE_PER_POLL_TIME * (clock() - began)))
+                await asyncio.sleep(max(self._pause, _PAUSE_PER_POLL_TIME * (clock() - started_at)))
         finally:
-            left, self._followed = self._followed, {}
-            for each in left.values():
-                each.publish(None)
+            remaining, self._followed = self._followed, {}
+            for followed_job in remaining.values():
+                followed_job.publish(None)
 
 
 def _read_events(followed: Mapping[str, _FollowedJob]) -> dict[str, ServerSentEvent | None]:
     """Return the present event of each followed job by the job's id; one query reads all jobs of a kind."""
-    kinds: dict[Jobs, list[str]] = {}
-    for job_id, each in followed.items():
-        kinds.setdefault(each.jobs, []).append(job_id)
+    ids_by_jobs: dict[Jobs, list[str]] = {}
+    for job_id, followed_job in followed.items():
+        ids_by_jobs.setdefault(followed_job.jobs, []).append(job_id)
     statuses = {
-        job_id: at for jobs, ids in kinds.items() for job_id, at in jobs.records.statuses(ids).items()
+        job_id: status
+        for jobs, ids in ids_by_jobs.items()
+        for job_id, status in jobs.records.statuses(ids).items()
     }
-    return {job_id: each.make_event(job_id, statuses.get(job_id)) for job_id, each in followed.items()}
+    return {
+        job_id: followed_job.make_event(job_id, statuses.get(job_id))
+        for job_id, followed_job in followed.items()
+    }
 
 
 def _update_job(status: JobStatus, job: Job) -> Job:
@@ -201,7 +210,7 @@ def _make_event(name: str, job: Job) -> ServerSentEvent:
 
 
 JobId = Annotated[str, Path(max_length=64, description="Id of the job.")]
-RequesterKey = Annotated[AccessKey | None, KeyOf]
+RequesterKey = Annotated[AccessKey | None, RequesterKeyDependency]
 Wait = Annotated[WaitQuery, Query()]
 ANY_JOB: Final[Any] = Annotated[
     Union[tuple(kind.message for kind in KINDS)],  # noqa: UP007 - of types known at run time
@@ -217,30 +226,27 @@ class JobRoute(BodyRoute):
         """Wait for the end of a job that the child process has stored: the child itself does not wait."""
         if response.status_code != 202:
             return response
-        wait = float(
-            request.query_params.get("wait", WaitQuery().wait)
-        )  # certainly a number, because the child has validated the request
+        # The text is certainly a number, because the child has validated the request.
+        wait = float(request.query_params.get("wait", WaitQuery().wait))
         job_id = response.headers["Location"].rpartition("/")[2]  # not from the body, which may be compressed
         jobs = await run_in_threadpool(request.app.state.parts.jobs_of, job_id)
         record = await run_in_threadpool(jobs.records.get, job_id)
-        return await answer(jobs, record, wait, request.app.state.followers)
+        return await answer_new_job(jobs, record, wait, request.app.state.followers)
 
 
-async def answer(jobs: Jobs, record: JobRecord, wait: float, followers: Followers) -> Response:
+async def answer_new_job(jobs: Jobs, record: JobRecord, wait: float, followers: Followers) -> Response:
     """Return the HTTP answer with a new job: status 201 if the job ends within `wait` seconds, else 202."""
-    answered = jobs.kind.answered
+    to_public_json = jobs.kind.to_answer
     if record.state not in OPEN_STATES:
-        return answers.answer_created(JOB.collection, record.id, answered(record.document))
+        return answers.answer_created(JOB.collection, record.id, to_public_json(record.document))
     try:
         if wait:
             await followers.wait(jobs, record.id, wait)
         job = await run_in_threadpool(jobs.current, record.id)
-    except (
-        StoreUnavailableError,
-        NotFoundError,
-    ):  # database not available, or job deleted; but the job was stored
-        return answers.answer_created(JOB.collection, record.id, answered(record.document), 202)
-    text = answered(job.model_dump_json())
+    except (StoreUnavailableError, NotFoundError):
+        # The database is not available, or the job was deleted; but the job had been stored.
+        return answers.answer_created(JOB.collection, record.id, to_public_json(record.document), 202)
+    text = to_public_json(job.model_dump_json())
     return answers.answer_created(JOB.collection, job.id, text, 202 if job.state in OPEN_STATES else 201)
 
 
@@ -258,7 +264,7 @@ class Posted:
         """Create a job of a kind in a thread of the limiter; return 201 if it ends in time, else 202."""
         jobs, state = self.parts.jobs[kind], self.request.app.state
         record = await run_sync(create, jobs, limiter=limiter or state.work)
-        return await answer(jobs, record, self.wait, state.followers)
+        return await answer_new_job(jobs, record, self.wait, state.followers)
 
 
 InjectedPost = Annotated[Posted, Depends()]
@@ -320,8 +326,8 @@ def change_job(
 ) -> Response:
     """Cancel, delete or restore a job of any kind, and get it.
 
-    The workers of a cancelled job stop at their next step; one that has ended stays as it is. A deleted job
-    can be restored for 30 days; resources made from it are kept. Cancel an unfinished one first.
+    The workers of a cancelled job stop at their next step; a job that has ended stays as it is. A deleted job
+    can be restored for 30 days; resources made from it are kept. Cancel an unfinished job before deletion.
     """
     jobs = parts.jobs_of(job_id)
     if body.deleted is False:
@@ -342,7 +348,7 @@ async def _events_of_job(
     await run_in_threadpool(jobs.records.refuse_deleted, job_id)
     gate: Gate = request.app.state.gate
     followers: Followers = request.app.state.followers
-    return followers.events(jobs, job_id, lambda: gate.still_opens(request, requester_of(request).key))
+    return followers.events(jobs, job_id, lambda: gate.may_continue(request, get_requester(request).key))
 
 
 @router.get("/{job_id}/events", dependencies=[VIEWER], response_class=EventSourceResponse)
@@ -372,6 +378,6 @@ async def get_job_file(
     """Get a file of a job."""
     jobs = await run_in_threadpool(parts.jobs_of, job_id)
     # Computing a file may take seconds: the limiter keeps threads free for other requests.
-    limiter = None if needs_no_work(jobs.kind, name) else limiter_of_large_work(request)
+    limiter = None if is_stored_file(jobs.kind, name) else limiter_of_large_work(request)
     content = await run_sync(make_file, request, parts, jobs, job_id, name, query, limiter=limiter)
     return answers.answer_with_tag(request, content.body, content.media_type, content.headers)

@@ -19,7 +19,7 @@ from jointstiff.service.api.bodies import BodyRoute, json_body
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.api.jobs import RequesterKey
 from jointstiff.service.live.stored import OpenSets
-from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, requester_of
+from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, get_requester
 
 Id = Annotated[str, Path(max_length=64, description="Id of the set.")]
 POLL_SECONDS: Final = 0.5
@@ -118,19 +118,21 @@ async def _stream_states(
     """
     gate: Gate = request.app.state.gate
     # The revision that was sent last, the number of polls, and the time since the last event or comment [s].
-    sent, polls, quiet = -1, 0, 0.0
+    sent_revision, poll_count, silent_seconds = -1, 0, 0.0
     while not request.app.state.is_closing():
-        if latest.revision != sent:
-            sent, quiet = latest.revision, 0.0
+        if latest.revision != sent_revision:
+            sent_revision, silent_seconds = latest.revision, 0.0
             yield format_sse_event(event="state", data_str=latest.model_dump_json())
         if latest.state == "closed":
             return
         await anyio.sleep(POLL_SECONDS)
-        polls, quiet = polls + 1, quiet + POLL_SECONDS
-        if quiet >= QUIET_SECONDS:
-            quiet = 0.0
+        poll_count, silent_seconds = poll_count + 1, silent_seconds + POLL_SECONDS
+        if silent_seconds >= QUIET_SECONDS:
+            silent_seconds = 0.0
             yield KEEPALIVE_COMMENT
-        if polls % POLLS_PER_CHECK == 0 and not await gate.still_opens(request, requester_of(request).key):
+        if poll_count % POLLS_PER_CHECK == 0 and not await gate.may_continue(
+            request, get_requester(request).key
+        ):
             return
-        if await run_in_threadpool(sets.revision, set_id) != sent:
+        if await run_in_threadpool(sets.revision, set_id) != sent_revision:
             latest = await run_sync(sets.state, set_id, limiter=request.app.state.work)

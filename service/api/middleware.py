@@ -21,7 +21,14 @@ from jointstiff.service.api.answers import ANSWER_HEADERS, REQUEST_ID_HEADER, an
 from jointstiff.service.api.health import Metrics
 from jointstiff.service.problems import StoreError, http_problem
 from jointstiff.service.process import ACCESS_LOGGER, REQUEST_ID
-from jointstiff.service.security.access import REQUESTER, Audit, Gate, Requester, address_of, public_paths
+from jointstiff.service.security.access import (
+    REQUESTER,
+    Audit,
+    Gate,
+    Requester,
+    find_public_paths,
+    get_client_address,
+)
 from jointstiff.service.security.admission import SAFE, AccessPolicy, find_refusal, is_loopback
 from jointstiff.service.security.keys import hide_secrets
 
@@ -41,7 +48,7 @@ class Guard:
     """Middleware that checks host, origin and key of a request, refuses or forwards it, and audits it."""
 
     def __init__(
-        self, app: ASGIApp, posture: AccessPolicy, gate: Gate, audit: Audit, routes: Iterable[BaseRoute]
+        self, app: ASGIApp, policy: AccessPolicy, gate: Gate, audit: Audit, routes: Iterable[BaseRoute]
     ) -> None:
         """Wrap an application.
 
@@ -49,19 +56,19 @@ class Guard:
             UndeclaredRoleError: a route has no role.
         """
         self._app = app
-        self._posture, self._gate, self._audit = posture, gate, audit
-        self._public_paths, self._public_mounts = public_paths(routes)
+        self._policy, self._gate, self._audit = policy, gate, audit
+        self._public_paths, self._public_mounts = find_public_paths(routes)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Forward a request, with its requester in the scope, or refuse it."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
-        elif problem := find_refusal(self._posture, scope):
+        elif problem := find_refusal(self._policy, scope):
             await answer_problem(problem)(scope, receive, send)
         elif REQUESTER in scope:  # another process of the service has identified the requester
             await self._app(scope, receive, send)
         else:
-            requester = scope[REQUESTER] = Requester(None, self._gate.is_open, address_of(scope))
+            requester = scope[REQUESTER] = Requester(None, self._gate.is_open, get_client_address(scope))
             await self._admit(requester, scope, receive, send)
 
     async def _admit(self, requester: Requester, scope: Scope, receive: Receive, send: Send) -> None:
@@ -74,7 +81,7 @@ class Guard:
         elif (
             scope["path"] != _LIVENESS_PATH
             and not is_loopback(requester.address)
-            and await self._gate.awaits_key()
+            and await self._gate.awaits_first_key()
         ):
             await answer_problem(http_problem(403, *_NO_KEY_YET))(scope, receive, send)
         elif scope["path"].startswith(self._public_mounts):
@@ -82,7 +89,7 @@ class Guard:
         elif scope["method"] in SAFE:
             await self._authorise_and_forward(requester, scope, receive, send)
         else:
-            await self._audit.follow(
+            await self._audit.answer_and_record(
                 requester,
                 scope,
                 send,
@@ -101,7 +108,7 @@ class Guard:
             if not is_public or scope["path"].startswith("/v1/"):
                 requester.key = await self._gate.find_key(HTTPConnection(scope), requester.address)
             if not is_public:
-                requester.require("viewer")
+                requester.require_role("viewer")
         except StoreError as error:
             await answer_error(error)(scope, receive, send)
         else:
@@ -129,13 +136,13 @@ class Methods:
 
     async def _answer_head(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer HEAD with the headers of GET, then cancel GET, because its body may be an endless stream."""
-        with anyio.CancelScope() as rest:
+        with anyio.CancelScope() as get_handler:
 
             async def send_only_headers(message: Message) -> None:
                 """Send the headers and an empty body, then cancel the handler of GET."""
                 await send(message)
                 await send({"type": "http.response.body"})
-                rest.cancel()
+                get_handler.cancel()
                 await checkpoint()
 
             await self._app(
@@ -209,15 +216,14 @@ class Observed:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        if KNOWN_ID in scope:
+        if KNOWN_ID in scope:  # another process of the service counts and logs this request
             REQUEST_ID.set(scope[KNOWN_ID])
             await self._app(scope, receive, send)
             return
         identifier = secrets.token_hex(8)
-        REQUEST_ID.set(
-            identifier
-        )  # for this request's task, also for answers to unexpected errors outside this middleware
-        status, started = 500, time.monotonic()
+        # The id is set for the task of this request, also for answers to errors outside this middleware.
+        REQUEST_ID.set(identifier)
+        status, started_at = 500, time.monotonic()
 
         async def send_and_record_status(message: Message) -> None:
             """Add missing standard headers, send the message, and note the status of the answer."""
@@ -227,20 +233,18 @@ class Observed:
                 for name, value in {**ANSWER_HEADERS, REQUEST_ID_HEADER: identifier}.items():
                     headers.setdefault(name, value)
             await send(message)
-            status = message.get(
-                "status", status
-            )  # only after `send`, which fails if the connection is closed
+            # only after `send`, which fails if the connection is closed
+            status = message.get("status", status)
 
         try:
             await self._app(scope, receive, send_and_record_status)
         finally:
-            seconds = time.monotonic() - started
+            seconds = time.monotonic() - started_at
             method = scope["method"] if scope["method"] in _COUNTED_METHODS else "other"
             route = getattr(scope.get("route"), "path", "other")
             self._metrics.count(method, route, status, seconds)
             if _logger.isEnabledFor(logging.INFO):
-                path = hide_secrets(
-                    scope["path"]
-                )  # hides a key that a client put into the address by mistake
-                line = {"method": method, "path": path, "status": status, "seconds": round(seconds, 4)}
-                _logger.info("%s %s %d", method, path, status, extra=line)
+                # A client may have put a key into the address by mistake.
+                path = hide_secrets(scope["path"])
+                log_fields = {"method": method, "path": path, "status": status, "seconds": round(seconds, 4)}
+                _logger.info("%s %s %d", method, path, status, extra=log_fields)

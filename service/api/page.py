@@ -41,7 +41,7 @@ _MISSING_PAGE = "The dashboard is not built: install the package again (scripts/
 _MISSING_DOCS = """<!doctype html>
 <html lang="en"><meta name="viewport" content="width=device-width"><title>Documentation · Jointstiff</title>
 <h1>The documentation is not built</h1>
-<p>The packages of releases hold it, this one does not. Read it on
+<p>The packages of releases contain the documentation; this package does not. Read it on
 <a href="https://github.com/jointstiff/jointstiff/tree/main/docs">GitHub</a>; in a checkout
 <code>scripts/docs</code> builds it; the service then shows it at once.
 The API is described at <a href="{root}openapi.json">openapi.json</a>.
@@ -50,7 +50,7 @@ The API is described at <a href="{root}openapi.json">openapi.json</a>.
 """
 
 
-def _missing_docs_page(root: str) -> str:
+def _make_missing_docs_page(root: str) -> str:
     """Return the page that explains how to build the documentation; `root` is the relative path to /."""
     return _MISSING_DOCS.format(root=root)
 
@@ -92,7 +92,7 @@ class _Docs(_Files):
         """Return a file; if the documentation is not built, return a page that explains how to build it."""
         if (await run_sync(self.lookup_path, "index.html"))[1] is None:
             depth = path.count("/")
-            return HTMLResponse(_missing_docs_page(f"../{'../' * depth}"), 404, headers=SECURITY_HEADERS)
+            return HTMLResponse(_make_missing_docs_page(f"../{'../' * depth}"), 404, headers=SECURITY_HEADERS)
         return await super().get_response(path, scope)
 
     def file_response(self, *args: object, **kwargs: object) -> Response:
@@ -137,7 +137,7 @@ def _install_docs(app: FastAPI, docs: Path) -> None:
 
     def send_docs_index() -> Response:
         if not (docs / "index.html").is_file():
-            return HTMLResponse(_missing_docs_page("../"), 404, headers=SECURITY_HEADERS)
+            return HTMLResponse(_make_missing_docs_page("../"), 404, headers=SECURITY_HEADERS)
         return FileResponse(docs / "index.html", headers=DOCS_HEADERS)
 
     _add_public_route(app, "/docs", redirect_to_docs)

@@ -64,7 +64,7 @@ def create_robot(
 @robots.get("/v1/robots", dependencies=[VIEWER], response_model=Page[RobotSummary])
 def list_robots(parts: answers.InjectedParts, query: Annotated[RobotQuery, Query()]) -> Page[RobotSummary]:
     """List robots, with the last campaign of each."""
-    page = parts.store.robots.page(**query.listing())
+    page = parts.store.robots.page(**query.listing_arguments())
     items = [
         RobotSummary(
             id=entry.id,
@@ -177,7 +177,7 @@ def list_measurement_sets(
     """List measurement sets without their observations; or those that are measured live."""
     if query.open:
         return parts.live.page(query)
-    page = parts.store.sets.page(**query.model_copy(update={"open": None}).listing())
+    page = parts.store.sets.page(**query.model_copy(update={"open": None}).listing_arguments())
     items = [MeasurementSetSummary.model_validate(entry, from_attributes=True) for entry in page.records]
     return Page(items=items, next=page.next, total=page.total)
 

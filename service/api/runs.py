@@ -43,11 +43,11 @@ from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
 from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.kinds.program.work import compress_file
-from jointstiff.service.problems import NotFoundError, place_in_document
+from jointstiff.service.problems import NotFoundError, find_path_in_document
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.resources.stored import load_job, robot_from_record
 from jointstiff.service.runs.deflection import predict_by_run
-from jointstiff.service.runs.mending import mend_campaign
+from jointstiff.service.runs.mending import apply_action_to_campaign
 from jointstiff.service.security.access import OPERATOR
 from jointstiff.service.store.collection import Collection
 from jointstiff.service.store.tables import IdempotencyKey, JobRecord
@@ -129,13 +129,13 @@ def _make_request_after_action(parts: Parts, run: Run, action: Action) -> RunReq
 
     Raises:
         HTTPException: the run has no result (409).
-        RequestError: the run's assessment does not advise the action, or the action cannot be applied.
+        RequestError: the run's assessment does not recommend the action, or the action cannot be applied.
     """
     if run.result is None:
         raise HTTPException(409, f"the run has no assessment, because its state is {run.state}")
     if all(reason.action != action for reason in run.result.assessment.reasons):
         raise RequestError(
-            "the assessment of this run does not advise this action",
+            "the assessment of this run does not recommend this action",
             where="kind",
             remedy="send the `action` of one of its reasons without changes",
         )
@@ -143,29 +143,32 @@ def _make_request_after_action(parts: Parts, run: Run, action: Action) -> RunReq
     if action.kind == "leave_out_readings":
         left_out = dict.fromkeys([*request.leave_out, *action.observations])
         return request.model_copy(update={"leave_out": list(left_out)})
-    stored = parts.sets.document(request.measurement_set_id)
-    robot = robot_from_record(parts.store.robots.get(stored.robot_id))
-    before = Campaign(
+    stored_set = parts.sets.document(request.measurement_set_id)
+    robot = robot_from_record(parts.store.robots.get(stored_set.robot_id))
+    campaign_before = Campaign(
         robot=RobotDocument(
             name=robot.name, model=robot.model, joint_map=robot.joint_map, bodies=robot.bodies
         ),
-        measurement_set=_copy_fields(MeasurementSetDocument, stored),
+        measurement_set=_copy_fields(MeasurementSetDocument, stored_set),
         run=_copy_fields(RunOptions, request),
     )
-    after = mend_campaign(before, action)
-    robot_id, set_id = stored.robot_id, stored.id
+    campaign_after = apply_action_to_campaign(campaign_before, action)
+    robot_id, set_id = stored_set.robot_id, stored_set.id
     if action.kind == "choose_robot":
         robot_id = action.robot_id or _store_robot_once(parts, _make_catalogue_robot(action.robot or ""))
-    elif after.robot is not before.robot:
-        robot_id = _store_robot_once(parts, after.robot)
-    if after.robot is not before.robot or after.measurement_set is not before.measurement_set:
-        set_id = _store_set_once(parts, after.measurement_set, robot_id)
-    return request.model_copy(update={**dict(after.run), "measurement_set_id": set_id})
+    elif campaign_after.robot is not campaign_before.robot:
+        robot_id = _store_robot_once(parts, campaign_after.robot)
+    if (
+        campaign_after.robot is not campaign_before.robot
+        or campaign_after.measurement_set is not campaign_before.measurement_set
+    ):
+        set_id = _store_set_once(parts, campaign_after.measurement_set, robot_id)
+    return request.model_copy(update={**dict(campaign_after.run), "measurement_set_id": set_id})
 
 
-def _copy_fields(kind: type[AMessage], source: Message) -> AMessage:
-    """Return a message of class `kind` whose fields are copied from `source`, a message with more fields."""
-    return kind(**{name: getattr(source, name) for name in kind.model_fields})
+def _copy_fields(message_class: type[AMessage], source: Message) -> AMessage:
+    """Return a message of a class; its fields are copied from `source`, a message with more fields."""
+    return message_class(**{name: getattr(source, name) for name in message_class.model_fields})
 
 
 def _make_catalogue_robot(arm: str) -> RobotDocument:
@@ -185,7 +188,7 @@ def _store_set_once(parts: Parts, document: MeasurementSetDocument, robot_id: st
 
 
 def _store_once(
-    stored: Collection[Any, Any], create: Callable[[Any, IdempotencyKey], Any], document: Message
+    collection: Collection[Any, Any], create: Callable[[Any, IdempotencyKey], Any], document: Message
 ) -> str:
     """Store a document unless its content is stored already and not deleted; return the id of the record.
 
@@ -196,7 +199,7 @@ def _store_once(
     while True:
         record = create(document, _make_key_from_content(key_text))
         with suppress(NotFoundError):
-            return str(stored.get(record.id).id)
+            return str(collection.get(record.id).id)
         key_text += record.id  # this key belongs to a deleted record
 
 
@@ -243,7 +246,7 @@ def _name_section_in_errors(section: str) -> Iterator[None]:
     try:
         yield
     except JointstiffError as error:
-        error.where = place_in_document(section, error.where)
+        error.where = find_path_in_document(section, error.where)
         raise
 
 
@@ -304,7 +307,7 @@ def _import_as_json(parts: Parts, files: list[UploadFile], options: ImportReques
     robot = None if options.robot_id is None else parts.robots.find(options.robot_id, None)
     sources = [SourceFile(*read_named_file(file)) for file in files]
     with garbage_collector_paused():
-        return import_files(sources, options, robot, parts.robots.known()).model_dump_json()
+        return import_files(sources, options, robot, parts.robots.list_confusable_robots()).model_dump_json()
 
 
 def read_named_file(file: UploadFile) -> tuple[str, bytes]:

@@ -32,7 +32,7 @@ class _Commands(typer.core.TyperGroup):
     """Group of all commands; it builds those in `_LATE_COMMANDS` when they are called."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - Typer's Click is private
-        """Return name, command and remaining arguments; build a command of `_LATE_COMMANDS` first."""
+        """Return (name, command, remaining arguments); build a command of `_LATE_COMMANDS` first."""
         if args and args[0] in _LATE_COMMANDS:
             if args[0] == "import":
                 from jointstiff.service.cli.imports import build_import_command as build
@@ -45,9 +45,10 @@ class _Commands(typer.core.TyperGroup):
 
                 kinds = {room.command: name for name, room in ROOMS.items()}
                 build = partial(build_command, kinds[args[0]])
-            own_app = typer.Typer(add_completion=False, **_SETTINGS)
-            own_app.command(args[0])(build())
-            self.commands[args[0]] = get_command(own_app)
+            # Only an application of Typer makes a Click command of a function: this one has a single command.
+            app_of_command = typer.Typer(add_completion=False, **_SETTINGS)
+            app_of_command.command(args[0])(build())
+            self.commands[args[0]] = get_command(app_of_command)
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:  # noqa: ANN401 - Typer's Click is private
@@ -75,7 +76,7 @@ app = typer.Typer(
 app.command()(simulate)
 app.command()(examples)
 for _command, _summary in _LATE_COMMANDS.items():
-    app.command(_command, help=_summary)(lambda: None)  # shown in the list in place of what is made later
+    app.command(_command, help=_summary)(lambda: None)  # placeholder in the list of commands
 for _function in (robots, export, report, serve, worker, post, demo):
     app.command()(_function)
 app.add_typer(keys, name="keys")

@@ -25,8 +25,9 @@ class AtTerminal(Person):
 
         Args:
             campaign: live measurement of the robot.
-            asks: whether to ask questions; if false, the answers of `Person` apply.
-            confirmed: whether to read the lines of the source without asking if they are read correctly.
+            asks: True to ask questions; False to use the default answers of the class `Person`.
+            confirmed: True if the user has confirmed beforehand that the lines of the source are read
+                correctly; then this is not asked.
         """
         self._campaign, self._asks, self._confirmed = campaign, asks, confirmed
         self._by_itself = bool(getattr(campaign.source, "by_itself", False))
@@ -37,7 +38,7 @@ class AtTerminal(Person):
         if self._confirmed:
             return True
         answer = _choose_answer("are the lines read correctly? y or n", {"y", "n"}, at_end="")
-        if not answer:
+        if not answer:  # the standard input has ended
             raise cli.print_failure(
                 "nobody confirmed how the lines are read",
                 "answer y if the lines are read correctly, or use --yes",
@@ -67,19 +68,15 @@ class AtTerminal(Person):
         answer = _choose_answer(
             f"  Enter: read {state}; s: skip this posture; q: end", {"", "s", "q"}, at_end="q"
         )
-        chosen: dict[str, Literal["read", "skip", "stop"]] = {"": "read", "s": "skip", "q": "stop"}
-        return chosen[answer]
+        decisions: dict[str, Literal["read", "skip", "stop"]] = {"": "read", "s": "skip", "q": "stop"}
+        return decisions[answer]
 
     def doubts(self, reading: LiveReading, *, again: bool) -> Literal["again", "keep"]:
         """Ask whether to read a doubtful reading again or to keep it."""
         if not self._asks:
             return super().doubts(reading, again=again)
-        return (
-            "again"
-            if _choose_answer("  r: read this posture again; k: keep the reading", {"r", "k"}, at_end="k")
-            == "r"
-            else "keep"
-        )
+        answer = _choose_answer("  r: read this posture again; k: keep the reading", {"r", "k"}, at_end="k")
+        return "again" if answer == "r" else "keep"
 
     def doubts_earlier(self, reading: LiveReading, *, again: bool) -> Literal["withdraw", "keep"]:
         """Ask whether to withdraw or keep an earlier reading that later readings show to be a mistake."""
@@ -97,40 +94,47 @@ class AtTerminal(Person):
         if not self._asks:
             return super().missed(error, again=again)
         answer = _choose_answer("  r: try again; s: skip this posture; q: end", {"r", "s", "q"}, at_end="q")
-        chosen: dict[str, Literal["again", "skip", "stop"]] = {"r": "again", "s": "skip", "q": "stop"}
-        return chosen[answer]
+        decisions: dict[str, Literal["again", "skip", "stop"]] = {"r": "again", "s": "skip", "q": "stop"}
+        return decisions[answer]
 
 
 def format_reading(state: LiveState, reading: LiveReading) -> str:
-    """Return a line about a reading: share of the goal, least certain joint, p-value, readings needed."""
+    """Return a line about a reading and about the campaign after this reading.
+
+    The line has the share of the goal, the joint with the greatest relative uncertainty, the p-value of the
+    reading, and the number of readings that are still needed.
+    """
     parts = [f"{reading.label}:"]
     if state.share is not None:
         parts.append(f"share of the goal {state.share:.2f},")
-    known = [joint for joint in state.joints if joint.relative is not None]
-    if known:
-        worst = max(known, key=lambda joint: joint.relative or 0.0)
-        parts.append(f"{worst.name} ± {100.0 * (worst.relative or 0.0):.0f} %,")
+    identified = [joint for joint in state.joints if joint.relative is not None]
+    if identified:
+        least_certain = max(identified, key=lambda joint: joint.relative or 0.0)
+        parts.append(f"{least_certain.name} ± {100.0 * (least_certain.relative or 0.0):.0f} %,")
     if reading.doubtful:
         parts.append("doubtful,")
     elif reading.p_value is not None:
-        parts.append(f"as expected with p {reading.p_value:.2g},")
+        parts.append(f"agrees with its prediction (p {reading.p_value:.2g}),")
     if reading.ball_ratio is not None:
-        near, than = ("as near to", "as") if reading.ball_ratio <= 1.0 else ("further from", "than")
-        parts.append(f"held out: {near} its prediction {than} 90 % of good readings,")
-    needed = state.still_needed
-    still = (
-        ""
-        if needed is None
-        else f"about {needed} more reading{'s' * (needed > 1)}"
-        if needed
-        else "goal reached"
-    )
-    parts.append(still or "the number of readings still needed is not known")
+        is_near = reading.ball_ratio <= 1.0
+        comparison = "as near to its prediction as" if is_near else "further from its prediction than"
+        parts.append(f"held out: {comparison} 90 % of good readings,")
+    parts.append(_format_needed_readings(state.still_needed))
     return " ".join(parts)
 
 
+def _format_needed_readings(number: int | None) -> str:
+    """Return a phrase on how many readings the goal still needs; None for an unknown number."""
+    if number is None:
+        return "the number of readings still needed is not known"
+    return f"about {number} more reading{'s' * (number > 1)}" if number else "goal reached"
+
+
 def _choose_answer(prompt: str, answers: set[str], at_end: str) -> str:
-    """Ask until the typed line is one of `answers`; return the line, or `at_end` if the input has ended."""
+    """Ask until the typed line is one of `answers`; return the line in lower case, without blanks.
+
+    If the standard input has ended, return `at_end`.
+    """
     while True:
         typer.echo(f"{prompt}: ", nl=False, err=True)
         line = sys.stdin.readline()
@@ -149,7 +153,7 @@ def format_posture(campaign: LiveMeasurement, planned: PlannedReading) -> str:
 
 
 def format_force(planned: PlannedReading) -> str:
-    """Return the force of a planned reading as text: its magnitude in N, its direction, and its anchor."""
+    """Return the force of a planned reading as text: magnitude in N, direction, and number of the anchor."""
     magnitude = math.hypot(*planned.force)
     if not magnitude:
         return "no load"
@@ -158,5 +162,5 @@ def format_force(planned: PlannedReading) -> str:
         f"{axis} {part / magnitude:+.2f}" for axis, part in zip("xyz", planned.force, strict=True)
     )
     # Within 0.8 degrees of straight down, the word is easier to read than three components.
-    down = planned.force[2] < -0.9999 * magnitude
-    return f"{magnitude:.0f} N {'down' if down else direction}{anchor}"
+    is_down = planned.force[2] < -0.9999 * magnitude
+    return f"{magnitude:.0f} N {'down' if is_down else direction}{anchor}"

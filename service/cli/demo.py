@@ -1,4 +1,4 @@
-"""Example campaigns whose truth is known: `simulate` writes one, `demo` serves one and shows it."""
+"""Commands with example campaigns whose true stiffnesses are known: `examples`, `simulate` and `demo`."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def demo(
     *,
     once: Annotated[bool, typer.Option("--once", help="Stop after printing the tables.")] = False,
     port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Port; default 8000, or any free one with --once.")
+        int | None, typer.Option(min=0, max=65535, help="Port; default 8000, or any free port with --once.")
     ] = None,
     database: Annotated[
         str,
@@ -100,13 +100,13 @@ def demo(
     from jointstiff.service.server import run_server
 
     port = 8000 if port is None and not once else port
-    # The service is this process, not a child of it, so that no signal can leave one without the other; the
-    # demonstration is a client in a thread of it that knows nothing but its address.
+    # The service runs in this process, so that no signal can end the command and leave the service running.
+    # The demonstration is a client in another thread of this process, and knows only the service's address.
     status = [0]  # exit status, in a list so that `show` can change it
 
     def show(address: str) -> None:
-        """Show the example on the service at an address; then end the service if it should not stay."""
-        status[0] = 1  # stays if the next line raises an error
+        """Show the example on the service at an address; end the service if `once`, or after a failure."""
+        status[0] = 1  # for the case that the next line raises an error
         try:
             status[0] = _show_example(address, once=once)
         finally:
@@ -117,7 +117,7 @@ def demo(
 
     try:
         run_server(Settings(port=port or 0, database=database), show)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt:  # Ctrl-C is the usual end of the demonstration
         pass
     except SystemExit as ended:  # raised by the handler of SIGTERM, or by a server that could not start
         if ended.code:
@@ -128,8 +128,8 @@ def demo(
 def _show_example(address: str, *, once: bool) -> int:
     """Post the example campaign and a comparison, and print their tables; return the exit status.
 
-    Unless `once`, print the address of the run's page. The keys of the posts are made of their content, so
-    that a second demonstration shows the run and the comparison that the first one stored.
+    Unless `once`, print the address of the run's page, too. The idempotency keys are made from the content
+    of the requests, so that a second demonstration shows the run and the comparison stored by the first.
     """
     from jointstiff.schemas.fields import content_key
     from jointstiff.service.kinds.comparison.kind import COMPARISON
@@ -137,17 +137,17 @@ def _show_example(address: str, *, once: bool) -> int:
     from jointstiff.service.library.client import Client
     from jointstiff.service.problems import RefusedError
     from jointstiff.service.reports.job import job_parts
-    from jointstiff.service.resources.documents import json_text
+    from jointstiff.service.resources.documents import to_json_text
     from jointstiff.service.tables.table import Line
     from jointstiff.service.tables.terminal import console, lay_out_parts, problem_text
     from jointstiff.simulator import default_arm, simulate_campaign
 
     class ClientPostingOnce(Client):
-        """Client that posts comparisons with a key made of their content, as runs are posted."""
+        """Client whose requests have an idempotency key made from their content."""
 
         def done(self, kind: Any, request: Any, files: Any, follow: Any) -> Any:  # noqa: ANN401 - a job
-            """Post a request with a key made of its content; return the job when it has ended."""
-            text, jobs = json_text(request), getattr(self, kind.collection)
+            """Post a request, or find the job of an equal request; return the job when it has ended."""
+            text, jobs = to_json_text(request), getattr(self, kind.collection)
             return jobs.wait(jobs.create(text, key=content_key(text), files=files), follow)
 
     try:
@@ -165,7 +165,7 @@ def _show_example(address: str, *, once: bool) -> int:
     run_parts = job_parts(RUN, run)
     comparison_parts = [part for part in job_parts(COMPARISON, comparison) if part not in run_parts]
     console().print(lay_out_parts([*run_parts, Line(""), *comparison_parts]))
-    if once:  # the address ends with the service
+    if once:  # the service ends now, so that the address of a page would be of no use
         typer.echo(f"\nRun {run.id}\nTo open its page: the same command without --once")
     else:
         typer.echo(f"\nOpen the page: {address}/#/runs/{run.id}")

@@ -1,4 +1,7 @@
-"""Entry point of the command: Ctrl-C during the imports, a few seconds, ends it silently."""
+"""Entry point of the command `jointstiff`.
+
+Imports take a few seconds; Ctrl-C during this time ends the command without a traceback.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +25,8 @@ def main() -> None:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     use_one_thread()
     collect_rarely()
-    from jointstiff.service.cli.app import (
-        app,
-    )  # imported here, after the signals are set: this import takes seconds
+    # Imported only now, after the handling of Ctrl-C is set, as this import takes seconds.
+    from jointstiff.service.cli.app import app
 
     if interruptible:
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -32,11 +34,11 @@ def main() -> None:
         try:
             app()
         finally:
-            sys.stdout.flush()  # Python's own at the end would print a traceback
+            sys.stdout.flush()  # a failed flush when Python ends would print a traceback
     except OSError as error:
         if error.filename is not None:  # an error of a named file, not of the standard output
             raise
-        # What is left in the buffer goes to /dev/null, so that Python prints no traceback at its end.
+        # Text left in the buffer goes to /dev/null, so that Python prints no traceback when it ends.
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         if error.errno != errno.EPIPE:  # EPIPE: the reader, such as `head`, has closed the pipe
             with suppress(OSError):

@@ -1,4 +1,4 @@
-"""`jointstiff import`: files of readings shown as understood, asked about, then written as a campaign."""
+"""The command `jointstiff import`: read files of readings, show a preview, ask for what is missing, write."""
 
 from __future__ import annotations
 
@@ -37,6 +37,7 @@ Options = dict[str, Any]
 _MAX_CELL_LENGTH: Final = 24
 _MAX_LINES: Final = 8
 _STATES: Final = ("unloaded", "loaded", "deflection")
+"""States that the positions of a file can have."""
 _CHOICE_QUESTIONS: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] = {
     "units.length": ("Unit of lengths", ("m", "mm", "in"), "mm"),
     "units.angle": ("Unit of angles", ("rad", "deg"), "deg"),
@@ -47,7 +48,10 @@ _CHOICE_QUESTIONS: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] 
     "state": ("State of the positions", _STATES, None),
     "encoders": ("Encoders that close the position loop", ("motor", "secondary"), "motor"),
 }
-"""By option: the question, the possible answers, and the default; None where a guess could change numbers."""
+"""Field of the request → (question, possible answers, default answer).
+
+The default is None where a wrong guess could change numbers: then the person must answer.
+"""
 
 
 def _parse_pair(text: str) -> tuple[str, str]:
@@ -72,11 +76,11 @@ def _split_header(text: str, delimiter: Delimiter | None) -> list[str]:
     """
     from jointstiff.service.importing.grid import CHARACTERS
 
-    signs = ([] if delimiter is None else [CHARACTERS[delimiter]]) + [*";\t,"]
-    sign = next((sign for sign in signs if sign in text.strip()), " ")
-    if sign == " ":
-        text = " ".join(text.split())
-    row = next(csv.reader([text], delimiter=sign, skipinitialspace=True), [])
+    candidates = ([] if delimiter is None else [CHARACTERS[delimiter]]) + [*";\t,"]
+    character = next((each for each in candidates if each in text.strip()), " ")
+    if character == " ":
+        text = " ".join(text.split())  # several blanks separate two cells like one blank
+    row = next(csv.reader([text], delimiter=character, skipinitialspace=True), [])
     return [cell.strip() for cell in row]
 
 
@@ -117,11 +121,14 @@ _FORMS: Final = {
     ),
     **dict.fromkeys(("layouts", "length_unit", "robot_id", "show_faults"), Terminal(hidden=True)),
 }
-"""Form on the command line of each field of `ImportRequest`; hidden fields have no option."""
+"""Field of `ImportRequest` → its form on the command line; hidden fields have no option.
+
+Fields that are not listed have the form that `ImportRequest` declares.
+"""
 _LENGTH_FIELDS: Final = frozenset(("noise", "load_point", "flange_targets"))
 """Fields whose values are typed in mm on the command line."""
 
-_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
+_OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
     "robot": (cli.NamedRobot, None),
     "about": (
         Annotated[
@@ -169,12 +176,12 @@ _OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
 def build_import_command() -> Callable[..., None]:
     """Return the function of the command `import`, with an option for each field of `ImportRequest`."""
 
-    def command(files: list[Path], **values: Any) -> None:  # noqa: ANN401 - by the signature below
+    def command(files: list[Path], **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Import files of readings as a campaign.
 
-        Nothing is written without --output or --save-template, nor while something is missing. At a terminal
-        it asks for what is missing. If the inspection of the readings finds errors, they are written only
-        with --despite-errors, and the exit status is 1 without it.
+        Nothing is written without --output or --save-template, nor while information is missing. At a
+        terminal the command asks for the missing information. If the inspection finds errors, the readings
+        are written only with --despite-errors, and the exit status is 1 without it.
         """
         if values["output"] is not None:
             cli.check_ending(values["output"], [".json"])
@@ -184,14 +191,14 @@ def build_import_command() -> Callable[..., None]:
     files_argument = Annotated[
         list[Path], cli.file_argument("FILES...", "Files of tables or point lists: text or Excel.")
     ]
-    cli.set_signature(command, {"files": (files_argument, ...), **fields, **_OPTIONS})
+    cli.set_signature(command, {"files": (files_argument, ...), **fields, **_OTHER_OPTIONS})
     return command
 
 
 def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any]) -> None:
-    """Read the files, ask for what is missing, print the preview, and write what was requested.
+    """Read the files, ask for what is missing, print the preview, and write the files that options name.
 
-    `fields` are the fields of the request that options state, `values` the values of all options.
+    `fields` are the fields of `ImportRequest` that options state, `values` the values of all options.
 
     Raises:
         typer.Exit: the readings have errors, something is missing, or a file cannot be written.
@@ -199,12 +206,13 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
     from jointstiff.service.resources.documents import read_robot
 
     notes = _parse_notes(values["about"] or [])
-    template_options = {} if values["template"] is None else _read_template(values["template"])
-    stated = _merge_options(template_options, _convert_to_template_unit(fields, template_options))
+    template_fields = {} if values["template"] is None else _read_template(values["template"])
+    stated = _merge_options(template_fields, _convert_to_template_unit(fields, template_fields))
     may_ask = is_terminal_input() and not values["as_json"]
     robot = None if values["robot"] is None else read_robot(values["robot"])
     answer, stated = _read_and_ask(files, stated, robot, may_ask=may_ask)
     if robot is None and may_ask and answer.measurement_set is not None and (robot_name := ask_for_robot()):
+        # With the robot the readings are checked again: the preview then has the findings of the inspection.
         robot = read_robot(robot_name)
         answer, _ = _read_and_ask(files, stated, robot, may_ask=False)
     if robot is not None and answer.bodies:
@@ -234,16 +242,23 @@ def _print_answer(answer: ImportAnswer, *, as_json: bool) -> None:
 
 
 def _merge_options(options: Options, others: Options) -> Options:
-    """Return options in which `others` replace the fields that they state; dictionaries are merged by key."""
+    """Return the fields of both options; `others` take precedence where both state a field.
+
+    Where the values are two dictionaries, the entries of `others` are added to those of `options`.
+    """
     merged = dict(options)
     for field, value in others.items():
-        before = merged.get(field)
-        merged[field] = before | value if isinstance(before, dict) and isinstance(value, dict) else value
+        earlier_value = merged.get(field)
+        are_dictionaries = isinstance(earlier_value, dict) and isinstance(value, dict)
+        merged[field] = earlier_value | value if are_dictionaries else value
     return merged
 
 
 def _convert_to_template_unit(stated: Options, template: Options) -> Options:
-    """Return the options `stated` with their lengths, typed in mm, in the length unit of a template."""
+    """Return the options `stated` with their lengths, typed in mm, converted to the unit of a template.
+
+    The options are returned unchanged if they state no length.
+    """
     lengths = {name: value for name, value in stated.items() if name in _LENGTH_FIELDS}
     if not lengths:
         return stated
@@ -256,10 +271,10 @@ def _convert_to_template_unit(stated: Options, template: Options) -> Options:
 def _read_and_ask(
     files: Sequence[Path], stated: Options, robot: RobotDocument | None, *, may_ask: bool
 ) -> tuple[ImportAnswer, Options]:
-    """Read the files; with `may_ask`, ask a person for missing options until nothing is missing.
+    """Read the files; with `may_ask`, ask a person for missing options until no question is left.
 
-    Return the answer, whose texts name command-line options in place of fields, and all options, including
-    those that the person stated.
+    Return (result of the import, all options). The texts of the result name command-line options in place of
+    fields; the options include those that the person stated.
     """
     from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files
@@ -267,17 +282,18 @@ def _read_and_ask(
     sources, asked_before, measured = _read_sources(files), set[str](), None
     with _name_options_in_errors():
         if robot is not None:
-            from jointstiff.service.conversion.prepared import prepare_robot  # with numerics
+            # Imported only here, as it imports numpy, which takes time.
+            from jointstiff.service.conversion.prepared import prepare_robot
 
             measured = prepare_robot(robot).robot
         while may_ask:
             request = parse_document(
                 _split_typed_header(stated, sources) | {"show_faults": True}, ImportRequest
             )
-            answers = ask_for_missing(import_files(sources, request, measured), asked_before)
-            if not answers:
+            answered_fields = ask_for_missing(import_files(sources, request, measured), asked_before)
+            if not answered_fields:
                 break
-            stated = _merge_options(stated, _convert_to_template_unit(answers, stated))
+            stated = _merge_options(stated, _convert_to_template_unit(answered_fields, stated))
         request = parse_document(_split_typed_header(stated, sources), ImportRequest)
         answer = import_files(sources, request, measured)
     findings = answer.findings and [
@@ -288,13 +304,16 @@ def _read_and_ask(
 
 
 def _split_typed_header(stated: Options, sources: Sequence[SourceFile]) -> Options:
-    """Return options in which the header, typed as one text, is a list of cells."""
+    """Return options in which the header, typed as one text, is a list of cells.
+
+    The header is split at the delimiter that the options state or that is detected in the files.
+    """
     from jointstiff.service.importing.reading import detect_delimiter
 
     if not isinstance(header := stated.get("header"), str):
         return stated
-    found: Delimiter | None = next(filter(None, map(detect_delimiter, sources)), None)
-    delimiter: Delimiter | None = stated.get("delimiter") or found
+    detected: Delimiter | None = next(filter(None, map(detect_delimiter, sources)), None)
+    delimiter: Delimiter | None = stated.get("delimiter") or detected
     return {**stated, "header": _split_header(header, delimiter)}
 
 
@@ -326,21 +345,24 @@ def _name_options(text: str) -> str:
 
 
 def _read_sources(files: Sequence[Path]) -> list[SourceFile]:
-    """Read the files, in total one byte more than an import accepts at most: enough to refuse them."""
+    """Read the files into memory.
+
+    Of large files only so much is read that the import refuses them as too large.
+    """
     from jointstiff.service.importing.grid import MAX_FILE_BYTES
     from jointstiff.service.importing.reading import SourceFile
 
-    sources, left = [], MAX_FILE_BYTES
+    sources, bytes_left = [], MAX_FILE_BYTES
     for path in files:
         with path.open("rb") as file:
-            content = file.read(left + 1)
-        left = max(0, left - len(content))
+            content = file.read(bytes_left + 1)  # one byte more than is allowed
+        bytes_left = max(0, bytes_left - len(content))
         sources.append(SourceFile(path.name, content))
     return sources
 
 
 def _parse_notes(texts: Sequence[str]) -> dict[str, Any]:
-    """Parse the values of `--about KEY=VALUE` into fields of a measurement set's metadata.
+    """Parse the values of `--about KEY=VALUE`; return fields of a measurement set's metadata.
 
     Raises:
         CampaignError: a key or a value is not valid.
@@ -358,17 +380,18 @@ def _parse_notes(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _read_template(path: Path) -> Options:
-    """Read the template of an earlier import; return the fields that it states."""
+    """Read the template of an earlier import; return the fields that the template states."""
     from jointstiff.service.resources.documents import read_document
 
-    known: Options = read_document(path, ImportRequest).model_dump(mode="json", exclude_defaults=True)
-    if "length_unit" not in known and (known.get("units") or {}).get("length") == "m":
-        known["length_unit"] = "m"  # without the field, a template's lengths are in the unit of its files
-    return known
+    fields: Options = read_document(path, ImportRequest).model_dump(mode="json", exclude_defaults=True)
+    # A template without `length_unit` states its lengths in the unit of the files.
+    if "length_unit" not in fields and (fields.get("units") or {}).get("length") == "m":
+        fields["length_unit"] = "m"
+    return fields
 
 
 def _write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> None:
-    """Write the template of an import, its options, to a JSON file.
+    """Write the template of an import, which holds its options, to a JSON file.
 
     Raises:
         typer.Exit: information is missing, or the file cannot be written.
@@ -379,8 +402,9 @@ def _write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> Non
                 "no template was written: the files have too many columns or too long headers for a template"
             )
             raise cli.print_failure(reason, "import files with fewer columns and shorter headers")
+        missing = "; ".join(answer.missing)
         raise cli.print_failure(
-            f"no template was written, because this is missing: {'; '.join(answer.missing)}", "add it"
+            f"no template was written, because this is missing: {missing}", "add what is missing"
         )
     cli.refuse_existing(path, overwrite=overwrite)
     template = answer.template.model_dump(mode="json", exclude_defaults=True)
@@ -403,26 +427,29 @@ def _write_campaign(
     if readings is None:
         missing = "; ".join(answer.missing)
         raise cli.print_problem(
-            http_problem(422, f"nothing was written, because this is missing: {missing}", "add it")
+            http_problem(
+                422, f"nothing was written, because this is missing: {missing}", "add what is missing"
+            )
         )
     cli.refuse_existing(path, overwrite=overwrite)
     document = readings.model_dump(mode="json", exclude_none=True, exclude_unset=readings is answer.geometry)
     robot_part = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
     if answer.measurement_set is None:
         document |= robot_part
-        robots = "" if robot_part else " --robot ROBOT"
-        what, command = "unloaded poses", f"jointstiff geometry {path}{robots}"
+        robot_option = "" if robot_part else " --robot ROBOT"
+        content, next_step = "unloaded poses", f"jointstiff geometry {path}{robot_option}"
     elif robot_part:
         document = {**robot_part, "measurement_set": document}
         if answer.leave_out:
             document["run"] = {"leave_out": answer.leave_out}
         if answer.geometry is not None:
+            # Readings without a load only: the run identifies the robot by its own weight.
             document["run"] = {**document.get("run", {}), "weight": {}}
-        what, command = "a campaign", f"jointstiff identify {path}"
+        content, next_step = "a campaign", f"jointstiff identify {path}"
     else:
-        what, command = "a measurement set", "add a robot with --robot"
+        content, next_step = "a measurement set", "add a robot with --robot"
     cli.write_json(path, document)
-    typer.echo(f"wrote {path}, {what}; now: {command}", err=True)
+    typer.echo(f"wrote {path}, {content}; now: {next_step}", err=True)
 
 
 def is_terminal_input() -> bool:
@@ -450,11 +477,11 @@ def ask_for_missing(answer: ImportAnswer, asked_before: set[str]) -> Options:
                     typer.echo(_HOW_TO_ANSWER, err=True)
                 asked_before.add(name)
                 value = question()
-                key, _, inner = name.partition(".")
-                if inner:
-                    stated.setdefault(key, {})[inner] = value
+                field, _, key = name.partition(".")  # such as `units.length`: a key of the field `units`
+                if key:
+                    stated.setdefault(field, {})[key] = value
                 else:
-                    stated[key] = value
+                    stated[field] = value
     return stated
 
 
@@ -482,9 +509,9 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
             next(fault.words for fault in answer.faults if fault.option == option)
         )
     elif option == "accept_unusual":
-        # The text of the missing item ends with "right: " and the unusual values.
-        doubtful = answer.missing[answer.missing_fields.index("accept_unusual")].partition("right: ")[2]
-        yield option, partial(typer.confirm, f"Is this right: {doubtful}?", default=False, err=True)
+        # The text of the missing item ends with "right: " and the unusual values, about which is asked.
+        unusual = answer.missing[answer.missing_fields.index("accept_unusual")].partition("right: ")[2]
+        yield option, partial(typer.confirm, f"Is this right: {unusual}?", default=False, err=True)
     elif option == "columns":
         columns = (column for file in answer.files for column in file.columns)
         for header in dict.fromkeys(column.header for column in columns if column.meaning == "unknown"):
@@ -493,42 +520,47 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
 
 
 def _prompt_choice(text: str, choices: tuple[str, ...], default: str | None) -> str:
-    """Ask until the answer is one of the choices; return it. Enter alone returns the default."""
+    """Ask until the answer is one of the choices; return the answer. Enter alone returns the default."""
 
-    def checked(value: str) -> str:
+    def require_choice(value: str) -> str:
+        """Return an answer if it is one of the choices; Typer asks again after a BadParameter."""
         if value not in choices:
-            raise typer.BadParameter(f"answer {', '.join(choices)}")
+            raise typer.BadParameter(f"answer one of {', '.join(choices)}")
         return value
 
     answer: str = typer.prompt(
-        f"{text} ({', '.join(choices)})", default=default, value_proc=checked, err=True
+        f"{text} ({', '.join(choices)})", default=default, value_proc=require_choice, err=True
     )
     return answer
 
 
 def _find_state_questions(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Yield a question about the words for states: the name of the field, and a function that asks.
+    """Yield a question about the words for states in a file: (name of the field, function that asks).
 
-    The function asks which of two words means "without load", or which state a single word means.
+    For two words the function asks which of them means "without load"; for a single word, which state it
+    means.
     """
     if len(words) > 1:
 
         def ask_unloaded_word() -> dict[str, str]:
+            """Ask which word means "without load"; return word → state."""
             unloaded = _prompt_choice("Word for readings without load", tuple(words), words[0])
             return {word: "unloaded" if word == unloaded else "loaded" for word in words}
 
         yield "state_words", ask_unloaded_word
-    for word in words if len(words) == 1 else ():
+    if len(words) == 1:
+        (word,) = words
         yield f"state_words.{word}", partial(_prompt_choice, f"State that {word!r} means", _STATES, None)
 
 
 def _ask_vector(text: str, default: str | None) -> tuple[float, ...]:
-    """Ask for three numbers `X,Y,Z` and return them."""
+    """Ask for three numbers `X,Y,Z`; return the numbers. Enter alone returns those of `default`."""
     answer: tuple[float, ...] = typer.prompt(text, default=default, value_proc=cli.parse_vector, err=True)
     return answer
 
 
 _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
+    # field of the request → function that asks for its value
     **{option: partial(_prompt_choice, *question) for option, question in _CHOICE_QUESTIONS.items()},
     "load_point": partial(
         _ask_vector, "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0)", None
@@ -549,7 +581,7 @@ def has_blocking_findings(answer: ImportAnswer) -> bool:
 
 
 def make_import_report(answer: ImportAnswer) -> list[Part]:
-    """Return the preview of an import: files with their columns, totals, what is missing, and findings."""
+    """Return the preview of an import for people: files with their columns, totals, gaps and findings."""
     from jointstiff.service.tables.table import Line, text_table
 
     parts: list[Part] = []
@@ -576,29 +608,33 @@ def make_import_report(answer: ImportAnswer) -> list[Part]:
         parts += _make_first_lines(file.assumptions, "assumed: ")
     joints = "no joint angles" if answer.joint_count is None else f"{answer.joint_count} joints"
     targets, states = ", ".join(answer.targets) or "none", ", ".join(answer.states) or "none"
-    more = ", …" if answer.observation_count > len(answer.first_labels) else ""
-    counted = (
-        f"  {answer.observation_count} observations ({', '.join(answer.first_labels)}{more}), {joints}, "
+    ellipsis = ", …" if answer.observation_count > len(answer.first_labels) else ""
+    totals = (
+        f"  {answer.observation_count} observations ({', '.join(answer.first_labels)}{ellipsis}), {joints}, "
         f"{answer.reading_count} complete readings; targets: {targets}; states: {states}"
     )
-    parts += [Line(counted), *_make_first_lines(answer.assumptions, "assumed: ")]
+    parts += [Line(totals), *_make_first_lines(answer.assumptions, "assumed: ")]
     if answer.geometry is not None and answer.measurement_set is None:
         parts.append(
             Line(f"  complete: {len(answer.geometry.poses or ())} unloaded poses for a geometry", "good")
         )
     if answer.bodies:
-        total = sum(body.mass for body in answer.bodies)
-        parts.append(Line(f"  masses: {len(answer.bodies)} bodies, {total:g} kg together"))
+        total_mass = sum(body.mass for body in answer.bodies)
+        parts.append(Line(f"  masses: {len(answer.bodies)} bodies, {total_mass:g} kg together"))
     if answer.missing:
         parts += _make_first_lines(answer.missing, "missing: ", "care")
     elif not has_blocking_findings(answer):
-        own = "" if answer.geometry is None else " for the robot's own weight"
-        parts.append(Line(f"  complete: a measurement set{own}", "good"))
+        # The measurement set of a file with unloaded poses only serves to identify by the robot's own weight.
+        purpose = "" if answer.geometry is None else " for the robot's own weight"
+        parts.append(Line(f"  complete: a measurement set{purpose}", "good"))
     return [*parts, *_make_finding_lines(answer)]
 
 
 def _make_finding_lines(answer: ImportAnswer) -> Iterator[Line]:
-    """Yield a line for each finding of the integrity checks; nothing without a robot."""
+    """Yield a line for each finding of the integrity checks.
+
+    `answer.findings` is None, and nothing is yielded, if no robot was stated to check against.
+    """
     from jointstiff.service.tables.report import VERDICTS
     from jointstiff.service.tables.table import Line
 
@@ -623,7 +659,7 @@ def _describe_format(file: FilePreview) -> str:
 
 
 def _make_first_lines(texts: list[str], lead: str, style: Any = "dim") -> Iterator[Line]:  # noqa: ANN401 - a style
-    """Yield the first `_MAX_LINES` texts as lines that begin with `lead`, and a line with the number left."""
+    """Yield at most `_MAX_LINES` texts as lines that begin with `lead`, then a line on how many are left."""
     from jointstiff.service.tables.table import Line
 
     for text in texts[:_MAX_LINES]:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     WriteAudit = Callable[[AccessKey, str, str, int], object]
 
 LINK_TIME: Final = timedelta(minutes=10)
-"""Time in which a link can be used."""
+"""Time for which a link can be used."""
 
 keys = typer.Typer(help="Create, list and revoke the keys that open a service.", no_args_is_help=True)
 
@@ -57,7 +57,7 @@ def create(
     from pydantic import ValidationError
 
     from jointstiff.schemas.access import KeyRequest
-    from jointstiff.service.security.keys import mint
+    from jointstiff.service.security.keys import make_key
 
     now = datetime.now(UTC)
     expires_at = None if expires is None else expires.replace(tzinfo=UTC)
@@ -67,7 +67,7 @@ def create(
         raise typer.BadParameter("must be 1 to 200 printable characters", param_hint="NAME") from error
     if expires_at is not None and expires_at <= now:
         raise typer.BadParameter("must be in the future", param_hint="--expires")
-    text, record = mint(request.name, request.role, now, expires_at)
+    text, record = make_key(request.name, request.role, now, expires_at)
     with _open_keys(database, keys_file, is_new=True) as (stored_keys, write_audit):
         stored_keys.add(record)
         write_audit(record, "POST", "createKey", 201)
@@ -82,7 +82,7 @@ def list_keys(*, database: DatabaseUrl = "sqlite:///jointstiff.db", keys_file: K
     from jointstiff.service.tables.terminal import console, lay_out_parts
 
     with _open_keys(database, keys_file) as (stored_keys, _):
-        found = [describe_key(key, is_filed=keys_file is not None) for key in stored_keys.all()]
+        found = [describe_key(key, is_in_file=keys_file is not None) for key in stored_keys.all()]
     console().print(lay_out_parts([make_keys_table(found, datetime.now(UTC))]))
 
 
@@ -108,30 +108,34 @@ def link(
     """Print a link, with a QR code, that signs one browser in with a key: once, within ten minutes."""
     import segno
 
-    from jointstiff.service.security.keys import digest, mint_token
+    from jointstiff.service.security.keys import hash_secret, make_secret_token
     from jointstiff.service.store.store import Store
 
-    now, token = datetime.now(UTC), mint_token("jsl")
+    now, token = datetime.now(UTC), make_secret_token("jsl")
     with _open_keys(database, keys_file) as (stored_keys, _):
         found = {key.id: key for key in stored_keys.all()}.get(key_id)
     if found is None or not found.is_live(now):
         raise cli.print_failure(f"no valid key has the id {key_id!r}", "see `jointstiff keys list`")
     with Store.open(database) as store:
-        store.sessions.offer(digest(token), key_id, now, now + LINK_TIME)
+        store.sessions.offer(hash_secret(token), key_id, now, now + LINK_TIME)
         _record_in_audit(store, found, "POST", "createLink", 201)
-    address = f"{server.rstrip('/')}/#/sign-in/{token}"  # after #: no server and no log sees it
+    # Browsers do not send the part after #, so that no server and no log gets the token.
+    address = f"{server.rstrip('/')}/#/sign-in/{token}"
     segno.make(address, error="l", micro=False).terminal(compact=True)
     typer.echo(address)
-    cli.warn(f"signs one browser in as {found.name} ({found.role}), once, until {now + LINK_TIME:%H:%M} UTC")
+    cli.warn(
+        f"the link signs one browser in as {found.name} ({found.role}), once, until "
+        f"{now + LINK_TIME:%H:%M} UTC"
+    )
 
 
 @contextmanager
 def _open_keys(
     database: str, keys_file: Path | None, *, is_new: bool = False
 ) -> Iterator[tuple[KeysFile | AccessKeys, WriteAudit]]:
-    """Open the keys of a file or of a database; yield the keys, and a function that writes the audit.
+    """Open the keys of a file or of a database; yield (keys, function that writes an entry of the audit).
 
-    A missing database is created only if `is_new`. Changes of a file of keys are not written to any audit.
+    A missing database is created only if `is_new`. For a file of keys the function does nothing.
 
     Raises:
         StoreError: the database is missing or cannot be used.
@@ -144,7 +148,7 @@ def _open_keys(
 
     try:
         if keys_file is not None:
-            yield filed.KeysFile(keys_file), lambda *_: None
+            yield filed.KeysFile(keys_file), lambda *_: None  # a file has no audit
             return
         if not is_new:
             open_existing(database).close()
@@ -155,7 +159,7 @@ def _open_keys(
 
 
 def _record_in_audit(store: Store, key: AccessKey, method: str, operation: str, status: int) -> None:
-    """Write an entry into the audit: the operation on a key that a command carried out at the terminal."""
+    """Write into the audit that a command at the terminal carried out an operation on a key."""
     from jointstiff.service.store.tables import AuditEntry
 
     store.audit.add(
@@ -190,7 +194,7 @@ def make_keys_table(keys: Sequence[Key], now: datetime) -> Table:
 
 
 def _describe_validity(key: Key, now: datetime) -> str:
-    """Return a text that says whether a key is valid, expired or revoked, and until or since when."""
+    """Return whether a key is valid, expired or revoked as a text, with the time of the end, if any."""
     if key.revoked_at is not None:
         return f"revoked {_format_time(key.revoked_at)}"
     if key.expires_at is None:

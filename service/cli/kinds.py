@@ -1,4 +1,7 @@
-"""Commands of the kinds of work, made of their declarations and messages when they are called."""
+"""Commands of the kinds of work, such as `identify`, and the command `predict`.
+
+A command is made from the declaration and the options of its kind when it is called.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ import typer
 from typing_extensions import TypeAliasType
 
 from jointstiff.schemas.deflection import DeflectionOptions
-from jointstiff.schemas.fields import Message, Terminal, parse_chain
+from jointstiff.schemas.fields import Message, Terminal, parse_names
 from jointstiff.schemas.options import METHODS_IN_SHORT
 from jointstiff.service.cli import options as cli
 from jointstiff.service.kinds.kind import AnyKind
@@ -37,7 +40,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             Path | None,
             cli.file_argument(
                 "[SECOND]",
-                "Campaign to compare with: on secondary encoders, after a change, or of a twin robot.",
+                "Second campaign, to compare with the first: with secondary encoders, after a change, or of "
+                "a twin robot.",
             ),
         ],
     },
@@ -56,34 +60,38 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
     },
     "readings": {"file": Annotated[Path, cli.file_argument("FILE", "File of readings.")]},
     "files": {
-        "program": Annotated[list[Path], cli.file_argument("PROGRAM", "Robot program; a .src with its .dat.")]
+        "program": Annotated[
+            list[Path],
+            cli.file_argument("PROGRAM", "Robot program; a KUKA program is a .src file and its .dat file."),
+        ]
     },
 }
-"""Arguments of a command, by the name of the source that its kind of work is made from."""
+"""Name of a source of a kind of work → arguments of the command: name → annotation."""
 _Options = Annotated[Path | None, cli.file_option("JSON file with further options, named as in the API.")]
 _Output = Annotated[Path | None, cli.output_option("File to write the table to; its suffix sets the format.")]
 _AsCsv = Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")]
 
 
 Forms = Mapping[str, Terminal]
+"""Field of a message → its form on the command line."""
 _NO_FORMS: Final[Forms] = MappingProxyType({})
 _JOINTS_OF_ARM: Final = 6  # number of an arm's joints; further joints of a posture are linear axes
 
 
 class ParsedValue:
-    """Type that marks options whose value a parser of Jointstiff makes from the text."""
+    """Placeholder type of options whose text is parsed by a function of Jointstiff, not by Typer."""
 
 
 @dataclass(frozen=True)
 class _FileOptions:
     """Options of a command that concern files, and the functions that carry out these options."""
 
-    options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)  # (annotation, default) by name
-    endings: tuple[str, ...] = ()  # allowed endings of the file that `output` names, unless it is a table
-    passed_options: tuple[str, ...] = ()  # names of options that the function of the work accepts
-    # function that writes files of a job that has a result, and returns the job to print
+    options: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)  # name → (annotation, default)
+    endings: tuple[str, ...] = ()  # allowed endings of the file of --output, if it is not a table
+    passed_options: tuple[str, ...] = ()  # names of options that are passed on to the function of the work
+    # function that writes the files of a job with a result, and returns the job to print
     finish: Callable[[Any, _Values, Sequence[Any]], Any] = lambda job, _values, _sources: job
-    # function that may do something in place of the work, as for --explain; returns whether it did so
+    # function that returns True if it did something in place of the work, as the option --explain requests
     replace_work: Callable[[_Values, Sequence[Any]], bool] = lambda _values, _sources: False
     # function that returns the paths of the files that the command will write
     list_paths: Callable[[_Values, Sequence[Any]], Sequence[Path | None]] = lambda _values, _sources: ()
@@ -93,28 +101,29 @@ def build_command(name: str) -> Callable[..., None]:
     """Return the function of the command of a kind of work, such as `identify`, with its options."""
     kind, file_options = import_kind(name), _FILE_OPTIONS.get(name, _FileOptions())
     sources: dict[str, tuple[Any, Any]] = {
-        key: (annotation, None if key == "second" else ...)
+        name: (annotation, None if name == "second" else ...)  # only the second campaign may be omitted
         for source in kind.sources
-        for key, annotation in _ARGUMENTS[source].items()
+        for name, annotation in _ARGUMENTS[source].items()
     }
-    fields = {key: (annotation, None) for key, annotation in field_options(kind.options)}
-    endings = [f".{file.suffix}" for file in kind.files]
-    writes_table = "output" not in file_options.options and ".csv" in endings
+    fields = {name: (annotation, None) for name, annotation in field_options(kind.options)}
+    table_endings = [f".{file.suffix}" for file in kind.files]
+    # A kind that has tables gets an option --output for the table, unless it has its own option --output.
+    writes_table = "output" not in file_options.options and ".csv" in table_endings
 
-    def command(**values: Any) -> None:  # noqa: ANN401 - by the signature below
+    def command(**values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         # The files to write are checked first, so that no finished work is lost because of a wrong name.
-        source_values = [values[key] for key in sources if values[key] is not None]
+        source_values = [values[name] for name in sources if values[name] is not None]
         if file_options.replace_work(values, source_values):
             return
         output = values.get("output")
         if output is not None and (writes_table or file_options.endings):
-            cli.check_ending(output, endings if writes_table else file_options.endings, reported=True)
+            cli.check_ending(output, table_endings if writes_table else file_options.endings, reported=True)
         paths_to_write = list(
             filter(None, [output if writes_table else None, *file_options.list_paths(values, source_values)])
         )
         for path in paths_to_write:
             cli.refuse_existing(path, overwrite=values.get("overwrite", False))
-        passed = {key: values[key] for key in file_options.passed_options if values[key] is not None}
+        passed = {name: values[name] for name in file_options.passed_options if values[name] is not None}
         job = _run_work(kind, source_values, gather_stated_fields(kind.options, values) | passed, values)
         if job.result is not None:
             job = file_options.finish(job, values, source_values)
@@ -165,7 +174,7 @@ _Postures = Annotated[
 def build_predict_command() -> Callable[..., None]:
     """Return the function of the command `predict`, with an option for each field of its request."""
 
-    def command(file: Path, postures: Path, **values: Any) -> None:  # noqa: ANN401 - by the signature below
+    def command(file: Path, postures: Path, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Predict deflections in given postures under given loads."""
         from jointstiff.service.cli.models import read_or_identify_run
         from jointstiff.service.library import here
@@ -197,7 +206,11 @@ def build_predict_command() -> Callable[..., None]:
 def _run_work(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Values) -> Job:
     """Do the work of a command in this process; return the job.
 
-    `stated` are the fields that options of the command state; they replace those of the file `--options`.
+    Args:
+        kind: kind of the work.
+        sources: values of the arguments, such as the file of a campaign.
+        stated: fields that options of the command state; they take precedence over the file of --options.
+        values: values of all options.
 
     Raises:
         CampaignError: sources or options cannot be used; the texts name options in place of fields.
@@ -216,12 +229,13 @@ def _run_work(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values:
             attach_campaign(read_document(values["run"], Run), read_campaign(sources[0])),
             *sources[1:],
         ]
+    # A source may be a list of files: each file is an argument.
     arguments = [each for source in sources for each in (source if isinstance(source, list) else [source])]
-    work = getattr(Here(), ROOMS[kind.name].command)
+    do_work = getattr(Here(), ROOMS[kind.name].command)  # the method with the name of the command
     try:
-        stepped = kind.stepped or "campaigns" in kind.sources
-        with progress_bar(shown=stepped) as show_progress:
-            job: Job = work(*arguments, on_progress=show_progress if stepped else None, **stated)
+        has_progress = kind.stepped or "campaigns" in kind.sources
+        with progress_bar(shown=has_progress) as show_progress:
+            job: Job = do_work(*arguments, on_progress=show_progress if has_progress else None, **stated)
     except CampaignError as error:
         raise CampaignError(name_options_in_problem(kind.options, error.problem)) from error
     return job
@@ -230,7 +244,12 @@ def _run_work(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values:
 def _convert_to_units_of_file(
     file: dict[str, Any], message: type[Message], stated: dict[str, Any]
 ) -> dict[str, Any]:
-    """Return options of the command, typed in m, deg and N, in the units that a file of options states.
+    """Return fields that options of the command state, converted to the units that a file of options states.
+
+    Args:
+        file: content of the file of options; its `units` hold for all fields.
+        message: class of the fields.
+        stated: fields that options of the command state, in m, deg and N.
 
     Raises:
         typer.BadParameter: a posture has more than six joints, so it contains linear axes, and the file
@@ -241,28 +260,27 @@ def _convert_to_units_of_file(
     units = file.get("units")
     if not isinstance(units, dict):
         return stated
-    # By the unit of an option: the quantity, and the size of each unit of that quantity in SI units.
-    tables = {"m": ("length", LENGTH), "deg": ("angle", ANGLE), "N": ("force", FORCE)}
+    # Unit of an option → its quantity, and the size of each unit of that quantity in SI units.
+    quantities = {"m": ("length", LENGTH), "deg": ("angle", ANGLE), "N": ("force", FORCE)}
     converted = dict(stated)
     for name, value in stated.items():
-        quantity, unit_sizes = tables.get(_find_option_form(message.model_fields[name]).unit, ("", {}))
+        unit_of_option = _find_option_form(message.model_fields[name]).unit
+        quantity, unit_sizes = quantities.get(unit_of_option, ("", {}))
         unit = units.get(quantity)
-        posture = quantity == "angle" and isinstance(value, list | tuple)
-        if posture and unit != "deg" and unit in unit_sizes and len(value) > _JOINTS_OF_ARM:
+        is_posture = quantity == "angle" and isinstance(value, list | tuple)
+        if is_posture and unit != "deg" and unit in unit_sizes and len(value) > _JOINTS_OF_ARM:
             raise typer.BadParameter(
                 f"the values of linear axes cannot be converted from deg to {unit}, the unit of angles in "
                 f"the file of options; remedy: state `{name}` in that file, in its units",
                 param_hint=option_flag(message, name),
             )
         if unit in unit_sizes:
-            converted[name] = scale_numbers(
-                unit_sizes[_find_option_form(message.model_fields[name]).unit] / unit_sizes[unit], value
-            )
+            converted[name] = scale_numbers(unit_sizes[unit_of_option] / unit_sizes[unit], value)
     return converted
 
 
 def scale_numbers(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
-    """Return a number, or a list or dictionary of numbers, multiplied by a factor."""
+    """Return a number, or all numbers in nested lists and dictionaries, multiplied by a factor."""
     if isinstance(value, dict):
         return {key: scale_numbers(factor, part) for key, part in value.items()}
     return (
@@ -271,44 +289,53 @@ def scale_numbers(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
 
 
 def name_options_in_text(message: type[Message], text: str, forms: Forms = _NO_FORMS) -> str:
-    """Return a text in which fields in backquotes, such as `load_point`, become options: `--load-point`.
+    """Return a text in which the fields of a message become the options of a command.
 
-    A field with a value, such as `method: pose`, becomes `--method pose`.
+    A field in backquotes, such as `load_point`, becomes `--load-point`; a field with a value, such as
+    `method: pose`, becomes `--method pose`.
     """
-    with_option = dict(field_options(message, forms))
+    fields_with_option = dict(field_options(message, forms))
 
     def replace_field(found: re.Match[str]) -> str:
         """Return the option for a matched field; the unchanged text if the field has no option."""
         name, value = found.groups()
-        if name not in with_option:
+        if name not in fields_with_option:
             return found[0]
-        alone = value is None or _find_option_form(message.model_fields[name]).flag
-        return f"`{option_flag(message, name, forms)}{'' if alone else f' {value}'}`"
+        takes_no_value = value is None or _find_option_form(message.model_fields[name]).flag
+        return f"`{option_flag(message, name, forms)}{'' if takes_no_value else f' {value}'}`"
 
     return re.sub(r"`(\w+)(?:: (\w+))?`", replace_field, text)
 
 
 def name_options_in_problem(message: type[Message], problem: Problem, forms: Forms = _NO_FORMS) -> Problem:
-    """Return a problem whose texts name the command's options in place of the request's fields."""
+    """Return a problem whose texts name the command's options in place of the request's fields.
+
+    `message` is the class of the request; `forms` are the forms of its fields on the command line, where they
+    differ from those that the class declares.
+    """
     from jointstiff.service.problems import MISSING
 
-    with_option, items = dict(field_options(message, forms)), []
+    fields_with_option, items = dict(field_options(message, forms)), []
     for item in problem.errors:
         remedy = item.remedy and name_options_in_text(message, item.remedy, forms)
         if item.reason == MISSING and item.where in message.model_fields:
-            kind = _unwrap_type(message.model_fields[item.where].annotation)
-            by_option = f"give `{option_flag(message, item.where, forms)}`"
-            by_option += f": one of {', '.join(get_args(kind))}" if get_origin(kind) is Literal else ""
-            remedy = by_option if item.where in with_option else "state it in the JSON file of `--options`"
+            # An option, such as `--encoders`, is missing on the command line.
+            field_type = _unwrap_type(message.model_fields[item.where].annotation)
+            remedy = f"give `{option_flag(message, item.where, forms)}`"
+            remedy += (
+                f": one of {', '.join(get_args(field_type))}" if get_origin(field_type) is Literal else ""
+            )
+            if item.where not in fields_with_option:
+                remedy = "state it in the JSON file of `--options`"
         changes = {"reason": name_options_in_text(message, item.reason, forms), "remedy": remedy}
         items.append(item.model_copy(update=changes))
     title = problem.title
     if items and all(re.split(r"\W", item.where)[0] in message.model_fields for item in items):
         title = "Options are missing or wrong"
-    repeated = problem.remedy in {item.remedy for item in problem.errors}
+    is_remedy_of_item = problem.remedy in {item.remedy for item in problem.errors}
     remedy = (
         items[0].remedy
-        if repeated
+        if is_remedy_of_item
         else problem.remedy and name_options_in_text(message, problem.remedy, forms)
     )
     detail = name_options_in_text(message, problem.detail, forms)
@@ -325,49 +352,50 @@ def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN40
     from jointstiff.service.tables.terminal import console
 
     if values["as_json"]:
-        typer.echo(kind.answered(job.model_dump_json(indent=2)))
+        typer.echo(kind.to_answer(job.model_dump_json(indent=2)))
     elif values.get("as_csv") and job.result is not None:
         typer.echo(job.table("csv").decode(), nl=False)
     else:
         if values.get("second") is not None:
             typer.echo(f"First: {values['file']}. Second: {values['second']}.")
-        applies = kind.name == "run" and values["apply"] is None
+        # The report of a run names the actions to use with --apply, unless an action was applied just now.
+        names_actions = kind.name == "run" and values["apply"] is None
         console().print(
-            lay_out_job(kind, job, details=values["details"], unit=values["unit"], applies=applies)
+            lay_out_job(kind, job, details=values["details"], unit=values["unit"], applies=names_actions)
         )
     if job.state != "succeeded" or job.failed_parts:
         raise typer.Exit(1)
 
 
 def field_options(message: type[Message], forms: Forms = _NO_FORMS) -> Iterator[tuple[str, Any]]:
-    """Yield name and Typer annotation of each field of a message that has an option on the command line.
+    """Yield (name, Typer annotation) of each field of a message that has an option on the command line.
 
-    No option is required here: the message reports missing fields when it is validated.
+    All options may be omitted: missing fields are reported when the message is validated.
 
     Args:
         message: message whose fields become options.
         forms: forms of fields on the command line, in place of the forms that the message declares.
     """
-    for name, stated in message.model_fields.items():
-        terminal = _find_option_form(stated, forms.get(name))
+    for name, field_info in message.model_fields.items():
+        terminal = _find_option_form(field_info, forms.get(name))
         flag = option_flag(message, name, forms)
-        text = terminal.text or " ".join((stated.description or "").split())
+        text = terminal.text or " ".join((field_info.description or "").split())
         if terminal.hidden:
             continue
         if terminal.flag:
             yield name, Annotated[bool | None, typer.Option(flag, help=text)]
         elif terminal.parse is not None:
-            kind: Any = ParsedValue if terminal.gather == "one" else list[ParsedValue]
+            option_type: Any = ParsedValue if terminal.gather == "one" else list[ParsedValue]
             text += "" if terminal.gather == "one" else " Repeatable."
-            form: dict[str, Any] = {
+            arguments: dict[str, Any] = {
                 "parser": _keep_words_of_errors(terminal.parse),
                 "metavar": terminal.metavar,
             }
-            yield name, Annotated[kind | None, typer.Option(flag, help=text, **form)]
-        elif (shape := _choose_option_type(_unwrap_type(stated.annotation), terminal.unit)) is not None:
-            kind, form = shape
-            flag += f"/--no-{name.replace('_', '-')}" if kind is bool else ""
-            yield name, Annotated[kind | None, typer.Option(flag, help=text, **form)]
+            yield name, Annotated[option_type | None, typer.Option(flag, help=text, **arguments)]
+        elif (chosen := _choose_option_type(_unwrap_type(field_info.annotation), terminal.unit)) is not None:
+            option_type, arguments = chosen
+            flag += f"/--no-{name.replace('_', '-')}" if option_type is bool else ""
+            yield name, Annotated[option_type | None, typer.Option(flag, help=text, **arguments)]
 
 
 def option_flag(message: type[Message], name: str, forms: Forms = _NO_FORMS) -> str:
@@ -384,71 +412,83 @@ def gather_stated_fields(message: type[Message], values: _Values, forms: Forms =
         if values[name] not in (None, []):
             terminal = _find_option_form(message.model_fields[name], forms.get(name))
             value = dict(values[name]) if terminal.gather == "dict" else values[name]
-            stated[name] = terminal.flag or value
+            stated[name] = terminal.flag or value  # an option without a value means the value `flag`
     return stated
 
 
 def _keep_words_of_errors(parse: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Return a parser whose error message is the text of the ValueError; Click would show the input."""
+    """Return a parser that raises BadParameter with the message of a ValueError of `parse`.
 
-    def parsed(text: str) -> Any:  # noqa: ANN401 - JSON
+    Without this, Click would replace the message by the text that was parsed.
+    """
+
+    def parse_option(text: str) -> Any:  # noqa: ANN401 - JSON
+        """Parse the text of an option, and report an error in the words of `parse`."""
         try:
             return parse(text)
         except ValueError as error:
             raise typer.BadParameter(str(error)) from None
 
-    return parsed
+    return parse_option
 
 
-def _find_option_form(stated: FieldInfo, form: Terminal | None = None) -> Terminal:
-    """Return how a field is stated on the command line.
+def _find_option_form(field_info: FieldInfo, form: Terminal | None = None) -> Terminal:
+    """Return the form of a field on the command line.
 
-    That is `form` if it is not None, else the form that the field declares, else one with only its unit.
+    The form is `form` unless this is None; else the form that the field declares; else a form with nothing
+    but the unit of the field.
     """
     if form is not None:
         return form
-    extra = stated.json_schema_extra
+    extra = field_info.json_schema_extra
     unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
-    return next((each for each in stated.metadata if isinstance(each, Terminal)), Terminal(unit=unit))
+    return next((each for each in field_info.metadata if isinstance(each, Terminal)), Terminal(unit=unit))
 
 
-def _choose_option_type(kind: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type
-    """Return the type of an option and the arguments for `typer.Option`, from type and unit of the field.
+def _choose_option_type(field_type: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type
+    """Return (type of an option, arguments for `typer.Option`), given type and unit of its field.
 
     Return None if the field cannot be an option, so that only a file of options can state it.
     """
-    if kind in {bool, int}:
-        return kind, {}
-    if get_origin(kind) is Literal:
-        words = get_args(kind)
+    if field_type in {bool, int}:
+        return field_type, {}
+    if get_origin(field_type) is Literal:
+        words = get_args(field_type)
         return ParsedValue, {
             "parser": _keep_words_of_errors(_make_word_parser(words)),
             "metavar": f"<{'|'.join(words)}>",
             "autocompletion": lambda incomplete: [word for word in words if word.startswith(incomplete)],
         }
-    if kind is str:
+    if field_type is str:
         return str, {"metavar": "TEXT"}
-    if kind is float and unit in _UNITS_AT_TERMINAL:
-        shown, factor = _UNITS_AT_TERMINAL[unit]
-        return ParsedValue, {"parser": lambda text: factor * float(text), "metavar": f"NUMBER[{shown}]"}
-    if kind is float:
+    if field_type is float and unit in _UNITS_AT_TERMINAL:
+        terminal_unit, factor = _UNITS_AT_TERMINAL[unit]
+        return ParsedValue, {
+            "parser": lambda text: factor * float(text),
+            "metavar": f"NUMBER[{terminal_unit}]",
+        }
+    if field_type is float:
         return float, {"metavar": "NUMBER"}
-    parts = [_unwrap_type(part) for part in get_args(kind)]
-    if get_origin(kind) is tuple and parts == [float] * 3:
-        shown = {"m": "[mm]", "": "", "1": ""}.get(unit, f"[{unit}]")
+    item_types = [_unwrap_type(each) for each in get_args(field_type)]
+    if get_origin(field_type) is tuple and item_types == [float] * 3:
+        unit_text = {"m": "[mm]", "": "", "1": ""}.get(unit, f"[{unit}]")
         return ParsedValue, {
             "parser": cli.parse_point if unit == "m" else cli.parse_vector,
-            "metavar": f"X,Y,Z{shown}",
+            "metavar": f"X,Y,Z{unit_text}",
         }
-    if get_origin(kind) is list and (parts[0] is str or get_origin(parts[0]) is Literal):
-        return ParsedValue, {"parser": parse_chain, "metavar": "NAME,NAME,..."}
+    if get_origin(field_type) is list and (item_types[0] is str or get_origin(item_types[0]) is Literal):
+        return ParsedValue, {"parser": parse_names, "metavar": "NAME,NAME,..."}
     return None
 
 
 def _make_word_parser(words: Sequence[str]) -> Callable[[str], str]:
-    """Return a parser that accepts the words of an API field, with hyphens too, and methods' short names."""
+    """Return a parser that accepts the words of an API field and the abbreviations of methods.
+
+    Hyphens may replace the underscores of a word.
+    """
 
     def parse(text: str) -> str:
+        """Return the word of the API that a text names; raise ValueError for another text."""
         word = METHODS_IN_SHORT.get(text.upper(), text.replace("-", "_"))
         if word not in words:
             raise ValueError(f"{text!r} is not one of {', '.join(map(repr, words))}.")
@@ -462,7 +502,7 @@ _UNITS_AT_TERMINAL: Final[Mapping[str, tuple[str, float]]] = {
     "rad": ("deg", math.pi / 180.0),
     "deg": ("deg", 1.0),
 }
-"""By the unit of the API: the unit on the command line, and the factor that converts to the API's unit."""
+"""Unit in the API → (unit on the command line, factor that converts a number to the unit in the API)."""
 
 
 def _unwrap_type(annotation: Any) -> Any:  # noqa: ANN401 - a type
@@ -479,7 +519,7 @@ def _unwrap_type(annotation: Any) -> Any:  # noqa: ANN401 - a type
 
 
 def _choose_corrected_path(values: _Values) -> Path | None:
-    """Return the path of the corrected campaign, by default next to the old one; None without --apply.
+    """Return the path for the corrected campaign, by default next to the old campaign; None without --apply.
 
     Raises:
         typer.BadParameter: --output is given without --apply, or does not end in .json.
@@ -487,8 +527,8 @@ def _choose_corrected_path(values: _Values) -> Path | None:
     output: Path | None = values["output"]
     if values["apply"] is None:
         if output is not None:
-            others = "`jointstiff export` writes tables, `jointstiff report` writes reports"
-            message = f"names the file of the campaign that --apply corrects, so it needs --apply; {others}"
+            hint = "`jointstiff export` writes tables, `jointstiff report` writes reports"
+            message = f"names the file of the campaign that --apply corrects, so it needs --apply; {hint}"
             raise typer.BadParameter(message, param_hint="--output")
         return None
     if output is not None:
@@ -498,9 +538,10 @@ def _choose_corrected_path(values: _Values) -> Path | None:
 
 
 def _apply_action(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - runs
-    """Apply the action of --apply; write the corrected campaign, print both runs, return the new run.
+    """Apply the action of --apply; write the corrected campaign, and return its run.
 
-    Without --apply, return the job unchanged.
+    A table that compares the old and the new run is printed, unless --json is given. Without --apply, return
+    the old run `job`.
     """
     from jointstiff.service.kinds.run.kind import before_after_table
     from jointstiff.service.tables.stiffness import UNITS
@@ -509,12 +550,13 @@ def _apply_action(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  #
     path = _choose_corrected_path(values)
     if path is None:
         return job
-    after = job.apply(values["apply"])
-    document = after.campaign.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+    new_run = job.apply(values["apply"])
+    document = new_run.campaign.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
     cli.write_json(path, document)
-    if after.result is not None and not values["as_json"]:
-        console().print(lay_out_parts([before_after_table(job.result, after.result, UNITS[values["unit"]])]))
-    return after
+    if new_run.result is not None and not values["as_json"]:
+        table = before_after_table(job.result, new_run.result, UNITS[values["unit"]])
+        console().print(lay_out_parts([table]))
+    return new_run
 
 
 def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Geometry
@@ -526,23 +568,25 @@ def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # 
 
 
 def _write_campaign_to_fill_in(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Plan
-    """Write a campaign with empty readings to the file of --campaign, if that is given; return the job."""
-    from jointstiff.service.kinds.plan.kind import campaign_to_fill_in
-    from jointstiff.service.resources.documents import read_planned
+    """Write a campaign with empty readings to the file of --campaign, if it is given; return the job."""
+    from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in
+    from jointstiff.service.resources.documents import read_plan_source
 
     if values["campaign"] is not None:
-        campaign = campaign_to_fill_in(read_planned(sources[0]), job)
+        campaign = make_campaign_to_fill_in(read_plan_source(sources[0]), job)
         cli.write_json(values["campaign"], campaign)
     return job
 
 
 def _choose_program_paths(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
-    """Return the path to write for each file of a program, by the name of the file.
+    """Return name → path to write, for each file of a program.
 
-    The path is that of --output; if the program has several files, with the ending of each file.
+    The path is that of --output; if the program has several files, it gets the ending of each file.
     """
-    output, several = values["output"], len(sources[1]) > 1
-    return {each.name: output.with_suffix(each.suffix) if several else output for each in sources[1]}
+    output, program_files = values["output"], sources[1]
+    if len(program_files) == 1:
+        return {program_files[0].name: output}
+    return {file.name: output.with_suffix(file.suffix) for file in program_files}
 
 
 def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool:
@@ -573,8 +617,8 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
         frames = f"base {row.base or 'unknown'}, tool {row.tool or 'unknown'}"
         verdict = "corrected" if row.corrected else f"not corrected: {row.reason}; {row.remedy}"
         typer.echo(f"line {row.line}: {row.target or 'target unknown'}, {frames}: {verdict}")
-    corrected = sum(row.corrected for row in rows)
-    typer.echo(f"{corrected} of {len(rows)} moves can be corrected, {len(rows) - corrected} cannot")
+    count = sum(row.corrected for row in rows)
+    typer.echo(f"{count} of {len(rows)} moves can be corrected, {len(rows) - count} cannot")
     return True
 
 
@@ -582,9 +626,9 @@ def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  #
     """Write the compensated files of a program, and the report if --report is given; return the job."""
     from jointstiff.service.kinds.program.work import decompress_file
 
-    outputs = _choose_program_paths(values, sources)
-    for each in job.result.files:
-        outputs[each.name].write_bytes(decompress_file(each))
+    paths = _choose_program_paths(values, sources)
+    for file in job.result.files:
+        paths[file.name].write_bytes(decompress_file(file))
     if values["report"] is not None:
         values["report"].write_bytes(job.table("csv"))
     return job
@@ -601,8 +645,8 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
             "apply": _make_optional_parameter(
                 typer.Option(
                     metavar="ACTION",
-                    help="Apply an action that a reason advises, such as exchange_columns or "
-                    "convert_units: write the corrected campaign to a new file, and identify it.",
+                    help="Apply an action that a reason of the verdict recommends, such as exchange_columns "
+                    "or convert_units: write the corrected campaign to a new file, and identify it.",
                 ),
                 str,
             ),

@@ -24,13 +24,13 @@ _FIELDS_WITHOUT_OPTION: Final = {
     "plan_id",
     "prior",
 }
-"""Fields of `LiveOptions` without an option: the command states them otherwise, or only the API has them."""
+"""Fields of `LiveOptions` for which the command has no option of the same form."""
 _HELP_TEXTS: Final = {
     "load": "Load to apply, such as dead_weight:1500, dead_weight:150kg or any_direction:1500; default: the "
     "strongest force of the campaign, a weight if all of its forces pull down.",
-    "targets": "Target in the flange frame, in mm; default: those of the campaign. Repeatable.",
+    "targets": "Target in the flange frame, in mm; default: the targets of the campaign. Repeatable.",
     "work_area": "Work area of a goal about deflections: two corners of a box, in R0, in mm; default: the "
-    "box of the campaign's load places.",
+    "box around the load points of the campaign.",
 }
 
 
@@ -45,8 +45,9 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
             str,
             typer.Option(
                 metavar="GOAL",
-                help='"15 %" of every joint that the load twists; "6 um" of the deflection in the work area; '
-                '"below 0.5 mm" to decide about it.',
+                help='Uncertainty to reach: "15 %" of every stiffness that the load tests, or "6 um" of the '
+                'deflection in the work area; or "below 0.5 mm" to decide whether the deflection stays '
+                "below.",
             ),
         ],
         ...,
@@ -66,7 +67,7 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         _make_text_option(
             "--force",
             "X,Y,Z[N]",
-            "Force in the work area, axes of R0; one number is a weight. Default: that of the load.",
+            "Force in the work area, axes of R0; one number is a weight. Default: the force of the load.",
         ),
         None,
     ),
@@ -98,7 +99,7 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         _make_text_option(
             "--pattern",
             "REGEX",
-            "Form of `lines` as a regular expression: groups x, y, z, and target, sigma if present.",
+            "Format of the lines of text: a regular expression with groups x, y, z, and maybe target, sigma.",
         ),
         None,
     ),
@@ -106,13 +107,13 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         _make_text_option(
             "--columns",
             "NAME,NAME,...",
-            "Form of `lines` as columns in order, such as target,x,y,z or -,x,y,z,sigma.",
+            "Columns of the lines of text in their order, such as target,x,y,z or -,x,y,z,sigma.",
         ),
         None,
     ),
     "source_unit": (
         _make_text_option(
-            "--source-unit", "UNIT", "Unit of lengths in `lines`: mm, m, um or in; default: mm."
+            "--source-unit", "UNIT", "Unit of lengths in the lines of text: mm, m, um or in; default: mm."
         ),
         None,
     ),
@@ -120,8 +121,8 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         _make_text_option(
             "--request",
             "TEXT",
-            "Text sent to `lines` before each reading, with {target}, {state}, {label}, {joints} [rad], "
-            "{force} [N].",
+            "Text sent to a source of lines before each reading; {target}, {state}, {label}, {joints} [rad] "
+            "and {force} [N] are replaced.",
         ),
         None,
     ),
@@ -140,23 +141,30 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
     "as_json": (cli.AsJson, False),
 }
 _LINE_OPTIONS: Final = ("pattern", "columns", "source_unit", "request", "baud")
+"""Options of sources of lines of text."""
 
 
 def build_measure_command() -> Callable[..., None]:
     """Return the function of the command `measure`, with options for fields of `LiveOptions`."""
-    offered = {key: one for key, one in field_options(LiveOptions) if key not in _FIELDS_WITHOUT_OPTION}
-    for key, text in _HELP_TEXTS.items():
-        offered[key].__metadata__[0].help = text
+    annotations = {
+        name: annotation
+        for name, annotation in field_options(LiveOptions)
+        if name not in _FIELDS_WITHOUT_OPTION
+    }
+    for name, text in _HELP_TEXTS.items():
+        option = annotations[name].__metadata__[0]  # the `typer.Option` of the annotation
+        option.help = text
 
-    def command(source_file: str, **values: Any) -> None:  # noqa: ANN401 - by the signature below
+    def command(source_file: str, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Measure live: what to read next, what the readings say so far, and when it is enough.
 
         docs/live.md explains goals and sources.
         """
         if values["save"] is not None:
             cli.refuse_existing(values["save"], overwrite=values["overwrite"])
-        everything = {name: None for name, _ in field_options(LiveOptions)} | values
-        _run_measure(source_file, gather_stated_fields(LiveOptions, everything), values)
+        # `gather_stated_fields` needs a value for every field: None for fields without an option here.
+        values_of_fields = {name: None for name, _ in field_options(LiveOptions)} | values
+        _run_measure(source_file, gather_stated_fields(LiveOptions, values_of_fields), values)
 
     argument = Annotated[
         str,
@@ -166,16 +174,19 @@ def build_measure_command() -> Callable[..., None]:
             "file, or the name of an arm of the catalogue, with --load and --target.",
         ),
     ]
-    fields = {key: (one, None) for key, one in offered.items()}
-    sources: dict[str, tuple[Any, Any]] = {"source_file": (argument, ...)}
-    cli.set_signature(command, sources | dict(_OWN_PARAMETERS) | fields)
+    fields = {name: (annotation, None) for name, annotation in annotations.items()}
+    arguments: dict[str, tuple[Any, Any]] = {"source_file": (argument, ...)}
+    cli.set_signature(command, arguments | dict(_OWN_PARAMETERS) | fields)
     return command
 
 
 def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) -> None:
-    """Measure a robot or campaign live, in this process or with --server over a service.
+    """Measure a robot live, in this process or, with --server, over a service.
 
-    `stated` are the fields of the request that options state, `values` the values of all options.
+    Args:
+        source: file of a campaign or a robot, or the name of an arm of the catalogue.
+        stated: fields of `LiveOptions` that options of the command state.
+        values: values of all options of the command.
     """
     from jointstiff.service.library.measure import measure
     from jointstiff.service.resources.documents import read_object
@@ -198,9 +209,8 @@ def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) ->
         with measure(source, **arguments) as campaign:
             _measure_and_print(campaign, values, asks=asks)
         return
-    from jointstiff.service.library.client import (
-        Client,
-    )  # imported only here: it needs an extra that a measurement in this process does not need
+    # Imported only here, as it needs an extra that a measurement in this process does not need.
+    from jointstiff.service.library.client import Client
 
     with Client(values["server"].rstrip("/"), warn=cli.warn) as client:
         client.ping()
@@ -209,7 +219,7 @@ def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) ->
 
 
 def _parse_force(text: str | None) -> tuple[float, ...] | None:
-    """Parse `X,Y,Z`, or one number as a weight along -z, into a force in R0 [N]; None stays None."""
+    """Parse `X,Y,Z`, or one number as a weight along -z, into a force in R0 [N]; return None for None."""
     if text is None:
         return None
     try:
@@ -222,6 +232,8 @@ def _parse_force(text: str | None) -> tuple[float, ...] | None:
 def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, asks: bool) -> None:
     """Measure until the end, close the campaign, save it if requested, and print its run.
 
+    `values` are the values of all options; with `asks` the person at the terminal is asked questions.
+
     Raises:
         typer.Exit: the source has stopped, nothing was read, or the run has failed.
     """
@@ -233,13 +245,14 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
 
     person = AtTerminal(campaign, asks=asks, confirmed=values["yes"])
     cli.warn(f"goal: {campaign.state.goal}")
-    stopped: SourceError | None = None
+    source_error: SourceError | None = None
     try:
         campaign.run_source(person, values["most"])
     except SourceError as error:
-        stopped = error
+        source_error = error
         if not campaign.count:
             raise
+        # The readings so far are identified, although the source has stopped.
         cli.warn(f"{error.reason}\n  remedy: {error.remedy}")
     state = campaign.state
     cli.warn(state.message if state.message.startswith(state.state) else f"{state.state}: {state.message}")
@@ -250,15 +263,18 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
         campaign.campaign.save(values["save"])
         cli.warn(f"wrote {values['save']}")
     if values["as_json"]:
-        typer.echo(json.dumps(_make_json_document(campaign, stopped), indent=2, ensure_ascii=False))
+        typer.echo(json.dumps(_make_json_document(campaign, source_error), indent=2, ensure_ascii=False))
     else:
         console().print(lay_out_job(RUN, run, details=values["details"], unit=values["unit"]))
-    if stopped is not None or run.state != "succeeded":
+    if source_error is not None or run.state != "succeeded":
         raise typer.Exit(1)
 
 
-def _make_json_document(campaign: LiveMeasurement, stopped: Any) -> dict[str, Any]:  # noqa: ANN401 - an error or None
-    """Return the JSON document that `--json` prints: outcome, record of the readings, and run."""
+def _make_json_document(campaign: LiveMeasurement, source_error: Any) -> dict[str, Any]:  # noqa: ANN401 - an error or None
+    """Return the JSON document that `--json` prints: outcome, record of the readings, and run.
+
+    `source_error` is the error with which the source stopped, or None.
+    """
     state, run = campaign.outcome, campaign.close()
     fields = state.model_dump(mode="json", exclude={"revision", "still_needed", "next", "warnings"})
     readings = fields.pop("readings")
@@ -266,11 +282,12 @@ def _make_json_document(campaign: LiveMeasurement, stopped: Any) -> dict[str, An
         "readings": campaign.count,
         **fields,
         "withdrawn": sum(each["state"] == "withdrawn" for each in readings),
+        # Only held-out readings have a ratio; that of the last one is stated.
         "ball_ratio": next(
             (each["ball_ratio"] for each in readings[::-1] if each["ball_ratio"] is not None), None
         ),
         "record": readings,
-        "stopped": None if stopped is None else stopped.reason,
+        "stopped": None if source_error is None else source_error.reason,
         "run_id": run.id,
         "error": None if run.error is None else run.error.model_dump(mode="json"),
         "result": None if run.result is None else run.result.model_dump(mode="json"),

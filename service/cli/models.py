@@ -66,7 +66,8 @@ def report(
     cli.refuse_existing(output, overwrite=overwrite)
     try:
         job: Any = read_or_identify_run(file, run)
-    except CampaignError:  # the file may hold a job of another kind
+    except CampaignError:
+        # The file may be a job, such as a comparison, in place of a campaign.
         job = None if run is not None else read_job(file)
         if job is None:
             raise
@@ -109,7 +110,7 @@ def robots(
     from jointstiff.solver.errors import RequestError
 
     if output is not None and name is None:
-        raise typer.BadParameter("needs the name of an arm: give ARM, too", param_hint="--output")
+        raise typer.BadParameter("needs the name of an arm: give the argument ARM", param_hint="--output")
     try:
         arm = None if name is None else find_arm(name, "ARM")
     except RequestError as error:
@@ -124,7 +125,7 @@ def robots(
 
 
 def _make_arm_list(catalogue: Catalogue) -> list[Part]:
-    """Return a table of the arms with reach and preset of the joint map, and a line on how to use one."""
+    """Return a table of the arms with reach and preset of the joint map, and a line on how to use an arm."""
     from jointstiff.service.tables.table import Column, Line, Table, number_formatter
 
     names = {preset.id: preset.name for preset in catalogue.joint_maps}

@@ -54,17 +54,18 @@ REPORTS: Final = (".pdf", ".html")
 def check_ending(path: Path, endings: Iterable[str], *, reported: bool = False) -> None:
     """Check that the name of a file to write has one of the endings, such as `.json`.
 
-    With `reported`, the error for `.pdf` and `.html` refers to `jointstiff report`, which writes these.
+    With `reported`, the error about a `.pdf` or `.html` file refers to `jointstiff report`, which writes
+    such files.
 
     Raises:
         typer.BadParameter: the file has another ending.
     """
-    known = list(dict.fromkeys(endings))
-    if path.suffix.lower() in known:
+    allowed = list(dict.fromkeys(endings))
+    if path.suffix.lower() in allowed:
         return
-    ends = f"must end in {' or '.join(filter(None, [', '.join(known[:-1]), known[-1]]))}"
-    elsewhere = "; `jointstiff report` writes reports" if reported and path.suffix.lower() in REPORTS else ""
-    raise typer.BadParameter(f"'{path.name}' {ends}{elsewhere}", param_hint="--output")
+    list_of_endings = " or ".join(filter(None, [", ".join(allowed[:-1]), allowed[-1]]))
+    hint = "; `jointstiff report` writes reports" if reported and path.suffix.lower() in REPORTS else ""
+    raise typer.BadParameter(f"'{path.name}' must end in {list_of_endings}{hint}", param_hint="--output")
 
 
 def path_option(text: str, metavar: str = "FILE") -> Any:  # noqa: ANN401 - Typer's
@@ -114,7 +115,11 @@ Units = Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"]
 
 
 def _parse_unit(text: str) -> str:
-    """Return the unit of stiffness that a text names, in upper or lower case; refuse another text."""
+    """Return the unit of stiffness that a text names, in any mixture of upper and lower case.
+
+    Raises:
+        typer.BadParameter: the text names no unit of stiffness.
+    """
     words: tuple[str, ...] = get_args(Units)
     unit = next((word for word in words if word.lower() == text.lower()), None)
     if unit is None:
@@ -153,13 +158,16 @@ def set_signature(command: Callable[..., None], parameters: Parameters) -> None:
 
 
 def options_from_settings(settings: type) -> Parameters:
-    """Return a parameter of a command for each field of a dataclass: (annotation, default) by name."""
+    """Return name → (annotation, default) of the parameters of a command, one for each dataclass field."""
     hints = get_type_hints(settings, include_extras=True)
     return {field.name: (hints[field.name], field.default) for field in fields(settings)}
 
 
 def print_known_error(error: Exception) -> typer.Exit | None:
-    """Print an error that has a remedy; return the exit to raise (status 2), or None for any other error."""
+    """Print an error that has a remedy; return the exit to raise (status 2).
+
+    None, and nothing is printed, for an unexpected error, which has no remedy.
+    """
     if isinstance(error, OSError) and error.filename is not None:
         return print_failure(f"cannot write {error.filename}: {error.strerror}", "choose another path")
     if isinstance(error, ImportError):
@@ -176,7 +184,7 @@ def print_known_error(error: Exception) -> typer.Exit | None:
 
 
 def print_problem(problem: Problem) -> typer.Exit:
-    """Print a problem of a request, as the API would answer it; return the exit to raise (status 2)."""
+    """Print the problem details of a request; return the exit to raise (status 2)."""
     from jointstiff.schemas.finding import AcceptingOptions
     from jointstiff.service.cli.kinds import name_options_in_text
     from jointstiff.service.tables.terminal import console, problem_text

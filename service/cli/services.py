@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.client import Client
 
 
-def serve(**values: Any) -> None:  # noqa: ANN401 - by the signature below
+def serve(**values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
     """Start the service."""
     from jointstiff.service.server import run_server
 
@@ -30,7 +30,7 @@ def worker(
     database: DatabaseUrl,
     name: Annotated[
         str | None,
-        typer.Option(help="Name of this worker in messages; that of the machine if absent."),
+        typer.Option(help="Name of this worker in messages; default: the name of the machine."),
     ] = None,
     log_format: LogLines = LogFormat.TEXT,
 ) -> None:
@@ -55,8 +55,9 @@ def post(
 ) -> None:
     """Post campaigns to a running service.
 
-    A folder is posted once, however often it is given; so are the robot and the readings of a file. Where the
-    service demands a key, the environment variable JOINTSTIFF_KEY has it.
+    Posting a folder again stores nothing twice. Posting a file again creates a new run, but stores its robot
+    and its readings only once. If the service requires a key, set the environment variable JOINTSTIFF_KEY to
+    the key.
     """
     from jointstiff.service.kinds.run.kind import RUN
     from jointstiff.service.library.client import Client
@@ -75,11 +76,11 @@ def post(
         for address in (f"robots/{robot_id}", f"measurement-sets/{set_id}", f"jobs/{run.id}"):
             typer.echo(f"{server}/v1/{address}")
         try:
-            with progress_bar(shown=run.progress is not None) as tell:
-                run = client.runs.wait(run, tell)
+            with progress_bar(shown=run.progress is not None) as show_progress:
+                run = client.runs.wait(run, show_progress)
         except KeyboardInterrupt:
-            change = """-H 'Content-Type: application/json' -d '{"cancelled": true}'"""
-            cli.warn(f"the run continues; to cancel it: curl -X PATCH {change} {server}/v1/jobs/{run.id}")
+            body = """-H 'Content-Type: application/json' -d '{"cancelled": true}'"""
+            cli.warn(f"the run continues; to cancel it: curl -X PATCH {body} {server}/v1/jobs/{run.id}")
             raise
     console().print(lay_out_job(RUN, run, details=details, unit=unit))
     if run.state != "succeeded":
@@ -87,14 +88,14 @@ def post(
 
 
 def _post_all(client: Client, folder: Path) -> int:
-    """Post the campaigns and robots in the JSON files of a folder, each once.
+    """Post the campaigns and robots in the JSON files of a folder; return the exit status.
 
-    Return the exit status: 1 if the service refused a file, else 0. Refused files are reported and skipped.
+    A file that the service refuses is reported and skipped, and the exit status is 1, otherwise 0.
     """
     from jointstiff.service.problems import ProblemError
     from jointstiff.service.resources.documents import read_object
 
-    refused = 0
+    refused_files = 0
     for path in sorted(folder.glob("*.json")):
         try:
             document = read_object(path)
@@ -103,8 +104,8 @@ def _post_all(client: Client, folder: Path) -> int:
             else:
                 client.described(document.get("robot", document))
         except ProblemError as error:
-            refused += 1
+            refused_files += 1
             cli.warn(f"{path.name}: {str(error).removeprefix(f'{path}: ')}")
         else:
             typer.echo(path.name)
-    return 1 if refused else 0
+    return 1 if refused_files else 0

@@ -53,12 +53,16 @@ def parse_units(text: Units | Mapping[str, str] | str) -> dict[str, str]:
         if quantity is None or quantity in units:
             known = "; ".join(f"{quantity} {', '.join(sizes)}" for quantity, sizes in _SIZES.items())
             fault = f"a second unit of {quantity}" if quantity else "not a known unit"
-            raise MeasurementError(f"'{word}' is {fault}", where="units", remedy=f"use one of each: {known}")
+            raise MeasurementError(
+                f"'{word}' is {fault}", where="units", remedy=f"use one unit of each quantity: {known}"
+            )
         units[quantity] = name
     for quantity in ("length", "angle", "force"):
         if quantity not in units:
             raise MeasurementError(
-                f"the unit of {quantity} is missing", where="units", remedy="write them like 'mm, deg, N'"
+                f"the unit of {quantity} is missing",
+                where="units",
+                remedy="write the units as in 'mm, deg, N'",
             )
     return units
 
@@ -93,19 +97,21 @@ class ArrayReadings:
         joints = to_number_array(self.joints, "joints")
         count = len(joints)
         if joints.ndim != 2 or not joints.size or not np.isfinite(joints).all():
-            raise _shape_error("joints", joints, "a row of finite numbers for each observation, (N, n)")
+            raise _make_shape_error("joints", joints, "a row of finite numbers for each observation, (N, n)")
         point = None if self.load_point is None else to_vectors(self.load_point, count, "load_point")
-        common = point is not None and bool((point == point[0]).all())
-        for place in () if point is None else point:
-            refuse_far_point(place.tolist(), "load_point", length=LENGTH[units["length"]])
-        places = self._flange_places(LENGTH[units["length"]])
+        is_common_point = point is not None and bool((point == point[0]).all())
+        for row in () if point is None else point:
+            refuse_far_point(row.tolist(), "load_point", length=LENGTH[units["length"]])
+        flange_places = self._read_flange_places(LENGTH[units["length"]])
         names, readings = self._arrange_readings(count, LENGTH[units["length"]])
         forces = np.zeros((count, 3)) if self.forces is None else to_vectors(self.forces, count, "forces")
         moments = None if self.moments is None else to_vectors(self.moments, count, "moments")
         labels = [f"c{i:02}" for i in range(1, count + 1)] if self.labels is None else list(self.labels)
         if len(labels) != count:
             raise MeasurementError(
-                f"{len(labels)} labels for {count} observations", where="labels", remedy="give one for each"
+                f"there are {len(labels)} labels, but {count} observations",
+                where="labels",
+                remedy="give one label for each observation",
             )
         observations = [
             {
@@ -113,19 +119,21 @@ class ArrayReadings:
                 "joints": joints[i].tolist(),
                 "force": forces[i].tolist(),
                 **({} if moments is None else {"moment": moments[i].tolist()}),
-                **({} if point is None or common else {"load_point": point[i].tolist()}),
+                **({} if point is None or is_common_point else {"load_point": point[i].tolist()}),
                 "readings": readings[i],
             }
             for i in range(count)
         ]
         return {
             "units": dict(units),
-            **({} if not places else {"flange_targets": {name: places[name] for name in names}}),
-            **({"load_point": point[0].tolist()} if point is not None and common else {}),
+            **(
+                {} if not flange_places else {"flange_targets": {name: flange_places[name] for name in names}}
+            ),
+            **({"load_point": point[0].tolist()} if point is not None and is_common_point else {}),
             "observations": observations,
         }
 
-    def _flange_places(self, length: float) -> dict[str, list[float]]:
+    def _read_flange_places(self, length: float) -> dict[str, list[float]]:
         """Return the targets' positions in the flange frame by name; empty if `targets` has only names.
 
         `length` is the unit of lengths in m, for the check that no target is too far from the flange.
@@ -144,45 +152,52 @@ class ArrayReadings:
 
         `count` is the number of observations, `length` the unit of lengths in m.
         """
-        along = self.directions is not None  # whether each reading is one number along a direction
+        is_along_direction = self.directions is not None  # each reading is then one number, not a vector
         fields = {
             name: value
             for name in ("unloaded", "loaded", "deflections")
             if (value := getattr(self, name)) is not None
         }
-        allowed = [
+        allowed_fields = [
             {"unloaded", "loaded"},
             {"deflections"},
             *([] if self.forces is not None else [{"unloaded"}]),
         ]
-        if set(fields) not in allowed:
-            given = " and ".join(f"`{name}`" for name in fields) or "nothing"
+        if set(fields) not in allowed_fields:
+            given = " and ".join(f"`{name}`" for name in fields)
+            reason = f"{given} alone cannot be used as readings" if given else "no readings are given"
             remedy = "give `unloaded` and `loaded`, or `deflections`; `unloaded` alone is for the own weight"
-            raise MeasurementError(
-                f"{given} alone cannot be used as readings", where="unloaded", remedy=remedy
-            )
-        names = self._target_names(next(iter(fields.values()))) or []
+            raise MeasurementError(reason, where="unloaded", remedy=remedy)
+        names = self._get_target_names(next(iter(fields.values()))) or []
         values: dict[str, FloatArray] = {}
         for name, value in fields.items():
-            values[name], names = _arrange_by_target(value, name, count, names, components=1 if along else 3)
+            values[name], names = _arrange_by_target(
+                value, name, count, names, components=1 if is_along_direction else 3
+            )
             _refuse_implausible_lengths(values[name], name, length)
         if "loaded" in values:
-            _refuse_implausible_lengths(values["loaded"] - values["unloaded"], "loaded", length, "deflection")
+            deflections = values["loaded"] - values["unloaded"]
+            _refuse_implausible_lengths(deflections, "loaded", length, are_deflections=True)
         shape = next(iter(values.values())).shape[:2]
         directions = None
-        if along:
+        if is_along_direction:
             stated = to_number_array(self.directions, "directions")
             with suppress(ValueError):
                 directions = np.broadcast_to(stated, (*shape, 3))
             if directions is None:
-                raise _shape_error("directions", stated, f"(3,), (T, 3) or (N, T, 3) for {shape[1]} targets")
-        singular = {"deflections": "displacement" if along else "deflection"}
+                raise _make_shape_error(
+                    "directions", stated, f"(3,), (T, 3) or (N, T, 3) for {shape[1]} targets"
+                )
+        # The document names one reading `deflection`, or `displacement` if it is one number.
+        field_names = {"deflections": "displacement" if is_along_direction else "deflection"}
         return names, [
             [
                 {
                     "target": target,
                     **{
-                        singular.get(name, name): value[i, t, 0].item() if along else value[i, t].tolist()
+                        field_names.get(name, name): (
+                            value[i, t, 0].item() if is_along_direction else value[i, t].tolist()
+                        )
                         for name, value in values.items()
                     },
                     **({} if directions is None else {"direction": directions[i, t].tolist()}),
@@ -193,7 +208,7 @@ class ArrayReadings:
             for i in range(count)
         ]
 
-    def _target_names(self, value: object) -> list[str]:
+    def _get_target_names(self, value: object) -> list[str]:
         """Return the names of the targets, else the keys of the readings `value`; empty without names."""
         if self.targets is not None:
             return [str(name) for name in self.targets]
@@ -223,7 +238,9 @@ def _arrange_by_target(
         missing = [each for each in names or value if each not in value]
         if missing:
             raise MeasurementError(
-                f"there is no target '{missing[0]}'", where=name, remedy=f"use {', '.join(map(str, value))}"
+                f"target '{missing[0]}' has no readings",
+                where=name,
+                remedy=f"use one of {', '.join(map(str, value))}",
             )
         columns = [to_number_array(value[each], f"{name}['{each}']") for each in names or value]
         array = np.stack([column.reshape(len(column), -1) for column in columns], axis=1)
@@ -234,7 +251,7 @@ def _arrange_by_target(
     names = names or [f"T{t}" for t in range(1, array.shape[1] + 1 if array.ndim > 1 else 2)]
     if array.shape != (count, len(names), components):
         wanted = f"{components} numbers for each of {count} observations and {len(names)} targets"
-        raise _shape_error(name, array, wanted)
+        raise _make_shape_error(name, array, wanted)
     finite = np.isfinite(array)
     partly = np.argwhere(finite.any(axis=2) & ~finite.all(axis=2))
     if len(partly):
@@ -247,27 +264,31 @@ def _arrange_by_target(
     return array, names
 
 
-def _refuse_implausible_lengths(values: FloatArray, name: str, length: float, what: str = "") -> None:
+def _refuse_implausible_lengths(
+    values: FloatArray, name: str, length: float, *, are_deflections: bool = False
+) -> None:
     """Refuse positions or deflections that are too long for an arm, because their unit must be wrong.
 
     Args:
         values: (N, T, components) positions or deflections.
-        name: field of `ArrayReadings` for the message; `deflections` have the limit of deflections.
+        name: field of `ArrayReadings`, for the message; values of `deflections` are always deflections.
         length: unit of lengths in m.
-        what: any text if the values are deflections, although they come from another field.
+        are_deflections: whether the values are deflections, which have a smaller limit than positions.
 
     Raises:
         MeasurementError: a length exceeds its limit.
     """
-    deflection = bool(what) or name == "deflections"
+    are_deflections = are_deflections or name == "deflections"
     size = length * np.linalg.norm(np.nan_to_num(values), axis=-1)
-    most = LARGE_DEFLECTION if deflection else FAR_POSITION
+    most = LARGE_DEFLECTION if are_deflections else FAR_POSITION
     if size.max(initial=0.0) > most:
         i = int(np.unravel_index(np.argmax(size), size.shape)[0])
+        quantity = "deflection" if are_deflections else "position"
         raise MeasurementError(
-            f"a {'deflection' if deflection else 'position'} of {size.max():.4g} m is too long for an arm",
+            f"a {quantity} of {size.max():.4g} m is too long for an arm",
             where=f"{name}[{i}]",
-            remedy="check `units`; positions, deflections, the load point and sigma are all read in them",
+            remedy="check the unit of length in `units`: positions, deflections, load point and sigma are in "
+            "this unit",
         )
 
 
@@ -279,7 +300,7 @@ def to_vectors(value: Any, count: int, name: str) -> FloatArray:  # noqa: ANN401
     """
     array = to_number_array(value, name)
     if array.shape not in ((3,), (count, 3)) or not np.isfinite(array).all():
-        raise _shape_error(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
+        raise _make_shape_error(name, array, f"finite numbers of shape (3,) or ({count}, 3)")
     return np.broadcast_to(array, (count, 3))
 
 
@@ -314,9 +335,9 @@ def _to_plain_array(value: Any) -> Any:  # noqa: ANN401 - anything numpy underst
     return value.to_numpy() if hasattr(value, "to_numpy") else value
 
 
-def _shape_error(name: str, array: FloatArray, wanted: str) -> MeasurementError:
+def _make_shape_error(name: str, array: FloatArray, wanted: str) -> MeasurementError:
     """Return the error that a field has another shape than the wanted one, or values that are not finite."""
-    fault = "" if np.isfinite(array).all() else ", with places that have no number"
+    fault = "" if np.isfinite(array).all() else ", and some of its values are not numbers"
     return MeasurementError(
         f"`{name}` has the shape {array.shape}{fault}", where=name, remedy=f"give {wanted}"
     )
@@ -378,15 +399,15 @@ def convert_urdf(text: str, base: str | None, flange: str | None) -> dict[str, A
     joints = document.find_children("joint")
     links = [link.attributes.get("name", "") for link in document.find_children("link")]
     frames: dict[str, str] = {}
+    # A link that is the child of no joint may be the base; a link that is the parent of no joint, the flange.
     for name, stated, tag in (("base", base, "child"), ("flange", flange, "parent")):
-        found = {
-            end.attributes.get("link") for joint in joints if (end := joint.find_only_child(tag, "joint"))
-        }
-        ends = [link for link in links if link not in found]
+        elements = (joint.find_only_child(tag, "joint") for joint in joints)
+        joined = {element.attributes.get("link") for element in elements if element}
+        ends = [link for link in links if link not in joined]
         if stated is None and len(ends) != 1:
-            some = ", ".join(ends[:8])
+            shown_links = ", ".join(ends[:8])
             raise RobotError(
-                f"the URDF has {len(ends)} links that may be the {name}: {some}",
+                f"the URDF has {len(ends)} links that may be the {name}: {shown_links}",
                 where=name,
                 remedy=f"name it: js.robot(urdf, {name}='{ends[-1] if ends else '…'}')",
             )

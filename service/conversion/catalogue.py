@@ -33,7 +33,7 @@ def catalogue() -> Catalogue:
         Arm(
             **_drop_keys(each, "rows", "convention", "joint_map", "reach"),
             model=DhModel(
-                format="dh", convention=each["convention"], rows=[_dh_row(*row) for row in each["rows"]]
+                format="dh", convention=each["convention"], rows=[_build_dh_row(*row) for row in each["rows"]]
             ),
             joint_map=None if each["joint_map"] is None else maps[each["joint_map"]],
             joint_map_preset=each["joint_map"],
@@ -92,7 +92,7 @@ def _drop_keys(table: dict[str, Any], *names: str) -> dict[str, Any]:
     return {name: value for name, value in table.items() if name not in names}
 
 
-def _dh_row(
+def _build_dh_row(
     a: float, alpha: float, d: float, theta: float, lower: float | None, upper: float | None
 ) -> DhRow:
     """Return a DH row, in m and rad, from its numbers in mm and degrees."""

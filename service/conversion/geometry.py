@@ -18,8 +18,8 @@ from jointstiff.solver.mechanics.measurements import fill_unread_places
 from jointstiff.solver.mechanics.robot import JointMap, Robot
 
 
-class _Readings:
-    """Data common to all readings of a request: targets, units, noise."""
+class _RequestReadings:
+    """Targets, units and noise that all readings of a request share, and arrays of the readings."""
 
     def __init__(self, request: GeometryRequest, robot: Robot | None) -> None:
         positions = [
@@ -60,14 +60,14 @@ class _Readings:
         for index, position in enumerate(positions):
             if len(position.joints) != self.n:
                 raise MeasurementError(
-                    f"there are {len(position.joints)} joint angles, but {self.n} joints",
+                    f"there are {len(position.joints)} joint angles, but the robot has {self.n} joints",
                     where=f"{where}[{index}].joints" if where else "observations",
                     remedy="give the angles of all controller joints in every position",
                 )
         angles = self._angle * np.array([position.joints for position in positions], dtype=np.float64)
         present = np.array([[name in p.targets for name in self.names] for p in positions])
-        nowhere = (0.0, 0.0, 0.0)
-        points = np.array([[p.targets.get(name, nowhere) for name in self.names] for p in positions])
+        unread = (0.0, 0.0, 0.0)
+        points = np.array([[p.targets.get(name, unread) for name in self.names] for p in positions])
         return angles, self._length * points, present
 
     def covariance(self, points: FloatArray, present: BoolArray) -> FloatArray:
@@ -87,19 +87,19 @@ def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:
         MeasurementError: a joint or a number of angles does not fit the robot.
         RobotError: the joint map does not fit.
     """
-    readings = _Readings(request, robot)
-    parts = []
+    readings = _RequestReadings(request, robot)
+    sweeps = []
     for index, sweep in enumerate(request.sweeps or ()):
         angles, points, present = readings.arrange(sweep.observations, f"sweeps[{index}].observations")
         name = sweep.joint
         names = robot.joint_names if robot is not None else tuple(f"joint_{i + 1}" for i in range(readings.n))
         if name not in names:
             raise MeasurementError(
-                f"there is no joint '{name}'",
+                f"the robot has no joint '{name}'",
                 where=f"sweeps[{index}].joint",
                 remedy=f"use one of {', '.join(names)}",
             )
-        parts.append(
+        sweeps.append(
             Sweep(
                 name=sweep.joint,
                 joint=names.index(name),
@@ -109,7 +109,9 @@ def to_sweeps(request: GeometryRequest, robot: Robot | None) -> SweepSet:
                 covariance=readings.covariance(points, present),
             )
         )
-    return SweepSet(tuple(parts), readings.names, _joint_map(request, robot, readings.n), readings.sigma)
+    return SweepSet(
+        tuple(sweeps), readings.names, _choose_joint_map(request, robot, readings.n), readings.sigma
+    )
 
 
 def to_poses(request: GeometryRequest, robot: Robot) -> Poses:
@@ -118,7 +120,7 @@ def to_poses(request: GeometryRequest, robot: Robot) -> Poses:
     Raises:
         MeasurementError: a number of joint angles does not fit the robot.
     """
-    readings = _Readings(request, robot)
+    readings = _RequestReadings(request, robot)
     angles, points, present = readings.arrange(request.poses or (), "poses")
     return Poses(
         angles=angles,
@@ -137,25 +139,26 @@ def to_conventions(request: GeometryRequest, targets: Sequence[str]) -> Conventi
     Raises:
         MeasurementError: a target that defines the flange frame was not read.
     """
-    usual: Literal["nominal", "axes"] = "nominal" if request.has_robot else "axes"
-    chosen = request.flange_targets
-    for index, name in enumerate(chosen or ()):
+    default: Literal["nominal", "axes"] = "nominal" if request.has_robot else "axes"
+    flange_targets = request.flange_targets
+    for index, name in enumerate(flange_targets or ()):
         if name not in targets:
             raise MeasurementError(
                 f"target '{name}' has no reading",
                 where=f"flange_targets[{index}]",
                 remedy=f"choose three of {', '.join(targets)}",
             )
-    indices = (0, 1, 2) if chosen is None else tuple(targets.index(name) for name in chosen)
+    # Without flange targets, the indices are not used.
+    indices = (0, 1, 2) if flange_targets is None else tuple(targets.index(name) for name in flange_targets)
     return Conventions(
-        base=request.base or usual,
-        flange=request.flange or usual,
+        base=request.base or default,
+        flange=request.flange or default,
         height=LENGTH[request.units.length] * request.base_height,
         flange_targets=(indices[0], indices[1], indices[2]),
     )
 
 
-def _joint_map(request: GeometryRequest, robot: Robot | None, n: int) -> JointMap:
+def _choose_joint_map(request: GeometryRequest, robot: Robot | None, n: int) -> JointMap:
     """Return the joint map of the robot, else of the request, else the identity map of n joints."""
     if robot is not None:
         return robot.joint_map

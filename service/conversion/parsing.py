@@ -36,7 +36,7 @@ def parse(message: type[Parsed], content: bytes, section: str | None = None) -> 
     Args:
         message: model of the message.
         content: the text, with or without a byte order mark; its depth is limited to 200.
-        section: key whose value is the message, if the document has this key; else the whole document is.
+        section: key whose value is the message; without this key, the whole document is the message.
 
     Raises:
         MalformedError: the text is not JSON, or not a valid message.

@@ -29,7 +29,7 @@ from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.service.conversion.readings import (
     PointNoise,
     ReadingArrays,
-    content_hash,
+    compute_content_hash,
     hash_texts,
     to_measurements,
 )
@@ -106,19 +106,23 @@ def transform_to_base(
     t = np.array(resolved.translation) / length
     turned = readings.loaded @ R.T
     as_deflection, present = readings.as_deflection[..., None], readings.present[..., None]
-    forces = R if header.frame.forces == "tracker" else np.eye(3)
-    moved = replace(
+    force_rotation = R if header.frame.forces == "tracker" else np.eye(3)
+    transformed = replace(
         readings,
         unloaded=np.where(present & ~as_deflection, readings.unloaded @ R.T + t, readings.unloaded),
         loaded=np.where(present, np.where(as_deflection, turned, turned + t), readings.loaded),
-        force=readings.force @ forces.T,
-        moment=readings.moment @ forces.T,
+        force=readings.force @ force_rotation.T,
+        moment=readings.moment @ force_rotation.T,
         noise=_turn_covariances(readings.noise, R) if readings.noise is not None else None,
-        directions=None if readings.directions is None else readings.directions.rotated(R),
+        directions=None if readings.directions is None else readings.directions.rotate(R),
     )
-    known = {name: _scale_vector(place, 1.0 / length) for name, place in resolved.flange_targets.items()}
-    update = {"flange_targets": known | header.flange_targets, "noise": _move_station(header.noise, R, t)}
-    return header.model_copy(update=update), moved
+    # Targets that the header states replace those of the identified geometry.
+    identified = {name: _scale_vector(place, 1.0 / length) for name, place in resolved.flange_targets.items()}
+    update = {
+        "flange_targets": identified | header.flange_targets,
+        "noise": _move_station(header.noise, R, t),
+    }
+    return header.model_copy(update=update), transformed
 
 
 def _turn_covariances(noise: PointNoise, R: FloatArray) -> PointNoise:
@@ -146,12 +150,14 @@ def _scale_vector(vector: npt.ArrayLike, factor: float) -> tuple[float, float, f
 def to_base_targets(
     request: GeometryRequest, sigma: float | None, after: dict[str, tuple[float, float, float]] | None = None
 ) -> BaseTargets | None:
-    """Return the base targets that were read twice, before and after; None without first or second readings.
+    """Return the targets on the base that were read both before and after the other readings.
+
+    The result is None if earlier or later readings of base targets are missing.
 
     Args:
-        request: request with the first readings.
+        request: request with the earlier readings.
         sigma: standard uncertainty that scales the covariances [m]; None if no noise is stated.
-        after: second readings by target, in the request's unit of length; if None, the request's own.
+        after: later readings by target, in the request's unit of length; None takes those of the request.
 
     Raises:
         MeasurementError: fewer than three targets were read both times.
@@ -257,7 +263,7 @@ def build_robot(document: RobotDocument) -> Robot:
     if isinstance(model, DhModel):
         chain = build_dh_chain(model, document.name)
     elif not isinstance(model, UrdfModel):
-        raise TypeError("prepare the robot first")
+        raise TypeError("the document of the robot does not come from `prepare_robot`")
     else:
         chain = read_urdf(model.urdf, model.base, model.flange)
     return build_chain_robot(chain, document.joint_map, document.bodies or ())
@@ -267,7 +273,7 @@ def check_set(
     document: MeasurementSetDocument,
     robot: Robot,
     resolved: ResolvedFrame | None,
-    noticed: list[Finding],
+    frame_findings: list[Finding],
     others: Iterable[KnownRobot] = (),
     *,
     robot_id: str = "",
@@ -279,7 +285,7 @@ def check_set(
         document: the set as it was posted.
         robot: the robot that was measured.
         resolved: transform from the set's frame to R0; None if all readings are in R0.
-        noticed: findings about the frame, which come before the findings about the readings.
+        frame_findings: findings about the frame, which come before the findings about the readings.
         others: known robots, in case another robot was measured instead of `robot`.
         robot_id: id of the robot, if it is stored.
         robot_hash: hash of the robot's content.
@@ -290,12 +296,12 @@ def check_set(
     with _add_label_to_errors(document.observations):
         readings = ReadingArrays.from_observations(document.observations)
         measurements = to_measurements(*transform_to_base(document, readings, resolved), robot)
-    findings = list(noticed)
+    findings = list(frame_findings)
     if measurements.unloaded_only is None:  # without a load there is no deflection to inspect
         findings += inspect_measurements(
             robot, measurements, degrees=document.units.angle == "deg", others=others
         )
-    content = content_hash(document, readings, resolved)
+    content = compute_content_hash(document, readings, resolved)
     return PreparedSet(robot, robot_id, robot_hash, readings, measurements, findings, content)
 
 
@@ -305,9 +311,9 @@ def _add_label_to_errors(observations: Sequence[Observation]) -> Iterator[None]:
     try:
         yield
     except MeasurementError as error:
-        found = re.match(r"observations\[(\d+)\]", error.where or "")
-        label = "" if found is None else observations[int(found[1])].label
-        if not label or f"'{label}'" in error.reason:
+        match = re.match(r"observations\[(\d+)\]", error.where or "")
+        label = "" if match is None else observations[int(match[1])].label
+        if not label or f"'{label}'" in error.reason:  # no observation, or a reason that names its label
             raise
         reason = f"observation '{label}': {error.reason}"
         raise MeasurementError(reason, where=error.where, remedy=error.remedy) from error
@@ -366,8 +372,8 @@ def _read_uploaded_urdf(model: UrdfModel) -> KinematicChain:
     try:
         return read_urdf(model.urdf, model.base, model.flange)
     except RobotError as error:
-        named = error.where in {"base", "flange"}
-        place = f"model.{error.where}" if named else f"model.urdf: {error.where or 'document'}"
+        is_model_field = error.where in {"base", "flange"}
+        place = f"model.{error.where}" if is_model_field else f"model.urdf: {error.where or 'document'}"
         raise RobotError(error.reason, remedy=error.remedy, where=place) from error
 
 
@@ -382,9 +388,11 @@ def leave_out_observations(observations: Sequence[Observation], labels: Collecti
         raise RequestError(
             f"the set has no observation '{min(unknown)}'",
             where="leave_out",
-            remedy="give labels of its observations",
+            remedy="give labels of the set's observations",
         )
     kept = [observation for observation in observations if observation.label not in labels]
     if not kept:
-        raise RequestError("all observations are left out", where="leave_out", remedy="include some of them")
+        raise RequestError(
+            "all observations are left out", where="leave_out", remedy="keep at least one observation"
+        )
     return kept

@@ -73,39 +73,39 @@ class Directions(ArrayGroup):
 
     @classmethod
     def from_readings(
-        cls, shape: tuple[int, int], place: tuple[list[int], list[int]], readings: list[Reading]
+        cls, shape: tuple[int, int], indices: tuple[list[int], list[int]], readings: list[Reading]
     ) -> Directions | None:
         """Arrange readings along a direction as arrays; None if no reading is along a direction.
 
         Args:
-            shape: N and T.
-            place: indices of observation and target of each reading.
+            shape: numbers N of observations and T of targets.
+            indices: index of the observation, then of the target, of each reading.
             readings: all readings of the set.
         """
         if all(reading.displacement is None for reading in readings):
             return None
         displacement, vector, in_flange = np.zeros(shape), np.zeros((*shape, 3)), np.zeros(shape, np.bool_)
-        displacement[place] = [r.displacement or 0.0 for r in readings]
-        vector[place] = [r.direction or r.flange_direction or (0, 0, 0) for r in readings]
-        in_flange[place] = [r.flange_direction is not None for r in readings]
+        displacement[indices] = [r.displacement or 0.0 for r in readings]
+        vector[indices] = [r.direction or r.flange_direction or (0, 0, 0) for r in readings]
+        in_flange[indices] = [r.flange_direction is not None for r in readings]
         return cls(displacement, vector, in_flange)
 
     @property
-    def present(self) -> BoolArray:
-        """Mask (N, T) of the readings along a direction."""
+    def has_direction(self) -> BoolArray:
+        """Mask (N, T): true where the reading is one component along a direction (its vector is not zero)."""
         return np.asarray(self.vector.any(axis=-1))
 
-    def rotated(self, R: FloatArray) -> Directions:
-        """Return a copy whose directions are turned by R (3, 3), except directions in the flange frame."""
+    def rotate(self, R: FloatArray) -> Directions:
+        """Return a copy with the directions rotated by R (3, 3), except directions in the flange frame."""
         vector = np.where(self.in_flange[..., None], self.vector, self.vector @ R.T)
         return replace(self, vector=vector)
 
-    def reading_fields(self, i: int, t: int) -> dict[str, Any]:
+    def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
         """Return displacement and direction of observation i and target t, by the names of their fields."""
         name = "flange_direction" if self.in_flange[i, t] else "direction"
         return {"displacement": float(self.displacement[i, t]), name: tuple(self.vector[i, t].tolist())}
 
-    def unit_vectors(self, robot: Robot, joints: FloatArray) -> FloatArray:
+    def compute_unit_vectors(self, robot: Robot, joints: FloatArray) -> FloatArray:
         """Return unit vectors (N, T, 3) of the directions in R0; zero for readings of another kind.
 
         Args:
@@ -150,19 +150,19 @@ class EncoderArrays(ArrayGroup):
         unloaded, loaded = np.zeros((2, *present.shape))
         for i, observation in enumerate(observations):
             for k, reading in enumerate(observation.encoder_readings or ()):
-                place = i, column[reading.joint]
-                if present[place]:
+                cell = i, column[reading.joint]
+                if present[cell]:
                     raise MeasurementError(
                         f"the encoder of '{reading.joint}' has two readings in observation "
                         f"'{observation.label}'",
                         where=f"observations[{i}].encoder_readings[{k}].joint",
                         remedy="give each joint at most once per observation",
                     )
-                present[place] = True
-                unloaded[place], loaded[place] = reading.unloaded, reading.loaded
+                present[cell] = True
+                unloaded[cell], loaded[cell] = reading.unloaded, reading.loaded
         return cls(np.array(list(names)), present, unloaded, loaded)
 
-    def readings_of(self, i: int) -> list[EncoderReading] | None:
+    def build_encoder_readings(self, i: int) -> list[EncoderReading] | None:
         """Return the encoder readings of observation i as they were posted; None if no encoder was read."""
         readings = [
             EncoderReading.model_construct(
@@ -174,7 +174,7 @@ class EncoderArrays(ArrayGroup):
         ]
         return readings or None
 
-    def joint_indices(self, joint_names: tuple[str, ...]) -> IndexArray:
+    def find_joint_indices(self, joint_names: tuple[str, ...]) -> IndexArray:
         """Return indices (E,) of the encoders' joints among the robot's joints.
 
         Raises:
@@ -203,13 +203,13 @@ class PointNoise(ArrayGroup):
 
     @classmethod
     def from_readings(
-        cls, shape: tuple[int, int], place: tuple[list[int], list[int]], readings: list[Reading]
+        cls, shape: tuple[int, int], indices: tuple[list[int], list[int]], readings: list[Reading]
     ) -> PointNoise | None:
         """Arrange the noise that readings state as arrays; None if no reading states its noise.
 
         Args:
-            shape: N and T.
-            place: indices of observation and target of each reading.
+            shape: numbers N of observations and T of targets.
+            indices: index of the observation, then of the target, of each reading.
             readings: all readings of the set.
 
         Raises:
@@ -218,25 +218,27 @@ class PointNoise(ArrayGroup):
         stated = [r.sigma is not None or r.unloaded_covariance is not None for r in readings]
         if not any(stated):
             return None
-        tracker = [i for i, r in enumerate(readings) if r.displacement is None]
-        _refuse_partly_stated_noise([stated[i] for i in tracker], [place[0][i] for i in tracker])
+        # Readings along a direction come from another instrument: their noise is checked elsewhere.
+        tracker = [k for k, r in enumerate(readings) if r.displacement is None]
+        observations, _ = indices
+        _refuse_partly_stated_noise([stated[k] for k in tracker], [observations[k] for k in tracker])
         sigma, unloaded, loaded = np.zeros(shape), np.zeros((*shape, 3, 3)), np.zeros((*shape, 3, 3))
-        for i, t, reading in zip(*place, readings, strict=True):
+        for i, t, reading in zip(*indices, readings, strict=True):
             if reading.sigma is not None:
                 sigma[i, t] = reading.sigma
             elif reading.unloaded_covariance is not None:
                 unloaded[i, t], loaded[i, t] = reading.unloaded_covariance, reading.loaded_covariance
         return cls(sigma, unloaded, loaded)
 
-    def reading_fields(self, i: int, t: int) -> dict[str, Any]:
-        """Return the noise of the reading of target t in observation i by field; {} without noise."""
+    def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
+        """Return the noise that the reading of target t in observation i states, by field; {} if none."""
         if self.sigma[i, t]:
             return {"sigma": float(self.sigma[i, t])}
         if not self.unloaded[i, t].any():
             return {}
         return {
-            "unloaded_covariance": _matrix_rows(self.unloaded[i, t]),
-            "loaded_covariance": _matrix_rows(self.loaded[i, t]),
+            "unloaded_covariance": _to_matrix_rows(self.unloaded[i, t]),
+            "loaded_covariance": _to_matrix_rows(self.loaded[i, t]),
         }
 
     @property
@@ -244,20 +246,22 @@ class PointNoise(ArrayGroup):
         """Mask (N, T) of the readings that state a sigma or covariances."""
         return np.asarray((self.sigma > 0.0) | self.unloaded.any(axis=(2, 3)))
 
-    def covariances(self) -> tuple[FloatArray, FloatArray]:
+    def compute_covariances(self) -> tuple[FloatArray, FloatArray]:
         """Return covariances (N, T, 3, 3) of the unloaded, then of the loaded positions [unit of length²]."""
         isotropic = (self.sigma**2)[..., None, None] * np.eye(3)
         return self.unloaded + isotropic, self.loaded + isotropic
 
 
-def _matrix_rows(matrix: FloatArray) -> Matrix3:
+def _to_matrix_rows(matrix: FloatArray) -> Matrix3:
     """Return the rows of a (3, 3) matrix as tuples."""
     x, y, z = (tuple(row) for row in matrix.tolist())
     return x, y, z
 
 
 def _refuse_partly_stated_noise(stated: list[bool], observations: list[int]) -> None:
-    """Refuse readings if only some of them state their noise; `observations` are their indices.
+    """Refuse readings if only some of them state their noise.
+
+    `stated` tells for each reading whether its noise is stated, `observations` has the observation's index.
 
     Raises:
         MeasurementError: a reading states no noise, but another does.
@@ -268,20 +272,20 @@ def _refuse_partly_stated_noise(stated: list[bool], observations: list[int]) -> 
     raise MeasurementError(
         "some readings give their own noise, but one of this observation gives none",
         where=f"observations[{i}].readings",
-        remedy="give every reading its `sigma` or its covariances, or none and `noise` for the set",
+        remedy="give every reading its `sigma` or its covariances, or give only `noise` for the set",
     )
 
 
 def to_noise(
     noise: Noise | None, points: PointNoise | None, robot: Robot, plain: Measurements, *, length: float
 ) -> tuple[float | None, FloatArray]:
-    """Return sigma [m] of a coordinate, or None without noise, and the deflections' covariances.
+    """Return the noise of the deflections: sigma [m] of a coordinate, and covariances in units of sigma².
 
-    The covariances are in units of sigma².
+    Sigma is None if no noise is stated.
 
     Args:
-        noise: noise that is stated for the set.
-        points: noise that readings state themselves.
+        noise: noise that is stated for the set; None if it is not stated.
+        points: noise that readings state themselves; None if no reading states it.
         robot: the robot that was measured.
         plain: measurements in SI units, still without noise.
         length: the set's unit of length in m.
@@ -290,40 +294,40 @@ def to_noise(
         MeasurementError: noise is stated twice or for some readings only, or a matrix is not a covariance.
     """
     present = plain.present
-    own = np.zeros_like(present) if points is None else points.stated
-    _refuse_ambiguous_noise(noise, own, plain)
+    states_noise = np.zeros_like(present) if points is None else points.stated
+    _refuse_ambiguous_noise(noise, states_noise, plain)
     instrument = (
         None if noise is None or noise.instrument is None else to_instrument(noise.instrument, length)
     )
     sigma = None if noise is None or noise.sigma is None else length * noise.sigma
     if points is None and instrument is None:
         return sigma, ISOTROPIC_DIFFERENCE
-    of_set = ((sigma or 0.0) ** 2 * np.eye(3),) * 2
-    unloaded, loaded = of_set if instrument is None else position_covariances(instrument, robot, plain)
+    unloaded = loaded = (sigma or 0.0) ** 2 * np.eye(3)
+    if instrument is not None:
+        unloaded, loaded = position_covariances(instrument, robot, plain)
     if points is not None:
-        parts = points.covariances()
-        refuse_invalid_covariance(parts[0], own, "unloaded_covariance")
-        refuse_invalid_covariance(parts[1], own, "loaded_covariance")
-        unloaded, loaded = (
-            np.where(own[..., None, None], length**2 * part, other)
-            for part, other in zip(parts, (unloaded, loaded), strict=True)
-        )
+        own_unloaded, own_loaded = points.compute_covariances()
+        refuse_invalid_covariance(own_unloaded, states_noise, "unloaded_covariance")
+        refuse_invalid_covariance(own_loaded, states_noise, "loaded_covariance")
+        # The noise that a reading states itself replaces the noise of the set.
+        unloaded = np.where(states_noise[..., None, None], length**2 * own_unloaded, unloaded)
+        loaded = np.where(states_noise[..., None, None], length**2 * own_loaded, loaded)
     stated = DifferenceNoise.from_positions(unloaded, loaded, plain.coordinates)
     return stated.sigma, stated.covariance
 
 
-def _refuse_ambiguous_noise(noise: Noise | None, own: BoolArray, plain: Measurements) -> None:
+def _refuse_ambiguous_noise(noise: Noise | None, states_noise: BoolArray, plain: Measurements) -> None:
     """Refuse noise that is stated twice, or for some readings only.
 
     Args:
         noise: noise of the set, which applies to the readings that state no noise themselves.
-        own: mask (N, T) of the readings that state their noise themselves.
+        states_noise: mask (N, T) of the readings that state their noise themselves.
         plain: measurements in SI units, still without noise.
 
     Raises:
         MeasurementError: noise is stated twice, or not at all for a reading.
     """
-    rest = plain.present & ~own
+    rest = plain.present & ~states_noise
     kind = next((k for k in ("sigma", "instrument") if getattr(noise, k, None) is not None), None)
     if kind is not None and not rest.any():
         raise MeasurementError(
@@ -331,13 +335,16 @@ def _refuse_ambiguous_noise(noise: Noise | None, own: BoolArray, plain: Measurem
             where=f"noise.{kind}",
             remedy="give only one: omit it here, or in every reading",
         )
-    unclear = rest & (plain.coordinates == 1) if kind == "instrument" else rest & (kind is None and own.any())
-    if unclear.any():
-        i = int(np.argwhere(unclear)[0, 0])
+    if kind == "instrument":  # a tracker's data sheet does not apply to readings along a direction
+        without_noise = rest & (plain.coordinates == 1)
+    else:
+        without_noise = rest & (kind is None and states_noise.any())
+    if without_noise.any():
+        i = int(np.argwhere(without_noise)[0, 0])
         raise MeasurementError(
             "the noise of a reading is not given, and the noise of the other readings does not apply to it",
             where=f"observations[{i}].readings",
-            remedy="give the reading its `sigma`, or `noise.sigma` for all that state none",
+            remedy="give the reading its `sigma`, or give `noise.sigma` for all readings without `sigma`",
         )
 
 
@@ -350,23 +357,24 @@ def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertain
         noise: noise that is stated for the set.
         length: the set's unit of length in m.
     """
-    assumed = CommonUncertainty(
+    common = CommonUncertainty(
         scale=ASSUMED_FORCE_SCALE,
         load_point=ASSUMED_LOAD_POINT,
         assumed=frozenset({"force_scale", "load_point"}),
     )
     if noise is None:
-        return assumed
+        return common
     force, axes = noise.force, noise.axes
     if force is not None:
-        assumed = replace(assumed, direction=force.direction)
+        common = replace(common, direction=force.direction)
     if force is not None and force.scale is not None:
-        assumed = replace(assumed, scale=force.scale, assumed=assumed.assumed - {"force_scale"})
+        common = replace(common, scale=force.scale, assumed=common.assumed - {"force_scale"})
     if noise.load_point is not None:
-        place = length * noise.load_point
-        assumed = replace(assumed, load_point=place, assumed=assumed.assumed - {"load_point"})
+        common = replace(
+            common, load_point=length * noise.load_point, assumed=common.assumed - {"load_point"}
+        )
     return replace(
-        assumed,
+        common,
         target_places=length * (noise.target_places or 0.0),
         axis_position=0.0 if axes is None else length * axes.position,
         axis_direction=0.0 if axes is None else axes.direction,
@@ -417,7 +425,7 @@ class ReadingArrays:
         column = {name: i for i, name in enumerate(names)}
         rows, columns, readings = _list_readings(observations, column)
         shape = (len(observations), len(names))
-        place = rows, columns
+        indices = rows, columns
         return cls(
             labels=np.array([o.label for o in observations]),
             targets=np.array(list(names)),
@@ -427,18 +435,18 @@ class ReadingArrays:
             moment_given=np.array([o.moment is not None for o in observations]),
             load_point=np.array([o.load_point or (0, 0, 0) for o in observations], np.float64),
             load_point_given=np.array([o.load_point is not None for o in observations]),
-            present=_scatter(shape, place, [True for _ in readings], np.bool_),
-            as_deflection=_scatter(shape, place, [r.unloaded is None for r in readings], np.bool_),
-            unloaded=_scatter((*shape, 3), place, [r.unloaded or (0, 0, 0) for r in readings], np.float64),
+            present=_scatter(shape, indices, [True for _ in readings], np.bool_),
+            as_deflection=_scatter(shape, indices, [r.unloaded is None for r in readings], np.bool_),
+            unloaded=_scatter((*shape, 3), indices, [r.unloaded or (0, 0, 0) for r in readings], np.float64),
             loaded=_scatter(
                 (*shape, 3),
-                place,
+                indices,
                 [r.loaded or r.deflection or (_UNREAD if r.unloaded else (0, 0, 0)) for r in readings],
                 np.float64,
             ),
             encoders=EncoderArrays.from_observations(observations),
-            noise=PointNoise.from_readings(shape, place, readings),
-            directions=Directions.from_readings(shape, place, readings),
+            noise=PointNoise.from_readings(shape, indices, readings),
+            directions=Directions.from_readings(shape, indices, readings),
         )
 
     @property
@@ -456,19 +464,19 @@ class ReadingArrays:
                 force=tuple(self.force[i].tolist()),
                 moment=tuple(self.moment[i].tolist()) if self.moment_given[i] else None,
                 load_point=tuple(self.load_point[i].tolist()) if self.load_point_given[i] else None,
-                readings=[self._reading(i, int(t)) for t in np.flatnonzero(self.present[i])],
-                encoder_readings=self.encoders.readings_of(i) if self.encoders else None,
+                readings=[self._build_reading(i, int(t)) for t in np.flatnonzero(self.present[i])],
+                encoder_readings=self.encoders.build_encoder_readings(i) if self.encoders else None,
             )
             for i in range(len(self.labels))
         ]
 
-    def _reading(self, i: int, t: int) -> Reading:
+    def _build_reading(self, i: int, t: int) -> Reading:
         """Return the reading of observation i and target t as it was posted."""
         loaded = tuple(self.loaded[i, t].tolist())
-        noise = self.noise.reading_fields(i, t) if self.noise else {}
-        if self.directions is not None and self.directions.present[i, t]:
-            noise |= self.directions.reading_fields(i, t)
-            return Reading.model_construct(target=str(self.targets[t]), **noise)
+        noise = self.noise.get_reading_fields(i, t) if self.noise else {}
+        if self.directions is not None and self.directions.has_direction[i, t]:
+            values = self.directions.get_reading_fields(i, t)
+            return Reading.model_construct(target=str(self.targets[t]), **noise, **values)
         if self.as_deflection[i, t]:
             return Reading.model_construct(target=str(self.targets[t]), deflection=loaded, **noise)
         unloaded = tuple(self.unloaded[i, t].tolist())
@@ -479,38 +487,38 @@ class ReadingArrays:
     def pack(self) -> bytes:
         """Return the arrays as bytes of an npz archive, without pickles."""
         buffer = io.BytesIO()
-        np.savez(buffer, allow_pickle=False, **self._arrays_by_name())
+        np.savez(buffer, allow_pickle=False, **self._get_arrays_by_name())
         return buffer.getvalue()
 
     @classmethod
     def unpack(cls, blob: bytes) -> ReadingArrays:
         """Return the readings that `pack` serialised."""
         with np.load(io.BytesIO(blob), allow_pickle=False) as archive:
-            arrays: dict[str, Any] = {name: archive[name] for name in cls._required_names()}
+            arrays: dict[str, Any] = {name: archive[name] for name in cls._list_required_names()}
             arrays |= {name: group.from_archive(archive) for name, group in _OPTIONAL_GROUPS.items()}
             return cls(**arrays)
 
     @classmethod
-    def _required_names(cls) -> list[str]:
+    def _list_required_names(cls) -> list[str]:
         """Return the names of the arrays that every set has."""
         return [field.name for field in fields(cls) if field.name not in _OPTIONAL_GROUPS]
 
-    def _arrays_by_name(self) -> dict[str, npt.NDArray[Any]]:
+    def _get_arrays_by_name(self) -> dict[str, npt.NDArray[Any]]:
         """Return the arrays by name: first the required arrays, then the arrays of optional groups."""
-        arrays = {name: getattr(self, name) for name in self._required_names()}
+        arrays = {name: getattr(self, name) for name in self._list_required_names()}
         groups = (getattr(self, name) for name in _OPTIONAL_GROUPS)
         return arrays | {name: array for group in groups if group for name, array in group.arrays().items()}
 
     def digest(self) -> bytes:
         """Return the SHA-256, as bytes, of the arrays' names, types, shapes and contents."""
         digest = hashlib.sha256()
-        for name, array in self._arrays_by_name().items():
+        for name, array in self._get_arrays_by_name().items():
             digest.update(f"{name} {array.dtype.str} {array.shape};".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.digest()
 
 
-def content_hash(
+def compute_content_hash(
     header: MeasurementSetHeader, readings: ReadingArrays, resolved: ResolvedFrame | None = None
 ) -> str:
     """Return the SHA-256 of a set's header, its readings and its resolved frame, but not of its name."""
@@ -541,29 +549,29 @@ def _list_readings(
         MeasurementError: an observation has two readings of a target.
     """
     rows, columns, readings = [], [], []
-    seen = set[tuple[int, int]]()
+    used = set[tuple[int, int]]()  # observations and targets that have a reading already
     for i, observation in enumerate(observations):
         for k, reading in enumerate(observation.readings):
-            place = i, column[reading.target]
-            if place in seen:
+            cell = i, column[reading.target]
+            if cell in used:
                 raise MeasurementError(
                     f"target '{reading.target}' has two readings in observation '{observation.label}'",
                     where=f"observations[{i}].readings[{k}].target",
                     remedy="give each target at most once per observation, or rename it",
                 )
-            seen.add(place)
-            rows.append(place[0])
-            columns.append(place[1])
+            used.add(cell)
+            rows.append(cell[0])
+            columns.append(cell[1])
             readings.append(reading)
     return rows, columns, readings
 
 
 def _scatter(
-    shape: tuple[int, ...], place: tuple[list[int], list[int]], values: list[Any], kind: type[np.generic]
+    shape: tuple[int, ...], indices: tuple[list[int], list[int]], values: list[Any], kind: type[np.generic]
 ) -> npt.NDArray[Any]:
-    """Return an array of zeros with `values` at `place`, the indices of observations and of targets."""
+    """Return an array of zeros with `values` at `indices`: those of observations, then of targets."""
     out = np.zeros(shape, dtype=kind)
-    out[place] = values
+    out[indices] = values
     return out
 
 
@@ -582,19 +590,20 @@ def _refuse_too_many_targets(names: Collection[str]) -> None:
 
 def _refuse_unlike_observations(observations: list[Observation]) -> None:
     """Refuse observations with different numbers of joint angles, or with the same label."""
-    length = len(observations[0].joints)
-    first = dict[str, int]()
+    joint_count = len(observations[0].joints)
+    index_of_label = dict[str, int]()  # index of the first observation with the label
     for i, observation in enumerate(observations):
-        if len(observation.joints) != length:
+        if len(observation.joints) != joint_count:
             raise MeasurementError(
-                f"observation '{observation.label}' has {len(observation.joints)} joint angles, the first "
-                f"one {length}",
+                f"observation '{observation.label}' has {len(observation.joints)} joint angles, but the "
+                f"first observation has {joint_count}",
                 where=f"observations[{i}].joints",
                 remedy="give one angle for each joint of the robot in every observation",
             )
-        if first.setdefault(observation.label, i) != i:
+        first = index_of_label.setdefault(observation.label, i)
+        if first != i:
             raise MeasurementError(
-                f"label '{observation.label}' is already used by observations[{first[observation.label]}]",
+                f"label '{observation.label}' is already used by observations[{first}]",
                 where=f"observations[{i}].label",
                 remedy="give every observation a unique label",
             )
@@ -625,11 +634,11 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         )
     if header.joint_kinds is not None and tuple(header.joint_kinds) != robot.joint_kinds:
         kinds = zip(robot.joint_names, robot.joint_kinds, header.joint_kinds, strict=False)
-        name, own = next(((name, own) for name, own, given in kinds if own != given), ("", None))
-        units = JOINT_UNITS[own or "revolute"]
+        name, kind = next(((name, kind) for name, kind, read_as in kinds if kind != read_as), ("", None))
+        units = JOINT_UNITS[kind or "revolute"]
         raise MeasurementError(
             f"joint {name} is read as {'an angle' if units.dimension == 'length' else 'a length'}, but in "
-            f"the robot it is {own}",
+            f"the robot it is {kind}",
             where="joint_kinds",
             remedy=f"give its {units.dimension}s, in `units.{units.dimension}`, or check the robot and the "
             "order of the joints",
@@ -642,12 +651,12 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     joints = joint_factors(robot, header.units) * readings.joints
     direction = None
     if readings.directions is not None:
-        direction = readings.directions.unit_vectors(robot, joints)
+        direction = readings.directions.compute_unit_vectors(robot, joints)
         deflection = deflection + readings.directions.displacement[..., None] * direction
     plain = Measurements(
         joints=joints,
         force=FORCE[header.units.force] * readings.force,
-        moment=_moment_factor(header.units, readings) * readings.moment,
+        moment=_get_moment_factor(header.units, readings) * readings.moment,
         load_point=length * _choose_load_points(header, readings),
         position=length * _choose_positions(header, readings),
         in_flange=readings.as_deflection,
@@ -659,6 +668,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         targets=tuple(readings.targets.tolist()),
     )
     sigma, covariance = to_noise(header.noise, readings.noise, robot, plain, length=length)
+    # A stated sigma that was refuted is only reported; the residuals then give the noise.
     refuted_sigma = None
     if header.noise is not None and header.noise.refuted:
         refuted_sigma, sigma, covariance = sigma, None, ISOTROPIC_DIFFERENCE
@@ -702,15 +712,15 @@ def _to_encoder_readings(
         raise MeasurementError(
             "there are encoder readings, but their uncertainty is not given",
             where="noise" if header.noise is None else "noise.encoder_sigma",
-            remedy="give both `noise.sigma` and `noise.encoder_sigma`: they weigh angles against lengths",
+            remedy="give both `noise.sigma` and `noise.encoder_sigma`, which weight angles against lengths",
         )
-    angle, columns = ANGLE[header.units.angle], encoders.joint_indices(robot.joint_names)
+    angle, columns = ANGLE[header.units.angle], encoders.find_joint_indices(robot.joint_names)
     if robot.prismatic[columns].any():
         name = robot.joint_names[columns[int(np.argmax(robot.prismatic[columns]))]]
         raise MeasurementError(
             f"there are encoder readings of {name}, a prismatic joint",
             where="observations",
-            remedy="omit them: secondary encoders are read of revolute joints only",
+            remedy="omit these readings: encoder readings are used for revolute joints only",
         )
     deflection = np.zeros((len(encoders.present), robot.n))
     present = np.zeros(deflection.shape, dtype=np.bool_)
@@ -719,7 +729,7 @@ def _to_encoder_readings(
     return EncoderReadings(deflection, present, angle * header.noise.encoder_sigma)
 
 
-def _moment_factor(units: Units, readings: ReadingArrays) -> float:
+def _get_moment_factor(units: Units, readings: ReadingArrays) -> float:
     """Return the factor from the unit of moments to N·m.
 
     If the unit is not stated, it is the unit of force times m; lengths must then be in m, or all moments 0.

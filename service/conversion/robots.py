@@ -38,12 +38,12 @@ def build_dh_chain(model: robots.DhModel, name: str) -> KinematicChain:
 def build_chain_robot(
     chain: KinematicChain, joint_map: robots.JointMap | None, bodies: Sequence[robots.Body] = ()
 ) -> Robot:
-    """Build the robot of a checked chain, its bodies with their masses appended to the joints.
+    """Build the robot of a checked chain, with the masses of bodies added to the joints that carry them.
 
     Raises:
         RobotError: the joint map does not fit, or a body belongs to no joint.
     """
-    known = None if joint_map is None else JointMap.from_rows(joint_map.matrix, joint_map.offset)
+    solver_map = None if joint_map is None else JointMap.from_rows(joint_map.matrix, joint_map.offset)
     for number, body in enumerate(bodies):
         if body.joint not in chain.joint_names:
             raise RobotError(
@@ -51,7 +51,7 @@ def build_chain_robot(
                 where=f"bodies[{number}].joint",
                 remedy=f"use one of {', '.join(chain.joint_names)}",
             )
-    stated = [
+    solver_bodies = [
         Body.within(
             body.name,
             chain.joint_names.index(body.joint),
@@ -63,10 +63,10 @@ def build_chain_robot(
         for body in bodies
     ]
     model = chain.model()
-    for each in stated:
+    for each in solver_bodies:
         inertia = pin.Inertia(each.mass, np.array(each.centre), np.zeros((3, 3)))
         model.appendBodyToJoint(each.joint + 1, inertia, pin.SE3.Identity())
-    return Robot(model, known, tuple(stated))
+    return Robot(model, solver_map, tuple(solver_bodies))
 
 
 def to_bodies(bodies: Sequence[Body], chain: KinematicChain) -> list[robots.Body] | None:
@@ -86,9 +86,9 @@ def describe_joints(robot: Robot) -> list[robots.Joint]:
 
 
 def to_postures(robot: Robot, joints: list[list[float]]) -> list[Posture]:
-    """Return the origins and axes of joints and flange in each configuration; in zero without configurations.
+    """Return the origins and axes of joints and flange in each configuration.
 
-    `joints` has the controller positions [rad, m] of each configuration.
+    `joints` has the controller positions [rad, m] of each configuration; if it is empty, all joints are at 0.
 
     Raises:
         RequestError: a configuration does not have as many angles as the robot has joints.
@@ -97,16 +97,16 @@ def to_postures(robot: Robot, joints: list[list[float]]) -> list[Posture]:
         refuse_wrong_joint_count(robot, angles, f"joints[{number}]")
     controller = np.array(joints or [[0.0] * robot.n], dtype=np.float64)
     q = robot.joint_map.model_angles(controller)
-    at = Postures(robot, q)
-    frames, origins = at.joint_frames
+    postures = Postures(robot, q)
+    frames, origins = postures.joint_frames
     return build_messages(
         Posture,
         joint_names=[list(robot.joint_names)] * len(q),
         joint_origins=origins,
         joint_axes=np.einsum("bjik,jk->bji", frames, robot.axes),
         joint_kinds=[robot.joint_kinds] * len(q),
-        flange_origin=at.flange_translation,
-        flange_axes=at.flange_rotation.transpose(0, 2, 1),
+        flange_origin=postures.flange_translation,
+        flange_axes=postures.flange_rotation.transpose(0, 2, 1),
     )
 
 

@@ -33,18 +33,18 @@ MAX_XML_TAGS: Final = 2_500_000
 """Tags in the parts of an Excel file that are read: four for each number, six for each text, and rows."""
 _MAX_PARTS: Final = 1_000
 _MAX_RATIO: Final = 100
-"""Size of a part over its size when packed; that of sheets is around 10."""
+"""Greatest ratio of the size of a part to its packed size; the ratio of sheets is around 10."""
 _MAX_PLAIN_BYTES: Final = 1024 * 1024
-"""Size of a part below which its ratio does not matter."""
+"""Size of a part [bytes] below which the ratio of its sizes is not checked."""
 _MAX_DEPTH: Final = 32
 _MAX_MARKUP_BYTES: Final = 256 * 1024
 """Largest number of bytes within a tag or between two tags; no cell of Excel is longer."""
 _MAX_CHILDREN: Final = 100_000
 """Largest number of elements in an element that is read as a whole, such as a row or a text."""
-_MAX_LINE: Final = 1_048_576
+_LAST_ROW: Final = 1_048_576
 """Excel's last row."""
 
-_SPACES: Final = (
+_NAMESPACES: Final = (
     "http://schemas.openxmlformats.org/spreadsheetml/2006/main",
     "http://purl.oclc.org/ooxml/spreadsheetml/main",
     "http://schemas.openxmlformats.org/package/2006/relationships",
@@ -52,9 +52,11 @@ _SPACES: Final = (
 _TAGS: Final = (
     "Relationship sheet si numFmts numFmt cellXfs xf col row c f v is t r rPr rPh phoneticPr extLst"
 )
-_NAMES: Final = MappingProxyType({f"{{{space}}}{tag}": tag for space, tag in product(_SPACES, _TAGS.split())})
+_LOCAL_NAMES: Final = MappingProxyType(
+    {f"{{{space}}}{tag}": tag for space, tag in product(_NAMESPACES, _TAGS.split())}
+)
 """Tags with their name spaces, and the names by which this module knows them; all others are unknown."""
-_ALLOWED: Final = MappingProxyType(
+_ALLOWED_CHILDREN: Final = MappingProxyType(
     {
         "row": {"c", "extLst"},
         "is": {"t", "r", "rPh", "phoneticPr"},
@@ -63,10 +65,10 @@ _ALLOWED: Final = MappingProxyType(
     }
 )
 """Elements in an element; any other could hold a value that would be lost."""
-_KINDS: Final[Mapping[str, CellKind]] = MappingProxyType(
+_KIND_OF_TYPE: Final[Mapping[str, CellKind]] = MappingProxyType(
     {"s": "text", "str": "text", "inlineStr": "text", "b": "truth value", "e": "error", "d": "date"}
 )
-_EMPTY: Final[tuple[CellKind, ...]] = ("text",)
+_EMPTY_CELL_KIND: Final[tuple[CellKind, ...]] = ("text",)
 """Kind of one empty cell."""
 _ZIP_FAULTS: Final = (
     zipfile.BadZipFile, zlib.error, struct.error, OSError, EOFError, ValueError, RuntimeError, LookupError,
@@ -75,10 +77,10 @@ _ZIP_FAULTS: Final = (
 """What `zipfile` raises on damaged archives; NotImplementedError, of odd ones, is a RuntimeError."""
 
 _ADDRESS: Final = re.compile(r"([A-Z]{1,3})([1-9][0-9]{0,6})")
-_ROW: Final = re.compile(r"[1-9][0-9]{0,6}")
+_ROW_NUMBER: Final = re.compile(r"[1-9][0-9]{0,6}")
 _DATES: Final = frozenset((*range(14, 23), *range(27, 37), *range(45, 48), *range(50, 59)))
 _PERCENTAGES: Final = frozenset((9, 10))
-_QUOTED: Final = re.compile(r'"[^"]*"|\\.|_.|\*.|\[[^\]]*\]')
+_LITERAL_TEXT: Final = re.compile(r'"[^"]*"|\\.|_.|\*.|\[[^\]]*\]')
 
 
 def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
@@ -93,13 +95,13 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
         ImportFileError: the workbook cannot be read, or the choice of the sheet is not clear.
     """
     archive = Archive(file, content)
-    parts, shared, styles = _find_parts(archive)
-    elements = () if shared is None else archive.elements(shared, "si")
-    most = grid.MAX_CELL_LENGTH + 1  # one character more than allowed is enough to refuse a text
-    texts = [_join_text(archive, text)[:most] for text in elements]
-    kinds = _find_number_kinds(archive, styles)
-    sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in parts.items()}
-    name = _find_only_filled(file, sheets) if sheet is None else sheet
+    sheet_parts, text_part, style_part = _find_parts(archive)
+    elements = () if text_part is None else archive.elements(text_part, "si")
+    max_length = grid.MAX_CELL_LENGTH + 1  # one character more than allowed is enough to refuse a text
+    texts = [_join_text(archive, text)[:max_length] for text in elements]
+    kinds = _find_number_kinds(archive, style_part)
+    sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in sheet_parts.items()}
+    name = _find_only_filled_sheet(file, sheets) if sheet is None else sheet
     if name not in sheets:
         reason, remedy = (
             f"the workbook has no sheet {quote(name)}",
@@ -129,11 +131,11 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
 
 def _pad_row(row: Row, width: int) -> Row:
     """Return a row with empty cells added at the end, until the row has `width` cells."""
-    more = width - len(row.cells)
-    return Row(row.line, row.cells + ("",) * more, (row.kinds or ()) + _EMPTY * more)
+    missing = width - len(row.cells)
+    return Row(row.line, row.cells + ("",) * missing, (row.kinds or ()) + _EMPTY_CELL_KIND * missing)
 
 
-def _find_only_filled(file: str, sheets: Mapping[str, _Sheet]) -> str:
+def _find_only_filled_sheet(file: str, sheets: Mapping[str, _Sheet]) -> str:
     """Return the name of the only sheet that has rows, or of the first sheet if all sheets are empty.
 
     Raises:
@@ -156,25 +158,26 @@ def _find_parts(archive: Archive) -> tuple[dict[str, str], str | None, str | Non
     Raises:
         ImportFileError: two sheets have the same name, or the workbook has no sheet.
     """
-    related: dict[str, dict[str, str]] = {"worksheet": {}, "sharedStrings": {}, "styles": {}}
+    parts_by_id: dict[str, dict[str, str]] = {"worksheet": {}, "sharedStrings": {}, "styles": {}}
     for relation in archive.elements("xl/_rels/workbook.xml.rels", "Relationship"):
         kind = relation.get("Type", "").rpartition("/")[2]
-        if kind in related:
+        if kind in parts_by_id:
             path = posixpath.join("/xl", relation.get("Target", ""))
-            related[kind][relation.get("Id", "")] = posixpath.normpath(path).lstrip("/")
-    names: dict[str, str] = {}
+            parts_by_id[kind][relation.get("Id", "")] = posixpath.normpath(path).lstrip("/")
+    part_by_name: dict[str, str] = {}
     for sheet in archive.elements("xl/workbook.xml", "sheet"):
         identifier = next((value for key, value in sheet.items() if key.endswith("}id")), "")
-        part = related["worksheet"].get(identifier)
+        part = parts_by_id["worksheet"].get(identifier)
         name = sheet.get("name", "")
-        if part is not None and names.setdefault(name, part) is not part:
+        # `setdefault` returns the part of an earlier sheet if the name is already taken.
+        if part is not None and part_by_name.setdefault(name, part) is not part:
             raise archive.build_error(f"two sheets have the name {quote(name)}")
-    if not names or any(len(related[kind]) > 1 for kind in ("sharedStrings", "styles")):
+    if not part_by_name or any(len(parts_by_id[kind]) > 1 for kind in ("sharedStrings", "styles")):
         raise archive.build_error(
             "the workbook has no sheet, or more than one part with shared texts or with styles"
         )
-    texts, styles = (next(iter(related[kind].values()), None) for kind in ("sharedStrings", "styles"))
-    return names, texts, styles
+    texts, styles = (next(iter(parts_by_id[kind].values()), None) for kind in ("sharedStrings", "styles"))
+    return part_by_name, texts, styles
 
 
 def _find_number_kinds(archive: Archive, part: str | None) -> dict[str, CellKind]:
@@ -186,15 +189,15 @@ def _find_number_kinds(archive: Archive, part: str | None) -> dict[str, CellKind
     formats: list[str] = []
     for element in () if part is None else archive.elements(part, "numFmts", "cellXfs"):
         for child in element:
-            name, number = _NAMES.get(child.tag), child.get("numFmtId", "0")
+            name, number = _LOCAL_NAMES.get(child.tag), child.get("numFmtId", "0")
             if name == "numFmt":
                 codes[number] = child.get("formatCode", "")
             elif name == "xf":
                 formats.append(number)
-    return {str(index): _number_kind(number, codes.get(number)) for index, number in enumerate(formats)}
+    return {str(index): _find_number_kind(number, codes.get(number)) for index, number in enumerate(formats)}
 
 
-def _number_kind(number: str, code: str | None) -> CellKind:
+def _find_number_kind(number: str, code: str | None) -> CellKind:
     """Return the kind of the numbers in cells of a format: number, date or percentage.
 
     Args:
@@ -202,9 +205,9 @@ def _number_kind(number: str, code: str | None) -> CellKind:
         code: code such as `0.00 %`; None for a format that is built into Excel.
     """
     if code is None:
-        known = int(number) if number.isascii() and number.isdigit() and len(number) < 5 else 0
-        return "date" if known in _DATES else "percentage" if known in _PERCENTAGES else "number"
-    plain = _QUOTED.sub("", code).lower().replace("general", "").replace("standard", "")
+        built_in = int(number) if number.isascii() and number.isdigit() and len(number) < 5 else 0
+        return "date" if built_in in _DATES else "percentage" if built_in in _PERCENTAGES else "number"
+    plain = _LITERAL_TEXT.sub("", code).lower().replace("general", "").replace("standard", "")
     if set("dmyhs") & set(plain):
         return "date"
     return "percentage" if "%" in plain else "number"
@@ -219,9 +222,9 @@ def _iterate_children(archive: Archive, element: Element) -> Iterator[tuple[str,
     Raises:
         ImportFileError: an unknown child could hold a value that would be lost.
     """
-    allowed = _ALLOWED.get(_NAMES.get(element.tag, ""), set())
+    allowed = _ALLOWED_CHILDREN.get(_LOCAL_NAMES.get(element.tag, ""), set())
     for child in element:
-        name = _NAMES.get(child.tag)
+        name = _LOCAL_NAMES.get(child.tag)
         if name not in allowed:
             tag = child.tag.rpartition("}")[2]
             raise archive.build_error(
@@ -237,11 +240,11 @@ def _join_text(archive: Archive, element: Element) -> str:
         if name == "r":
             pieces.append(_join_text(archive, child))
         elif name == "t":
-            pieces.append(_plain_text(archive, child))
+            pieces.append(_read_plain_text(archive, child))
     return "".join(pieces)
 
 
-def _plain_text(archive: Archive, element: Element) -> str:
+def _read_plain_text(archive: Archive, element: Element) -> str:
     """Return the text of an element without children."""
     if len(element):
         next(_iterate_children(archive, element))  # This raises the error, because no child is allowed here.
@@ -273,10 +276,11 @@ class _Sheet:
 
     def rows(self) -> Iterator[Row]:
         """Yield the rows that are not empty, each up to its last cell with a text."""
-        self._line = self._column = self._count = self._hidden = self._formulas = filled = 0
+        self._line = self._column = self._count = self._hidden = self._formulas = 0
+        filled = 0
         for element in self._archive.elements(self._part, "row", "col"):
             self._hidden += element.get("hidden") in ("1", "true")
-            row = self._read_row(element) if _NAMES[element.tag] == "row" else None
+            row = self._read_row(element) if _LOCAL_NAMES[element.tag] == "row" else None
             if row is not None:
                 filled += 1
                 if filled > grid.MAX_ROWS:
@@ -286,8 +290,10 @@ class _Sheet:
     def _read_row(self, element: Element) -> Row | None:
         """Return the row that an XML element holds; None if all cells of the row are empty."""
         number = element.get("r", str(self._line + 1))
-        if not _ROW.fullmatch(number) or not self._line < int(number) <= _MAX_LINE:
-            raise self._workbook_error(f"row {quote(number)} follows row {self._line}")
+        if not _ROW_NUMBER.fullmatch(number) or not self._line < int(number) <= _LAST_ROW:
+            raise self._workbook_error(
+                f"row {quote(number)} is out of order in the sheet: it follows row {self._line}"
+            )
         self._line, self._column = int(number), 0
         cells: list[str] = []
         kinds: list[CellKind] = []
@@ -298,7 +304,7 @@ class _Sheet:
                 if text:
                     gap = self._column - 1 - len(cells)
                     cells += [*[""] * gap, text]
-                    kinds += [*_EMPTY * gap, kind]
+                    kinds += [*_EMPTY_CELL_KIND * gap, kind]
         return Row(self._line, tuple(cells), tuple(kinds)) if cells else None
 
     def _advance_to(self, address: str | None) -> None:
@@ -307,10 +313,11 @@ class _Sheet:
         if address is not None:
             match = _ADDRESS.fullmatch(address)
             letters = match[1] if match else ""
-            stated = reduce(lambda number, letter: 26 * number + ord(letter) - 64, letters, 0)
-            if match is None or int(match[2]) != self._line or stated < column:
+            # Letters of a column are digits to the base 26, with A = 1.
+            stated_column = reduce(lambda number, letter: 26 * number + ord(letter) - 64, letters, 0)
+            if match is None or int(match[2]) != self._line or stated_column < column:
                 raise self._workbook_error(f"cell {quote(address)} is out of order in the sheet")
-            column = stated
+            column = stated_column
         self._count += column - self._column
         self._column = column
         if column > MAX_COLUMNS or self._count > MAX_SHEET_CELLS:
@@ -320,11 +327,12 @@ class _Sheet:
 
     def _read_cell(self, cell: Element) -> tuple[str, CellKind]:
         """Return the text and the kind of a cell; the kind is `formula` if no value is stored with it."""
-        children = {_NAMES.get(child.tag): child for child in cell}
+        children = {_LOCAL_NAMES.get(child.tag): child for child in cell}
         type_, style = cell.get("t", "n"), cell.get("s", "0")
-        if type_ != "n" and type_ not in _KINDS:
+        if type_ != "n" and type_ not in _KIND_OF_TYPE:
             raise self._workbook_error(f"a cell has the unknown type {quote(type_)}")
-        kind = _KINDS.get(type_) or (self._kinds.get(style) if self._kinds else "number")
+        # A workbook without formats has numbers only, no dates and no percentages.
+        kind = _KIND_OF_TYPE.get(type_) or (self._kinds.get(style) if self._kinds else "number")
         if kind is None:
             raise self._workbook_error(f"a cell has the unknown format {quote(style)}")
         holder = "is" if type_ == "inlineStr" else "v"
@@ -336,16 +344,16 @@ class _Sheet:
         value = self._read_value(children[holder], type_) if holder in children else ""
         if "f" in children:
             if not value and type_ != "str":
-                return "= …", "formula"
+                return "= …", "formula"  # of this kind no number and no name is read
             self._formulas += 1
         return value, kind
 
     def _read_value(self, holder: Element, type_: str) -> str:
         """Return the text of a cell from the element that holds it; type `s` refers to a shared text."""
-        value = (_join_text if type_ == "inlineStr" else _plain_text)(self._archive, holder)
+        value = (_join_text if type_ == "inlineStr" else _read_plain_text)(self._archive, holder)
         if type_ == "s" and value:
-            known = value.isascii() and value.isdigit() and len(value) < 8
-            if not known or int(value) >= len(self._texts):
+            is_index = value.isascii() and value.isdigit() and len(value) < 8
+            if not is_index or int(value) >= len(self._texts):
                 raise self._workbook_error(
                     f"a cell refers to a shared text that the workbook lacks, {quote(value)}"
                 )
@@ -438,30 +446,30 @@ class Archive:
         self, stream: _LimitedStream, name: str, wanted: tuple[str, ...]
     ) -> Iterator[Element]:
         """Yield the wanted elements of a stream of XML; other elements are dropped to save memory."""
-        tags = {tag for tag, known in _NAMES.items() if known in wanted}
+        tags = {tag for tag, known in _LOCAL_NAMES.items() if known in wanted}
         path: list[Element] = []
-        outermost, children = 0, 0  # depth of the wanted element that is open, and number of elements in it
+        wanted_depth, child_count = 0, 0  # depth of the open wanted element (0: none), and its elements
         parser = XMLParser(encoding="utf-8")  # noqa: S314 - the guard refuses document types; whatever it claims
         events = iterparse(stream, ("start", "end"), parser)  # noqa: S314
         for event, element in events:
             if event == "start":
                 path.append(element)
-                children += 1
-                if len(path) > _MAX_DEPTH or (outermost and children > _MAX_CHILDREN):
+                child_count += 1
+                if len(path) > _MAX_DEPTH or (wanted_depth and child_count > _MAX_CHILDREN):
                     limits = f"{_MAX_DEPTH} levels of XML elements, or {_MAX_CHILDREN} in one of them"
                     raise self.build_error(f"part {quote(name)} has more than {limits}")
                 if element.tag in tags:
-                    if outermost:
+                    if wanted_depth:
                         raise self.build_error(
                             f"the workbook is damaged: element {quote(element.tag)} is nested"
                         )
-                    outermost, children = len(path), 0
+                    wanted_depth, child_count = len(path), 0
                 continue
-            if len(path) == outermost:
+            if len(path) == wanted_depth:
                 yield element
-                outermost = 0
+                wanted_depth = 0
             path.pop()
-            if path and not outermost:
+            if path and not wanted_depth:
                 del path[-1][:]  # children that were yielded or are not wanted
 
 
@@ -470,8 +478,8 @@ class _LimitedStream:
 
     def __init__(self, archive: Archive, name: str, stream: IO[bytes]) -> None:
         self._archive, self._name, self._stream = archive, name, stream
-        self._last = b""
-        self._run = 0
+        self._last_bytes = b""
+        self._bytes_since_tag = 0
 
     def read(self, size: int = -1, /) -> bytes:
         """Return the next bytes of the stream.
@@ -481,11 +489,12 @@ class _LimitedStream:
         """
         data = self._stream.read(size)
         self._archive.count_tags(self._name, data.count(b"<"))
-        if b"<!DOCTYPE" in self._last + data:
+        # The declaration may be divided between the bytes read before and these.
+        if b"<!DOCTYPE" in self._last_bytes + data:
             reason = f"part {quote(self._name)} declares an XML document type, which is not allowed"
             raise self._archive.build_error(reason)
-        self._last = data[-8:]
-        self._run = 0 if b"<" in data else self._run + len(data)
-        if self._run > _MAX_MARKUP_BYTES:
+        self._last_bytes = data[-8:]
+        self._bytes_since_tag = 0 if b"<" in data else self._bytes_since_tag + len(data)
+        if self._bytes_since_tag > _MAX_MARKUP_BYTES:
             raise self._archive.build_error(f"a text in the file has more than {_MAX_MARKUP_BYTES} bytes")
         return data

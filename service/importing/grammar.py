@@ -36,7 +36,7 @@ def _values_by_word(groups: Mapping[_Value, Iterable[str]]) -> Mapping[str, _Val
 
 _WORDS: Final = tomllib.loads(files(__package__).joinpath("words.toml").read_text("utf-8"))
 _WORD_LISTS: Final[Mapping[str, Sequence[str]]] = _WORDS["beside"]
-_KEY_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["keys"])
+_TEXT_KIND_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["keys"])
 _STATE_OF: Final[Mapping[str, State]] = _values_by_word(_WORDS["states"])
 _VECTOR_OF: Final[Mapping[str, Kind]] = _values_by_word(_WORDS["vectors"])
 MASSES: Final[Mapping[str, str]] = _values_by_word(_WORDS["masses"])
@@ -57,10 +57,10 @@ _KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
 """Words in a header of a position that make the column another kind, such as an uncertainty."""
 _NOT_TARGETS: Final = frozenset((*_WORD_LISTS["other"], *_WORD_LISTS["expanded"]))
 
-_PRODUCT: Final = re.compile(r"(?<=\w)[ ·*-](?=\w)")
+_PRODUCT_SIGN: Final = re.compile(r"(?<=\w)[ ·*-](?=\w)")
 INCH: Final = 25.4
 """Millimetres, exactly: what is in inches is converted when it is read."""
-_SPELT: Final[Mapping[str, tuple[Dimension, str]]] = MappingProxyType(
+_UNIT_OF_SPELLING: Final[Mapping[str, tuple[Dimension, str]]] = MappingProxyType(
     {
         spelling: (dimension, unit)
         for dimension, units in _WORDS["units"].items()
@@ -68,7 +68,7 @@ _SPELT: Final[Mapping[str, tuple[Dimension, str]]] = MappingProxyType(
         for spelling in spellings
     }
 )
-_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = _values_by_word(_WORDS["foreign"])
+_DIMENSION_OF_FOREIGN: Final[Mapping[str, Dimension | Literal["none"]]] = _values_by_word(_WORDS["foreign"])
 
 
 def name_unit(unit: str) -> str:
@@ -78,7 +78,7 @@ def name_unit(unit: str) -> str:
 
 def find_known_unit(text: str) -> tuple[Dimension, str] | None:
     """Return dimension and canonical name of a unit that the import accepts; None for other texts."""
-    return _SPELT.get(_normalise_unit(text))
+    return _UNIT_OF_SPELLING.get(_normalise_unit(text))
 
 
 def find_any_unit(text: str) -> tuple[Dimension | None, str] | None:
@@ -86,11 +86,11 @@ def find_any_unit(text: str) -> tuple[Dimension | None, str] | None:
 
     The dimension is None for a unit of another quantity than length, angle, force and moment.
     """
-    spelt = _normalise_unit(text)
-    if spelt in _SPELT:
-        return _SPELT[spelt]
-    dimension = _FOREIGN.get(spelt)
-    return None if dimension is None else (None if dimension == "none" else dimension, spelt)
+    spelling = _normalise_unit(text)
+    if spelling in _UNIT_OF_SPELLING:
+        return _UNIT_OF_SPELLING[spelling]
+    dimension = _DIMENSION_OF_FOREIGN.get(spelling)
+    return None if dimension is None else (None if dimension == "none" else dimension, spelling)
 
 
 def _normalise_unit(text: str) -> str:
@@ -98,8 +98,8 @@ def _normalise_unit(text: str) -> str:
 
     The case of short units matters: mN is not MN, and nm is not Nm.
     """
-    plain = _PRODUCT.sub(".", text.strip())
-    return plain.casefold() if len(plain) > 3 and plain.isalpha() else plain
+    unit = _PRODUCT_SIGN.sub(".", text.strip())
+    return unit.casefold() if len(unit) > 3 and unit.isalpha() else unit
 
 
 # ---- the grammar
@@ -124,20 +124,23 @@ def collapse_blanks(text: str) -> str:
     return " ".join(text.split())
 
 
-def _alternation(texts: Iterable[str]) -> str:
+def _build_alternation(texts: Iterable[str]) -> str:
     """Return a regular expression that matches any of the texts; a blank also matches `_` and `-`."""
     longest = sorted(texts, key=len, reverse=True)
     return "|".join(re.escape(text).replace("\\ ", r"[\s_-]+") for text in longest)
 
 
-_JOINT: Final = re.compile(rf"(?:{_alternation(_WORD_LISTS['joints'])})[\s_-]?([0-9]{{1,2}})", re.IGNORECASE)
-_VECTOR: Final = re.compile(rf"({_alternation(_VECTOR_OF)})[\s_-]*([xyz])", re.IGNORECASE)
-_PHRASE: Final = re.compile(
-    rf"(?<![^\s_])(?:{_alternation(word for word in _STATE_OF if ' ' in word)})(?![^\s_])", re.IGNORECASE
+_JOINT: Final = re.compile(
+    rf"(?:{_build_alternation(_WORD_LISTS['joints'])})[\s_-]?([0-9]{{1,2}})", re.IGNORECASE
+)
+_VECTOR: Final = re.compile(rf"({_build_alternation(_VECTOR_OF)})[\s_-]*([xyz])", re.IGNORECASE)
+_STATE_PHRASE: Final = re.compile(
+    rf"(?<![^\s_])(?:{_build_alternation(word for word in _STATE_OF if ' ' in word)})(?![^\s_])",
+    re.IGNORECASE,
 )
 _UNIT: Final = re.compile(r"(.*?)\s*_?(?:\[([^][]*)\]|\(([^()]*)\)|/\s*([^/]+))")
 _TOKEN: Final = re.compile(r"[^\s_]+")
-_PIECE: Final = re.compile(r"[A-Z]?[^\W\dA-Z_]{2,}|[A-Z]{3,}(?![^\W\dA-Z_])")
+_WORD_PIECE: Final = re.compile(r"[A-Z]?[^\W\dA-Z_]{2,}|[A-Z]{3,}(?![^\W\dA-Z_])")
 _BRACKET: Final = re.compile(r"[][(){}]")
 _COORDINATE: Final = re.compile(r"([dδΔ]?)([xyz])", re.IGNORECASE)
 _TRANSLATIONS: Final = frozenset(("tx", "ty", "tz"))
@@ -175,8 +178,8 @@ class Meaning:
     @property
     def dimension(self) -> Dimension | None:
         """Dimension of the column's numbers, length for a joint in a unit of length; None for texts."""
-        slides = self.kind == "joint" and self.unit in _WORDS["units"]["length"]
-        return "length" if slides else DIMENSIONS.get(self.kind)
+        is_prismatic = self.kind == "joint" and self.unit in _WORDS["units"]["length"]
+        return "length" if is_prismatic else DIMENSIONS.get(self.kind)
 
     def __str__(self) -> str:
         """Return a header that is understood as this meaning, such as `P10 loaded x`."""
@@ -221,7 +224,7 @@ def contains_state_word(name: str, extra: Mapping[str, State]) -> bool:
 
 def is_key(text: str) -> bool:
     """Return whether a text is the header of a column of texts, such as `label` or `target`."""
-    return fold_word(text) in _KEY_OF
+    return fold_word(text) in _TEXT_KIND_OF
 
 
 def is_joint(text: str) -> bool:
@@ -245,13 +248,13 @@ def split_unit(header: str) -> tuple[str, str | None]:
     match = _UNIT.fullmatch(header)
     if match is None:
         return header, None
-    base, bracketed, round_, slashed = match.groups()
-    if slashed is not None:
-        slashed = slashed.strip("() ")
-        return (base, slashed) if find_known_unit(slashed) else (header, None)
-    if round_ is not None and fold_word(header).rpartition(" ")[2] in _WORD_LISTS["expanded"]:
+    base, in_square_brackets, in_round_brackets, after_slash = match.groups()
+    if after_slash is not None:
+        after_slash = after_slash.strip("() ")
+        return (base, after_slash) if find_known_unit(after_slash) else (header, None)
+    if in_round_brackets is not None and fold_word(header).rpartition(" ")[2] in _WORD_LISTS["expanded"]:
         return header, None
-    return base, bracketed if bracketed is not None else round_
+    return base, in_square_brackets if in_square_brackets is not None else in_round_brackets
 
 
 def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
@@ -261,7 +264,7 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
         ImportFileError: the header is not understood, or its unit does not fit.
     """
     base, unit = split_unit(header)
-    key = _KEY_OF.get(fold_word(base))
+    key = _TEXT_KIND_OF.get(fold_word(base))
     if key is not None:
         if unit is not None and key not in _MAY_HAVE_UNITS:
             reason = f"{quote(header)} has a unit, but is a column of texts"
@@ -272,8 +275,9 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
             reason = f"{quote(header)}: the unit of a hung mass must be kg"
             raise ImportFileError(NOWHERE, reason, "write `mass [kg]`, or give forces")
         return Meaning(Quantity("mass"), 0, "kgf")
-    suffixed = None if unit is not None else _split_unit_suffix(base)
-    base, unit = suffixed or (base, unit)
+    split_suffix = None if unit is not None else _split_unit_suffix(base)
+    base, unit = split_suffix or (base, unit)
+    # `tx`, `ty` and `tz` in a unit of length are the coordinates x, y and z.
     if (
         fold_word(base) in _TRANSLATIONS
         and unit is not None
@@ -282,11 +286,11 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
         base = base[1:]
     meaning = _parse_quantity(header, base, state_words)
     unit = check_unit(header, unit, meaning.kind)
-    return replace(meaning, unit=unit, guessed=meaning.guessed or suffixed is not None)
+    return replace(meaning, unit=unit, guessed=meaning.guessed or split_suffix is not None)
 
 
 def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) -> Meaning:
-    """Return the meaning of a header: a joint, a vector's coordinate, or one of a position.
+    """Return the meaning of a header: a joint, or a coordinate of a vector or a position.
 
     `header` is the whole text, for messages; `base` is the header without its unit.
 
@@ -306,7 +310,7 @@ def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) ->
 
 def _split_unit_suffix(base: str) -> tuple[str, str] | None:
     """Split a header such as `theta1_rad` or `force_x_N` into name and unit; None if it ends with no unit."""
-    for count in (2, 1):
+    for count in (2, 1):  # the unit may be one word or two, such as `N m`
         parts = list(_TOKEN.finditer(base))
         if len(parts) > count and find_known_unit(unit := " ".join(part[0] for part in parts[-count:])):
             return base[: parts[-count].start()].rstrip(" _"), unit
@@ -341,19 +345,19 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
     Raises:
         ImportFileError: the header is not understood.
     """
-    base = _PHRASE.sub(lambda phrase: _STATE_OF[fold_word(phrase[0].replace("-", " "))], base)
-    axes, states, kinds, rest = _classify_words(base, state_words)
-    target = base[rest[0].start() : rest[-1].end()] if rest else None
-    named = _TOKEN.findall(target or "")
-    gauges = set(_WORD_LISTS["gauges"]).intersection(map(fold_word, named))
-    gauged = bool(gauges) and not kinds and states <= {"deflection"}
-    meant: Kind = min(kinds, default="position")
-    if gauged:
-        meant = "along"
-    if meant == "uncertainty" and not axes:
-        meant = "point uncertainty"
-    unclear = len(kinds) > 1 or len(axes) != (meant != "point uncertainty") or len(states) > 1
-    if unclear or len(named) != len(rest) or any(map(_is_no_target_word, named)):
+    base = _STATE_PHRASE.sub(lambda phrase: _STATE_OF[fold_word(phrase[0].replace("-", " "))], base)
+    axes, states, kinds, name_matches = _classify_words(base, state_words)
+    target = base[name_matches[0].start() : name_matches[-1].end()] if name_matches else None
+    name_words = _TOKEN.findall(target or "")
+    gauge_words = set(_WORD_LISTS["gauges"]).intersection(map(fold_word, name_words))
+    is_gauge = bool(gauge_words) and not kinds and states <= {"deflection"}
+    kind: Kind = min(kinds, default="position")  # a header with two kinds is refused below
+    if is_gauge:
+        kind = "along"
+    if kind == "uncertainty" and not axes:
+        kind = "point uncertainty"
+    is_unclear = len(kinds) > 1 or len(axes) != (kind != "point uncertainty") or len(states) > 1
+    if is_unclear or len(name_words) != len(name_matches) or any(map(_is_no_target_word, name_words)):
         raise ImportFileError(
             NOWHERE,
             f"unknown column header {quote(header)}",
@@ -363,12 +367,17 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
             UNKNOWN,
         )
     state = next(iter(states), None)
-    if meant != "along":
-        return Meaning(Quantity(meant, target, state), sum(axes))
+    if kind != "along":
+        # `axes` has one entry; that of a point's uncertainty is empty, and the sum 0.
+        return Meaning(Quantity(kind, target, state), sum(axes))
     if target is None or state not in (None, "deflection"):
-        reason = f"{quote(header)}: a reading along an axis has a target, and is a deflection"
+        reason = (
+            f"{quote(header)}: a reading along an axis needs a target's name, and no state but `deflection`"
+        )
         raise ImportFileError(NOWHERE, reason, "write a header such as `tip along z [mm]`")
-    return Meaning(Quantity("along", f"{target} {_ALONG} {'xyz'[axes[0]]}", "deflection"), 0, guessed=gauged)
+    return Meaning(
+        Quantity("along", f"{target} {_ALONG} {'xyz'[axes[0]]}", "deflection"), 0, guessed=is_gauge
+    )
 
 
 def _classify_words(
@@ -378,7 +387,7 @@ def _classify_words(
     axes: list[int] = []
     states: set[State] = set()
     kinds: set[Kind] = set()
-    rest = []
+    other_words = []
     for token in _TOKEN.finditer(base):
         word = fold_word(token[0])
         if coordinate := _COORDINATE.fullmatch(token[0]):
@@ -389,13 +398,13 @@ def _classify_words(
         elif word in _KINDS:
             kinds.add(_KINDS[word])
         elif word not in _WORD_LISTS["coordinates"]:
-            rest.append(token)
-    return axes, states, kinds, rest
+            other_words.append(token)
+    return axes, states, kinds, other_words
 
 
 def _is_no_target_word(word: str) -> bool:
     """Return whether a word cannot be part of a target's name, such as `sigma`, `StdDev`, `P10Std` or `[`."""
-    pieces = [fold_word(piece) for piece in (word, re.sub(r"\W", "", word), *_PIECE.findall(word))]
+    pieces = [fold_word(piece) for piece in (word, re.sub(r"\W", "", word), *_WORD_PIECE.findall(word))]
     return bool(_BRACKET.search(word)) or not _NOT_TARGETS.isdisjoint(pieces)
 
 
@@ -447,9 +456,9 @@ class Vocabulary:
 
     def count_known(self, headers: Iterable[str]) -> int:
         """Return the number of known headers; 0 if only one is known, or if two have the same meaning."""
-        found = [meaning for text in headers if text and (meaning := self.find(text))]
-        parts = [(meaning.quantity, meaning.axis) for meaning in found if meaning.axis is not None]
-        return 0 if len(set(parts)) < len(parts) or len(found) < 2 else len(found)
+        meanings = [meaning for text in headers if text and (meaning := self.find(text))]
+        axes = [(meaning.quantity, meaning.axis) for meaning in meanings if meaning.axis is not None]
+        return 0 if len(set(axes)) < len(axes) or len(meanings) < 2 else len(meanings)
 
 
 def _apply_header_unit(header: str, stated: str, meaning: Meaning) -> Meaning:
@@ -461,21 +470,24 @@ def _apply_header_unit(header: str, stated: str, meaning: Meaning) -> Meaning:
     Raises:
         ImportFileError: the header's unit differs from the stated one, or has another dimension.
     """
-    bracketed = split_unit(header)[1]
-    tail = bracketed if bracketed is not None else header.replace("_", " ").split(" ")[-1]
-    known = find_any_unit(tail)
-    slides = meaning.kind == "joint" and bracketed is not None and known is not None and known[0] == "length"
-    dimension = "length" if slides else meaning.dimension
-    certain = bracketed is not None and (known is not None or header.endswith("]"))
-    measured = header.endswith("_m") and meaning.unit is not None
-    if not certain and (measured or known is None or known[0] != dimension):
+    in_brackets = split_unit(header)[1]
+    last_word = in_brackets if in_brackets is not None else header.replace("_", " ").split(" ")[-1]
+    known = find_any_unit(last_word)
+    is_prismatic = (
+        meaning.kind == "joint" and in_brackets is not None and known is not None and known[0] == "length"
+    )
+    dimension = "length" if is_prismatic else meaning.dimension
+    is_certainly_unit = in_brackets is not None and (known is not None or header.endswith("]"))
+    m_is_no_unit = header.endswith("_m") and meaning.unit is not None
+    if not is_certainly_unit and (m_is_no_unit or known is None or known[0] != dimension):
         return meaning
-    ours = find_known_unit(tail)
-    if ours is None:
-        check_unit(header, tail, meaning.kind)  # raises: the unit is not accepted
-    elif ours[0] != dimension or meaning.unit not in (None, ours[1]):
-        reason = f"{quote(header)} is in {name_unit(ours[1])}, but {quote(stated)} by `columns`"
+    accepted_unit = find_known_unit(last_word)
+    if accepted_unit is None:
+        # This raises an error, because the import does not accept the unit.
+        check_unit(header, last_word, meaning.kind)
+    elif accepted_unit[0] != dimension or meaning.unit not in (None, accepted_unit[1]):
+        reason = f"{quote(header)} is in {name_unit(accepted_unit[1])}, but `columns` states {quote(stated)}"
         raise ImportFileError(
             NOWHERE, reason, "correct the header or `columns`; a unit is never converted silently"
         )
-    return replace(meaning, unit=ours and ours[1], guessed=bracketed is None)
+    return replace(meaning, unit=accepted_unit and accepted_unit[1], guessed=in_brackets is None)

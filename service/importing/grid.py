@@ -59,10 +59,10 @@ class Remark(NamedTuple):
 class Grid:
     """All rows of a file."""
 
-    preview: FilePreview  # its name and form, and what was assumed in reading it
-    rows: tuple[Row, ...]  # those that are neither empty nor comments; all of one length in a sheet
+    preview: FilePreview  # name and format of the file, and what was assumed in reading it
+    rows: tuple[Row, ...]  # rows that are neither empty nor comments; all of one length in a sheet
     comments: tuple[Remark, ...] = ()  # rows that begin with a mark of comments
-    ended: bool = True  # whether its last line has an end
+    has_final_line_break: bool = True  # False if the last line of a text may be cut off
 
     @property
     def file(self) -> str:
@@ -115,7 +115,7 @@ _SIGNATURES: Final = (
 JSON: Final = "a JSON document"
 WORKBOOK: Final = "an Excel workbook (.xlsx)"
 _ZIP: Final = b"PK\x03\x04"
-_PARTS: Final = (
+_TYPES_BY_PART: Final = (
     ("xl/workbook.bin", "a binary Excel workbook (.xlsb)"),
     ("word/document.xml", "a Word document"),
     ("ppt/presentation.xml", "a PowerPoint presentation"),
@@ -129,11 +129,14 @@ def file_type(content: bytes, name: str = "") -> str | None:
         return _archive_type(content)
     if content[4:8] == b"ftyp":
         return "a picture (HEIC) or a film"
+    # White space, or a byte order mark of UTF-8 or UTF-16, may come before the first sign of the content.
     start = content[:256].lstrip(b"\xef\xbb\xbf \t\r\n")
-    ends = content.rstrip()[-1:] in (b"}", b"]")
-    if start.lstrip(b"\xff\xfe\0")[:1] in (b"{", b"[") and (ends or name.lower().endswith(".json")):
+    ends_with_bracket = content.rstrip()[-1:] in (b"}", b"]")
+    if start.lstrip(b"\xff\xfe\0")[:1] in (b"{", b"[") and (
+        ends_with_bracket or name.lower().endswith(".json")
+    ):
         return JSON
-    return next((name for signature, name in _SIGNATURES if start.startswith(signature)), None)
+    return next((words for signature, words in _SIGNATURES if start.startswith(signature)), None)
 
 
 def _archive_type(content: bytes) -> str | None:
@@ -146,7 +149,7 @@ def _archive_type(content: bytes) -> str | None:
             names = {part.filename for part in archive.infolist()}
     except (zipfile.BadZipFile, OSError, ValueError, RuntimeError, LookupError, OverflowError):
         return WORKBOOK
-    known = next((name for part, name in _PARTS if part in names), None)
+    known = next((words for part, words in _TYPES_BY_PART if part in names), None)
     return known or (WORKBOOK if any("xl/" in name for name in names) else "a ZIP archive")
 
 
@@ -159,9 +162,9 @@ _LINE_END: Final = re.compile(r"\r\n|\n|\r")
 _NUMBERS_IN_A_CELL: Final = re.compile(r"\d\s+[-+.\d]")
 _COMMA_NOT_IN_A_NUMBER: Final = re.compile(r"(?<!\d),|,(?!\d)")
 _LATIN1: Final = "the file is not valid UTF-8 and was read as Latin-1: check names with accents"
-_LAST: Final = 10
+_LINES_SHOWING_DELIMITER: Final = 10
 """Lines at the end of a file that tell its delimiter."""
-_MOST_ABOVE: Final = 20
+_MAX_TITLE_LINES: Final = 20
 """Lines above the header."""
 _BYTE_ORDERS: Final = (
     (codecs.BOM_UTF8, "utf-8"),
@@ -186,10 +189,10 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     lines: list[_Line] = []
     comments: list[Remark] = []
     for number, line in enumerate(_LINE_END.split(text), start=1):
-        bare = line.strip(" \t")
-        if bare.startswith(COMMENT_MARKS):
-            comments.append(Remark(number, strip_comment_mark(bare)))
-        elif bare:
+        stripped = line.strip(" \t")
+        if stripped.startswith(COMMENT_MARKS):
+            comments.append(Remark(number, strip_comment_mark(stripped)))
+        elif stripped:
             lines.append((number, line))
     if delimiter is None and lines:
         delimiter = _find_delimiter(file, lines)
@@ -200,24 +203,28 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
     if comments:
         count = f"{len(comments)} line{'s' * (len(comments) > 1)}"
         notes.append(f"comments were skipped ({count}); the first: {quote(comments[0].text)}")
-    mark = None if delimiter == "whitespace" else CHARACTERS[delimiter or "comma"]
-    split = (comment.text.split(mark) for comment in comments)
+    delimiter_character = None if delimiter == "whitespace" else CHARACTERS[delimiter or "comma"]
+    cells_of_comments = (comment.text.split(delimiter_character) for comment in comments)
     width = len(rows[-1].cells)
     # A comment with as many cells as the table, and a number in the last cell, may be a disabled row.
-    alike = sum(len(cells) == width > 1 and looks_like_a_number(cells[-1].strip()) for cells in split)
-    if alike:
-        notes.append(f"{alike} of the comments look like rows of data; they were not read")
+    row_like_comments = sum(
+        len(cells) == width > 1 and looks_like_a_number(cells[-1].strip()) for cells in cells_of_comments
+    )
+    if row_like_comments:
+        notes.append(f"{row_like_comments} of the comments look like rows of data; they were not read")
     preview = FilePreview(file=file, format="text", encoding=encoding, delimiter=delimiter, assumptions=notes)
     last_comment = comments[-1].line if comments else 0
-    ended = text.rstrip(" \t").endswith(("\n", "\r")) or last_comment > lines[-1][0]
-    return Grid(preview, tuple(rows), tuple(comments), ended)
+    # A comment below the last row shows, like a line break, that this row is complete.
+    is_complete = text.rstrip(" \t").endswith(("\n", "\r")) or last_comment > lines[-1][0]
+    return Grid(preview, tuple(rows), tuple(comments), is_complete)
 
 
 def _decode(file: str, content: bytes) -> tuple[str, str]:
     """Return the text of a file, and the name of its encoding.
 
     A byte order mark decides for UTF-8 or UTF-16. Without a mark, a zero among the first bytes means UTF-16,
-    and valid UTF-8 is read as UTF-8. Other bytes are Latin-1, unless some are a sequence of UTF-8.
+    and valid UTF-8 is read as UTF-8. Other bytes are read as Latin-1, unless some of them are a letter with
+    an accent in UTF-8: then the file is damaged UTF-8.
 
     Raises:
         ImportFileError: the text is damaged, or contains control characters.
@@ -249,27 +256,30 @@ def _find_delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
     Raises:
         ImportFileError: the lines can be split by commas as well as by blanks.
     """
-    last = [text.strip(" ") for _, text in lines[-_LAST:]]
+    last_lines = [text.strip(" ") for _, text in lines[-_LINES_SHOWING_DELIMITER:]]
     marks: tuple[Delimiter, Delimiter] = ("tab", "semicolon")
     for mark in marks:
-        if 2 * sum(CHARACTERS[mark] in text for text in last) > len(last):
+        if 2 * sum(CHARACTERS[mark] in text for text in last_lines) > len(last_lines):
             return mark
-    if 2 * sum("," in text for text in last) <= len(last) and "," not in lines[0][1]:
+    if 2 * sum("," in text for text in last_lines) <= len(last_lines) and "," not in lines[0][1]:
         return "whitespace"
+    # The first row may be a header, whose names may contain numbers and blanks.
     rows = _split_into_equal_rows(file, lines, "comma")
-    comma = bool(rows) and not any(
+    can_be_comma = bool(rows) and not any(
         _NUMBERS_IN_A_CELL.search(cell) for row in rows[1:] or rows for cell in row
     )
     rows = _split_into_equal_rows(file, lines, "whitespace")
-    whitespace = bool(rows) and not any(_COMMA_NOT_IN_A_NUMBER.search(c) for row in rows for c in row)
-    if comma and whitespace:
+    can_be_whitespace = bool(rows) and not any(
+        _COMMA_NOT_IN_A_NUMBER.search(cell) for row in rows for cell in row
+    )
+    if can_be_comma and can_be_whitespace:
         raise ImportFileError(
             Place(file, lines[0][0]),
             "the comma may be the delimiter or, between cells separated by blanks, the decimal mark",
             "give `delimiter`, or use semicolons as delimiter",
             "delimiter",
         )
-    return "whitespace" if whitespace else "comma"
+    return "whitespace" if can_be_whitespace else "comma"
 
 
 def _split_into_equal_rows(file: str, lines: Sequence[_Line], delimiter: Delimiter) -> list[tuple[str, ...]]:
@@ -282,25 +292,27 @@ def _split_into_equal_rows(file: str, lines: Sequence[_Line], delimiter: Delimit
     except ImportFileError:
         return []
     width = len(rows[-1])
-    first = next((index for index, cells in enumerate(rows) if len(cells) == width), 0)
-    alike = first <= _MOST_ABOVE and all(len(cells) == width for cells in rows[first:])
-    return rows[first:] if alike and width > 1 else []
+    first_row = next((index for index, cells in enumerate(rows) if len(cells) == width), 0)
+    have_equal_lengths = first_row <= _MAX_TITLE_LINES and all(
+        len(cells) == width for cells in rows[first_row:]
+    )
+    return rows[first_row:] if have_equal_lengths and width > 1 else []
 
 
 def _split_lines(file: str, lines: Iterable[_Line], delimiter: Delimiter) -> Iterator[Row]:
-    """Yield the row of cells of each line.
+    """Yield the row of cells of each line, in the order of the lines.
 
     Raises:
         ImportFileError: there are too many rows, columns or cells, or a line cannot be split.
     """
-    cells = 0
+    cell_count = 0
     for index, (number, text) in enumerate(lines):
         if index == MAX_ROWS:
             reason = f"the file has more than {MAX_ROWS} rows"
             raise ImportFileError(Place(file, number), reason, "split the file")
         row = _split_line(file, number, text, delimiter)
-        cells += len(row.cells) if any(row.cells) else 0
-        if len(row.cells) > MAX_COLUMNS or cells > MAX_CELLS:
+        cell_count += len(row.cells) if any(row.cells) else 0
+        if len(row.cells) > MAX_COLUMNS or cell_count > MAX_CELLS:
             raise too_large_error(file, number)
         yield row
 
@@ -355,7 +367,7 @@ def count_numbers(row: Row) -> int:
 
 
 def decide_decimal_mark(
-    grid: Grid, rows: Iterable[Row], columns: Collection[int], given: DecimalMark | None
+    grid: Grid, rows: Iterable[Row], columns: Collection[int], stated_mark: DecimalMark | None
 ) -> tuple[DecimalMark, str | None]:
     """Return the decimal mark of a file, and a note for the user if the mark was assumed, else None.
 
@@ -367,44 +379,44 @@ def decide_decimal_mark(
     """
     if grid.preview.format == "xlsx":
         return "point", None
-    if given is not None:
-        return given, None
-    first: dict[str, tuple[str, Place]] = {}
-    decided: set[str] = set()  # marks that separate no thousands in some cell
+    if stated_mark is not None:
+        return stated_mark, None
+    first_cells: dict[str, tuple[str, Place]] = {}  # text and place of the first cell with each mark
+    sure_marks: set[str] = set()  # marks that cannot separate thousands in some cell
     cells = ((row, column, row.cells[column]) for row in rows for column in columns)
     for row, column, text, mark in ((*cell, mark) for cell in cells for mark in ",." if mark in cell[2]):
-        if mark not in first:
-            first[mark] = text, grid.place(row, column)
-        decided.update([] if _THOUSANDS.fullmatch(text) else [mark])
-    if len(first) > 1:
-        text, place = max(first.values(), key=lambda cell: (cell[1].line or 0, cell[1].column or 0))
+        if mark not in first_cells:
+            first_cells[mark] = text, grid.place(row, column)
+        sure_marks.update([] if _THOUSANDS.fullmatch(text) else [mark])
+    if len(first_cells) > 1:
+        text, place = max(first_cells.values(), key=lambda cell: (cell[1].line or 0, cell[1].column or 0))
         reason = f"{quote(text)}: the file has decimal points and decimal commas"
         raise ImportFileError(place, reason, "use one decimal mark and no thousands separators")
-    if "," in first and "," not in decided:
-        text, place = first[","]
+    if "," in first_cells and "," not in sure_marks:
+        text, place = first_cells[","]
         reason = "may have a decimal comma or a thousands separator, and no other number shows which"
         remedy = "give `decimal_mark`, or write a point"
         raise ImportFileError(place, f"{quote(text)} {reason}", remedy, "decimal_mark")
-    if "," in first:
+    if "," in first_cells:
         return "comma", "the comma was used as the decimal mark"
-    return "point", _POINT_ASSUMED if "." in first and "." not in decided else None
+    return "point", _POINT_ASSUMED if "." in first_cells and "." not in sure_marks else None
 
 
 def read_number(text: str, mark: DecimalMark) -> float:
-    """Return the number that a cell holds: digits, with at most one decimal mark and an exponent.
+    """Return the number in the text of a cell: digits, with at most one decimal mark and an exponent.
 
     Raises:
         ImportFileError: the cell is empty, not a number with this decimal mark, or too large.
     """
     if not text:
         raise ImportFileError(NOWHERE, "the cell is empty, but needs a number", "fill it in")
-    other = "," if mark == "point" else "."
-    plain = text if mark == "point" else text.replace(",", ".")
-    if other in text or len(text) > MAX_NUMBER_LENGTH or not _NUMBER.fullmatch(plain):
+    other_mark = "," if mark == "point" else "."
+    with_point = text if mark == "point" else text.replace(",", ".")
+    if other_mark in text or len(text) > MAX_NUMBER_LENGTH or not _NUMBER.fullmatch(with_point):
         reason = f"{quote(text)} is not a number with a decimal {mark}"
         remedy = "use digits with at most one decimal mark, no unit, no thousands separator, no NaN"
         raise ImportFileError(NOWHERE, reason, remedy)
-    value = float(plain)
+    value = float(with_point)
     if not abs(value) <= MAX_MAGNITUDE:
         reason = f"{quote(text)} is outside ±{MAX_MAGNITUDE:g}"
         raise ImportFileError(NOWHERE, reason, "check the number and its unit")

@@ -30,13 +30,13 @@ from jointstiff.service.importing.grid import (
     looks_like_a_number,
 )
 
-_MAX_TITLES: Final = 20
+_MAX_TITLE_ROWS: Final = 20
 """Rows above a header."""
-_MAX_ROWS: Final = 3
+_MAX_HEADER_ROWS: Final = 3
 """Rows of a header: groups, axes, units."""
-_DATA: Final = 3
+_MIN_NUMBERS: Final = 3
 """Numbers in a row of data: no table has fewer."""
-_NONE: Final = frozenset("-–/")
+_NO_UNIT: Final = frozenset("-–/")
 """Cell texts in a row of units that mean that the column has no unit."""
 _HEADERLESS: Final = MappingProxyType(
     {
@@ -45,9 +45,9 @@ _HEADERLESS: Final = MappingProxyType(
         6: ("collection", "group", "point", "x", "y", "z"),
     }
 )
-_ORDER: Final = re.compile(r"(?<![^\W_])(?:[xyz]|[^\W\d_]{2,})(?![^\W_])", re.IGNORECASE)
+_AXES_AND_WORDS: Final = re.compile(r"(?<![^\W_])(?:[xyz]|[^\W\d_]{2,})(?![^\W_])", re.IGNORECASE)
 """Names of axes, and words, in their order."""
-_GAPS: Final = (r"\s*[;,\t]\s*", r"\s{2,}", r"\s+(?![\[(])")
+_HEADER_SEPARATORS: Final = (r"\s*[;,\t]\s*", r"\s{2,}", r"\s+(?![\[(])")
 """What may stand between the headers in a comment."""
 _LONG_BLANK: Final = re.compile(r"\s{3,}")
 """Three or more blanks, which mean as much as two; the patterns of gaps need quadratic time for them."""
@@ -59,9 +59,9 @@ class Heading:
 
     file: str
     texts: tuple[str, ...]  # text of each column; rows of a header are combined
-    lines: tuple[int, ...] = ()  # lines of the file that make it; none if it is stated or assumed
+    lines: tuple[int, ...] = ()  # lines of the header in the file; () if the header is stated or assumed
     start: int = 0  # index of the first row of data
-    guessed: bool = False  # whether it was combined from rows, taken from a comment, or assumed
+    guessed: bool = False  # whether the header was combined from rows, taken from a comment, or assumed
     notes: tuple[str, ...] = ()  # what was assumed, in words
 
     @property
@@ -86,7 +86,7 @@ def find_heading(grid: Grid, words: Vocabulary, options: ImportOptions) -> Headi
     """
     if options.header is not None:
         return Heading(grid.file, tuple(options.header))
-    if count_numbers(grid.rows[0]) < _DATA:
+    if count_numbers(grid.rows[0]) < _MIN_NUMBERS:
         return _find_header_in_rows(grid, words)
     width = len(grid.rows[0].cells)  # without empty columns at the end
     while width > 1 and not any(any(row.cells[width - 1 :]) for row in grid.rows):
@@ -107,23 +107,27 @@ def _find_header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Headi
     Raises:
         ImportFileError: a later comment looks like a header, but is not understood.
     """
-    above = [comment for comment in grid.comments if comment.line < grid.rows[0].line]
-    for comment in reversed(above):
+    comments_above = [comment for comment in grid.comments if comment.line < grid.rows[0].line]
+    for comment in reversed(comments_above):
         line, text = comment
-        short = _LONG_BLANK.sub(lambda blank: "\t\t" if "\t" in blank[0] else "  ", text)
-        splits = [tuple(re.split(gap, short)) for gap in _GAPS]
+        shortened = _LONG_BLANK.sub(lambda blank: "\t\t" if "\t" in blank[0] else "  ", text)
+        splits = [tuple(re.split(separator, shortened)) for separator in _HEADER_SEPARATORS]
         for texts in splits:
             if len(texts) == width and words.count_known(texts) == width:
                 note = f"the comment in line {line} was used as the header"
                 return Heading(grid.file, texts, (line,), guessed=True, notes=(note,))
-        if _looks_like_header(comment, width, last=comment is above[-1], cells=len(splits[0])):
-            reason = f"the comment {quote(text)} looks like a header, but is not understood as that of the "
+        if _looks_like_header(
+            comment, width, is_last=comment is comments_above[-1], cell_count=len(splits[0])
+        ):
+            reason = (
+                f"the comment {quote(text)} looks like a header, but is not understood as the header of the "
+            )
             remedy = "correct or remove it, or give `header`"
             raise ImportFileError(Place(grid.file, line), f"{reason}{width} columns", remedy, "header")
     return None
 
 
-def _looks_like_header(comment: Remark, width: int, *, last: bool, cells: int) -> bool:
+def _looks_like_header(comment: Remark, width: int, *, is_last: bool, cell_count: int) -> bool:
     """Return whether a comment may be a header that is not understood.
 
     Such a comment names axes in another order than x, y, z, or has about one word for each column.
@@ -131,17 +135,18 @@ def _looks_like_header(comment: Remark, width: int, *, last: bool, cells: int) -
     Args:
         comment: comment above the data.
         width: number of columns.
-        last: whether it is the last comment above the data; only the last one may be a mere list of words.
-        cells: number of cells if the comment is split at delimiters.
+        is_last: whether no other comment follows above the data; only the last may be a mere list of words.
+        cell_count: number of cells if the comment is split at delimiters.
     """
-    order = [word.casefold() for word in _ORDER.findall(comment.text)]
-    axes = "".join(word for word in order if len(word) == 1)
-    behind = order[order.index(axes[-1]) + 1 :] if axes else []
-    if len(set(axes)) > 1 and (axes != "xyz" or any(map(grammar.is_key, behind))):
+    axes_and_words = [word.casefold() for word in _AXES_AND_WORDS.findall(comment.text)]
+    axes = "".join(word for word in axes_and_words if len(word) == 1)
+    words_after_axes = axes_and_words[axes_and_words.index(axes[-1]) + 1 :] if axes else []
+    # Axes in another order than x, y, z, or a column of texts behind the axes, would be read wrongly.
+    if len(set(axes)) > 1 and (axes != "xyz" or any(map(grammar.is_key, words_after_axes))):
         return True
     words = re.findall(r"[^\W\d_]+", comment.text)
-    named = _DATA <= len(words) <= width and not any(map(str.isdigit, comment.text))
-    return last and axes != "xyz" and (named or cells == width)
+    has_fitting_words = _MIN_NUMBERS <= len(words) <= width and not any(map(str.isdigit, comment.text))
+    return is_last and axes != "xyz" and (has_fitting_words or cell_count == width)
 
 
 def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
@@ -157,8 +162,8 @@ def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
         raise ImportFileError(grid.place(grid.rows[0]), reason, remedy, "header")
     for row in grid.rows:
         for column, cell in enumerate(row.cells[: len(headers) - 3]):
-            number = looks_like_a_number(cell) and (column > 0 or not cell.isdigit())
-            if grammar.is_key(cell) or number:
+            is_number = looks_like_a_number(cell) and (column > 0 or not cell.isdigit())
+            if grammar.is_key(cell) or is_number:
                 reason = f"{quote(cell)} is where a point's name must be, because there is no header"
                 remedy = f"give rows of {' '.join(headers)}, add a header, or give `header`"
                 raise ImportFileError(grid.place(row, column), reason, remedy, "header")
@@ -170,18 +175,18 @@ def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
 
 
 def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
-    """Return the header in the first rows: rows whose cells are all known headers, else the rows with most.
+    """Return the header in the first rows: rows with known headers only, else those with most of them.
 
     Raises:
         ImportFileError: no row of data follows, or a row above the header looks like data.
     """
     start, count, texts = 0, 1, grid.rows[0].cells
-    most = 0
-    for candidate in _yield_candidates(grid, words):
-        known = words.count_known(candidate[2])
-        if known > most:
-            start, count, texts = candidate
-            most = known
+    most_known = 0
+    for first_row, row_count, column_texts in _yield_possible_headers(grid, words):
+        known = words.count_known(column_texts)
+        if known > most_known:
+            start, count, texts = first_row, row_count, column_texts
+            most_known = known
             if known == sum(map(bool, texts)) and start + count < len(grid.rows):
                 break
     if start + count == len(grid.rows):
@@ -189,6 +194,7 @@ def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
         raise ImportFileError(place, "the file has a header but no row of data", "check the file")
     lines = tuple(row.line for row in grid.rows[start : start + count])
     for row in grid.rows[:start]:
+        # A title has at most one number, and few filled cells.
         if count_numbers(row) > 1 or sum(map(bool, row.cells)) > max(2, len(texts) // 2):
             reason = f"the row is above the header in line {lines[0]}, but looks like data"
             raise ImportFileError(grid.place(row), reason, "move it below the header, or remove it")
@@ -198,16 +204,16 @@ def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
     return Heading(grid.file, texts, lines, start + count, count > 1, tuple(notes))
 
 
-def _yield_candidates(grid: Grid, words: Vocabulary) -> Iterator[tuple[int, int, tuple[str, ...]]]:
+def _yield_possible_headers(grid: Grid, words: Vocabulary) -> Iterator[tuple[int, int, tuple[str, ...]]]:
     """Yield the possible headers: index of the first row, number of rows, and text of each column.
 
     Of the headers that begin in the same row, those with more rows come first.
     """
-    rows = grid.rows[: _MAX_TITLES + _MAX_ROWS + 1]
-    for start in range(min(_MAX_TITLES + 1, len(rows))):
-        if start and count_numbers(rows[start - 1]) >= _DATA:
+    rows = grid.rows[: _MAX_TITLE_ROWS + _MAX_HEADER_ROWS + 1]
+    for start in range(min(_MAX_TITLE_ROWS + 1, len(rows))):
+        if start and count_numbers(rows[start - 1]) >= _MIN_NUMBERS:
             return
-        for count in range(min(_MAX_ROWS, len(rows) - start), 0, -1):
+        for count in range(min(_MAX_HEADER_ROWS, len(rows) - start), 0, -1):
             texts = _merge_rows([row.cells for row in rows[start : start + count]], words)
             if texts is not None:
                 yield start, count, texts
@@ -223,22 +229,30 @@ def _merge_rows(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str
         return None
     width = max(len(upper), len(lower))
     upper, lower = (cells + ("",) * (width - len(cells)) for cells in (upper, lower))
-    if all(cell in _NONE or grammar.find_any_unit(cell.strip("[]() ")) for cell in lower if cell):
+    # A lower row of nothing but units is appended to the names above.
+    if all(cell in _NO_UNIT or grammar.find_any_unit(cell.strip("[]() ")) for cell in lower if cell):
         return tuple(_append_unit(name, unit) for name, unit in zip(upper, lower, strict=True))
-    return _apply_groups(upper, lower, words)
+    return _combine_with_groups(upper, lower, words)
 
 
 def _is_title(row: tuple[str, ...], words: Vocabulary) -> bool:
-    """Return whether a row is a title: a single text, in its first cell, without a known word."""
+    """Return whether a row is a title: a single text, in its first cell, without a word for a state or joint.
+
+    The text must be such that, above `x`, it would be understood as the name of a target.
+    """
     if sum(map(bool, row)) > 1 or not row[0]:
         return False
     parts = grammar.split_unit(row[0])[0].replace("_", " ").split()
-    known = any(grammar.find_state(part, words.states) or grammar.is_joint(part) for part in parts)
-    as_group = words.find(f"{row[0]} x")
-    return not known and as_group is not None and as_group.quantity.target is not None
+    has_known_word = any(grammar.find_state(part, words.states) or grammar.is_joint(part) for part in parts)
+    meaning_as_group = words.find(f"{row[0]} x")
+    return (
+        not has_known_word and meaning_as_group is not None and meaning_as_group.quantity.target is not None
+    )
 
 
-def _apply_groups(upper: Sequence[str], lower: Sequence[str], words: Vocabulary) -> tuple[str, ...] | None:
+def _combine_with_groups(
+    upper: Sequence[str], lower: Sequence[str], words: Vocabulary
+) -> tuple[str, ...] | None:
     """Combine a row of groups with the row below; None if a cell of the lower row is a number.
 
     A group holds for its column and for the filled columns to its right: `P10 loaded [mm]` above `x`, `y`
@@ -258,8 +272,10 @@ def _apply_groups(upper: Sequence[str], lower: Sequence[str], words: Vocabulary)
         joined = f"{group} {below}"
         if unit is not None and grammar.split_unit(below)[1] in (None, unit):
             joined = _append_unit(f"{name} {below}", unit)
-        alone = words.find(below)
-        needs_group = alone is None or (alone.kind in POINTS and alone.quantity.target is None)
+        own_meaning = words.find(below)
+        needs_group = own_meaning is None or (
+            own_meaning.kind in POINTS and own_meaning.quantity.target is None
+        )
         texts.append(joined if above or needs_group or words.find(joined) is not None else below)
     return tuple(texts)
 
@@ -267,7 +283,7 @@ def _apply_groups(upper: Sequence[str], lower: Sequence[str], words: Vocabulary)
 def _append_unit(name: str, unit: str) -> str:
     """Return a header with a unit in brackets, unless the unit is empty or there already."""
     unit = unit.strip("[]() ")
-    if not unit or unit in _NONE or grammar.split_unit(name)[1] == unit:
+    if not unit or unit in _NO_UNIT or grammar.split_unit(name)[1] == unit:
         return name
     return f"{name} [{unit}]"
 
@@ -275,23 +291,28 @@ def _append_unit(name: str, unit: str) -> str:
 # ---- its columns, each one for itself and all of them together
 
 _MAY_REPEAT: Final[frozenset[Kind]] = frozenset(("time", "ignored"))
-_MANY, _TOGETHER = 3, 4
+_MAX_SINGLE_FAULTS, _HEADERS_PER_FAULT = 3, 4
 """Number of unknown headers that are reported one by one; of more, headers in one message, which is cut
 beyond 300 characters."""
-_NAMES: Final = ("name", "collection", "group")
+_NAME_COLUMNS: Final = ("name", "collection", "group")
 """Columns whose texts may say a state."""
 _QUATERNIONS: Final = (("q0", "q1", "q2", "q3"), ("q1", "q2", "q3", "q4"), ("q0", "qx", "qy", "qz"))
 _UNIT_NORM: Final = 0.01
 """How far the squares of a rounded quaternion may add up from 1."""
-_NAMED: Final[tuple[Literal["target", "state"], ...]] = ("target", "state")
+_TARGET_AND_STATE: Final[tuple[Literal["target", "state"], ...]] = ("target", "state")
 """What headers of positions may name."""
-_AXIS: Final = re.compile(r"(?<![^\W_])[xyzXYZ](?![^\W_])")
-_ENDS: Final = (
+_AXIS_LETTER: Final = re.compile(r"(?<![^\W_])[xyzXYZ](?![^\W_])")
+_TARGET_WITH_WORD: Final = (
     re.compile(r"(?P<target>.*[^\s_-])[\s_-]+(?P<word>[^\s_-]+)"),
     re.compile(r"(?P<word>[^\s_-]+)[\s_-]+(?P<target>[^\s_-].*)"),
 )
 """A target's name with a word behind it, or before it."""
-_EXAMPLES: Final[Mapping[Dimension, str]] = {"length": "mm", "angle": "deg", "force": "N", "moment": "N.m"}
+_EXAMPLE_UNITS: Final[Mapping[Dimension, str]] = {
+    "length": "mm",
+    "angle": "deg",
+    "force": "N",
+    "moment": "N.m",
+}
 
 
 @dataclass(frozen=True)
@@ -310,10 +331,14 @@ class Columns:
 
     @property
     def needed(self) -> frozenset[str]:
-        """Names among `target` and `state` that no column gives: names of points or files must."""
+        """Kinds among `target` and `state` that no header and no column gives, so that names have to."""
         positions = [quantity for quantity in self.quantities if quantity.kind == "position"]
-        bare = [kind for kind in _NAMED if any(getattr(quantity, kind) is None for quantity in positions)]
-        return frozenset(bare) - self.texts.keys()
+        not_in_headers = [
+            kind
+            for kind in _TARGET_AND_STATE
+            if any(getattr(quantity, kind) is None for quantity in positions)
+        ]
+        return frozenset(not_in_headers) - self.texts.keys()
 
     @property
     def whole(self) -> bool:
@@ -339,19 +364,21 @@ class ColumnReader:
             axes_unit: unit of x, y and z that a comment of the file states; None without such a comment.
             state_in_name: whether the name of the file has a word for a state.
         """
-        before = len(self._faults.found)
+        fault_count = len(self._faults.found)
         rotation = self._find_quaternion()
         meanings = self._understand_headers(rotation)
         kinds = {meaning.kind for meaning in meanings}
         if "name" not in kinds and kinds & {"collection", "group"}:  # a target of a group is a point
-            meanings = [Meaning(Quantity("name")) if each.kind == "target" else each for each in meanings]
-        names = [column for column, meaning in enumerate(meanings) if meaning.kind in _NAMES]
-        cells = (row.cells[column] for row in self._rows for column in names)
-        by_template = "{state}" in f"{self._options.point_name} {self._options.file_name}"
-        by_name = state_in_name or any(
+            meanings = [
+                Meaning(Quantity("name")) if meaning.kind == "target" else meaning for meaning in meanings
+            ]
+        name_columns = [column for column, meaning in enumerate(meanings) if meaning.kind in _NAME_COLUMNS]
+        cells = (row.cells[column] for row in self._rows for column in name_columns)
+        template_gives_state = "{state}" in f"{self._options.point_name} {self._options.file_name}"
+        names_give_state = state_in_name or any(
             grammar.contains_state_word(cell, self._words.states) for cell in cells
         )
-        if not ("state" in kinds or by_template or by_name):  # nothing else says the state
+        if not ("state" in kinds or template_gives_state or names_give_state):  # nothing else says the state
             meanings = self._recognise_states(meanings)
         resolved = self._resolve_units(meanings, axes_unit)
         texts: dict[Kind, int] = {}
@@ -362,35 +389,47 @@ class ColumnReader:
             quantities = self._group_by_quantity(meanings)
             self._check_names_and_loads(texts, quantities)
             self._check_points(texts, quantities)
-        measured = [meaning for meaning in resolved if meaning.axis is not None]
+        with_numbers = [meaning for meaning in resolved if meaning.axis is not None]
         return Columns(
             tuple(resolved),
             texts,
             quantities,
-            {one.dimension: one.unit for one in measured if one.dimension and one.unit is not None},
+            {
+                meaning.dimension: meaning.unit
+                for meaning in with_numbers
+                if meaning.dimension and meaning.unit is not None
+            },
             tuple(self._notes),
             probe=bool(rotation) or bool(kinds & {"deleted", "uncertainty"}),
-            faulty="unknown" in kinds or len(self._faults.found) > before,
+            faulty="unknown" in kinds or len(self._faults.found) > fault_count,
         )
 
     def _find_quaternion(self) -> list[int]:
-        """Return the indices of the columns of a quaternion, Q0 to Q3 or Q1 to Q4; empty without one.
+        """Return the indices of the columns of a quaternion, Q0 to Q3 or Q1 to Q4; [] if there is none.
 
-        Its squares add up to 1 in each row, or are all 0. Columns with a unit or a stated meaning are angles
-        of joints. If Q1 to Q4 are 0 in all rows, they may be joints; Q0 cannot be a joint.
+        The squares of a quaternion add up to 1 in each row, or are all 0. Columns with a unit or a stated
+        meaning are angles of joints. If Q1 to Q4 are 0 in all rows, they may be joints; Q0 cannot be a joint.
         """
         texts = map(grammar.collapse_blanks, self._headers)
-        named = {text.casefold(): i for i, text in enumerate(texts) if text not in self._words.stated}
-        numbered = {text for text in named if re.fullmatch(r"q\d+", text)}
-        parts = next((names for names in _QUATERNIONS if numbered <= {*names} <= named.keys()), ())
-        columns = [named[part] for part in parts]
+        column_by_text = {
+            text.casefold(): column for column, text in enumerate(texts) if text not in self._words.stated
+        }
+        joint_like_texts = {text for text in column_by_text if re.fullmatch(r"q\d+", text)}
+        quaternion = next(
+            (names for names in _QUATERNIONS if joint_like_texts <= {*names} <= column_by_text.keys()), ()
+        )
+        columns = [column_by_text[name] for name in quaternion]
         cells = [[row.cells[column].replace(",", ".") for column in columns] for row in self._rows]
         sums = [sum(float(cell) ** 2 for cell in row if looks_like_a_number(cell)) for row in cells]
-        turned = [total for total in sums if abs(total - 1.0) < _UNIT_NORM]
-        if not columns or len(turned) + sums.count(0.0) < len(sums) or not (turned or "q0" in parts):
+        unit_sums = [total for total in sums if abs(total - 1.0) < _UNIT_NORM]
+        if (
+            not columns
+            or len(unit_sums) + sums.count(0.0) < len(sums)
+            or not (unit_sums or "q0" in quaternion)
+        ):
             return []
-        ends = self._headers[columns[0]], self._headers[columns[-1]]
-        self._notes.append(f"{ends[0]} to {ends[1]} were ignored as the rotation of a probe")
+        end_headers = self._headers[columns[0]], self._headers[columns[-1]]
+        self._notes.append(f"{end_headers[0]} to {end_headers[1]} were ignored as the rotation of a probe")
         return columns
 
     def _understand_headers(self, rotation: Sequence[int]) -> list[Meaning]:
@@ -399,32 +438,32 @@ class ColumnReader:
         `rotation` has the indices of the columns of a quaternion, which are ignored like empty columns.
         """
         meanings: list[Meaning] = []
-        unclear = Faults(MAX_COLUMNS)
+        header_faults = Faults(MAX_COLUMNS)
         for column, header in enumerate(self._headers):
-            unused = column in rotation or not (header or any(row.cells[column] for row in self._rows))
-            meaning = Meaning(Quantity("unknown"))
-            with unclear.collect(self._heading.place(column)):
+            is_unused = column in rotation or not (header or any(row.cells[column] for row in self._rows))
+            meaning = Meaning(Quantity("unknown"))  # remains if the block below raises an error
+            with header_faults.collect(self._heading.place(column)):
                 meaning = Meaning(Quantity("ignored"))
-                if not unused:
+                if not is_unused:
                     meaning = Meaning(Quantity("unknown"))
                     meaning = self._words.meaning(header, guessed=self._heading.guessed)
-                parts = [(other.quantity, other.axis) for other in meanings]
-                if meaning.kind not in _MAY_REPEAT and (meaning.quantity, meaning.axis) in parts:
+                meanings_before = [(other.quantity, other.axis) for other in meanings]
+                if meaning.kind not in _MAY_REPEAT and (meaning.quantity, meaning.axis) in meanings_before:
                     reason = f"{quote(header)} is a second column for {meaning}"
                     remedy = "correct one of them, or skip it with `ignore`"
                     raise ImportFileError(self._heading.place(column), reason, remedy)
             meanings.append(meaning)
-        self._report_faults(unclear.found)
+        self._report_faults(header_faults.found)
         return meanings
 
-    def _report_faults(self, found: Sequence[ImportFileError]) -> None:
+    def _report_faults(self, faults_found: Sequence[ImportFileError]) -> None:
         """Report faults of headers; many unknown headers share messages, to leave room for other faults."""
-        unknown = [fault for fault in found if fault.option == grammar.UNKNOWN]
-        others = [fault for fault in found if fault.option != grammar.UNKNOWN]
-        if len(unknown) <= _MANY:
-            unknown, others = [], list(found)
-        for start in range(0, len(unknown), _TOGETHER):
-            group = unknown[start : start + _TOGETHER]
+        unknown = [fault for fault in faults_found if fault.option == grammar.UNKNOWN]
+        others = [fault for fault in faults_found if fault.option != grammar.UNKNOWN]
+        if len(unknown) <= _MAX_SINGLE_FAULTS:
+            unknown, others = [], list(faults_found)
+        for start in range(0, len(unknown), _HEADERS_PER_FAULT):
+            group = unknown[start : start + _HEADERS_PER_FAULT]
             names = ", ".join(quote(self._headers[(fault.place.column or 1) - 1]) for fault in group)
             reason = f"unknown column headers {names}"
             self._faults.report(group[0].place, reason, group[0].remedy, grammar.UNKNOWN)
@@ -437,26 +476,29 @@ class ColumnReader:
         Each name must occur with the same two words. The words 0 and 1 mean `unloaded` and `loaded`. Two
         other words are reported as a fault, whose remedy is the option `state_words`.
         """
-        points = {column: one.quantity for column, one in enumerate(meanings) if one.kind in POINTS}
+        points = {
+            column: meaning.quantity for column, meaning in enumerate(meanings) if meaning.kind in POINTS
+        }
         if any(quantity.target is None or quantity.state for quantity in points.values()):
             return meanings
-        for end in _ENDS:
+        for pattern in _TARGET_WITH_WORD:
             names = {quantity.target or "" for quantity in points.values()}
-            parts = {name: end.fullmatch(name) for name in names}
-            split = {name: (part["target"], part["word"]) for name, part in parts.items() if part}
-            targets, named = {target for target, _ in split.values()}, {word for _, word in split.values()}
-            if len(named) != 2 or len(split) != len(parts) or len(split) != 2 * len(targets):
+            matches = {name: pattern.fullmatch(name) for name in names}
+            split_names = {name: (match["target"], match["word"]) for name, match in matches.items() if match}
+            targets = {target for target, _ in split_names.values()}
+            state_words = {word for _, word in split_names.values()}
+            # Every name must have a word, and every target must occur with both words.
+            if (
+                len(state_words) != 2
+                or len(split_names) != len(matches)
+                or len(split_names) != 2 * len(targets)
+            ):
                 continue
-            if named == grammar.DIGITS.keys():
-                self._notes.append("0 and 1 in headers were read as `unloaded` and `loaded`")
-                changed = list(meanings)
-                for column, (kind, name, _) in points.items():
-                    target, word = split[name or ""]
-                    quantity = Quantity(kind, target, grammar.DIGITS[word])
-                    changed[column] = replace(meanings[column], quantity=quantity, guessed=True)
-                return changed
-            if not all(word.isdigit() for word in named):
-                first, second = sorted(named, key=" ".join(map(str, meanings)).index)
+            if state_words == grammar.DIGITS.keys():
+                return self._apply_digit_states(meanings, points, split_names)
+            if not all(word.isdigit() for word in state_words):
+                # in the order in which the words first occur in the headers
+                first, second = sorted(state_words, key=" ".join(map(str, meanings)).index)
                 self._faults.report(
                     self._heading.place(min(points)),
                     f"{quote(first)} and {quote(second)} in the headers of positions may be states, but are "
@@ -469,6 +511,27 @@ class ColumnReader:
                 return meanings
         return meanings
 
+    def _apply_digit_states(
+        self,
+        meanings: list[Meaning],
+        points: Mapping[int, Quantity],
+        split_names: Mapping[str, tuple[str, str]],
+    ) -> list[Meaning]:
+        """Return the meanings with the states that 0 and 1 in the names of targets mean, and add a note.
+
+        Args:
+            meanings: meanings of all columns.
+            points: index of a column of positions → its quantity, whose target ends or begins with 0 or 1.
+            split_names: name of such a target → its name without the digit, and the digit.
+        """
+        self._notes.append("0 and 1 in headers were read as `unloaded` and `loaded`")
+        changed = list(meanings)
+        for column, (kind, name, _) in points.items():
+            target, digit = split_names[name or ""]
+            quantity = Quantity(kind, target, grammar.DIGITS[digit])
+            changed[column] = replace(meanings[column], quantity=quantity, guessed=True)
+        return changed
+
     def _group_by_quantity(self, meanings: Sequence[Meaning]) -> dict[Quantity, tuple[int, ...]]:
         """Return the indices of the columns of each quantity, in the order of joints or axes.
 
@@ -479,26 +542,30 @@ class ColumnReader:
             if meaning.axis is not None:
                 quantities.setdefault(meaning.quantity, {})[meaning.axis] = index
         for quantity, axes in quantities.items():
-            place = self._heading.place(min(axes.values()))
-            count = {"joint": max(axes) + 1, "point uncertainty": 1, "along": 1, "mass": 1}.get(
-                quantity.kind, 3
-            )
-            absent = [axis for axis in range(count) if axis not in axes]
-            headers = [self._headers[column] for column in axes.values()]
-            texts = [text for text in headers if grammar.collapse_blanks(text) not in self._words.stated]
-            letters = {axis[0].isupper() for text in texts if (axis := _AXIS.search(text))}
-            if quantity.kind in POINTS and len(letters) > 1:  # X and x may be different quantities
-                reason = f"{' and '.join(map(quote, texts))} are not spelt alike"
-                remedy = "write x, y and z alike, or give their meaning in `columns`"
-                self._faults.report(place, reason, remedy, grammar.UNKNOWN)
-            if absent:
-                reason = f"column {Meaning(quantity, absent[0])} is missing"
-                self._faults.report(
-                    place, reason, "add it, or correct the header of the column that holds it"
-                )
-            elif count > MAX_JOINTS:
-                self._faults.report(place, f"there are more than {MAX_JOINTS} joints", "check the headers")
+            self._check_axes(quantity, axes)
         return {quantity: tuple(axes[axis] for axis in sorted(axes)) for quantity, axes in quantities.items()}
+
+    def _check_axes(self, quantity: Quantity, axes: Mapping[int, int]) -> None:
+        """Report faults if a joint or axis of a quantity is missing, or axes are in upper and lower case.
+
+        `axes` is: number of the joint or axis, from 0 → index of its column.
+        """
+        place = self._heading.place(min(axes.values()))
+        # Joints are numbered without gaps; a vector has three axes, a reading along an axis one number.
+        count = {"joint": max(axes) + 1, "point uncertainty": 1, "along": 1, "mass": 1}.get(quantity.kind, 3)
+        missing_axes = [axis for axis in range(count) if axis not in axes]
+        headers = [self._headers[column] for column in axes.values()]
+        texts = [text for text in headers if grammar.collapse_blanks(text) not in self._words.stated]
+        letter_cases = {axis[0].isupper() for text in texts if (axis := _AXIS_LETTER.search(text))}
+        if quantity.kind in POINTS and len(letter_cases) > 1:  # X and x may be different quantities
+            reason = f"{' and '.join(map(quote, texts))} are not spelt alike"
+            remedy = "write x, y and z alike, or give their meaning in `columns`"
+            self._faults.report(place, reason, remedy, grammar.UNKNOWN)
+        if missing_axes:
+            reason = f"column {Meaning(quantity, missing_axes[0])} is missing"
+            self._faults.report(place, reason, "add it, or correct the header of the column that holds it")
+        elif count > MAX_JOINTS:
+            self._faults.report(place, f"there are more than {MAX_JOINTS} joints", "check the headers")
 
     def _check_names_and_loads(
         self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
@@ -530,9 +597,10 @@ class ColumnReader:
         for quantity in points:
             if quantity.kind != "along" and quantity.with_kind("position") not in quantities:
                 column = quantities[quantity][0]
-                reason = f"{quote(self._headers[column])} has no matching columns of a position"
+                header = quote(self._headers[column])
+                reason = f"{header} belongs to a position, but the table has no columns of this position"
                 report(self._heading.place(column), reason, "correct its header, or use `ignore`")
-        for kind in _NAMED:
+        for kind in _TARGET_AND_STATE:
             named = {getattr(quantity, kind) is not None for quantity in points}
             if len(named) > 1:
                 reason = f"some columns of positions name their {kind}, others do not"
@@ -547,51 +615,57 @@ class ColumnReader:
         `axes_unit` is the unit of x, y and z that a comment of the file states, or None.
         """
         resolved = list(meanings)
-        for dimension in dict.fromkeys(each.dimension for each in meanings if each.dimension):
-            of_dimension = Faults(1)  # One fault is enough, because others would say the same.
+        for dimension in dict.fromkeys(meaning.dimension for meaning in meanings if meaning.dimension):
+            dimension_faults = Faults(1)  # One fault is enough, because others would say the same.
             # A hung mass is always in kg, so that its unit may differ from that of forces.
-            chosen = [each.dimension == dimension and each.kind != "mass" for each in meanings]
-            columns = [index for index, is_chosen in enumerate(chosen) if is_chosen]
-            bare: list[int] = []  # columns without a unit
-            first = ""
+            have_dimension = [
+                meaning.dimension == dimension and meaning.kind != "mass" for meaning in meanings
+            ]
+            columns = [index for index, has_dimension in enumerate(have_dimension) if has_dimension]
+            without_unit: list[int] = []  # columns without a unit
+            first_unit = ""
             for column in columns:
-                with of_dimension.collect(self._heading.place(column)):
+                with dimension_faults.collect(self._heading.place(column)):
                     meaning = meanings[column]
                     unit = self._decide_unit(meaning, axes_unit if meaning.kind == "position" else None)
                     resolved[column] = replace(meaning, unit=unit)
-                    first = first or unit or ""
+                    first_unit = first_unit or unit or ""
                     if unit is None:
-                        bare.append(column)
-                    elif unit != first:
-                        reason = (
-                            f"{meaning} is in {name_unit(unit)}, but other columns are in {name_unit(first)}"
-                        )
+                        without_unit.append(column)
+                    elif unit != first_unit:
+                        other_unit = name_unit(first_unit)
+                        reason = f"{meaning} is in {name_unit(unit)}, but other columns are in {other_unit}"
                         remedy = f"use one unit for every {dimension}"
                         raise ImportFileError(self._heading.place(column), reason, remedy)
-            for fault in of_dimension.found:
+            for fault in dimension_faults.found:
                 self._faults.add(fault)
             units = self._options.units
             force_times_m = dimension == "moment" and units is not None and units.length == "m"
-            if bare and not force_times_m:
-                self._report_missing_unit(dimension, meanings[bare[0]], bare)
+            if without_unit and not force_times_m:
+                self._report_missing_unit(dimension, meanings[without_unit[0]], without_unit)
         return resolved
 
-    def _decide_unit(self, meaning: Meaning, of_axes: str | None) -> str | None:
+    def _decide_unit(self, meaning: Meaning, axes_unit: str | None) -> str | None:
         """Return the unit of a column, as stated by its header, else a comment, else the option `units`.
 
-        Return None if no source states a unit. `of_axes` is the unit of x, y and z in a comment.
+        Return None if no source states a unit. `axes_unit` is the unit of x, y and z in a comment.
 
         Raises:
             ImportFileError: two of these sources state different units.
         """
         units = self._options.units
-        known = None if units is None else getattr(units, meaning.dimension or "")
-        sources = {"its header": meaning.unit, "the file's comment": of_axes, "`units`": known}
-        (first, unit), *others = [(where, unit) for where, unit in sources.items() if unit] or [("", None)]
-        for where, other in others:
+        unit_of_option = None if units is None else getattr(units, meaning.dimension or "")
+        sources = {"its header": meaning.unit, "the file's comment": axes_unit, "`units`": unit_of_option}
+        (first_source, unit), *others = [(source, unit) for source, unit in sources.items() if unit] or [
+            ("", None)
+        ]
+        for source, other in others:
             if unit is not None and other != unit:
-                units_given = f"in {name_unit(unit)} by {first}, but in {name_unit(other or '')} by {where}"
-                reason = f"{meaning} is {units_given}"
+                first_unit, other_unit = name_unit(unit), name_unit(other or "")
+                reason = (
+                    f"{meaning} is in {first_unit} according to {first_source}, "
+                    f"but in {other_unit} according to {source}"
+                )
                 raise ImportFileError(NOWHERE, reason, "correct the file or `units`")
         return unit
 
@@ -599,7 +673,7 @@ class ColumnReader:
         """Report that columns of a dimension have no unit; `meaning` is the meaning of the first column."""
         header, others = self._headers[columns[0]], len(columns) - 1
         more = f", nor {'has 1 other' if others == 1 else f'have {others} others'}" if others else ""
-        example = f"{header or meaning} [{_EXAMPLES[dimension]}]"
+        example = f"{header or meaning} [{_EXAMPLE_UNITS[dimension]}]"
         remedy = f"write it in the header, such as `{example}`, or give `units`"
         what = str(meaning)
         if meaning.quantity.target is not None:  # the target's name may be a word with another meaning

@@ -20,7 +20,7 @@ from jointstiff.service.importing.grammar import Vocabulary, collapse_blanks, na
 from jointstiff.service.importing.grid import Grid, Remark, Row, decide_decimal_mark, looks_like_a_number
 from jointstiff.service.importing.header import ColumnReader, Columns, Heading, find_heading
 
-_FINE: Final = 6
+_MANY_DECIMALS: Final = 6
 """Number of decimals after which a further, missing decimal does not matter."""
 
 
@@ -29,10 +29,10 @@ class Layout:
     """Table with the meaning of its columns, its rows of data, and remarks on it."""
 
     grid: Grid  # the file
-    preview: FilePreview  # how it was read
-    columns: Columns  # what they mean
+    preview: FilePreview  # how the file was read
+    columns: Columns  # meanings of the columns
     rows: tuple[Row, ...]  # rows of data, as long as the header
-    mark: DecimalMark | None  # None if it is not clear
+    decimal_mark: DecimalMark | None  # None if the mark is not clear, which has been reported as a fault
     frame: str | None = None  # frame of positions, as a comment of the file names it
     unsure_number: str | None = None  # words for a number that may lack digits, for the user to confirm
 
@@ -45,38 +45,40 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
     Raises:
         ImportFileError: the header cannot be found, or a title or comment contradicts the table.
     """
-    words = Vocabulary(options)
-    heading = find_heading(grid, words, options)
-    remarks = sorted([*grid.comments, *_titles_above(grid, heading)])
-    unit, frame = _read_remarks(grid.file, remarks)
-    heading, rows = _fit_lengths(grid, heading, faults)
+    vocabulary = Vocabulary(options)
+    heading = find_heading(grid, vocabulary, options)
+    remarks = sorted([*grid.comments, *_read_titles_above(grid, heading)])
+    axes_unit, frame = _read_remarks(grid.file, remarks)
+    heading, rows = _fit_rows_to_heading(grid, heading, faults)
     headers = ["" if heading.assumed else text for text in heading.texts]
     if options.layouts:
         _check_template(options, headers, heading.place(), faults)
-    in_name = grammar.contains_state_word(grid.stem, options.state_words)
-    columns = ColumnReader(heading, rows, words, options, faults).understand(unit, state_in_name=in_name)
+    name_has_state = grammar.contains_state_word(grid.stem, options.state_words)
+    column_reader = ColumnReader(heading, rows, vocabulary, options, faults)
+    columns = column_reader.understand(axes_unit, state_in_name=name_has_state)
     _check_units(grid.file, remarks, columns, faults)
     unsure_number = _check_end_of_file(grid, rows, faults)
     notes = [*grid.preview.assumptions, *heading.notes, *columns.notes]
-    numbered = options.by_order and "name" not in columns.texts
-    if numbered:
+    rows_are_numbered = options.by_order and "name" not in columns.texts
+    if rows_are_numbered:
         notes.append("rows were numbered, the first as observation 1, as `by_order` requires")
-    kept = _drop_deleted_rows(grid, rows, columns, faults, numbered=numbered)
+    kept = _drop_deleted_rows(grid, rows, columns, faults, numbered=rows_are_numbered)
     if len(kept) < len(rows):
         notes.append(f"rows marked as deleted were left out: {len(rows) - len(kept)}")
     rows = kept
     if frame is not None:
         notes.append(f"positions are in the frame {quote(frame)}, as the file states")
-    if unit is not None:
-        notes.append(f"positions are in {name_unit(unit)}, as the file states")
+    if axes_unit is not None:
+        notes.append(f"positions are in {name_unit(axes_unit)}, as the file states")
     if columns.units.get("length") == "in":
-        notes.append("lengths in inches were converted to mm; so are numbers in options")
-    mark, numbers = None, [column for indices in columns.quantities.values() for column in indices]
+        notes.append("lengths in inches, also those in the options, were converted to mm")
+    number_columns = [column for indices in columns.quantities.values() for column in indices]
+    decimal_mark = None  # remains if the decimal mark is not clear
     with faults.collect():
-        mark, assumed = decide_decimal_mark(grid, rows, numbers, options.decimal_mark)
-        notes += [assumed] if assumed else []
+        decimal_mark, note_on_mark = decide_decimal_mark(grid, rows, number_columns, options.decimal_mark)
+        notes += [note_on_mark] if note_on_mark else []
     preview = {
-        "decimal_mark": mark if grid.preview.format == "text" else None,
+        "decimal_mark": decimal_mark if grid.preview.format == "text" else None,
         "columns": _describe_columns(headers, columns),
         "row_count": len(rows),
         "first_rows": [list(row.cells) for row in rows[:MAX_PREVIEW_ROWS]],
@@ -84,7 +86,9 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
         "header_lines": list(heading.lines),
         "first_lines": [row.line for row in rows[:MAX_PREVIEW_ROWS]],
     }
-    return Layout(grid, grid.preview.model_copy(update=preview), columns, rows, mark, frame, unsure_number)
+    return Layout(
+        grid, grid.preview.model_copy(update=preview), columns, rows, decimal_mark, frame, unsure_number
+    )
 
 
 def _describe_columns(headers: Sequence[str], columns: Columns) -> list[ColumnMeaning]:
@@ -115,8 +119,8 @@ def _check_template(options: ImportOptions, headers: Sequence[str], place: Place
         "missing": [text for text in nearest if text not in texts],
         "not in the template": [text for text in texts if text not in nearest],
     }
-    named = [f"{what}: {quote(', '.join(found))}" for what, found in differences.items() if found]
-    reason = "; ".join(named) or "the columns have another order or number"
+    listed = [f"{what}: {quote(', '.join(found))}" for what, found in differences.items() if found]
+    reason = "; ".join(listed) or "the columns have another order or number"
     remedy = "import it without the template (`layouts`), or correct it"
     faults.report(place, f"the file does not fit the template; {reason}", remedy)
 
@@ -131,7 +135,7 @@ _FRAME: Final = re.compile(
     re.IGNORECASE,
 )
 _UNITS: Final = re.compile(
-    r"(?:UNITÉ|UNIT|EINHEIT)(?:S|EN)?\b(?P<end>[^=:]{0,30}[=:]+)?\s*(?P<units>\S.*)", re.IGNORECASE
+    r"(?:UNITÉ|UNIT|EINHEIT)(?:S|EN)?\b(?P<equals>[^=:]{0,30}[=:]+)?\s*(?P<units>\S.*)", re.IGNORECASE
 )
 _UNIT: Final = re.compile(
     r"[\[(]\s*([^\W\d]+)\s*[\])]|\b(?:in|en)\s+([^\W\d]+)|(?<![\d\w.,])(?<!\d )(mm|inch|inches)(?!\w)",
@@ -140,7 +144,7 @@ _UNIT: Final = re.compile(
 """A word in brackets, behind `in`, or a unit that is not of a number, as a reflector's diameter would be."""
 
 
-def _titles_above(grid: Grid, heading: Heading) -> list[Remark]:
+def _read_titles_above(grid: Grid, heading: Heading) -> list[Remark]:
     """Return the rows above the header as remarks; a row `Frame;A::R0` gives the text `Frame: A::R0`."""
     titles = []
     for row in grid.rows[: max(0, heading.start - len(heading.lines))]:
@@ -183,19 +187,22 @@ def _read_remarks(file: str, remarks: Sequence[Remark]) -> tuple[str | None, str
 def _check_units(file: str, remarks: Sequence[Remark], columns: Columns, faults: Faults) -> None:
     """Report a fault if a title or comment, such as `Units: inches`, names another unit than the columns."""
     for line, text in remarks:
-        match = _UNITS.search(text)
-        words = re.findall(r"[^\s,;:()\[\]]+", match["units"]) if match else []
-        known = [word for word in words if grammar.find_any_unit(word) and (word != "in" or len(words) == 1)]
-        if match and not match["end"] and len(known) < len(words):
-            known = []  # the words are a sentence, not a list of units
-        elif len(words) == 1 and not known and words[0].isalpha():
+        units_match = _UNITS.search(text)
+        words = re.findall(r"[^\s,;:()\[\]]+", units_match["units"]) if units_match else []
+        # The word `in` means inches only if it is alone; in a sentence it is a preposition.
+        unit_words = [
+            word for word in words if grammar.find_any_unit(word) and (word != "in" or len(words) == 1)
+        ]
+        if units_match and not units_match["equals"] and len(unit_words) < len(words):
+            unit_words = []  # the words are a sentence, not a list of units
+        elif len(words) == 1 and not unit_words and words[0].isalpha():
             reason = f"the unit {quote(words[0])} is not known"
             faults.report(Place(file, line), reason, "correct the remark, or remove it")
-        for word in (*known, *map("".join, _UNIT.findall(text))):
+        for word in (*unit_words, *map("".join, _UNIT.findall(text))):
             dimension, unit = grammar.find_any_unit(word) or (None, "")
-            held = columns.units.get(dimension) if dimension else None
-            if dimension and held and unit != held:
-                reason = f"{quote(word)} is given here, but {dimension}s are in {name_unit(held)}"
+            column_unit = columns.units.get(dimension) if dimension else None
+            if dimension and column_unit and unit != column_unit:
+                reason = f"{quote(word)} is given here, but {dimension}s are in {name_unit(column_unit)}"
                 remedy = "correct the unit, or remove the remark"
                 faults.report(Place(file, line), reason, remedy, f"units.{dimension}")
 
@@ -203,7 +210,7 @@ def _check_units(file: str, remarks: Sequence[Remark], columns: Columns, faults:
 # ---- the rows of data
 
 
-def _fit_lengths(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading, tuple[Row, ...]]:
+def _fit_rows_to_heading(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading, tuple[Row, ...]]:
     """Return the heading, and the rows of data that have as many cells as the heading has columns.
 
     Columns at the end are left out if their headers and all of their cells are empty. Rows of another length
@@ -212,16 +219,17 @@ def _fit_lengths(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading,
     rows, texts, notes = grid.rows[heading.start :], heading.texts, heading.notes
     lengths = {len(row.cells) for row in rows}
     if len(lengths) == 1:
-        longest = lengths.pop()
-        width = max(longest, len(texts))
+        row_length = lengths.pop()
+        width = max(row_length, len(texts))
+        # Columns at the end that are empty in the header and in all rows are left out.
         while (
             width > 1 and not any(texts[width - 1 :]) and not any(any(row.cells[width - 1 :]) for row in rows)
         ):
             width -= 1
-        if width <= min(longest, len(texts)):
+        if width <= min(row_length, len(texts)):
             texts = texts[:width]
             rows = tuple(_cut_row(row, width) for row in rows)
-            if longest > width and grid.preview.format == "text":
+            if row_length > width and grid.preview.format == "text":
                 notes = (*notes, "every row ends with a delimiter; the empty last column was ignored")
     fitted = []
     for row in rows:
@@ -229,11 +237,11 @@ def _fit_lengths(grid: Grid, heading: Heading, faults: Faults) -> tuple[Heading,
             fitted.append(row)
             continue
         line = heading.lines[-1] if heading.lines else grid.rows[0].line
-        than = f"line {line} has" if heading.lines or heading.assumed else "the header"
-        how = f" (delimiter: {grid.preview.delimiter})" if grid.preview.delimiter else ""
+        header_has = f"line {line} has" if heading.lines or heading.assumed else "the header"
+        delimiter_words = f" (delimiter: {grid.preview.delimiter})" if grid.preview.delimiter else ""
         faults.report(
             grid.place(row, min(len(row.cells), len(texts))),
-            f"the row has {len(row.cells)} cells, but {than} {len(texts)}{how}",
+            f"the row has {len(row.cells)} cells, but {header_has} {len(texts)}{delimiter_words}",
             "give every row the same number of cells; check for a missing or doubled delimiter, a decimal "
             "comma in a comma-separated file, or a blank in a name without quotation marks",
         )
@@ -255,31 +263,49 @@ def _check_end_of_file(grid: Grid, rows: Sequence[Row], faults: Faults) -> str |
     Returns:
         Words that name the last number, for the user to confirm, if digits may be missing; else None.
     """
-    if grid.ended or len(rows) < 2:
+    if grid.has_final_line_break or len(rows) < 2:
         return None
-    *others, last = (row.cells[-1] for row in rows)
+    *cells_above, last_cell = (row.cells[-1] for row in rows)
     decimals = [[cell.replace(",", ".").partition(".")[2] for cell in row.cells] for row in rows]
-    keeps_zeros = any(part.endswith("0") and len(part) > 1 for row in decimals for part in row)
-    *lengths, length = (len(row[-1]) for row in decimals)
-    number, place = looks_like_a_number(last), grid.place(rows[-1], len(rows[-1].cells) - 1)
-    shorter = number and length < min(lengths) - (not keeps_zeros)
-    narrower = len(last.lstrip("+-")) < min(len(cell.lstrip("+-")) for cell in others)
-    is_beginning = any(cell.startswith(last) and (number or narrower) for cell in others if cell != last)
-    lacks_decimals = number and narrower and length == 0 < min(lengths)  # 22 below 836.13 and 63.6
-    if shorter or is_beginning or lacks_decimals:
-        reason = f"its last line has no line break, and {quote(last)} is shorter than the cells above"
+    writes_trailing_zeros = any(
+        decimals_of_cell.endswith("0") and len(decimals_of_cell) > 1
+        for row in decimals
+        for decimals_of_cell in row
+    )
+    *decimal_counts, last_decimal_count = (len(row[-1]) for row in decimals)
+    is_number, place = looks_like_a_number(last_cell), grid.place(rows[-1], len(rows[-1].cells) - 1)
+    # Without trailing zeros a number may have one decimal fewer than the others.
+    has_fewer_decimals = is_number and last_decimal_count < min(decimal_counts) - (not writes_trailing_zeros)
+    has_fewer_characters = len(last_cell.lstrip("+-")) < min(len(cell.lstrip("+-")) for cell in cells_above)
+    # such as `loa` below `loaded`
+    is_beginning = any(
+        cell.startswith(last_cell) and (is_number or has_fewer_characters)
+        for cell in cells_above
+        if cell != last_cell
+    )
+    # such as 22 below 836.13 and 63.6
+    lacks_decimals = is_number and has_fewer_characters and last_decimal_count == 0 < min(decimal_counts)
+    if has_fewer_decimals or is_beginning or lacks_decimals:
+        reason = f"its last line has no line break, and {quote(last_cell)} is shorter than the cells above"
         remedy = "export or copy the file again; if it is complete, end its last line"
         faults.report(place, f"the file is cut off: {reason}", remedy)
-    complete = last in others or 0 < length == max(lengths) or length >= _FINE
+    # A number that is not shorter than all others may lack digits nevertheless: the user has to confirm it.
+    is_complete = (
+        last_cell in cells_above
+        or 0 < last_decimal_count == max(decimal_counts)
+        or last_decimal_count >= _MANY_DECIMALS
+    )
     return (
-        f"the last number {last} ({place}), whose line has no line break" if number and not complete else None
+        f"the last number {last_cell} ({place}), whose line has no line break"
+        if is_number and not is_complete
+        else None
     )
 
 
 def _drop_deleted_rows(
     grid: Grid, rows: tuple[Row, ...], columns: Columns, faults: Faults, *, numbered: bool
 ) -> tuple[Row, ...]:
-    """Return the rows that the column `deleted` does not mark as deleted; all rows without this column.
+    """Return the rows that the column `deleted` does not mark as deleted; all rows if it is missing.
 
     If rows are `numbered` because they have no labels, a deleted row is a fault: the numbers of the rows
     behind it are not certain.
@@ -289,12 +315,12 @@ def _drop_deleted_rows(
         return rows
     kept = []
     for row in rows:
-        marked = grammar.MARKS.get(grammar.fold_word(row.cells[index]))
-        if marked is None:
+        is_deleted = grammar.MARKS.get(grammar.fold_word(row.cells[index]))
+        if is_deleted is None:
             reason = f"{quote(row.cells[index])} does not show whether the row is deleted"
             remedy = "use 0 or 1, or skip the column with `ignore`"
             faults.report(grid.place(row, index), reason, remedy)
-        elif not marked:
+        elif not is_deleted:
             kept.append(row)
     if not kept:
         faults.report(Place(grid.file), "all rows are marked as deleted", "check the file")

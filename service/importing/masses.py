@@ -19,7 +19,7 @@ from jointstiff.service.importing.errors import Faults, ImportFileError, Place, 
 from jointstiff.service.importing.grammar import MASSES, fold_word, split_unit
 from jointstiff.service.importing.grid import Grid, Row, decide_decimal_mark, read_number
 
-_NEEDED: Final = ("name", "joint", "mass", "x", "y", "z")
+_NEEDED_COLUMNS: Final = ("name", "joint", "mass", "x", "y", "z")
 _CENTRE: Final = ("x", "y", "z")
 _UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "mass": {"kg": 1.0},
@@ -42,6 +42,49 @@ def read_mass_table(grid: Grid, options: ImportOptions, faults: Faults) -> tuple
         ImportFileError: a header is not understood, has no known unit, or is missing.
     """
     header, *rows = grid.rows
+    columns, units = _read_mass_header(grid, header, has_rows=bool(rows))
+    complete = []
+    for row in rows:
+        if len(row.cells) == len(columns):
+            complete.append(row)
+        else:
+            reason = f"the row has {len(row.cells)} cells, but the header {len(columns)}"
+            faults.report(grid.place(row), reason, "give every row the same number of cells")
+    number_columns = [columns[kind] for kind in columns if kind in _UNITS]
+    mark, note_on_mark = decide_decimal_mark(grid, complete, number_columns, options.decimal_mark)
+    bodies = []
+    for row in complete:
+        with faults.collect(grid.place(row)):
+            bodies.append(_read_body(grid, row, columns, units, mark))
+    meanings = [
+        ColumnMeaning(column=column + 1, header=header.cells[column], meaning=kind, unit=units[kind] or None)
+        for kind, column in columns.items()
+    ]
+    update = {
+        "decimal_mark": mark if grid.preview.format == "text" else None,
+        "columns": meanings,
+        "row_count": len(rows),
+        "first_rows": [list(row.cells) for row in rows[:MAX_PREVIEW_ROWS]],
+        "assumptions": [
+            *grid.preview.assumptions,
+            "read as masses",
+            *([note_on_mark] if note_on_mark else []),
+        ],
+        "header_lines": [header.line],
+        "first_lines": [row.line for row in rows[:MAX_PREVIEW_ROWS]],
+    }
+    return bodies, grid.preview.model_copy(update=update)
+
+
+def _read_mass_header(grid: Grid, header: Row, *, has_rows: bool) -> tuple[dict[str, int], dict[str, str]]:
+    """Return index and unit of each column of a table of masses, by the kind of the column.
+
+    Kinds are `name`, `joint`, `mass` and others; the unit is empty for a column without a unit. `has_rows` is
+    False if no row follows the header.
+
+    Raises:
+        ImportFileError: a header is not understood, has no known unit, or is missing, or no row follows.
+    """
     columns: dict[str, int] = {}
     units: dict[str, str] = {}
     for column, text in enumerate(header.cells):
@@ -56,37 +99,11 @@ def read_mass_table(grid: Grid, options: ImportOptions, faults: Faults) -> tuple
             raise ImportFileError(place, reason, f"write it as in `{base} [{next(iter(_UNITS[kind]))}]`")
         columns[kind] = column
         units[kind] = unit or ""
-    absent = [kind for kind in _NEEDED if kind not in columns]
-    if absent or not rows:
+    absent = [kind for kind in _NEEDED_COLUMNS if kind not in columns]
+    if absent or not has_rows:
         reason = f"the table of masses has no {'row' if not absent else 'column ' + ', '.join(absent)}"
         raise ImportFileError(Place(grid.file, header.line), reason, "add it")
-    complete = []
-    for row in rows:
-        if len(row.cells) == len(columns):
-            complete.append(row)
-        else:
-            reason = f"the row has {len(row.cells)} cells, but the header {len(columns)}"
-            faults.report(grid.place(row), reason, "give every row the same number of cells")
-    numbers = [columns[kind] for kind in columns if kind in _UNITS]
-    mark, assumed = decide_decimal_mark(grid, complete, numbers, options.decimal_mark)
-    bodies = []
-    for row in complete:
-        with faults.collect(grid.place(row)):
-            bodies.append(_read_body(grid, row, columns, units, mark))
-    meanings = [
-        ColumnMeaning(column=column + 1, header=header.cells[column], meaning=kind, unit=units[kind] or None)
-        for kind, column in columns.items()
-    ]
-    update = {
-        "decimal_mark": mark if grid.preview.format == "text" else None,
-        "columns": meanings,
-        "row_count": len(rows),
-        "first_rows": [list(row.cells) for row in rows[:MAX_PREVIEW_ROWS]],
-        "assumptions": [*grid.preview.assumptions, "read as masses", *([assumed] if assumed else [])],
-        "header_lines": [header.line],
-        "first_lines": [row.line for row in rows[:MAX_PREVIEW_ROWS]],
-    }
-    return bodies, grid.preview.model_copy(update=update)
+    return columns, units
 
 
 def _read_body(
@@ -104,28 +121,29 @@ def _read_body(
     Raises:
         ImportFileError: a cell is not a number, or the numbers do not describe a body.
     """
-    value: dict[str, float] = {}
+    values: dict[str, float] = {}
     for kind in [kind for kind in columns if kind in _UNITS]:
         try:
-            value[kind] = read_number(row.cells[columns[kind]], mark) * _UNITS[kind][units[kind]]
+            values[kind] = read_number(row.cells[columns[kind]], mark) * _UNITS[kind][units[kind]]
         except ImportFileError as fault:
             raise fault.add_place(grid.place(row, columns[kind])) from None
     optional = {}
-    if "bound" in value:
-        divisor = value["mass"] or 1.0 if units["bound"] == "kg" else 1.0
-        optional["mass_uncertainty"] = value["bound"] / divisor
-    if "radius" in value:
-        optional["centre_uncertainty"] = value["radius"]
+    if "bound" in values:
+        # A bound in kg is divided by the mass; `or 1.0` avoids a division by zero for a mass of 0.
+        divisor = values["mass"] or 1.0 if units["bound"] == "kg" else 1.0
+        optional["mass_uncertainty"] = values["bound"] / divisor
+    if "radius" in values:
+        optional["centre_uncertainty"] = values["radius"]
     try:
         return Body(
             name=row.cells[columns["name"]],
             joint=row.cells[columns["joint"]],
-            mass=value["mass"],
-            centre=(value["x"], value["y"], value["z"]),
+            mass=values["mass"],
+            centre=(values["x"], values["y"], values["z"]),
             **optional,
         )
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        invalid = f"{'.'.join(map(str, first['loc']))}: {first['msg'].lower()}"
+        first_error = error.errors(include_url=False, include_context=False, include_input=False)[0]
+        invalid = f"{'.'.join(map(str, first_error['loc']))}: {first_error['msg'].lower()}"
         reason = f"the row does not describe a body: {invalid}"
         raise ImportFileError(grid.place(row), reason, "correct its numbers") from error

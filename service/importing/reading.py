@@ -50,18 +50,18 @@ _Uncertainty = Literal["coordinate", "point"]
 _U95: Final[Mapping[_Uncertainty, str]] = MappingProxyType(
     {
         "coordinate": "U(95) X, Y, Z was read as the expanded uncertainty of each coordinate: σ = U/1.96",
-        "point": "U(95) was read as the expanded uncertainty of each point, the root of the squares of its "
-        "coordinates' uncertainties: σ = U/(1.96 √3), for both states the root of the mean square",
+        "point": "U(95) was read as the expanded uncertainty of each point, that is the root of the sum of "
+        "the squares for x, y and z: σ = U/(1.96 √3); a reading has the root mean square of both positions",
     }
 )
-_FAR: Final = 100.0
+_MAX_SPREADS: Final = 100.0
 """Distance of a value from its column's median, in spreads, beyond which the user has to confirm it."""
-_LEAST: Final = 5
+_MIN_VALUES: Final = 5
 """Fewest values of a column for which a spread is computed."""
-_LISTED: Final = 3
+_MAX_LISTED_LABELS: Final = 3
 """Labels named in a message."""
 _STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "deflection")
-_HALVES: Final[tuple[list[State], ...]] = (["unloaded"], ["loaded"])
+_SINGLE_STATES: Final[tuple[list[State], ...]] = (["unloaded"], ["loaded"])
 """Positions in one state only, without a deflection."""
 
 
@@ -69,8 +69,8 @@ _HALVES: Final[tuple[list[State], ...]] = (["unloaded"], ["loaded"])
 class SourceFile:
     """A file as it was sent."""
 
-    name: str  # without a folder; it may say target and state
-    content: bytes  # its bytes
+    name: str  # without a folder; the name may contain target and state
+    content: bytes
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,9 @@ class Understood:
     # absent from all of them; none if there are faults
     observations: tuple[ObservationRecord, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)  # units by dimension, of all numbers that occur
-    surroundings: TimesAndRoundings = field(default_factory=TimesAndRoundings)  # when the points were read
-    bodies: tuple[Body, ...] = ()  # of a table of masses; joints as they are named or numbered there
+    # times of the readings, and the count of uncertainties that were rounded to 0
+    times_and_roundings: TimesAndRoundings = field(default_factory=TimesAndRoundings)
+    bodies: tuple[Body, ...] = ()  # from tables of masses; joints as they are named or numbered there
     unusual: tuple[str, ...] = ()  # values to be confirmed, such as those far from all others of their column
 
     @property
@@ -133,8 +134,8 @@ def _check_files(files: Sequence[SourceFile]) -> None:
             limit = f"the files exceed {grid.MAX_FILE_BYTES // 1024**2} MiB together"
             raise ImportFileError(place, limit, "import fewer files at once")
         # Line ends are counted in UTF-8 and UTF-16; the bytes of a workbook contain few of them by chance.
-        ends, pairs = (b"\n", b"\r"), (b"\r\n", b"\r\0\n")
-        lines += sum(map(file.content.count, ends)) - sum(map(file.content.count, pairs))
+        line_ends, double_line_ends = (b"\n", b"\r"), (b"\r\n", b"\r\0\n")
+        lines += sum(map(file.content.count, line_ends)) - sum(map(file.content.count, double_line_ends))
         if lines > grid.MAX_LINES:
             count = f"{grid.MAX_LINES} lines together"
             limit = f"the files have more than {count}, including empty lines and comments"
@@ -153,7 +154,7 @@ class _Reader:
         self._bodies: list[Body] = []
         self._notes: list[str] = []
         self._units: dict[str, str] = {}
-        self._surroundings = TimesAndRoundings()
+        self._times_and_roundings = TimesAndRoundings()
 
     def read(self, files: Sequence[SourceFile]) -> Understood:
         """Read all files; return their observations, or their faults.
@@ -166,16 +167,17 @@ class _Reader:
             with faults.collect():
                 self._read_table(_read_grid(file, self._options))
         if all(not layout.columns.faulty for layout in self._layouts) and len(self._previews) == len(files):
-            if not self._layouts:
+            if not self._layouts:  # all files were read, and each is a table of masses
                 remedy = "import them together with the readings of the robot"
                 raise ImportFileError(NOWHERE, "the files contain masses, but no readings", remedy)
             self._check_options()
         readers = []
         for layout in self._layouts:
-            if layout.mark is not None and not layout.columns.faulty:
+            # Rows of a table with an unclear header or decimal mark are not read; the fault is reported.
+            if layout.decimal_mark is not None and not layout.columns.faulty:
                 with faults.collect():
                     names = NameReader(layout, self._options, self._notes)
-                    readers.append(RowReader(layout, names, self._surroundings))
+                    readers.append(RowReader(layout, names, self._times_and_roundings))
         records = (record for reader in readers for record in reader.read_records(faults))
         observations = _merge_by_label(records, faults)
         return self.build_answer() if faults.found else self._check_and_assemble(observations)
@@ -201,18 +203,19 @@ class _Reader:
         _check_same_quantities(observations, faults)
         present = {quantity.state for observation in observations for quantity in observation.values}
         states = [state for state in _STATES if state in present]
-        read = states not in _HALVES
-        if targets and read:
-            observations, lacking = _drop_incomplete_readings(
+        # Positions in one state only show no deflection, so that their readings cannot be complete.
+        has_readings = states not in _SINGLE_STATES
+        if targets and has_readings:
+            observations, notes_on_gaps = _drop_incomplete_readings(
                 observations, targets, faults, self._options.allow_missing
             )
-            notes += lacking
+            notes += notes_on_gaps
         sigmas = _check_sigmas(observations, faults)
         for kind, count in sigmas.items():
             notes.append(f"{_U95[kind]}{f' ({count} points)' if len(sigmas) > 1 else ''}")
         if faults.found:
             return self.build_answer()
-        notes += self._surroundings.notes
+        notes += self._times_and_roundings.notes
         held_out = [observation.label for observation in observations if observation.held_out]
         if held_out:
             notes.append(f"observations held out from the fit, to check it: {', '.join(held_out)}")
@@ -225,7 +228,9 @@ class _Reader:
                 "joint_kinds": self._joint_kinds(),
                 "targets": targets,
                 "states": states,
-                "reading_count": sum(len(observation.points) for observation in observations) if read else 0,
+                "reading_count": sum(len(observation.points) for observation in observations)
+                if has_readings
+                else 0,
                 "assumptions": notes,
                 "uncertainty": next(iter(sigmas), None),
             }
@@ -234,14 +239,14 @@ class _Reader:
         unsure = [layout.unsure_number for layout in self._layouts if layout.unsure_number]
         unusual = (*unsure, *_find_unusual_values(observations))
         bodies = tuple(self._bodies)
-        return Understood(preview, (), tuple(observations), units, self._surroundings, bodies, unusual)
+        return Understood(preview, (), tuple(observations), units, self._times_and_roundings, bodies, unusual)
 
     def _joint_kinds(self) -> list[JointKind]:
         """Return the kind of each joint, prismatic if its column's unit is a length; [] without joints."""
         for columns in (layout.columns for layout in self._layouts):
             if indices := columns.quantities.get(Quantity("joint")):
                 dimensions = [columns.meanings[index].dimension for index in indices]
-                return ["prismatic" if each == "length" else "revolute" for each in dimensions]
+                return ["prismatic" if dimension == "length" else "revolute" for dimension in dimensions]
         return []
 
     def build_answer(self) -> Understood:
@@ -250,7 +255,7 @@ class _Reader:
         return Understood(preview, tuple(self._faults.found))
 
     def _add_fault_rows(self, preview: FilePreview) -> FilePreview:
-        """Return the preview of a file with the cells and lines of those rows with faults that it lacks."""
+        """Return the preview of a file, extended by rows with faults that the preview does not show yet."""
         known = {*preview.header_lines, *preview.first_lines}
         places = (fault.place for fault in self._faults.found)
         lines = {place.line for place in places if place.file == preview.file} - known
@@ -261,26 +266,32 @@ class _Reader:
 
     def _check_options(self) -> None:
         """Report options that no file needs, and options that name a header which no file has."""
-        naming = [layout.columns for layout in self._layouts if layout.columns.needed]
+        tables_needing_names = [layout.columns for layout in self._layouts if layout.columns.needed]
         for option in ("point_name", "file_name"):
             text = getattr(self._options, option) or ""
             kinds = [kind for kind in ("target", "state") if f"{{{kind}}}" in text]
-            given = [kind for kind in kinds for each in naming if kind not in {*each.needed, *each.texts}]
-            if text and (given or not naming):
-                what = " and ".join(given or ["target", "state"])
-                reason = f"the template {quote(text)} is not needed: headers or columns give the {what}"
+            # Headers give a kind that a table neither needs from names nor has as a column.
+            kinds_given_elsewhere = [
+                kind
+                for kind in kinds
+                for table in tables_needing_names
+                if kind not in {*table.needed, *table.texts}
+            ]
+            if text and (kinds_given_elsewhere or not tables_needing_names):
+                kind_words = " and ".join(kinds_given_elsewhere or ["target", "state"])
+                reason = f"the template {quote(text)} is not needed: headers or columns give the {kind_words}"
                 self._faults.report(NOWHERE, reason, f"correct it, or omit `{option}`", option)
-        if self._options.state and not any("state" in each.needed for each in naming):
+        if self._options.state and not any("state" in table.needed for table in tables_needing_names):
             reason = "the state of all positions is given by headers or columns"
             self._faults.report(NOWHERE, reason, "omit `state`", "state")
-        known = {
+        known_headers = {
             collapse_blanks(column.header) for layout in self._layouts for column in layout.preview.columns
         }
-        if self._options.layouts or "" in known:
+        if self._options.layouts or "" in known_headers:
             return
         for option in ("columns", "ignore"):
             for header in getattr(self._options, option):
-                if collapse_blanks(header) not in known:
+                if collapse_blanks(header) not in known_headers:
                     reason = f"no file has the header {quote(header)}, which `{option}` names"
                     self._faults.report(NOWHERE, reason, f"write it in `{option}` as the file does", option)
 
@@ -294,9 +305,9 @@ class _Reader:
                 self._faults.report(place, reason, "use one unit for every quantity")
         if not _has_positions(layout):
             return
-        first = next(filter(_has_positions, self._layouts))
-        if first.frame != layout.frame:
-            frames = layout.frame or "not named", first.frame or "not named"
+        first_layout = next(filter(_has_positions, self._layouts))
+        if first_layout.frame != layout.frame:
+            frames = layout.frame or "not named", first_layout.frame or "not named"
             reason = f"the frame is {frames[0]}, but {frames[1]} in other files"
             remedy = "export all files in one frame; add a line `# Frame: NAME` to a file that names no frame"
             self._faults.report(place, reason, remedy)
@@ -350,36 +361,38 @@ def _merge_by_label(records: Iterable[ObservationRecord], faults: Faults) -> lis
     Raises:
         ImportFileError: there are too many observations.
     """
-    gathered: dict[str, ObservationRecord] = {}
+    observations: dict[str, ObservationRecord] = {}
     first_places: dict[tuple[str | None, str], Place] = {}  # of each label in each file
     for record in records:
-        before = first_places.setdefault((record.place.file, record.label), record.place)
-        known = gathered.setdefault(record.label, record)
-        if record.whole and before is not record.place:
-            _report_duplicate(f"the label {quote(record.label)}", record.place, before, faults)
-        elif known is not record:
-            _merge_record(known, record, faults)
-        if len(gathered) > MAX_OBSERVATIONS:
+        first_place = first_places.setdefault((record.place.file, record.label), record.place)
+        observation = observations.setdefault(record.label, record)
+        if record.whole and first_place is not record.place:
+            _report_duplicate(f"the label {quote(record.label)}", record.place, first_place, faults)
+        elif observation is not record:
+            _merge_record(observation, record, faults)
+        if len(observations) > MAX_OBSERVATIONS:
             reason = f"there are more than {MAX_OBSERVATIONS} observations"
             raise ImportFileError(record.place, reason, "split the campaign into several sets")
-    return list(gathered.values())
+    return list(observations.values())
 
 
-def _report_duplicate(what: str, place: Place, before: Place, faults: Faults) -> None:
-    """Report that `what` occurs at a place, and occurred before at the place `before`."""
-    faults.report(place, f"{what} occurs twice, first at {before}", "rename or remove one of them")
+def _report_duplicate(what: str, place: Place, first_place: Place, faults: Faults) -> None:
+    """Report that `what` occurs at a place, and occurred before at `first_place`."""
+    faults.report(place, f"{what} occurs twice, first at {first_place}", "rename or remove one of them")
 
 
-def _merge_record(gathered: ObservationRecord, record: ObservationRecord, faults: Faults) -> None:
+def _merge_record(observation: ObservationRecord, record: ObservationRecord, faults: Faults) -> None:
     """Add the values of a record to the observation with its label; values that differ are faults."""
-    gathered.held_out |= record.held_out
+    observation.held_out |= record.held_out
     for quantity, value in record.values.items():
-        before = gathered.values.setdefault(quantity, value)
-        if quantity.kind in POINTS and before is not value:
+        first_value = observation.values.setdefault(quantity, value)
+        if quantity.kind in POINTS and first_value is not value:
             what = f"{quantity.target} {quantity.state} of {quote(record.label)}"
-            _report_duplicate(what, value.place, before.place, faults)
-        elif before.vector != value.vector:
-            reason = f"the {quantity.kind} of {quote(record.label)} differs from the value at {before.place}"
+            _report_duplicate(what, value.place, first_value.place, faults)
+        elif first_value.vector != value.vector:
+            reason = (
+                f"the {quantity.kind} of {quote(record.label)} differs from the value at {first_value.place}"
+            )
             remedy = "give each observation a unique label, or correct one of them"
             faults.report(record.place, reason, remedy)
 
@@ -421,7 +434,7 @@ def _check_same_quantities(observations: list[ObservationRecord], faults: Faults
             reason = (
                 f"{quote(lacking[0].label)}{others} no {kind}, but other labels have: {_list_labels(having)}"
             )
-            remedy = f"spell labels alike in all files; without {kind}: {_list_labels(lacking)}"
+            remedy = f"spell labels alike in all files; these labels have no {kind}: {_list_labels(lacking)}"
             faults.report(lacking[0].place, reason, remedy)
         count = len(having[0].vector(kind) or ())
         for value in (observation.values[Quantity(kind)] for observation in having):
@@ -432,8 +445,8 @@ def _check_same_quantities(observations: list[ObservationRecord], faults: Faults
 
 def _list_labels(observations: list[ObservationRecord]) -> str:
     """Return the first three labels of some observations in one text."""
-    names = ", ".join(quote(observation.label) for observation in observations[:_LISTED])
-    return names + ", …" * (len(observations) > _LISTED)
+    names = ", ".join(quote(observation.label) for observation in observations[:_MAX_LISTED_LABELS])
+    return names + ", …" * (len(observations) > _MAX_LISTED_LABELS)
 
 
 def _drop_incomplete_readings(
@@ -444,21 +457,22 @@ def _drop_incomplete_readings(
     Unless `allow_missing` is set, each reading that is left out is also reported as a fault.
     """
     kept, notes = [], []
+    # A gauge need not be read in each posture; any other target must have a reading of each observation.
     gauges = {
         target for observation in observations for kind, target, _ in observation.values if kind == "along"
     }
-    lacks: list[tuple[bool, Place, str]] = []  # whether nothing was read, place, and what is missing
+    gaps: list[tuple[bool, Place, str]] = []  # (True if nothing was read, place, sentence)
     for observation in observations:
         points = observation.points
         incomplete = []
-        for target in [t for t in targets if t in points or t not in gauges]:
+        for target in [target for target in targets if target in points or target not in gauges]:
             with faults.collect():
                 states = points.get(target, {})
-                lack = _describe_gap(observation, target, states)
-                if lack is not None:
+                gap = _describe_gap(observation, target, states)
+                if gap is not None:
                     incomplete.append(target)
                     place = next((point.place for point in states.values()), observation.place)
-                    lacks.append((not states, place, f"{observation.label}: {lack}"))
+                    gaps.append((not states, place, f"{observation.label}: {gap}"))
         values = {key: value for key, value in observation.values.items() if key.target not in incomplete}
         if any(quantity.target for quantity in values):
             kept.append(replace(observation, values=values))
@@ -467,11 +481,11 @@ def _drop_incomplete_readings(
     if not allow_missing:
         remedy = "add the reading, check the spelling of names, or use `allow_missing`"
         # Readings with some of their values come first, because they show better what is wrong.
-        for _, place, reason in sorted(lacks, key=lambda entry: entry[0]):
+        for _, place, reason in sorted(gaps, key=lambda entry: entry[0]):
             faults.report(place, reason, remedy, "allow_missing")
     if not kept:
         faults.report(observations[0].place, "no observation has a reading", "check the names")
-    return kept, [*(f"{reason}; skipped" for _, _, reason in lacks), *notes]
+    return kept, [*(f"{reason}; skipped" for _, _, reason in gaps), *notes]
 
 
 def _describe_gap(observation: ObservationRecord, target: str, states: dict[State, Value]) -> str | None:
@@ -495,9 +509,10 @@ def _describe_gap(observation: ObservationRecord, target: str, states: dict[Stat
 
 
 def _check_sigmas(observations: list[ObservationRecord], faults: Faults) -> dict[_Uncertainty, int]:
-    """Return the number of points with an uncertainty of each `coordinate`, and of the whole `point`.
+    """Count the points with an uncertainty: under `coordinate` if it is of x, y and z, else under `point`.
 
-    A fault is reported if some positions have an uncertainty and others have none.
+    A kind without points is left out of the returned dict. A fault is reported if some positions have an
+    uncertainty and others have none.
     """
     counts: dict[_Uncertainty, int] = {}
     without: list[Place] = []
@@ -530,14 +545,15 @@ def _find_unusual_values(observations: list[ObservationRecord]) -> Iterator[str]
             part = str(axis + 1) if kind == "joint" else "xyz"[axis]
             columns.setdefault(f"{name} {part}", []).append((number, value.place))
     for name, values in columns.items():
-        if len(values) < _LEAST:
+        if len(values) < _MIN_VALUES:
             continue
         middle = median(value for value, _ in values)
-        ordered = sorted(values, key=lambda entry: abs(entry[0] - middle))
-        near = ordered[: -max(1, len(ordered) // 10)]
-        spread = pstdev(value for value, _ in near) or abs(middle)
-        for number, place in ordered[len(near) :]:
-            times = abs(number - middle) / spread if spread else 0.0
-            if times > 0.99 * _FAR:
-                distance = f"{times:.0f} times the spread of the other values away from the median"
+        by_distance = sorted(values, key=lambda entry: abs(entry[0] - middle))
+        nearest = by_distance[: -max(1, len(by_distance) // 10)]
+        spread = pstdev(value for value, _ in nearest) or abs(middle)
+        for number, place in by_distance[len(nearest) :]:
+            spreads = abs(number - middle) / spread if spread else 0.0
+            # 0.99: a value whose distance is the limit itself is listed despite rounding.
+            if spreads > 0.99 * _MAX_SPREADS:
+                distance = f"{spreads:.0f} times the spread of the other values away from the median"
                 yield f"{name} {number:g} ({place}) is {distance}"

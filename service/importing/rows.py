@@ -32,15 +32,15 @@ from jointstiff.service.importing.layout import Layout
 
 _FIELD: Final = re.compile(r"\{([^{}]*)\}")
 _FIELDS: Final = ("label", "target", "state", "any")
-_POINT: Final[tuple[Kind, ...]] = ("collection", "group", "name")
+_POINT_NAME_COLUMNS: Final[tuple[Kind, ...]] = ("collection", "group", "name")
 """Columns that make the name of a point."""
-_CLEAR: Final = 4
-"""Fewest letters of a word that is not an abbreviation."""
+_MIN_STATE_LETTERS: Final = 4
+"""Fewest letters of a state word at the end of a name: shorter words may be abbreviations of other things."""
 _COVERAGE_FACTOR: Final = 1.96
 """Coverage factor of the expanded uncertainties U(95) that trackers write."""
-_LEAST: Final = 5e-4
-"""Greatest expanded uncertainty [mm] that is written as 0: trackers round to whole micrometres."""
-_GERMAN: Final = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T,]+(.*)")
+_HALF_MICROMETRE: Final = 5e-4
+"""Expanded uncertainty [mm] assumed for a written 0: trackers round to whole micrometres."""
+_DAY_MONTH_YEAR: Final = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ T,]+(.*)")
 """A date by day, month and year, and a time of day."""
 _UNCERTAINTIES: Final[tuple[Kind, ...]] = ("uncertainty", "point uncertainty")
 
@@ -61,9 +61,9 @@ class NameParts(NamedTuple):
         Raises:
             ImportFileError: the names contradict each other.
         """
-        for kind, own, others in zip(self._fields, self, other, strict=True):
-            if own is not None and others is not None and own != others:
-                reason = f"the {kind} is {quote(own)} in one name and {quote(others)} in another"
+        for kind, own_part, other_part in zip(self._fields, self, other, strict=True):
+            if own_part is not None and other_part is not None and own_part != other_part:
+                reason = f"the {kind} is {quote(own_part)} in one name and {quote(other_part)} in another"
                 remedy = "correct the name of the point or of the file, or `point_name` or `file_name`"
                 raise ImportFileError(NOWHERE, reason, remedy)
         return NameParts(self.label or other.label, self.target or other.target, self.state or other.state)
@@ -80,16 +80,21 @@ class Template:
         """
         self.option, self.text = option, text
         literals, self._fields = _FIELD.split(text)[::2], _FIELD.findall(text)  # literals are between fields
-        named = [field for field in self._fields if field != "any"]
-        faulty = not set(self._fields) <= set(_FIELDS) or not named or len(set(named)) != len(named)
-        if faulty or any(not literal for literal in literals[1:-1]) or "{" in "".join(literals):
-            parts = "{label}, {target}, {state} at most once, {any} for the rest"
+        named_fields = [field for field in self._fields if field != "any"]
+        is_faulty = (
+            not set(self._fields) <= set(_FIELDS)
+            or not named_fields
+            or len(set(named_fields)) != len(named_fields)
+        )
+        if is_faulty or any(not literal for literal in literals[1:-1]) or "{" in "".join(literals):
+            allowed_fields = "{label}, {target}, {state} at most once, {any} for the rest"
             reason = f"the template {quote(text)} is invalid"
-            remedy = f"in `{option}` use each of {parts}, with a text such as _ between them"
+            remedy = f"in `{option}` use each of {allowed_fields}, with a text such as _ between them"
             raise ImportFileError(NOWHERE, reason, remedy, option)
+        # No field contains a character that begins a text between fields: a name then fits in one way only.
         excluded = "".join({literal[0] for literal in literals if literal})
-        part = f"([^{re.escape(excluded)}]+)" if excluded else "(.+)"
-        self._pattern = re.compile(part.join(re.escape(literal) for literal in literals), re.DOTALL)
+        field_pattern = f"([^{re.escape(excluded)}]+)" if excluded else "(.+)"
+        self._pattern = re.compile(field_pattern.join(re.escape(literal) for literal in literals), re.DOTALL)
 
     def parse(self, name: str, state_words: Mapping[str, State]) -> NameParts:
         """Return the label, target and state in a name; `state_words` are the caller's words for states.
@@ -125,23 +130,24 @@ class NameReader:
 
     def __init__(self, layout: Layout, options: ImportOptions, notes: list[str]) -> None:
         """Prepare to read the names of rows; assumptions are added to `notes`."""
-        self._grid, self._notes, self._words = layout.grid, notes, options.state_words
-        self._stated = options.state
-        self._texts, self._needed = dict(layout.columns.texts), set(layout.columns.needed)
-        self._by_file: dict[
-            frozenset[str], NameParts
-        ] = {}  # parts from the file's name, by the missing kinds
-        self._file_says_state = contains_state_word(self._grid.stem, self._words)
-        self._point: Template | None = None
-        self._file = NameParts()
+        self._grid, self._notes, self._state_words = layout.grid, notes, options.state_words
+        self._stated_state = options.state
+        self._text_columns, self._needed_kinds = dict(layout.columns.texts), set(layout.columns.needed)
+        # Parts from the name of the file, by the kinds of parts that a row lacks.
+        self._parts_from_file: dict[frozenset[str], NameParts] = {}
+        self._file_says_state = contains_state_word(self._grid.stem, self._state_words)
+        self._point_template: Template | None = None
+        self._file_parts = NameParts()
         try:
-            if self._needed and options.point_name:
-                self._point = Template("point_name", options.point_name)
-            if self._needed and options.file_name:
-                self._file = Template("file_name", options.file_name).parse(self._grid.stem, self._words)
+            if self._needed_kinds and options.point_name:
+                self._point_template = Template("point_name", options.point_name)
+            if self._needed_kinds and options.file_name:
+                self._file_parts = Template("file_name", options.file_name).parse(
+                    self._grid.stem, self._state_words
+                )
         except ImportFileError as fault:
             raise fault.add_place(Place(self._grid.file)) from None
-        if layout.columns.probe and "target" in self._texts and layout.rows:
+        if layout.columns.probe and "target" in self._text_columns and layout.rows:
             self._ignore_reflector_column(layout.rows[0])
 
     def _ignore_reflector_column(self, row: Row) -> None:
@@ -150,19 +156,20 @@ class NameReader:
         The column then holds the reflector. The targets are in the names of points, or in the name of the
         file if that gives target and state.
         """
-        column = self._texts.pop("target")
-        self._needed.add("target")
-        parts, state = _split_name(self._grid.stem, self._words)
-        named = state is not None and len(parts) == 1
+        # The column is left out at first, so that the point's name can be split as if the column were absent.
+        column = self._text_columns.pop("target")
+        self._needed_kinds.add("target")
+        parts, state = _split_name(self._grid.stem, self._state_words)
+        names_give_target = state is not None and len(parts) == 1
         with suppress(ImportFileError):
-            named = self._split_point_name(row).target is not None or named
-        if named:
+            names_give_target = self._split_point_name(row).target is not None or names_give_target
+        if names_give_target:
             self._note_once(
                 f"{self._grid.file}: the column of targets was read as the instrument's reflector"
             )
         else:
-            self._texts["target"] = column
-            self._needed.remove("target")
+            self._text_columns["target"] = column
+            self._needed_kinds.remove("target")
 
     def name_row(self, row: Row) -> NameParts:
         """Return label, target and state of a row, from its columns, the point's name and the file's name.
@@ -172,18 +179,18 @@ class NameReader:
         Raises:
             ImportFileError: a part is missing, unclear or contradictory.
         """
-        named = "name" in self._texts
+        has_names = "name" in self._text_columns
         try:
-            naming = self._names_from_columns(row).merge(self._split_point_name(row)).merge(self._file)
-            wanted = (*(("label",) if named else ()), *self._needed)
-            lacking = frozenset(kind for kind in wanted if getattr(naming, kind) is None)
-            if lacking:
-                naming = naming.merge(self._names_from_file(lacking))
-            if named:
-                check_name(naming.label or "")
+            parts = self._read_column_parts(row).merge(self._split_point_name(row)).merge(self._file_parts)
+            required_kinds = (*(("label",) if has_names else ()), *self._needed_kinds)
+            lacking_kinds = frozenset(kind for kind in required_kinds if getattr(parts, kind) is None)
+            if lacking_kinds:
+                parts = parts.merge(self._read_file_parts(lacking_kinds))
+            if has_names:
+                check_name(parts.label or "")
         except ImportFileError as fault:
-            raise fault.add_place(self._grid.place(row, self._texts.get("name"))) from None
-        return naming
+            raise fault.add_place(self._grid.place(row, self._text_columns.get("name"))) from None
+        return parts
 
     def _split_point_name(self, row: Row) -> NameParts:
         """Split the name of a point, after its collection and group if the table has these columns.
@@ -193,79 +200,81 @@ class NameReader:
         Raises:
             ImportFileError: the name does not show label, target and state.
         """
-        parts = [self._read_text(row, kind) for kind in _POINT if kind in self._texts]
+        parts = [self._read_text(row, kind) for kind in _POINT_NAME_COLUMNS if kind in self._text_columns]
         name = "::".join(parts)
         if len(parts) > 1 and any("::" in part for part in parts):
             raise ImportFileError(NOWHERE, f"the name {quote(name)} contains ::", "rename it")
-        if "name" not in self._texts:
+        if "name" not in self._text_columns:
             return NameParts()
-        if self._point is not None:
-            return self._point.parse(name, self._words)
-        if not self._needed:
+        if self._point_template is not None:
+            return self._point_template.parse(name, self._state_words)
+        if not self._needed_kinds:
             return NameParts(label=name)
-        most = 2 if "target" in self._needed else 1
+        max_parts = 2 if "target" in self._needed_kinds else 1
         # The digits 0 and 1 are tried as states only if the name of the file does not give the state.
-        for words in (self._words, {**DIGITS, **self._words})[: 1 + (not self._file_says_state)]:
-            parts, state = _split_name(name, words)
-            if 1 <= len(parts) <= most and (state is None or "state" in self._needed):
-                if words is not self._words:
+        for state_words in (self._state_words, {**DIGITS, **self._state_words})[
+            : 1 + (not self._file_says_state)
+        ]:
+            parts, state = _split_name(name, state_words)
+            if 1 <= len(parts) <= max_parts and (state is None or "state" in self._needed_kinds):
+                if state_words is not self._state_words:
                     self._note_once("0 and 1 in names were read as `unloaded` and `loaded`")
                 return NameParts(parts[0], parts[1] if len(parts) > 1 else None, state)
         reason = f"the name {quote(name)} does not show which observation, target and state it is"
         remedy = "give a template `point_name`, such as {label}_{target}_{state}"
         raise ImportFileError(NOWHERE, reason, remedy, "point_name")
 
-    def _names_from_file(self, lacking: frozenset[str]) -> NameParts:
+    def _read_file_parts(self, lacking: frozenset[str]) -> NameParts:
         """Return target and state of all points of a file from its name: `P10_loaded`, `loaded` or `P10`.
 
-        If the name has no state, the option `state` gives it. `lacking` are the kinds that are needed.
+        If the name has no state, the option `state` gives it. `lacking` are the kinds that a row lacks.
 
         Raises:
             ImportFileError: the file's name does not give a kind that is needed.
         """
-        if lacking not in self._by_file:
-            parts, state = _split_name(self._grid.stem, self._words)
+        if lacking not in self._parts_from_file:
+            parts, state = _split_name(self._grid.stem, self._state_words)
             source = "by the name of the file"
-            if state is None and "state" in lacking and self._stated is not None:
+            if state is None and "state" in lacking and self._stated_state is not None:
                 parts = [self._grid.stem] if "target" in lacking else []
-                state, source = self._stated, "by `state`" + " and the name of the file" * bool(parts)
+                state, source = self._stated_state, "by `state`" + " and the name of the file" * bool(parts)
             target = parts[0] if len(parts) == 1 else None
-            naming = NameParts(None, target, state)
-            if len(parts) > 1 or any(getattr(naming, kind) is None for kind in lacking):
-                listed = " and the ".join(sorted(lacking, reverse=True))
-                option, state_it = (
-                    ("state", "state it by `state`, ") if "state" in lacking else ("point_name", "")
-                )
+            file_parts = NameParts(None, target, state)
+            if len(parts) > 1 or any(getattr(file_parts, kind) is None for kind in lacking):
+                kind_words = " and the ".join(sorted(lacking, reverse=True))
+                option, state_hint = "point_name", ""
+                if "state" in lacking:
+                    option, state_hint = "state", "state it by `state`, "
                 raise ImportFileError(
                     Place(self._grid.file),
-                    f"the {listed} is given neither by the table nor by the names of points or the file",
-                    f"{state_it}name points as in `c01_P10_loaded`, or the file as in `P10_loaded.txt`, or "
+                    f"the {kind_words} is given neither by the table nor by the names of points or the file",
+                    f"{state_hint}name points as in `c01_P10_loaded`, or the file as in `P10_loaded.txt`, or "
                     "give templates `point_name` or `file_name`",
                     option,
                 )
-            missing = " and ".join(f"{kind} {getattr(naming, kind)}" for kind in sorted(lacking))
-            self._note_once(f"{self._grid.file}: {missing} {source}")
-            self._by_file[lacking] = naming
-        return self._by_file[lacking]
+            found = " and ".join(f"{kind} {getattr(file_parts, kind)}" for kind in sorted(lacking))
+            self._note_once(f"{self._grid.file}: {found} {source}")
+            self._parts_from_file[lacking] = file_parts
+        return self._parts_from_file[lacking]
 
     def _note_once(self, note: str) -> None:
         """Add a note for the user, unless it is there already."""
         if note not in self._notes:
             self._notes.append(note)
 
-    def _names_from_columns(self, row: Row) -> NameParts:
+    def _read_column_parts(self, row: Row) -> NameParts:
         """Return target and state from the columns `target` and `state` of a row; None without the column.
 
         Raises:
             ImportFileError: a word is no known state.
         """
-        target = self._read_text(row, "target") if "target" in self._texts else None
-        if "state" not in self._texts:
+        target = self._read_text(row, "target") if "target" in self._text_columns else None
+        if "state" not in self._text_columns:
             return NameParts(None, target)
         word = self._read_text(row, "state")
-        state = find_state(word, {**DIGITS, **self._words})
+        state = find_state(word, {**DIGITS, **self._state_words})
         if state is None:
-            place = self._grid.place(row, self._texts["state"])
+            place = self._grid.place(row, self._text_columns["state"])
             remedy = "use `unloaded`, `loaded` or `deflection`, or give `state_words`"
             reason = f"{quote(word)} is not a known state"
             raise ImportFileError(place, reason, remedy, "state_words", (word,))
@@ -277,7 +286,7 @@ class NameReader:
         Raises:
             ImportFileError: the cell is empty, or holds something else than a text or a number.
         """
-        index = self._texts[kind]
+        index = self._text_columns[kind]
         place = self._grid.place(row, index)
         if row.kinds is not None and row.kinds[index] not in ("text", "number"):
             reason = f"the {kind} is in a cell of type {row.kinds[index]}"
@@ -297,17 +306,20 @@ def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State
     if not all(parts):
         return [name], None
     states = [find_state(part, words) for part in parts]
-    known = [state for state in states if state is not None]
-    if not known and "::" in name:
-        ends = [part.rpartition(" ") for part in parts]
-        found = [find_state(end, words) if head and len(end) >= _CLEAR else None for head, _, end in ends]
-        known = [state for state in found if state is not None]
-        if len(known) == 1:
-            at = found.index(known[0])
-            return [*parts[:at], ends[at][0], *parts[at + 1 :]], known[0]
-    if len(known) != 1:
+    named_states = [state for state in states if state is not None]
+    if not named_states and "::" in name:
+        splits_at_blank = [part.rpartition(" ") for part in parts]
+        last_word_states = [
+            find_state(last_word, words) if before and len(last_word) >= _MIN_STATE_LETTERS else None
+            for before, _, last_word in splits_at_blank
+        ]
+        named_states = [state for state in last_word_states if state is not None]
+        if len(named_states) == 1:
+            position = last_word_states.index(named_states[0])
+            return [*parts[:position], splits_at_blank[position][0], *parts[position + 1 :]], named_states[0]
+    if len(named_states) != 1:
         return parts, None
-    return [part for part, state in zip(parts, states, strict=True) if state is None], known[0]
+    return [part for part, state in zip(parts, states, strict=True) if state is None], named_states[0]
 
 
 # ---- numbers, times, uncertainties
@@ -319,19 +331,20 @@ Vector = tuple[float, ...]
 class Value:
     """Numbers of one quantity of an observation."""
 
-    vector: Vector | None  # numbers in the files' unit; None if the cells are empty, () if one is faulty
+    # numbers in the unit of the files; None if the cells are empty, () if a cell is faulty
+    vector: Vector | None
     place: Place  # place of the first cell
     # standard uncertainty of each coordinate, in the unit of length, if the file has it
     sigma: Vector | None = None
-    by_point: bool = False  # whether sigma was stated for the whole point, not for each coordinate
+    by_point: bool = False  # whether sigma comes from U(95) of the whole point, not of each coordinate
 
 
 @dataclass(slots=True)
 class ObservationRecord:
     """Values of one observation: first those of one row, later those of all rows with the same label."""
 
-    label: str  # its label
-    place: Place  # where it is first mentioned
+    label: str  # label of the observation
+    place: Place  # place of the first row with this label
     whole: bool = False  # whether the row claims to be the only one of its observation in this file
     held_out: bool = False  # whether the column `validation` holds the observation out from the fit
     values: dict[Quantity, Value] = field(default_factory=dict)  # values by quantity; positions have a state
@@ -353,21 +366,22 @@ class ObservationRecord:
 
 @dataclass
 class TimesAndRoundings:
-    """Times at which the points of all files were read, and the count of uncertainties rounded to 0."""
+    """Times at which the points of all files were measured, and the count of uncertainties rounded to 0."""
 
     times: list[datetime] = field(default_factory=list)
     unclear: list[str] = field(default_factory=list)  # texts that could not be read as times
-    rounded: int = 0  # expanded uncertainties of 0
+    rounded: int = 0  # number of cells with an expanded uncertainty of 0
 
     def add_time(self, cells: list[str]) -> None:
         """Add the time of a row from one cell, or from a cell with the date and a cell with the time.
 
         Times are written as `2022-11-08 16:17:28` or `8.11.2022 16:17:28`, and are in UTC without a zone.
         """
+        # The cell with the date, which has no colon, comes before the cell with the time.
         text = " ".join(sorted((cell.strip("' ") for cell in cells), key=lambda part: ":" in part)).strip()
         if not any(map(str.isdigit, text)):
             return
-        match = _GERMAN.fullmatch(text)
+        match = _DAY_MONTH_YEAR.fullmatch(text)
         iso = f"{match[3]}-{match[2]:0>2}-{match[1]:0>2} {match[4]}" if match else text
         try:
             time = datetime.fromisoformat(iso)
@@ -403,13 +417,13 @@ class TimesAndRoundings:
 class RowReader:
     """Reader of the rows of a file, by the meanings of its columns."""
 
-    def __init__(self, layout: Layout, names: NameReader, surroundings: TimesAndRoundings) -> None:
-        self._layout, self._names, self._surroundings = layout, names, surroundings
+    def __init__(self, layout: Layout, names: NameReader, times_and_roundings: TimesAndRoundings) -> None:
+        self._layout, self._names, self._times_and_roundings = layout, names, times_and_roundings
         self._grid, self._columns = layout.grid, layout.columns
-        self._mark = layout.mark or "point"
+        self._decimal_mark = layout.decimal_mark or "point"
         unit = layout.columns.units.get("length")
-        self._length = INCH if unit == "in" else 1.0
-        self._least = _LEAST / 1e3 if unit == "m" else _LEAST
+        self._length_factor = INCH if unit == "in" else 1.0
+        self._zero_replacement = _HALF_MICROMETRE / 1e3 if unit == "m" else _HALF_MICROMETRE
         self._targets: set[str] = set()
 
     def read_records(self, faults: Faults) -> Iterator[ObservationRecord]:
@@ -417,29 +431,32 @@ class RowReader:
 
         Names that are unclear for the same reason are reported as one fault.
         """
-        unnamed: dict[str, ImportFileError] = {}  # first fault with each remedy
-        count: Counter[str] = Counter()
-        times = [i for i, meaning in enumerate(self._columns.meanings) if meaning.kind == "time"]
-        for number, row in enumerate(self._layout.rows, start=1):
+        first_faults: dict[str, ImportFileError] = {}  # first fault with each remedy
+        fault_counts: Counter[str] = Counter()
+        time_columns = [
+            index for index, meaning in enumerate(self._columns.meanings) if meaning.kind == "time"
+        ]
+        for row_number, row in enumerate(self._layout.rows, start=1):
             if faults.full:
                 break
-            self._surroundings.add_time([row.cells[column] for column in times])
+            self._times_and_roundings.add_time([row.cells[column] for column in time_columns])
             try:
-                naming = self._names.name_row(row)
+                name_parts = self._names.name_row(row)
             except ImportFileError as fault:
-                unnamed.setdefault(fault.remedy, fault)
-                count[fault.remedy] += 1
+                first_faults.setdefault(fault.remedy, fault)
+                fault_counts[fault.remedy] += 1
                 continue
             with faults.collect():
-                yield self._read_record(row, naming, naming.label or str(number), faults)
-        for remedy, first in unnamed.items():
-            if count[remedy] > 1 and first.place.line:  # without a line, the fault is in the file's name
-                first.reason += f", and {count[remedy] - 1} other names are not clear either"
+                yield self._read_record(row, name_parts, name_parts.label or str(row_number), faults)
+        for remedy, first in first_faults.items():
+            # A fault without a line concerns the name of the file, not names of points.
+            if fault_counts[remedy] > 1 and first.place.line:
+                first.reason += f", and {fault_counts[remedy] - 1} other names are not clear either"
             faults.add(first)
 
-    def _read_record(self, row: Row, naming: NameParts, label: str, faults: Faults) -> ObservationRecord:
+    def _read_record(self, row: Row, name_parts: NameParts, label: str, faults: Faults) -> ObservationRecord:
         """Return the values of one row as a record with a label; report all faults in the row's cells."""
-        whole = self._columns.whole and naming.label is not None
+        whole = self._columns.whole and name_parts.label is not None
         record = ObservationRecord(label, self._grid.place(row), whole)
         for quantity, indices in self._columns.quantities.items():
             place = self._grid.place(row, indices[0])
@@ -449,12 +466,8 @@ class RowReader:
             if quantity.kind in POINTS:
                 if vector is None and quantity.kind == "along":
                     continue  # a gauge reads one direction in a posture, and another in the next
-                point = self._complete_quantity(quantity, naming, place)
-                vector = self._add_deviation(row, quantity, vector, faults)
-                sigma, by_point = (
-                    self._read_sigma(row, quantity, point.state, faults) if vector else (None, False)
-                )
-                record.values[point] = Value(vector, place, sigma, by_point)
+                full_quantity = self._complete_quantity(quantity, name_parts, place)
+                record.values[full_quantity] = self._read_point(row, quantity, full_quantity, vector, faults)
             elif vector is None:
                 faults.report(place, f"this row has no {quantity.kind}", "fill in the cells")
             elif quantity.kind == "mass":
@@ -462,6 +475,7 @@ class RowReader:
                     faults.report(
                         place, "a hung mass is negative", "give the mass as a positive number in kg"
                     )
+                # The weight pulls along −z of R0; its unit is kgf, so that the mass is its number.
                 record.values[Quantity("force")] = Value(
                     (0.0, 0.0, *(-mass for mass in vector)), record.place
                 )
@@ -469,6 +483,25 @@ class RowReader:
                 record.values[quantity] = Value(vector, record.place)
         record.held_out = self._is_held_out(row, faults)
         return record
+
+    def _read_point(
+        self, row: Row, quantity: Quantity, full_quantity: Quantity, vector: Vector | None, faults: Faults
+    ) -> Value:
+        """Return the value of a position, deflection or reading along an axis, with its uncertainty.
+
+        Args:
+            row: row of the table.
+            quantity: quantity of the columns, as the header states it.
+            full_quantity: the same quantity with target and state of the row.
+            vector: numbers in the columns; None if they are empty.
+            faults: collection to which faults of cells are added.
+        """
+        vector = self._add_deviation(row, quantity, vector, faults)
+        sigma, is_of_point = (
+            self._read_sigma(row, quantity, full_quantity.state, faults) if vector else (None, False)
+        )
+        place = self._grid.place(row, self._columns.quantities[quantity][0])
+        return Value(vector, place, sigma, is_of_point)
 
     def _is_held_out(self, row: Row, faults: Faults) -> bool:
         """Return whether the column `validation` holds a row out from the fit; it may be 0, 1 or empty."""
@@ -480,14 +513,14 @@ class RowReader:
             faults.report(self._grid.place(row, index), reason, remedy)
         return held == "1"
 
-    def _complete_quantity(self, quantity: Quantity, naming: NameParts, place: Place) -> Quantity:
+    def _complete_quantity(self, quantity: Quantity, name_parts: NameParts, place: Place) -> Quantity:
         """Return a quantity whose target and state are those of its header, or else of the row's names.
 
         Raises:
             ImportFileError: the target's name is not valid, at the given place.
         """
-        target, state = quantity.target or naming.target, quantity.state or naming.state
-        if target is None or state is None:  # cannot happen: `Names` has refused such a row
+        target, state = quantity.target or name_parts.target, quantity.state or name_parts.state
+        if target is None or state is None:  # cannot happen: `NameReader` has refused such a row
             raise ImportFileError(place, "the position has no target or no state", "give `point_name`")
         if target not in self._targets:
             try:
@@ -521,6 +554,7 @@ class RowReader:
         σ is U/1.96 from the columns U(95) X, Y, Z. Where these cells are empty, σ is U/(1.96 √3) from the
         column U(95) of the point. Without an uncertainty, return None and False.
         """
+        # Columns of coordinates come first; the column of the whole point is read only if they are empty.
         columns: tuple[int, ...] = ()
         expanded: Vector | None = None
         quantities = self._columns.quantities
@@ -536,12 +570,13 @@ class RowReader:
         elif expanded is None or min(expanded, default=0.0) < 0.0:
             reason = "an uncertainty must be positive"
         if reason:
-            at = self._grid.place(row, columns[0])
-            faults.report(at, reason, "correct it, or skip the column with `ignore`")
+            place = self._grid.place(row, columns[0])
+            faults.report(place, reason, "correct it, or skip the column with `ignore`")
         if not expanded:
             return None, False
-        self._surroundings.rounded += sum(value == 0.0 for value in expanded)
-        sigma = tuple((value or self._least) / _COVERAGE_FACTOR for value in expanded)
+        self._times_and_roundings.rounded += sum(value == 0.0 for value in expanded)
+        # Three numbers are of x, y and z; one number is the root of the squares of three equal uncertainties.
+        sigma = tuple((value or self._zero_replacement) / _COVERAGE_FACTOR for value in expanded)
         return sigma if len(sigma) > 1 else (sigma[0] / sqrt(3.0),) * 3, len(sigma) == 1
 
     def _read_vector(self, row: Row, indices: tuple[int, ...], faults: Faults) -> Vector | None:
@@ -565,5 +600,5 @@ class RowReader:
             reason = f"a number is needed, but the cell has type {row.kinds[index]}: {quote(text)}"
             remedy = "enter a number, and format the cell as a number; replace a formula without a stored "
             raise ImportFileError(self._grid.place(row, index), reason, f"{remedy}value by its value")
-        factor = self._length if self._columns.meanings[index].dimension == "length" else 1.0
-        return factor * read_number(text, self._mark)
+        factor = self._length_factor if self._columns.meanings[index].dimension == "length" else 1.0
+        return factor * read_number(text, self._decimal_mark)

@@ -40,7 +40,8 @@ class File:
     name: str  # last part of its address, such as `table.csv`
     description: str  # what it has, for the API's users
     sheet: Callable[[Any], Sheet]  # makes the table that is written to the file
-    # argument of `sheet`: the job with its stored result, or the job's work, to be computed again
+    # argument of `sheet`: "result" for the job with its stored result, "work" for the job's work, which is
+    # computed again
     made_of: Literal["result", "work"]
 
     @property
@@ -63,22 +64,23 @@ class Kind(Generic[AnyJob, AnyRequest]):
     options: type[Message]  # the fields of the request that users choose
     # return the work of a request; raises a RequestError if the request names what does not exist, or cannot
     # be carried out
-    compute: Callable[[Inputs, AnyRequest], Work]
-    report: Callable[[AnyJob, Any, View], Report]  # return the report of a job with a result
+    prepare_work: Callable[[Inputs, AnyRequest], Work]
+    make_report: Callable[[AnyJob, Any, View], Report]  # return the report of a job with a result
     sources: tuple[Source, ...]  # arguments of the verb other than options, in order
     title: str  # title of its report
     description: str  # description of the post, for the API's users
-    stepped: bool = False  # whether its jobs may take steps, which workers carry out
+    stepped: bool = False  # true if its jobs may be cut into steps, which workers carry out
     max_bytes: int = OPTIONS_BYTES  # greatest size of a request
     examples: Mapping[str, Any] = field(default_factory=dict)  # examples of requests, by title
     files: tuple[File, ...] = ()  # files that can be downloaded
-    reported: bool = True  # whether a job of this kind has a printable report, made of its tables
-    is_form: bool = False  # whether a request is posted as a form with files, at a route of its own
-    answered: Callable[[str], str] = str  # convert a stored job's JSON to the JSON that the API returns
+    has_report: bool = True  # true if a job of this kind has a printable report, made of its tables
+    is_form: bool = False  # true if a request is posted as a form with files, at a route of its own
+    to_answer: Callable[[str], str] = str  # convert a stored job's JSON to the JSON that the API returns
     # return the charts of a result, for reports and `plot`
-    charts: Callable[[Any], Sequence[Chart]] = lambda _result: ()
-    # return the area that `plot` draws from the first file's table, in addition to the charts
-    area: Callable[[Sheet], Area] | None = None
+    make_charts: Callable[[Any], Sequence[Chart]] = lambda _result: ()
+    # make the map of the work area that `plot` draws below the charts, from the table of the first file; None
+    # if results of this kind have no places
+    make_area_map: Callable[[Sheet], Area] | None = None
 
     @cached_property
     def name(self) -> str:

@@ -1,4 +1,4 @@
-"""Verbs of Python, such as `identify`: what they share, and the door by which they get their work done.
+"""Common code of the verbs, such as `identify`, and `Door`, the interface of what does their work.
 
 The verb of each kind of work is a function whose first argument is a door: `Here` (this process) or `Client`
 (a service). Both have the function as a method.
@@ -41,11 +41,14 @@ if TYPE_CHECKING:
 OnProgress = Callable[[Progress], object]
 Cancel = Callable[[], object]
 SHOWN_AFTER: Final = 2.0
-"""Time after which a progress bar is shown [s]."""
+"""Duration of a job after which a progress bar is shown [s]."""
 
 
-class Follow:
+class JobMonitor:
     """Progress display and cancellation of one job, by functions of the caller or by a progress bar."""
+
+    _bar: Any  # progress bar; None before it is shown
+    _task: Any  # line of the job in the progress bar
 
     def __init__(
         self,
@@ -53,7 +56,7 @@ class Follow:
         cancel: Cancel | None = None,
         executor: Executor | None = None,
     ) -> None:
-        """Store the caller's functions, and take the present time as the beginning of the job.
+        """Store the caller's functions; the job begins now.
 
         Args:
             on_progress: called with the progress; None for a progress bar in a terminal or notebook.
@@ -72,9 +75,6 @@ class Follow:
         if self._bar is not None:
             self._bar.stop()
             self._bar = None
-
-    _bar: Any
-    _task: Any
 
     @property
     def cancelled(self) -> bool:
@@ -106,17 +106,18 @@ class Follow:
 class Door(Protocol):
     """Interface of `Here` (this process) and `Client` (a service), which store inputs and compute results."""
 
-    def begun(self, follow: Follow) -> Door:
+    def begun(self, monitor: JobMonitor) -> Door:
         """Return a door for one call of a verb, which has no inputs yet.
 
         Raises:
-            TypeError: `follow` has an executor, but the door has workers of its own.
+            TypeError: `monitor` has an executor, but the door has workers of its own.
         """
 
     def measured(self, source: Source, _place: str = "") -> tuple[str, RunOptions | None]:
-        """Prepare a campaign; return its measurement set's id, and its run's options (None if unknown).
+        """Prepare a campaign; return the id of its measurement set, and its options for a run.
 
-        `_place`, such as "first.", is put before the place that an error names.
+        The options are None if they are not known. `_place`, such as "first.", is put before the place that
+        an error names.
         """
 
     def identified(self, source: Source, executor: Executor | None = None) -> str:
@@ -125,10 +126,11 @@ class Door(Protocol):
     def described(self, robot: RobotDocument) -> str:
         """Prepare a robot, and return its id."""
 
-    def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run | None:
+    def run(self, request: RunRequest, monitor: JobMonitor, dispensable: bool) -> Run | None:
         """Identify a measurement set, and return its run.
 
-        If the readings do not support the method, and the run is dispensable, return a failed run or None.
+        `dispensable` is true if the caller can continue without this run: if the readings do not support
+        its method, a failed run or None is returned instead of an error.
         """
 
     def done(
@@ -136,7 +138,7 @@ class Door(Protocol):
         kind: Kind[AnyJob, Any],
         request: dict[str, Any],
         files: Mapping[str, bytes],
-        follow: Follow,
+        monitor: JobMonitor,
     ) -> AnyJob:
         """Carry out a request of a kind, and return the ended job.
 
@@ -149,7 +151,7 @@ def merge_options(
 ) -> dict[str, Any]:
     """Merge the options and the keyword arguments of a verb; return the fields of a request by name.
 
-    Units or a goal as text, such as "mm, deg, N", are replaced by their messages.
+    Units as text, such as "mm, deg, N", and a goal as text, such as "15 %", are replaced by messages.
 
     Args:
         message: type of the options.
@@ -180,8 +182,8 @@ def describe_fields(verb: Callable[..., object], options: type[Message]) -> None
     """Append a section `Keyword Args`, with the descriptions of all options, to the docstring of a verb."""
     lines = []
     for name, field in options.model_fields.items():
-        extra = field.json_schema_extra
-        unit = f" [{extra['unit']}]" if isinstance(extra, dict) and extra.get("unit") else ""
+        schema = field.json_schema_extra
+        unit = f" [{schema['unit']}]" if isinstance(schema, dict) and schema.get("unit") else ""
         lines.append(f"    {name}: {' '.join((field.description or '').split())}{unit}")
     verb.__doc__ = "\n".join([inspect.cleandoc(verb.__doc__ or ""), "\nKeyword Args:", *lines])
 

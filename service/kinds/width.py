@@ -27,7 +27,7 @@ IN_FLIGHT: Final = 256
 """Greatest number of calls that an executor has at once: enough for a cluster, and not too much memory."""
 MOST_WAITING: Final = 1_024
 """Greatest number of submitted calls whose answers were not yielded yet, while the first call takes long."""
-_LOOK_SECONDS: Final = 0.1
+_CHECK_SECONDS: Final = 0.1
 """Longest time between two checks whether the caller has cancelled the work [s]."""
 _First = TypeVar("_First")
 _Answer = TypeVar("_Answer")
@@ -83,31 +83,33 @@ class _Calls(Generic[_First, _Answer]):
         self.waiting: deque[Future[_Outcome[_Answer]]] = deque()
         self._ended = SimpleQueue[
             Future[_Outcome[_Answer]]
-        ]()  # calls that have ended, but are still counted in `_open`
-        self._open = 0  # number of calls that were submitted and have not ended
+        ]()  # calls that have ended, but are still counted in `_running`
+        self._running = 0  # number of calls that were submitted and have not ended
 
-    def submit(self, remaining: Iterator[_First], most: int) -> None:
-        """Submit calls for the next arguments, until `most` calls wait or `IN_FLIGHT` calls have not ended.
+    def submit(self, remaining: Iterator[_First], most_waiting: int) -> None:
+        """Submit calls for the next arguments, while the executor and the queue of answers have room.
 
-        Stop as soon as the next answer is available: to produce an argument may be slow, and must not delay
-        the answer.
+        `IN_FLIGHT` calls may run at once, and `most_waiting` answers may wait to be yielded. Stop as soon as
+        the next answer is available: to produce an argument may be slow, and must not delay the answer.
         """
         while not self._ended.empty():
             self.wait()
-        room = min(IN_FLIGHT - self._open, most - len(self.waiting))
-        for argument in islice(remaining, max(0, room)):
-            call = _call_executor(partial(self._executor.submit, _answer_or_error, self._function, argument))
+        free_places = min(IN_FLIGHT - self._running, most_waiting - len(self.waiting))
+        for argument in islice(remaining, max(0, free_places)):
+            call = _call_executor(
+                partial(self._executor.submit, _return_answer_or_error, self._function, argument)
+            )
             self.waiting.append(call)
-            self._open += 1
+            self._running += 1
             call.add_done_callback(self._ended.put)
             if self.next_has_ended():
                 return
 
     def wait(self) -> None:
-        """Wait until any call has ended, but at most `_LOOK_SECONDS`, and count the ended call."""
+        """Wait until any call has ended, but at most `_CHECK_SECONDS`, and count the ended call."""
         with suppress(Empty):
-            self._ended.get(timeout=_LOOK_SECONDS)
-            self._open -= 1
+            self._ended.get(timeout=_CHECK_SECONDS)
+            self._running -= 1
 
     def next_has_ended(self) -> bool:
         """Return whether the first waiting call has ended; its answer is yielded next.
@@ -120,8 +122,8 @@ class _Calls(Generic[_First, _Answer]):
         return self.waiting[0].done()
 
 
-def _answer_or_error(function: Callable[[_First], _Answer], argument: _First) -> _Outcome[_Answer]:
-    """Call a function, in another process; return (answer, None), or (None, error) if the function fails.
+def _return_answer_or_error(function: Callable[[_First], _Answer], argument: _First) -> _Outcome[_Answer]:
+    """Call a function in another process; return (answer, None), or (None, error) if the function fails.
 
     The error is returned, not raised, to distinguish errors of the function from errors of the executor.
     """

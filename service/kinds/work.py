@@ -37,7 +37,9 @@ _logger = logging.getLogger(__name__)
 
 
 class Work:
-    """Base class: the computation of one checked request, cut into steps of consecutive units.
+    """Base class of the computation of one checked request, which may be cut into steps.
+
+    A unit is a small part of the work, such as one place of a map; a step computes consecutive units.
 
     `steps` lists the steps, `compute` carries out one step, and `conclude` makes the job's result from the
     arrays of all steps. Work without steps is carried out by `conclude` alone.
@@ -46,8 +48,8 @@ class Work:
     input_hash: str  # SHA-256 of data and request; equal inputs have equal hashes in any store
     robot_id: str | None  # id of the stored robot; None if it is not stored
     details: Mapping[str, object] = MappingProxyType({})  # fields that only jobs of this kind have
-    unit = ""  # what progress counts, such as "places"
-    activity = ""  # participle shown with the progress, such as "mapping"
+    unit = ""  # noun for the units that progress counts, such as "places"
+    activity = ""  # participle that the progress bar shows, such as "mapping"
 
     def steps(self) -> Sequence[Span]:
         """Return the steps as spans of units, in order; a step takes a fraction of a second.
@@ -101,7 +103,7 @@ def cut_into_spans(count: int, size: int) -> tuple[Span, ...]:
 
 
 def concatenate_steps(parts: Iterable[Arrays]) -> dict[str, npt.NDArray[Any]]:
-    """Return arrays by name, each concatenated from all steps along axis 0; needs at least one step."""
+    """Return arrays by name, each concatenated along axis 0 from the arrays of all steps (one or more)."""
     steps = list(parts)
     return {name: np.concatenate([step[name] for step in steps]) for name in steps[0]}
 
@@ -120,12 +122,12 @@ def unpack_arrays(content: bytes) -> dict[str, npt.NDArray[Any]]:
 
 
 def new_job(message: type[AnyJob], request: Message, work: Work, key: AccessKey | None = None) -> AnyJob:
-    """Return a new job in state `queued`, with a new id; its progress is None if the work has no steps.
+    """Return a new job in state `queued`, with a new id; `progress` is None if the work has no steps.
 
     Args:
         message: type of the job.
-        request: as it was posted.
-        work: of the request.
+        request: request as it was posted.
+        work: work of the request.
         key: access key of the user who posts the job; None if the service has no keys.
     """
     progress = None
@@ -214,7 +216,7 @@ def compute_outcome(
 
     Args:
         compute: computes and returns the result.
-        passed: classes of errors that are raised, not returned as a problem.
+        passed: classes of errors that are raised again, not returned as a problem.
 
     Raises:
         Exception: an error of a class in `passed`.

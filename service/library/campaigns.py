@@ -150,7 +150,7 @@ class Campaign(messages.Campaign):
     __str__ = __repr__
 
 
-def options_of(run: Run) -> RunOptions:
+def extract_run_options(run: Run) -> RunOptions:
     """Return the options of a run as a campaign file has them: its request without ids of other objects."""
     options = run.request.model_dump(exclude={"measurement_set_id", "variant_of"}, exclude_unset=True)
     return RunOptions.model_validate(options)

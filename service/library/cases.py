@@ -88,7 +88,7 @@ def _cases_from_arrays(
 ) -> list[dict[str, Any]]:
     """Return a load case, as a dictionary for JSON, for each row of an array of postures (N, n).
 
-    Forces and moments are (N, 3), or (3,) for all postures; without moments, cases have none.
+    Forces and moments are (N, 3), or (3,) for all postures; moments may be None.
 
     Raises:
         RequestError: forces are missing, or an angle exceeds two turns.
@@ -104,11 +104,11 @@ def _cases_from_arrays(
             "`forces` are missing: without a load, the arm does not deflect", where="forces", remedy=remedy
         )
     revolute = [j for j, kind in enumerate(joints.values()) if kind == "revolute" and j < q.shape[1]]
-    stated = units["angle"] if isinstance(units, Mapping) else units.angle
-    greatest = ANGLE[stated] * max(map(abs, q[:, revolute].ravel().tolist()), default=0.0)
-    if greatest > _MAX_ANGLE:
+    angle_unit = units["angle"] if isinstance(units, Mapping) else units.angle
+    greatest_angle = ANGLE[angle_unit] * max(map(abs, q[:, revolute].ravel().tolist()), default=0.0)
+    if greatest_angle > _MAX_ANGLE:
         raise RequestError(
-            f"a joint angle of {greatest:.4g} rad exceeds two turns",
+            f"a joint angle of {greatest_angle:.4g} rad exceeds two turns",
             where="postures",
             remedy="state the unit of the angles, such as units='m, deg, N'",
         )

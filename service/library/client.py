@@ -28,18 +28,18 @@ from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
-from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress, import_verb
+from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress, import_verb
 from jointstiff.service.library import results
-from jointstiff.service.library.campaigns import Campaign, options_of
+from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, presented_class
 from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import AwayError, RefusedError, as_campaign_error, http_problem
 from jointstiff.service.resources.documents import (
     AnyCampaign,
-    json_text,
     parse_document,
     read_campaign,
+    to_json_text,
 )
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
@@ -87,12 +87,13 @@ class Client(Verbs):
     Its methods for work are those of `import jointstiff`, such as `client.identify("campaign.json")`. In
     place of a campaign they also accept a run or a robot of the service.
 
-    If a service answered before and does not answer now, it is probably restarting: requests are repeated
-    until it answers. Each post carries a key that makes it safe to repeat. Every method raises `RefusedError`
-    if the service refuses or does not answer. As a context manager, the client closes its connections.
+    If a service answered before and does not answer now, the service is probably restarting: requests are
+    repeated until it answers. Each post carries a key that makes the post safe to repeat. Every method raises
+    `RefusedError` if the service refuses or does not answer. As a context manager, the client closes its
+    connections.
     """
 
-    # The constructor sets a collection for each kind of work; these lines are for editors and mypy.
+    # The constructor sets these collections, one for each kind of work; the annotations are for editors.
     runs: Jobs[TabledRun]
     comparisons: Jobs[Comparison]
     geometries: Jobs[Geometry]
@@ -217,16 +218,17 @@ class Client(Verbs):
             TypeError: an executor is given: the service has its own workers.
         """
         if isinstance(campaign, Run):
-            again: Callable[..., TabledRun] = import_verb("run")
-            return again(
+            # The service has the readings of a stored run: only the options are posted.
+            identify_again: Callable[..., TabledRun] = import_verb("run")
+            return identify_again(
                 self, campaign, options, on_progress=on_progress, cancel=cancel, executor=executor, **fields
             )
-        with Follow(on_progress, cancel, executor) as follow:
-            self.begun(follow)  # refuses an executor
-            read = read_campaign(campaign)
-            own = to_json_object(read.run if options is None else options)
-            run = {"leave_out": read.run.leave_out, **own, **fields}
-            return self.runs.wait(self.post(to_json_object(read) | {"run": run}), follow)
+        with JobMonitor(on_progress, cancel, executor) as monitor:
+            self.begun(monitor)  # refuses an executor
+            document = read_campaign(campaign)
+            run_options = to_json_object(document.run if options is None else options)
+            run_options = {"leave_out": document.run.leave_out, **run_options, **fields}
+            return self.runs.wait(self.post(to_json_object(document) | {"run": run_options}), monitor)
 
     def trend(self, robot: Robot | RobotSummary | str, **filters: str) -> RobotTrend:
         """Return the trend of a stored robot's joints over its campaigns.
@@ -246,21 +248,21 @@ class Client(Verbs):
 
         Args:
             campaign: a file, a document that was read from JSON, or a `Campaign`.
-            once: whether to return the run of an earlier post of the same campaign in place of a new run.
+            once: true to return the run of an earlier post of the same campaign instead of a new run.
         """
         document = to_json_object(campaign if isinstance(campaign, Mapping) else read_campaign(campaign))
         # Sorted keys: the same content gives the same text, and so the same idempotency key.
-        text = json.dumps(json.loads(json_text(document)), sort_keys=True)
+        text = json.dumps(json.loads(to_json_text(document)), sort_keys=True)
         key = content_key(text) if once else None
         return self.runs.parse_answer(self.send("POST", "/v1/campaigns", _WAIT_QUERY, text, key))
 
-    def begun(self, follow: Follow) -> Client:
+    def begun(self, monitor: JobMonitor) -> Client:
         """Begin a call of a method for work, such as `identify`; return this client.
 
         Raises:
             TypeError: an executor is given: the service has its own workers.
         """
-        if follow.executor is not None:
+        if monitor.executor is not None:
             raise TypeError(
                 "a service computes with its own workers: give `executor` to the functions of `jointstiff`, "
                 "or start more workers with `jointstiff worker`"
@@ -275,7 +277,7 @@ class Client(Verbs):
         """
         source = self._replace_foreign_run(source)
         if isinstance(source, Run):
-            return source.request.measurement_set_id, options_of(source)
+            return source.request.measurement_set_id, extract_run_options(source)
         campaign = read_campaign(source)
         return self.post(campaign, once=True).request.measurement_set_id, campaign.run
 
@@ -286,38 +288,42 @@ class Client(Verbs):
         return run.id
 
     def _replace_foreign_run(self, source: Any) -> Any:  # noqa: ANN401 - a run, or a campaign
-        """Return `source`, or for a run that this service did not do its campaign with the run's options."""
+        """Return the campaign of a run that another service or process computed; return any other `source`.
+
+        The campaign gets the options of the run.
+        """
         if not isinstance(source, TabledRun) or source.was_done_by(self):
             return source
-        return source.campaign.model_copy(update={"run": options_of(source)})
+        return source.campaign.model_copy(update={"run": extract_run_options(source)})
 
     def read_campaign(self, run: Run) -> Campaign:
         """Return the campaign of a stored run: robot and readings from the service, and the run's options."""
         stored = self.measurement_sets.get(run.request.measurement_set_id)
         robot = self.robots.get(stored.robot_id)
         # The service's messages have more fields, such as an id, than the documents of a campaign file.
-        parts = ((robot, RobotDocument), (stored, MeasurementSetDocument))
+        stored_and_document = ((robot, RobotDocument), (stored, MeasurementSetDocument))
         robot_fields, set_fields = (
-            {name: getattr(part, name) for name in message.model_fields if name in part.model_fields_set}
-            for part, message in parts
+            {name: getattr(each, name) for name in document.model_fields if name in each.model_fields_set}
+            for each, document in stored_and_document
         )
-        document = {"robot": robot_fields, "measurement_set": set_fields, "run": options_of(run)}
-        return Campaign.model_validate(document)
+        return Campaign.model_validate(
+            {"robot": robot_fields, "measurement_set": set_fields, "run": extract_run_options(run)}
+        )
 
     def run(
         self,
         request: RunRequest,
-        follow: Follow,
+        monitor: JobMonitor,
         dispensable: bool,
     ) -> Run | None:
         """Post a request of a run unless it was posted before; return the run when it has ended.
 
-        With `dispensable`, the work can do without this run: return None if the readings do not support its
-        method.
+        `dispensable` is true if the caller can continue without this run: if the readings do not support its
+        method, None is returned.
         """
         text = request.model_dump_json()
         try:
-            return self.runs.wait(self.runs.create(text, key=content_key(text)), follow)
+            return self.runs.wait(self.runs.create(text, key=content_key(text)), monitor)
         except RefusedError as refused:
             if dispensable and refused.problem.type.endswith(":unsupported-method"):
                 return None
@@ -335,11 +341,11 @@ class Client(Verbs):
         kind: Kind[AnyJob, Any],
         request: dict[str, Any],
         files: Mapping[str, bytes],
-        follow: Follow,
+        monitor: JobMonitor,
     ) -> AnyJob:
         """Post a request of a kind of work, with its files by name; return the job when it has ended."""
         jobs: Jobs[AnyJob] = getattr(self, kind.collection)
-        return jobs.wait(jobs.create(request, files=files), follow)
+        return jobs.wait(jobs.create(request, files=files), monitor)
 
     def sheet(self, job: Job, file: File) -> Sheet:
         """Return the table of a file of a job; download the numbers if the job does not contain them."""
@@ -366,10 +372,12 @@ class Client(Verbs):
         `query` has the query parameters of the API, such as `accept_verdict`.
 
         Raises:
-            RequestError: a laboratory is given: the service has its own.
+            RequestError: `laboratory` is given, but a service uses the file of its own laboratory.
         """
         if laboratory is not None:
-            remedy = "omit it; `jointstiff serve --laboratory FILE` gives the service its laboratory"
+            remedy = (
+                "omit `laboratory`; `jointstiff serve --laboratory FILE` gives the service its laboratory"
+            )
             raise RequestError(
                 "a service writes reports only for its own laboratory", where="laboratory", remedy=remedy
             )
@@ -378,13 +386,13 @@ class Client(Verbs):
         return content
 
     def apply(self, run: TabledRun, action: str) -> TabledRun:
-        """Apply an action that a reason of a run advises; return the new run when it has ended."""
+        """Apply an action that the run's assessment recommends; return the new run when it has ended."""
         from jointstiff.service.runs.mending import find_advised_action
 
         with as_campaign_error(""):
-            chosen = find_advised_action(cast("Any", run.result).assessment, action)
+            recommended = find_advised_action(cast("Any", run.result).assessment, action)
         address = f"/v1/runs/{quote(run.id, safe='')}/apply"
-        return self.runs.wait(self.runs.parse_answer(self.send("POST", address, _WAIT_QUERY, chosen)))
+        return self.runs.wait(self.runs.parse_answer(self.send("POST", address, _WAIT_QUERY, recommended)))
 
     def send(
         self,
@@ -395,27 +403,31 @@ class Client(Verbs):
         key: str | None = None,
         files: Mapping[str, bytes] | None = None,
     ) -> httpx2.Response:
-        """Send a request and return the answer; repeat the request while a service that answered is away.
+        """Send a request and return the answer; repeat the request while the service does not answer.
 
         A document, or its JSON text, is sent with the idempotency key, by default a random one. With files,
-        the document is sent as the field `options` of a form.
+        the document is sent as the field `options` of a form. A request is repeated only if the service has
+        answered before.
 
         Raises:
             RefusedError: the service refuses, never answered, or did not answer for `patience` seconds.
         """
-        parts: dict[str, Any] = {"params": query}
+        request: dict[str, Any] = {"params": query}
         if document is not None:
-            content = document if isinstance(document, str) else json_text(to_json_object(document))
-            parts["headers"] = {"Idempotency-Key": key or uuid4().hex}
+            content = document if isinstance(document, str) else to_json_text(to_json_object(document))
+            request["headers"] = {"Idempotency-Key": key or uuid4().hex}
             if files:
-                parts |= {"files": [("files", file) for file in files.items()], "data": {"options": content}}
+                request |= {
+                    "files": [("files", file) for file in files.items()],
+                    "data": {"options": content},
+                }
             else:
-                parts["headers"]["Content-Type"] = "application/json"
-                parts["content"] = content
+                request["headers"]["Content-Type"] = "application/json"
+                request["content"] = content
         end, pause = time.monotonic() + self._patience, _FIRST_PAUSE
         while True:
             try:
-                return self._send_once(verb, path, parts)
+                return self._send_once(verb, path, request)
             except AwayError as error:
                 if not self._answered or time.monotonic() + pause >= end:
                     raise
@@ -424,15 +436,15 @@ class Client(Verbs):
             time.sleep(pause)
             pause = min(2.0 * pause, _LONGEST_PAUSE)
 
-    def _send_once(self, verb: str, path: str, parts: dict[str, Any]) -> httpx2.Response:
-        """Send a request once; return the answer.
+    def _send_once(self, verb: str, path: str, request: dict[str, Any]) -> httpx2.Response:
+        """Send a request once; return the answer. `request` has arguments of `httpx2.Client.request`.
 
         Raises:
-            AwayError: the service does not answer, or is not available now.
+            AwayError: the service does not answer, or answers that it is not available (503).
             RefusedError: the service refuses, or the answer cannot be decoded.
         """
         try:
-            response = self._http.request(verb, path, **parts)
+            response = self._http.request(verb, path, **request)
         except httpx2.DecodingError as error:
             raise _foreign_answer_error("it cannot be decoded") from error
         except httpx2.InvalidURL as error:
@@ -441,8 +453,8 @@ class Client(Verbs):
             raise AwayError(_no_answer_problem(self._http.base_url, error)) from error
         self._answered = True
         if not response.is_success:
-            away = response.status_code == httpx2.codes.SERVICE_UNAVAILABLE
-            raise (AwayError if away else RefusedError)(parse_problem(response))
+            is_away = response.status_code == httpx2.codes.SERVICE_UNAVAILABLE
+            raise (AwayError if is_away else RefusedError)(parse_problem(response))
         return response
 
 
@@ -518,21 +530,21 @@ class Jobs(Collection[AnyJob, JobSummary]):
         self, document: Document, on_progress: OnProgress | None = None, cancel: Cancel | None = None
     ) -> AnyJob:
         """Post a request; return the job when it has ended."""
-        with Follow(on_progress, cancel) as follow:
-            return self.wait(self.create(document), follow)
+        with JobMonitor(on_progress, cancel) as monitor:
+            return self.wait(self.create(document), monitor)
 
     def wait(self, job: AnyJob, follow: OnProgress | None = None) -> AnyJob:
         """Wait for the end of a job; return the ended job. Ctrl-C cancels the job.
 
         Args:
             job: job of the service.
-            follow: function called with the progress of the job.
+            follow: function called with the progress of the job; a `JobMonitor` can also cancel the job.
         """
         try:
             while job.state in {"queued", "running"}:
                 if follow is not None and job.progress is not None:
                     follow(job.progress)
-                if isinstance(follow, Follow) and follow.cancelled:
+                if isinstance(follow, JobMonitor) and follow.cancelled:
                     self.cancel(job.id)
                 time.sleep(_POLL_SECONDS)
                 job = self.get(job.id)
@@ -560,11 +572,11 @@ class Jobs(Collection[AnyJob, JobSummary]):
         Raises:
             RefusedError: the answer has no job, or a job of another kind.
         """
-        found = parse_resource(answer, _KindOfJob).kind
-        if found != self._name:
-            reason = f"the job is a {found}, not a {self._name}"
+        name = parse_resource(answer, _KindOfJob).kind
+        if name != self._name:
+            reason = f"the job is a {name}, not a {self._name}"
             raise RefusedError(
-                http_problem(404, reason, f"get the job from the client's collection for the kind {found}")
+                http_problem(404, reason, f"get the job from the client's collection for the kind {name}")
             )
         return results.attach_origin(super().parse_answer(answer), self._client)
 
@@ -576,7 +588,7 @@ class _KindOfJob(Message, extra="ignore"):
 
 
 def parse_resource(response: httpx2.Response, kind: type[Resource]) -> Resource:
-    """Parse an answer as a message; unprintable characters are replaced, as any server may have sent it.
+    """Parse an answer as a message; replace unprintable characters, because any server may have sent them.
 
     Raises:
         RefusedError: the answer is not such a message.
@@ -608,7 +620,7 @@ def _no_answer_problem(address: object, error: Exception) -> Problem:
     return http_problem(
         503,
         f"no answer from {address}: {error}",
-        "start it with `jointstiff serve`, or give the address of a running service with --server",
+        "start the service with `jointstiff serve`, or give the address of a running service with --server",
     )
 
 
@@ -672,12 +684,12 @@ class AsyncClient:
         return await asyncio.to_thread(function, *arguments, **options)
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of Client
-        """Return a method or a collection of `Client` in a form that is awaited."""
+        """Return a method of `Client` as a coroutine function, or a collection whose methods are awaited."""
         value = getattr(self._client, name)
         if isinstance(value, Collection):
             return _AsyncCollection(value)
-        stepped = any(room.command == name for room in ROOMS.values())
-        return _run_in_thread(value, stepped=stepped) if callable(value) else value
+        is_verb = any(room.command == name for room in ROOMS.values())
+        return _run_in_thread(value, cancellable=is_verb) if callable(value) else value
 
 
 class _AsyncCollection:
@@ -688,30 +700,31 @@ class _AsyncCollection:
 
     async def list(self, **filters: str) -> AsyncIterator[Any]:
         """Yield summaries of the resources, newest first."""
-        summaries, end = self._collection.list(**filters), object()
-        while (summary := await asyncio.to_thread(next, summaries, end)) is not end:
+        # Each page is requested in another thread; `end_mark` is returned after the last summary.
+        summaries, end_mark = self._collection.list(**filters), object()
+        while (summary := await asyncio.to_thread(next, summaries, end_mark)) is not end_mark:
             yield summary
 
     def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - of the collection
-        return _run_in_thread(getattr(self._collection, name), stepped=False)
+        return _run_in_thread(getattr(self._collection, name), cancellable=False)
 
 
-def _run_in_thread(function: Callable[..., Any], *, stepped: bool) -> Callable[..., Any]:
+def _run_in_thread(function: Callable[..., Any], *, cancellable: bool) -> Callable[..., Any]:
     """Return a coroutine function that calls a function in another thread.
 
-    If `stepped`, the function takes an argument `cancel`, and ends early when its task is cancelled.
+    A cancellable function takes an argument `cancel`, and ends early when its task is cancelled.
     """
 
     async def call(*arguments: Any, **options: Any) -> Any:  # noqa: ANN401 - of the function
         """Call the function in another thread and return its value; when cancelled, let it end early."""
-        # Cancelling a task does not stop its thread. The function calls `cancel` and stops if it is true.
-        ended = threading.Event()
-        if stepped:
-            options.setdefault("cancel", ended.is_set)
+        # Cancelling a task does not stop its thread: the function stops itself when `cancel` returns true.
+        task_ended = threading.Event()
+        if cancellable:
+            options.setdefault("cancel", task_ended.is_set)
         try:
             return await asyncio.to_thread(function, *arguments, **options)
         except asyncio.CancelledError:
-            ended.set()
+            task_ended.set()
             raise
 
     call.__name__, call.__doc__ = getattr(function, "__name__", "call"), function.__doc__

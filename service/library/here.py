@@ -16,10 +16,10 @@ from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, File, Kind
 from jointstiff.service.kinds.rooms import import_kind
-from jointstiff.service.kinds.verb import Follow
+from jointstiff.service.kinds.verb import JobMonitor
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
-from jointstiff.service.library.campaigns import options_of
+from jointstiff.service.library.campaigns import extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, TabledRun, presented_class
 from jointstiff.service.library.robots import prepare_once
@@ -87,10 +87,10 @@ class Here(Verbs):
     """Work in this process: prepares inputs from files and messages, and computes jobs at once."""
 
     def __init__(self, campaign: messages.Campaign | None = None) -> None:
-        """Begin without prepared inputs; `campaign` is the campaign of a run that was read from a file."""
+        """Begin without prepared inputs; `campaign` is that of a run from a file, else None."""
         self.inputs, self.campaign = InMemoryInputs(), campaign
 
-    def begun(self, follow: Follow) -> Here:  # noqa: ARG002 - any executor can be used
+    def begun(self, monitor: JobMonitor) -> Here:  # noqa: ARG002 - any executor can be used
         """Return a new object for one call, so that its inputs are freed with the result of the call."""
         return Here()
 
@@ -104,7 +104,7 @@ class Here(Verbs):
             CampaignError: robot or readings cannot be used.
         """
         if isinstance(source, TabledRun):
-            return self.measured(source.campaign)[0], options_of(source)
+            return self.measured(source.campaign)[0], extract_run_options(source)
         self.campaign = campaign = read_campaign(source)
         with as_campaign_error(f"{place}robot"):
             robot = prepare_once(campaign.robot)
@@ -125,7 +125,8 @@ class Here(Verbs):
             labels = {each.label for each in run.campaign.measurement_set.observations}
             left_out = run.request.leave_out
             prepared = self.inputs.measured(set_id, "run_id", left_out) if set(left_out) < labels else None
-            # Equal hashes show that the run was made from this robot and these readings.
+            # A campaign file may have changed since the run: equal hashes show that the run was made from
+            # this robot and these readings. A left-out label that the campaign lacks also shows a change.
             if prepared is None or run.provenance.input_hash != prepared.run_hash(run.request):
                 raise RequestError(
                     f"the run '{run.id}' was made from another robot or from other readings",
@@ -135,17 +136,17 @@ class Here(Verbs):
                 )
         return self.inputs.add_run(run, set_id)
 
-    def run(self, request: RunRequest, follow: Follow, dispensable: bool) -> Run:
+    def run(self, request: RunRequest, monitor: JobMonitor, dispensable: bool) -> Run:
         """Identify a prepared measurement set; return the run.
 
-        With `dispensable`, the work can do without this run: return a failed run if the readings do not
-        support its method.
+        `dispensable` is true if the caller can continue without this run: if the readings do not support its
+        method, a failed run is returned.
 
         Raises:
             CampaignError: the request cannot be used, or the readings do not support an indispensable run.
         """
         try:
-            run: Run = self.done(import_kind("run"), request.model_dump(mode="json"), {}, follow)
+            run: Run = self.done(import_kind("run"), request.model_dump(mode="json"), {}, monitor)
         except CampaignError as refused:
             if not dispensable or not refused.problem.type.endswith(":unsupported-method"):
                 raise
@@ -165,9 +166,11 @@ class Here(Verbs):
         kind: Kind[AnyJob, Any],
         request: dict[str, Any],
         files: Mapping[str, bytes],
-        follow: Follow,
+        monitor: JobMonitor,
     ) -> AnyJob:
-        """Do the work of a request, with its files by name; return the job with its result.
+        """Carry out a request of a kind of work; return the job with its result.
+
+        `files` has the contents of files by name; only programs have files.
 
         Raises:
             CampaignError: the request cannot be used.
@@ -177,20 +180,24 @@ class Here(Verbs):
 
             if sum(map(len, files.values())) > kind.max_bytes:
                 raise CampaignError(http_problem(413, "the files exceed 16 MiB", "split the program"))
-            parts = [compress_file(name, content).model_dump(mode="json") for name, content in files.items()]
-            request = request | {"files": parts}
+            stored = [compress_file(name, content).model_dump(mode="json") for name, content in files.items()]
+            request = request | {"files": stored}
         message = parse_document(request, kind.request)
+        # The places in errors begin with the name of the kind, unless they are places in a user's own file.
         with as_campaign_error("" if {"readings", "files"} & set(kind.sources) else kind.name):
-            work = kind.compute(self.inputs, message)
-            new = new_job(presented_class(kind), message, work)
-            job: AnyJob = carry_out(new, work, follow, lambda: follow.cancelled, follow.executor)
+            work = kind.prepare_work(self.inputs, message)
+            queued = new_job(presented_class(kind), message, work)
+            job: AnyJob = carry_out(queued, work, monitor, lambda: monitor.cancelled, monitor.executor)
         return results.attach_origin(job, self)
 
     @one_thread()
     def file(
         self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
     ) -> bytes:
-        """Return the content of a file of a job, as a service would; `query` has parameters of the API.
+        """Return the content of a file of a job, such as `report.pdf`, as a service would.
+
+        `query` has query parameters of the API, such as `accept_verdict`; `laboratory` is the TOML file of
+        the laboratory that issues the report.
 
         Raises:
             CampaignError: the file cannot be made, or the verdict on the run is `do_not_use`.
@@ -208,9 +215,9 @@ class Here(Verbs):
         if name == "program":
             from jointstiff.service.kinds.program.work import decompress_file
 
-            wanted = (query or {}).get("file")
+            file_name = (query or {}).get("file")
             return next(
-                decompress_file(each) for each in cast("Any", job.result).files if each.name == wanted
+                decompress_file(each) for each in cast("Any", job.result).files if each.name == file_name
             )
         file = next(file for file in kind.files if file.name == name)
         return write_sheet(self.sheet(job, file), suffix)
@@ -219,10 +226,10 @@ class Here(Verbs):
     def sheet(self, job: Job, file: File) -> Sheet:
         """Return the table of a file of a job; compute it again if the result does not contain it."""
         kind = import_kind(job.kind)
-        return build_job_sheet(file, job, lambda: kind.compute(self.inputs, job.request))
+        return build_job_sheet(file, job, lambda: kind.prepare_work(self.inputs, job.request))
 
     def read_campaign(self, _run: Run) -> messages.Campaign | None:
-        """Return the campaign that was prepared last; None before the first one."""
+        """Return the campaign of the run that this object identified; None if no campaign was prepared."""
         return self.campaign
 
     @one_thread()
@@ -234,15 +241,15 @@ class Here(Verbs):
         forces: Numbers | None = None,
         **options: Unpack[PredictFields],
     ) -> Prediction:
-        """Predict deflections with the model of a run or a campaign; arguments as of `jointstiff.predict`."""
+        """Predict deflections from the model of a run or a campaign; arguments as of `jointstiff.predict`."""
         from jointstiff.service.runs.deflection import predict_by_run
 
-        known = self.inputs.run(self.identified(run), "run_id")
+        measured_run = self.inputs.run(self.identified(run), "run_id")
         with as_campaign_error("prediction"):
-            robot = known.prepared.robot
+            robot = measured_run.prepared.robot
             kinds = dict(zip(robot.joint_names, robot.joint_kinds, strict=True))
             request = make_load_cases(postures, kinds, forces, options)
-            return Prediction.model_validate(dict(predict_by_run(robot, known.run, request)))
+            return Prediction.model_validate(dict(predict_by_run(robot, measured_run.run, request)))
 
     def _report(self, kind: AnyKind, job: Job, suffix: str, laboratory: Path | None) -> bytes:
         """Return the report of a job as PDF or HTML, or the calibration certificate of a run as XML."""
@@ -261,8 +268,8 @@ class Here(Verbs):
             document = build_run_report(subject)
         elif suffix == "xml":
             with as_campaign_error(""):
-                reason = f"a {kind.name} has no certificate: only a run has one"
-                raise RequestError(reason, where="output", remedy="write it as .pdf or .html")
+                reason = f"a {kind.name} has no certificate: only a run has a certificate"
+                raise RequestError(reason, where="output", remedy="write the report as .pdf or .html")
         else:
             document = build_job_report(kind, job, job.model_dump_json(), settings)
         with as_campaign_error("report"):
@@ -270,26 +277,25 @@ class Here(Verbs):
 
     @one_thread()
     def apply(self, run: TabledRun, action: str) -> TabledRun:
-        """Apply an action that a reason of a run advises; identify the changed campaign and return its run.
+        """Apply an action that the run's assessment recommends; return the run of the changed campaign.
 
         Raises:
-            CampaignError: no reason advises the action, or it cannot be applied to this campaign.
+            CampaignError: the assessment does not recommend the action, or the action cannot be applied to
+                this campaign.
         """
-        from jointstiff.service.runs.mending import find_advised_action, mend_campaign
+        from jointstiff.service.runs.mending import apply_action_to_campaign, find_advised_action
 
-        campaign: messages.Campaign = run.campaign.model_copy(update={"run": options_of(run)})
+        campaign: messages.Campaign = run.campaign.model_copy(update={"run": extract_run_options(run)})
         with as_campaign_error(""):
-            campaign = mend_campaign(
-                campaign, find_advised_action(cast("Any", run.result).assessment, action)
-            )
+            recommended = find_advised_action(cast("Any", run.result).assessment, action)
+            campaign = apply_action_to_campaign(campaign, recommended)
         return self.identify(campaign)
 
 
 def make_failed_run(message: type[AnyRun], request: RunRequest, problem: Problem) -> AnyRun:
     """Return a run of class `message` in state `failed`, whose error is the problem."""
-    no_work = QuickWork(lambda: request, input_hash="", robot_id=None)
-    failed = {"state": "failed", "error": problem}
-    return new_job(message, request, no_work).model_copy(update=failed)
+    no_work = QuickWork(lambda: request, input_hash="", robot_id=None)  # nothing is computed
+    return new_job(message, request, no_work).model_copy(update={"state": "failed", "error": problem})
 
 
 def _prepare_exported_model(run: Job) -> ExportedModel:
@@ -297,15 +303,15 @@ def _prepare_exported_model(run: Job) -> ExportedModel:
     from jointstiff.service.reports.exports import ExportedModel
 
     here = Here()
-    known = here.inputs.run(here.identified(run), "run_id")
+    measured_run = here.inputs.run(here.identified(run), "run_id")
     with as_campaign_error("run"):
         return ExportedModel.from_run(
-            known.run, known.prepared.robot, cast("TabledRun", run).campaign.robot.name
+            measured_run.run, measured_run.prepared.robot, cast("TabledRun", run).campaign.robot.name
         )
 
 
 def read_job(path: Path) -> Job | None:
-    """Read a file that `--json` printed; return its job, or None if the file has no job with a result."""
+    """Read a JSON file that `--json` printed; return its job, or None if the job has no report."""
     from jointstiff.service.kinds.registry import KINDS
 
     for kind in KINDS:
@@ -313,7 +319,7 @@ def read_job(path: Path) -> Job | None:
             job: Job = read_document(path, kind.message)
         except CampaignError:
             continue
-        if kind.reported and job.result is not None:
+        if kind.has_report and job.result is not None:
             return results.attach_origin(job, Here())
     return None
 
@@ -357,9 +363,10 @@ def import_files(
     """Import files of readings, as the command `jointstiff import` does.
 
     Args:
-        files: tables, lists of points, and a table of masses, text or Excel.
-        robot: measured robot, as in a campaign, or its file. With a robot, the answer has the findings of the
-            integrity checks, and unloaded positions of a robot with masses make a set for its own weight.
+        files: tables of readings, lists of points, or a table of masses; text or Excel.
+        robot: measured robot: a document, as in a campaign, or a file. With a robot, the answer has the
+            findings of the integrity checks; unloaded positions of a robot with masses become a set that is
+            identified by the robot's own weight.
         options: fields of `ImportRequest`, such as `columns={"A1": "J1 [deg]"}`.
 
     Returns:
@@ -375,15 +382,15 @@ def import_files(
 
     request = parse_document(options, ImportRequest)
     sources = [SourceFile(Path(file).name, Path(file).read_bytes()) for file in files]
-    measured = None
+    robot_model = None
     if robot is not None:
         if isinstance(robot, str | PathLike):
             robot = read_robot(str(robot))
         elif not isinstance(robot, RobotDocument):
             robot = parse_document(robot, RobotDocument)
         with as_campaign_error("robot"):
-            measured = prepare_robot(robot).robot
+            robot_model = prepare_robot(robot).robot
     try:
-        return imports.import_files(sources, request, measured)
+        return imports.import_files(sources, request, robot_model)
     except FilesError as error:
         raise CampaignError(problem_from_error(error)) from error

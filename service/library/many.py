@@ -17,9 +17,9 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Progress
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, Run, RunRequest
-from jointstiff.service.kinds.verb import Cancel, Follow, OnProgress
+from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress
 from jointstiff.service.kinds.width import CancelledWorkError, map_in_order
-from jointstiff.service.library.campaigns import options_of
+from jointstiff.service.library.campaigns import extract_run_options
 from jointstiff.service.library.here import Here, make_failed_run
 from jointstiff.service.library.results import TabledRun
 from jointstiff.service.problems import CampaignError, http_problem
@@ -51,10 +51,11 @@ def identify_many(
 
     Args:
         campaigns: files, documents that were read from JSON, `Campaign` objects, or runs. An iterator is
-            read as the work goes on: 256 campaigns beyond the runs so far, up to 1,024 behind a slow one.
-        options: options of every run; `fields` replace single ones. Default: those of each campaign.
+            read while the work goes on: up to 256 campaigns ahead of the last run, or up to 1,024 while the
+            next run takes longer than others.
+        options: options of every run; `fields` replace single options. Default: the options of each campaign.
         executor: computes whole campaigns, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; the numbers have the same bits.
+            client's `get_executor()`; all numbers are the same to the last bit.
         on_progress: called with the number of identified campaigns; default: a bar in a terminal or a
             notebook, if the work takes more than 2 s. For an iterator, the total is the number of campaigns
             read so far.
@@ -76,8 +77,9 @@ def identify_many(
         raise TypeError(
             f"identify_many() has no option '{unknown[0]}'; `help(jointstiff.identify)` lists them"
         )
-    follow = partial(Follow, on_progress, cancel)
-    return _identify_all(campaigns, _SharedOptions(options, cast("dict[str, Any]", fields)), follow, executor)
+    make_monitor = partial(JobMonitor, on_progress, cancel)
+    shared = _SharedOptions(options, cast("dict[str, Any]", fields))
+    return _identify_all(campaigns, shared, make_monitor, executor)
 
 
 @dataclass(frozen=True)
@@ -101,31 +103,32 @@ class _Task:
 def _identify_all(
     campaigns: Iterable[AnyCampaign | TabledRun],
     shared: _SharedOptions,
-    make_follow: Callable[[], Follow],
+    make_monitor: Callable[[], JobMonitor],
     executor: Executor | None,
 ) -> Iterator[TabledRun]:
     """Yield the runs of campaigns in order; show the progress after each run.
 
-    Campaigns are read as the work goes on; `sources` keeps those that are read and not identified yet.
+    Campaigns are read as the work goes on; `sources` keeps campaigns that are read but not identified yet.
     """
     sources: deque[Any] = deque()  # campaigns that are being identified, in order
 
-    def tasks() -> Iterator[_Task]:
+    def read_tasks() -> Iterator[_Task]:
         for number, source in enumerate(campaigns):
             sources.append(source)
             yield _make_task(number, source, shared)
 
-    with make_follow() as follow:
+    with make_monitor() as monitor:
         runs = (
-            _identify_one_by_one(tasks(), follow)
+            _identify_one_by_one(read_tasks(), monitor)
             if executor is None
-            else _identify_by_executor(executor, tasks(), lambda: follow.cancelled)
+            else _identify_by_executor(executor, read_tasks(), lambda: monitor.cancelled)
         )
         with closing(runs), suppress(CancelledWorkError):
             for count, run in enumerate(runs, 1):
+                # A run from another process has no origin: the campaign is read again if it is needed.
                 run._origin = _OriginThatReadsCampaignLater(sources.popleft())
                 total = len(campaigns) if isinstance(campaigns, Sized) else count + len(sources)
-                follow(Progress(done=count, total=total, unit="campaigns", activity="identifying"))
+                monitor(Progress(done=count, total=total, unit="campaigns", activity="identifying"))
                 yield run
 
 
@@ -137,16 +140,16 @@ def _identify_by_executor(
         yield from map(TabledRun.model_validate_json, answers)
 
 
-def _identify_one_by_one(tasks: Iterable[_Task], follow: Follow) -> Generator[TabledRun]:
+def _identify_one_by_one(tasks: Iterable[_Task], monitor: JobMonitor) -> Generator[TabledRun]:
     """Yield the runs of tasks, computed in this process.
 
     Raises:
         CancelledWorkError: the user has cancelled the work.
     """
     for task in tasks:
-        if follow.cancelled:
+        if monitor.cancelled:
             raise CancelledWorkError
-        run = _identify_campaign(task, follow)
+        run = _identify_campaign(task, monitor)
         if run.state == "cancelled":
             raise CancelledWorkError
         yield run
@@ -158,7 +161,7 @@ def _make_task(number: int, source: Any, shared: _SharedOptions) -> _Task:  # no
     content: bytes | Campaign | Problem
     try:
         if isinstance(source, TabledRun):
-            content = source.campaign.model_copy(update={"run": options_of(source)})
+            content = source.campaign.model_copy(update={"run": extract_run_options(source)})
         elif isinstance(source, Campaign):
             content = source
         elif isinstance(source, Mapping):
@@ -178,7 +181,7 @@ def _make_task(number: int, source: Any, shared: _SharedOptions) -> _Task:  # no
     return _Task(name, content, path, shared)
 
 
-def _identify_campaign(task: _Task, follow: Follow | None = None) -> TabledRun:
+def _identify_campaign(task: _Task, monitor: JobMonitor | None = None) -> TabledRun:
     """Identify a campaign; return its run, in state `failed` if the campaign cannot be used."""
     shared = task.shared
     try:
@@ -186,7 +189,7 @@ def _identify_campaign(task: _Task, follow: Follow | None = None) -> TabledRun:
             _read_campaign_of_task(task),
             options=shared.options,
             on_progress=_ignore_progress,  # one bar shows all campaigns
-            cancel=None if follow is None else lambda: follow.cancelled,
+            cancel=None if monitor is None else lambda: monitor.cancelled,
             **shared.fields,
         )
     except CampaignError as error:

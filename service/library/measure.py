@@ -49,14 +49,14 @@ from jointstiff.service.problems import (
     as_campaign_error,
     http_problem,
 )
-from jointstiff.service.resources.documents import parse_document, read_planned
+from jointstiff.service.resources.documents import parse_document, read_plan_source
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
     from jointstiff.service.library.client import Client
     from jointstiff.service.library.results import TabledRun
 
-T = TypeVar("T")
+Value = TypeVar("Value")
 _SIMULATED_SIGMA: Final = 2e-5
 """Standard deviation of a simulated tracker where the campaign states no noise [m]."""
 _READ_AGAIN: Final = "doubtful; read again"
@@ -72,8 +72,8 @@ class Person:
     the reading, withdraws the first earlier mistake and keeps later ones, and retries a failed source once.
     """
 
-    def confirms(self, profile: str) -> bool:  # noqa: ARG002 - others read it
-        """Return whether a text, `profile`, describes correctly how the lines of a source are read."""
+    def confirms(self, profile: str) -> bool:  # noqa: ARG002 - subclasses use the argument
+        """Return whether the text `profile` describes correctly how the lines of a source are read."""
         return True
 
     def ready(self, following: PlannedReading, *, loaded: bool) -> Literal["read", "skip", "stop"]:  # noqa: ARG002
@@ -84,20 +84,24 @@ class Person:
         """Show a reading and the state after it; this base class shows nothing."""
 
     def doubts(self, reading: LiveReading, *, again: bool) -> Literal["again", "keep"]:  # noqa: ARG002
-        """Return whether to read a doubtful reading again or keep it; `again`: it was read again before."""
+        """Return whether to read a doubtful posture again, or to keep the reading.
+
+        `again` is true if the posture was read again before.
+        """
         return "keep" if again else "again"
 
     def doubts_earlier(self, reading: LiveReading, *, again: bool) -> Literal["withdraw", "keep"]:  # noqa: ARG002
         """Return whether to withdraw or keep an earlier reading that later readings show to be a mistake.
 
-        `again`: another reading was withdrawn for this reason before.
+        `again` is true if another reading was withdrawn for this reason before.
         """
         return "keep" if again else "withdraw"
 
     def missed(self, error: Exception, *, again: bool) -> Literal["again", "skip", "stop"]:
-        """Return what to do after a source gave no reading; `again`: it failed before for this reading.
+        """Return what to do after a source gave no reading.
 
-        This base class tries once more, and then raises the error.
+        `again` is true if the source failed before for this reading. This base class tries once more, and
+        then raises the error.
         """
         if again:
             raise error
@@ -109,12 +113,13 @@ class _SetInProcess:
 
     def __init__(self, robot: PreparedRobot, post: MeasurementSetPost, run: RunOptions) -> None:
         """Begin without readings; `post` declares goal, load and targets; `run` has the run's options."""
-        self._document, self._run = robot.document, run
+        self._robot_document, self._run_options = robot.document, run
         with as_campaign_error("measurement_set"):
             resolved = resolve_stated_frame(post)
         with as_campaign_error(""):
             self._campaign = LiveCampaign(Declaration(robot.robot, post, resolved))
-            _ = self._campaign.declared.ahead  # computed now to raise an error for what cannot be measured
+            # Computed now, so that an impossible declaration raises its error here.
+            _ = self._campaign.declaration.candidate_readings
 
     def state(self) -> LiveState:
         """Return the results of the readings so far, and the next planned reading."""
@@ -141,11 +146,13 @@ class _SetInProcess:
             fields = self._campaign.fields_when_closed()
         if not self._campaign.closed:
             self._campaign = self._campaign.with_entry(Entry("closed", ""))
-        kept = {name: fields[name] for name in MeasurementSetDocument.model_fields}
+        # A closed set has more fields, such as its history, than the document of a campaign.
+        set_fields = {name: fields[name] for name in MeasurementSetDocument.model_fields}
         options = {name: value for name, value in self._campaign.run_options.items() if value}
-        run = self._run.model_copy(update=options)
         campaign = Campaign(
-            robot=self._document, measurement_set=MeasurementSetDocument.model_validate(kept), run=run
+            robot=self._robot_document,
+            measurement_set=MeasurementSetDocument.model_validate(set_fields),
+            run=self._run_options.model_copy(update=options),
         )
         return Here().identify(campaign), self.state()
 
@@ -197,9 +204,9 @@ class _SourceThread:
         self._thread = threading.Thread(target=self._loop.run_forever, name="source", daemon=True)
         self._thread.start()
 
-    def do(self, work: Coroutine[Any, Any, T]) -> T:
+    def run_coroutine(self, coroutine: Coroutine[Any, Any, Value]) -> Value:
         """Run a coroutine in the thread; wait for its end and return its value."""
-        future = asyncio.run_coroutine_threadsafe(work, self._loop)
+        future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
         try:
             return future.result()
         except BaseException:
@@ -210,7 +217,7 @@ class _SourceThread:
         """Stop the event loop and end the thread."""
         self._loop.call_soon_threadsafe(self._loop.stop)
         self._thread.join()
-        # One more turn of the loop lets connections end that were just closed.
+        # One more turn of the loop lets connections end that were closed just before.
         self._loop.run_until_complete(asyncio.sleep(0))
         self._loop.close()
 
@@ -237,7 +244,7 @@ class LiveMeasurement:
     ) -> None:
         """Begin a live measurement; called by `jointstiff.measure` and `Client.measure`.
 
-        `wait` is the time after which a silent source has stopped [s].
+        `wait` is the time [s] after which a source that sends nothing is considered stopped.
         """
         self._set, self._robot, self._post = measured_set, robot.robot, post
         self._options = cast("LiveOptions", post.open)
@@ -300,7 +307,7 @@ class LiveMeasurement:
             CampaignError: the reading cannot be right, or another reading has this label.
             RefusedError: the service refuses the reading.
         """
-        planned, scales = self.next, self._scales
+        planned, units = self.next, self._scales
         if planned is None and (label is None or joints is None or force is None):
             remedy = "give `label`, `joints` and `force` of the reading"
             raise CampaignError(http_problem(422, "no planned reading is left", remedy))
@@ -311,23 +318,23 @@ class LiveMeasurement:
         readings = [
             {
                 "target": name,
-                "unloaded": place,
+                "unloaded": position,
                 **({"loaded": loaded_by_target[name]} if name in loaded_by_target else {}),
-                **({"sigma": sigma[name] / scales.length} if sigma and name in sigma else {}),
+                **({"sigma": sigma[name] / units.length} if sigma and name in sigma else {}),
             }
-            for name, place in unloaded_by_target.items()
+            for name, position in unloaded_by_target.items()
         ]
         document = {
             "label": label or (planned.label if planned else ""),
-            "joints": (angles / np.array(scales.joints)).tolist(),
-            "force": (force_newtons / scales.force).tolist(),
+            "joints": (angles / np.array(units.joints)).tolist(),
+            "force": (force_newtons / units.force).tolist(),
             "readings": readings,
         }
         self.state = self._set.observe(parse_document(document, Observation))
         return self.state
 
     def withdraw(self, label: str, reason: str) -> LiveState:
-        """Withdraw a reading for a stated reason: the estimate ignores it, the record still shows it."""
+        """Withdraw a reading for a stated reason: the estimate ignores the reading, the record shows it."""
         return self._send_change({"withdrawn": {label: reason}})
 
     def keep(self, label: str) -> LiveState:
@@ -384,7 +391,7 @@ class LiveMeasurement:
         """Close the connection to the source, and end its thread."""
         if self._loop is not None:
             if self._checked is not None:
-                self._loop.do(self._checked.close())
+                self._loop.run_coroutine(self._checked.close())
             self._loop.close()
             self._loop = self._checked = None
 
@@ -393,36 +400,36 @@ class LiveMeasurement:
         self.state = self._set.change(parse_document(change, SetChange))
         return self.state
 
-    def _positions_by_target(self, places: Any) -> dict[str, list[float]]:  # noqa: ANN401 - arrays or positions by target
+    def _positions_by_target(self, positions: Any) -> dict[str, list[float]]:  # noqa: ANN401 - array or mapping
         """Return positions by target, in the units of the set.
 
-        `places` [m] are a dictionary by target, or rows (T, 3) in the order of the targets; None: no entries.
+        `positions` [m] are a dictionary by target, or an array (T, 3) in the order of the targets; for None,
+        return an empty dictionary.
         """
-        if places is None:
+        if positions is None:
             return {}
         names = self._options.targets
-        named = places if isinstance(places, Mapping) else dict(zip(names, places, strict=True))
+        by_name = positions if isinstance(positions, Mapping) else dict(zip(names, positions, strict=True))
         return {
-            str(name): (np.asarray(place, dtype=np.float64) / self._scales.length).tolist()
-            for name, place in named.items()
+            str(name): (np.asarray(position, dtype=np.float64) / self._scales.length).tolist()
+            for name, position in by_name.items()
         }
 
     def _make_source_setting(self) -> Setting:
-        """Return what a source needs: robot, targets, load point [m], sigma [m], and the frame in R0."""
+        """Return the setting of a source: robot, targets, load point [m], sigma [m], and the frame in R0."""
         post, options = self._post, self._options
-        length = self._scales.length
-        targets, point = options.targets, options.load_point or (0.0, 0.0, 0.0)
-        noise = post.noise.sigma if post.noise is not None else None
-        sigma = length * noise if noise else options.sigma or _SIMULATED_SIGMA
+        length_unit = self._scales.length
+        targets, load_point = options.targets, options.load_point or (0.0, 0.0, 0.0)
+        stated_sigma = post.noise.sigma if post.noise is not None else None
+        sigma = length_unit * stated_sigma if stated_sigma else options.sigma or _SIMULATED_SIGMA
         if post.frame is None or post.frame.rotation is None:
-            return Setting(self._robot, targets, point, sigma)
-        transform = read_stated_transform(post.frame, length)
-        return Setting(
-            self._robot, targets, point, sigma, (transform.rotation, np.asarray(transform.translation))
-        )
+            return Setting(self._robot, targets, load_point, sigma)
+        transform = read_stated_transform(post.frame, length_unit)
+        frame = (transform.rotation, np.asarray(transform.translation))
+        return Setting(self._robot, targets, load_point, sigma, frame)
 
     def _open_source(self) -> None:
-        """Open the source in a thread of its own, unless it is open.
+        """Open the source in a thread of its own, unless the source is open.
 
         Raises:
             RequestError: the campaign has no source, or the source cannot give its readings.
@@ -444,7 +451,7 @@ class LiveMeasurement:
         self._loop = _SourceThread()
         self._checked = CheckedSource(self.source, self._make_source_setting(), self._wait)
         try:
-            self._loop.do(self._checked.open())
+            self._loop.run_coroutine(self._checked.open())
         except BaseException:
             self.release_source()
             raise
@@ -484,7 +491,7 @@ class LiveMeasurement:
             planned = planned.model_copy(update={"label": label})
 
     def _review_earlier_readings(self, person: Person) -> None:
-        """Ask the person about earlier readings that later ones have made doubtful; withdraw or keep each."""
+        """Let the person withdraw or keep each earlier reading that later readings made doubtful."""
         readings = self.state.readings
         withdrew_before = any(each.reason == _SHOWN_BY_LATER_READINGS for each in readings)
         for earlier in readings[:-1]:
@@ -496,29 +503,31 @@ class LiveMeasurement:
                     self.withdraw(earlier.label, _SHOWN_BY_LATER_READINGS)
 
     def _read_once(self, planned: PlannedReading, person: Person) -> Literal["read", "skip", "stop"]:
-        """Read a posture without and with load, and add the reading.
+        """Read the targets in a posture without load and under load, and add the reading.
 
-        Return `read`, or the person's decision to skip the posture or to stop. With the robot's own weight as
-        load, read the posture once.
+        Return `read`, or the person's decision to skip the posture or to stop. If the robot's own weight is
+        the load, read the targets only once.
         """
         loop, checked = cast("_SourceThread", self._loop), cast("CheckedSource", self._checked)
         positions: list[dict[str, Point]] = []
-        for loaded in (False,) if isinstance(self._options.load, OwnWeight) else (False, True):
+        loads = (False,) if isinstance(self._options.load, OwnWeight) else (False, True)
+        for loaded in loads:
             answer = person.ready(planned, loaded=loaded)
             if answer != "read":
                 return answer
             posture = Stand(planned.label, tuple(planned.joints), planned.force, loaded)
             self._confirm_line_format(posture, person)
-            positions.append(loop.do(checked.read(posture)))
-        unloaded, loaded_or_unloaded = positions[0], positions[-1]
+            positions.append(loop.run_coroutine(checked.read(posture)))
+        first_positions, last_positions = positions[0], positions[-1]  # equal for the robot's own weight
         sigma: dict[str, float] = {}
         if self._post.noise is None or self._post.noise.sigma is None:
             # A reading has one uncertainty for both of its positions: the greater of the two is stated.
-            stated = {name: (unloaded[name][1], loaded_or_unloaded[name][1]) for name in unloaded}
-            sigma = {name: max(u, v) for name, (u, v) in stated.items() if u is not None and v is not None}
-        places = [{name: place for name, (place, _) in part.items()} for part in positions]
+            sigmas = {name: (first_positions[name][1], last_positions[name][1]) for name in first_positions}
+            sigma = {name: max(u, v) for name, (u, v) in sigmas.items() if u is not None and v is not None}
+        # A source gives (position, standard uncertainty) for each target.
+        unloaded_and_loaded = [{name: place for name, (place, _) in each.items()} for each in positions]
         self.observe(
-            *places,
+            *unloaded_and_loaded,
             label=planned.label,
             joints=planned.joints,
             force=planned.force,
@@ -530,16 +539,19 @@ class LiveMeasurement:
         """Let a person confirm, before the first reading, how the lines of the source are read.
 
         Raises:
-            RequestError: the person does not confirm it.
+            RequestError: the person does not confirm how the lines are read.
         """
         if self._confirmed:
             return
-        profile = cast("_SourceThread", self._loop).do(cast("CheckedSource", self._checked).profile(posture))
+        profile = cast("_SourceThread", self._loop).run_coroutine(
+            cast("CheckedSource", self._checked).profile(posture)
+        )
         if profile is not None and not person.confirms(profile):
             raise RequestError(
                 "nobody confirmed how the lines are read",
                 where="source",
-                remedy="state the form of the lines by `columns` or `pattern`, and the unit by `source_unit`",
+                remedy="state the form of the lines with `columns` or `pattern`, and the unit with "
+                "`source_unit`",
             )
         self._confirmed = True
 
@@ -559,17 +571,18 @@ def measure(
     """Begin a live measurement: a campaign that is measured until a declared goal is reached.
 
     Args:
-        robot: to begin with a robot: a document, a file, or the name of an arm of the catalogue, with `load`
-            and `targets`. Or a campaign, its file or a run: its robot, loads, targets, noise and load point
-            are taken, its readings are not.
-        goal: "15 %" of every joint that the load twists; "6 um" of the deflection in the work area; "below
-            0.5 mm", a decision about it; or a goal as in the API.
+        robot: a robot (a document, a file, or the name of an arm of the catalogue), with the options `load`
+            and `targets`. Or a campaign, its file or a run, from which robot, loads, targets, noise and load
+            point are taken, but no readings.
+        goal: uncertainty "15 %" of every joint that the load twists; uncertainty "6 um" of the deflection in
+            the work area; "below 0.5 mm" to decide whether the deflection is below this limit; or a goal as
+            in the API.
         source: `simulated:SEED`, `lines:/dev/ttyUSB0`, `lines:tcp://host:port`, `lines:udp://:port`,
-            `robodk`, another one by the entry points `jointstiff.sources`, or an object with ``async def
-            point(name)``. Without one, readings come by `observe`.
+            `robodk`, the name of an entry point in the group `jointstiff.sources`, or an object with
+            ``async def point(name)``. Without a source, add readings with `observe`.
         force: (3,) force in the work area, axes of R0 [N]; default: the force of the load.
         timeout: seconds after which a source that sends nothing has stopped.
-        client: client of the service that keeps the open set; default: this process keeps it.
+        client: client of the service that keeps the measurement set; default: this process keeps the set.
         source_options: options of the source `lines`: `columns` or `pattern`, `source_unit`, `request`,
             `baud`, `sample`.
         options: fields of `LiveOptions` in SI units, such as `load`, `targets`, `work_area` (or `area`),
@@ -577,7 +590,7 @@ def measure(
             "dead_weight:1500".
 
     Raises:
-        CampaignError: robot, goal or an option cannot be used; its `problem` says what, where and what to do.
+        CampaignError: robot, goal or an option cannot be used; the error's `problem` has reason and remedy.
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
@@ -585,21 +598,22 @@ def measure(
 
     if isinstance(options.get("load"), str):
         options["load"] = parse_planned_load(options["load"])
-    named = {_FULL_NAMES.get(name, name): value for name, value in options.items()}
-    measured, campaign = _robot_and_campaign(robot)
+    full_options = {_FULL_NAMES.get(name, name): value for name, value in options.items()}
+    robot_document, campaign = _robot_and_campaign(robot)
     with as_campaign_error(""):
         area_force = None if force is None else tuple(np.asarray(force, dtype=np.float64).tolist())
-        stated = read_goal(goal, cast("Any", area_force))
-        prepared = prepare_robot(measured)
+        parsed_goal = read_goal(goal, cast("Any", area_force))
+        prepared = prepare_robot(robot_document)
         document = None if campaign is None else campaign.measurement_set
         run = RunOptions() if campaign is None else RunOptions(confidence=campaign.run.confidence)
-        weight = None if campaign is None else campaign.run.weight
-        post = declare_set(prepared, document, stated, _parse_options(named, stated), weight)
-        reader = make_source(source, source_options or {}) if isinstance(source, str) else source
+        own_weight = None if campaign is None else campaign.run.weight
+        live_options = _parse_options(full_options, parsed_goal)
+        post = declare_set(prepared, document, parsed_goal, live_options, own_weight)
+        opened_source = make_source(source, source_options or {}) if isinstance(source, str) else source
     measured_set = (
-        _SetInProcess(prepared, post, run) if client is None else _SetInService(client, measured, post)
+        _SetInProcess(prepared, post, run) if client is None else _SetInService(client, robot_document, post)
     )
-    return LiveMeasurement(measured_set, prepared, post, reader, timeout)
+    return LiveMeasurement(measured_set, prepared, post, opened_source, timeout)
 
 
 def _parse_options(options: Mapping[str, Any], goal: Goal) -> dict[str, Any]:
@@ -610,14 +624,14 @@ def _parse_options(options: Mapping[str, Any], goal: Goal) -> dict[str, Any]:
 
 
 def _robot_and_campaign(source: Any) -> tuple[RobotDocument, Campaign | None]:  # noqa: ANN401 - robot, campaign or run
-    """Return the robot of a source, and the campaign if the source is a campaign or a run; else None."""
+    """Return (robot, campaign) of a source; the campaign is None if the source is only a robot."""
     from jointstiff.schemas import run as messages
     from jointstiff.service.library import robots
     from jointstiff.service.library.results import TabledRun
 
     if isinstance(source, TabledRun):
         source = source.campaign
-    source = read_planned(source)
+    source = read_plan_source(source)
     if isinstance(source, messages.Campaign):
         return source.robot, Campaign.from_message(source)
     return robots.robot(source), None

@@ -69,7 +69,7 @@ class Door(verb.Door, Protocol):
         """Predict deflections with the model of a run or a campaign; arguments as of `jointstiff.predict`."""
 
     def apply(self, run: TabledRun, action: str) -> TabledRun:
-        """Apply an action that a reason of a run advises; return the run of the changed campaign."""
+        """Apply an action that the run's assessment recommends; return the run of the changed campaign."""
 
 
 class Presented(ABC):
@@ -89,7 +89,7 @@ class Presented(ABC):
 
     @property
     def _message(self) -> Message:
-        """Object itself, for type checkers: every subclass is also a message."""
+        """This object, typed as the message that every subclass also is."""
         return cast("Message", self)
 
     def __repr__(self) -> str:
@@ -174,14 +174,14 @@ class Presented(ABC):
         raise ValueError(f"'{path}' must end in .json, .csv, .xlsx, .svg or .png")
 
     def _sheet(self, name: str | None) -> Sheet:
-        """Return the table of a name, the first one for None; raise ValueError for an unknown name."""
+        """Return the table with a name; with None the first table. Raise ValueError for an unknown name."""
         sheets = self._sheets()
-        chosen = next(iter(sheets), "") if name is None else name
-        if chosen not in sheets:
+        sheet_name = next(iter(sheets), "") if name is None else name
+        if sheet_name not in sheets:
             raise ValueError(
-                f"the result has no table '{chosen}': its tables are {', '.join(sheets) or 'none'}"
+                f"the result has no table '{sheet_name}': its tables are {', '.join(sheets) or 'none'}"
             )
-        return sheets[chosen]()
+        return sheets[sheet_name]()
 
 
 class PresentedJob(Presented):
@@ -231,20 +231,25 @@ class PresentedJob(Presented):
         if self._origin is not None:
             return self._require_origin().sheet(job, file)
         if file.made_of == "work":
-            self._require_origin()
+            self._require_origin()  # raises an error: only the origin can compute the table again
         from jointstiff.service.reports.job import build_job_sheet
 
         return build_job_sheet(file, job, lambda: cast("Any", None))
 
     def _draw_figure(self) -> Figure:
-        """Draw the charts of the kind of job; raise ValueError if the job has no result."""
+        """Draw the map of the work area, if this kind of job has one, and below it the charts of the result.
+
+        Raises:
+            ValueError: the job has no result.
+        """
         from jointstiff.service.reports.plots import draw_figure
 
         kind, job = import_kind(self._job.kind), self._job
         if job.result is None:
             raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
-        areas = [] if kind.area is None else [kind.area(self._sheet(None))]
-        return draw_figure(f"{kind.title}: {self._first_line()}", list(kind.charts(job.result)), areas)
+        first_table = None  # name of the table with all places
+        areas = [] if kind.make_area_map is None else [kind.make_area_map(self._sheet(first_table))]
+        return draw_figure(f"{kind.title}: {self._first_line()}", list(kind.make_charts(job.result)), areas)
 
     def table(self, suffix: str) -> bytes:
         """Return the content of the job's main table as a file: `csv`, and for maps also `npz` and `json`.
@@ -339,11 +344,11 @@ class TabledRun(PresentedJob, Run):
         """
         import numpy as np
 
-        found = self._require_result()
-        if found.budget is None:
+        result = self._require_result()
+        if result.budget is None:
             remedy = "identify joints without links, and state `sigma` or take more readings than joints"
             raise RequestError("the run has no uncertainty budget", where="run", remedy=remedy)
-        names, budget = [joint.name for joint in found.joints], found.budget
+        names, budget = [joint.name for joint in result.joints], result.budget
         matrix = np.full((len(names), len(names)), np.nan)
         # Entry (i, j) is u_i u_j times the correlation of joints i and j.
         indices, u = [names.index(name) for name in budget.joints], np.array(budget.standard_uncertainty)
@@ -388,7 +393,7 @@ class TabledRun(PresentedJob, Run):
         return prepare_once(self.campaign.robot).robot
 
     def apply(self, action: str) -> TabledRun:
-        """Apply an action that a reason of the verdict advises, and identify the changed campaign.
+        """Apply an action that the run's assessment recommends, and identify the changed campaign.
 
         The work is done where this run was done: in this process or in its service.
 
@@ -400,7 +405,8 @@ class TabledRun(PresentedJob, Run):
 
         Raises:
             RequestError: the run has no result.
-            CampaignError: no reason advises the action, or it cannot be applied to this campaign.
+            CampaignError: the assessment does not recommend the action, or the action cannot be applied to
+                this campaign.
             RefusedError: the service refuses the request.
         """
         self._require_result()
@@ -454,8 +460,8 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
         """Lower and upper ends (N, 3, 2) of intervals of `displacement` without model error [m], or NaN."""
         import numpy as np
 
-        known = [case.readings_only for case in self.cases]
-        return np.array([np.full((3, 2), np.nan) if ends is None else ends for ends in known])
+        intervals = [case.readings_only for case in self.cases]
+        return np.array([np.full((3, 2), np.nan) if each is None else each for each in intervals])
 
     def _stack_vectors(self, field: str) -> FloatArray:
         """Return a field of all cases as an array (N, 3), with NaN for cases without the field."""
@@ -513,7 +519,7 @@ class RobotTrend(Presented, Trend):
         """Yield a sentence for each joint whose test does not compare the first with the latest campaign."""
         dates = self._campaign_dates()
         for joint in self.joints:
-            compared = [i for i, point in enumerate(joint.points) if point.reason is None]
+            compared = [i for i, point in enumerate(joint.points) if point.reason is None]  # campaigns
             if joint.change is None or (compared[0] == 0 and compared[-1] == len(dates) - 1):
                 continue
             first, latest = (f"'{self.campaigns[i].name}' ({dates[i]})" for i in (compared[0], compared[-1]))
@@ -526,8 +532,8 @@ class RobotTrend(Presented, Trend):
         days, minutes = ([f"{at:{form}}" for at in times] for form in ("%Y-%m-%d", "%Y-%m-%d %H:%M"))
         if len(set(days)) == len(times):
             return days
-        unique = len(set(minutes)) == len(times)
-        return minutes if unique else [f"{minute} ({i})" for i, minute in enumerate(minutes, 1)]
+        are_unique = len(set(minutes)) == len(times)
+        return minutes if are_unique else [f"{minute} ({i})" for i, minute in enumerate(minutes, 1)]
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
         """Return, by its name, the function that makes the only table: a row for each joint and campaign."""
@@ -569,24 +575,29 @@ class RobotTrend(Presented, Trend):
 
 @cache
 def presented_class(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
-    """Return the class of a kind's jobs with tables, plots and files; it is made once for each kind."""
+    """Return the class of a kind's jobs with methods for tables, plots and files; cached for each kind."""
     if kind.message is Run:
         return cast("type[AnyJob]", TabledRun)
     bases: Any = (PresentedJob, kind.message)
     origin: Any = (Any, PrivateAttr(default=None))
-    made = create_model(kind.message.__name__, __base__=bases, __doc__=kind.message.__doc__, _origin=origin)
-    return cast("type[AnyJob]", made)
+    presented = create_model(
+        kind.message.__name__, __base__=bases, __doc__=kind.message.__doc__, _origin=origin
+    )
+    return cast("type[AnyJob]", presented)
 
 
 def attach_origin(job: AnyJob, origin: Door) -> AnyJob:
-    """Return a job with tables, plots and files; `origin` is the client or process that did the job."""
-    known = presented_class(import_kind(job.kind)).model_validate(dict(job))
-    cast("Any", known)._origin = origin
-    return cast("AnyJob", known)
+    """Return a copy of a job with methods for tables, plots and files.
+
+    `origin` is the client or process that computed the job; it also makes the files.
+    """
+    presented = presented_class(import_kind(job.kind)).model_validate(dict(job))
+    cast("Any", presented)._origin = origin
+    return cast("AnyJob", presented)
 
 
 def _require_suffix(path: str | Path, known: set[str]) -> str:
-    """Return the ending of a path without its dot; raise ValueError if it is not among the known ones."""
+    """Return the ending of a path without the dot; raise ValueError if the ending is not in `known`."""
     suffix = Path(path).suffix.removeprefix(".").lower()
     if suffix not in known:
         endings = ", ".join(f".{each}" for each in sorted(known))

@@ -37,7 +37,7 @@ class ModelledRobot(RobotDocument):
         return robot
 
     def replace_model_of(self, prepared: PreparedRobot) -> PreparedRobot:
-        """Return a prepared robot that computes with the Pinocchio model of this object, not with its own."""
+        """Return a copy of a prepared robot that computes with the Pinocchio model of this object."""
         from jointstiff.solver.mechanics.robot import Robot
 
         old_robot = prepared.robot
@@ -46,7 +46,7 @@ class ModelledRobot(RobotDocument):
 
 
 def prepare_once(document: RobotDocument) -> PreparedRobot:
-    """Return a robot document prepared for computations; the last four are cached.
+    """Return a robot document prepared for computations; the last four prepared robots are cached.
 
     A `ModelledRobot` computes with the Pinocchio model from which it was made.
 

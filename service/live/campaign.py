@@ -55,11 +55,11 @@ Change = Literal["observation", "withdrawn", "kept", "skipped", "closed"]
 class Entry:
     """Entry in the record of a live campaign: an observation, or a later decision of the user."""
 
-    change: Change
+    change: Change  # kind of the entry
     label: str  # label of the observation; empty for the entry that closes the campaign
     observation: Observation | None = None
     innovation: Innovation | None = None  # how far the observation was from its prediction
-    held_out: HeldOut | None = None  # check by an observation that came when the goal was met
+    held_out: HeldOut | None = None  # result of the check, if the observation was held out to check the model
     reason: str | None = None  # why the observation was withdrawn
     joints: tuple[float, ...] = ()  # posture that was skipped
 
@@ -75,14 +75,14 @@ class Declaration:
 
     @cached_property
     def options(self) -> live.LiveOptions:
-        """Goal and equipment of the open set, with its targets and its load point."""
+        """Goal and equipment of the live campaign, with the targets and the load point of its set."""
         if self.header.open is None:
             raise ValueError("the set is not open")
         return self.header.open
 
     @cached_property
-    def ahead(self) -> CandidateReadings:
-        """Planner of the next readings: candidate postures and loads, from goal, equipment and robot.
+    def candidate_readings(self) -> CandidateReadings:
+        """Candidates for the next readings: postures and loads, made from goal, equipment and robot.
 
         Raises:
             RequestError: work area, load point, targets or loads are missing; a prior names an unknown joint
@@ -96,7 +96,7 @@ class Declaration:
                 remedy="give two corners of the box in which deflections matter (frame R0), or "
                 "the goal `joints`",
             )
-        stated = options.model_dump(include=set(ReadingOptions.model_fields) - {"priors"})
+        plan_fields = options.model_dump(include=set(ReadingOptions.model_fields) - {"priors"})
         for name in options.priors:
             self.robot.joint_index(name, f"open.priors.{name}")
         if isinstance(options.load, OwnWeight) and options.priors:
@@ -105,12 +105,12 @@ class Declaration:
                 where="open.priors",
                 remedy="omit `priors`, or measure with a load",
             )
-        expected = {name: prior.stiffness for name, prior in options.priors.items()}
-        # Priors serve here only as expected stiffness: a prior is used as knowledge after it has been tested.
-        stated["stiffness"] = expected | options.stiffness
+        prior_stiffness = {name: prior.stiffness for name, prior in options.priors.items()}
+        # A prior is only an expected stiffness here: its uncertainty counts only if readings confirm it.
+        plan_fields["stiffness"] = prior_stiffness | options.stiffness
         noise = header.noise.sigma if header.noise is not None else None
         request = to_design_request(
-            PlanRequest.model_validate({**stated, "robot_id": header.robot_id}),
+            PlanRequest.model_validate({**plan_fields, "robot_id": header.robot_id}),
             self.robot,
             nominal=np.full(self.robot.n, np.nan),
             sigma=None if noise is None else LENGTH[header.units.length] * noise,
@@ -127,18 +127,21 @@ class Declaration:
         force = None if isinstance(options.goal, JointsGoal) else options.goal.force
         return CandidateReadings.from_request(self.robot, request, None if force is None else np.array(force))
 
-    def document(self, observations: Sequence[Observation]) -> MeasurementSetDocument:
-        """Return a measurement set of observations, without validation: each was checked on arrival."""
+    def build_document(self, observations: Sequence[Observation]) -> MeasurementSetDocument:
+        """Return a measurement set with these observations; it is not validated.
+
+        Each observation was validated when it arrived.
+        """
         fields = {name: getattr(self.header, name) for name in MeasurementSetDocument.model_fields}
         return MeasurementSetDocument.model_construct(**{**fields, "observations": list(observations)})
 
-    def prepared(self, observations: Sequence[Observation]) -> PreparedSet:
-        """Check a set of observations, and prepare the set for computation.
+    def check_observations(self, observations: Sequence[Observation]) -> PreparedSet:
+        """Check a set with these observations against the robot; return the set, prepared for computation.
 
         Raises:
             MeasurementError: an observation cannot be right.
         """
-        document, findings = self.document(observations), list(self.frame_findings)
+        document, findings = self.build_document(observations), list(self.frame_findings)
         return check_set(document, self.robot, self.resolved, findings, robot_id=self.header.robot_id)
 
 
@@ -146,19 +149,19 @@ class Declaration:
 class LiveCampaign:
     """A campaign with the entries of its record so far. It is immutable: a change returns a new campaign."""
 
-    declared: Declaration
+    declaration: Declaration
     entries: tuple[Entry, ...] = ()
     entry_by_label: Mapping[str, Entry] = field(init=False)  # label → entry of the observation
 
     def __post_init__(self) -> None:
-        named = {entry.label: entry for entry in self.entries if entry.change == "observation"}
-        object.__setattr__(self, "entry_by_label", named)
+        # The class is frozen, so that a field can only be set through `object`.
+        object.__setattr__(self, "entry_by_label", self._entries_by_label("observation"))
 
     def with_entry(self, entry: Entry) -> LiveCampaign:
-        """Return the campaign with one more entry; an entry object in the record is not added again."""
+        """Return the campaign with one more entry; unchanged if it has this entry object already."""
         if any(entry is each for each in self.entries):
             return self
-        return LiveCampaign(self.declared, (*self.entries, entry))
+        return LiveCampaign(self.declaration, (*self.entries, entry))
 
     def _entries_by_label(self, change: Change) -> dict[str, Entry]:
         """Return label → entry, for the entries of one kind of change."""
@@ -176,33 +179,34 @@ class LiveCampaign:
 
     @property
     def closed(self) -> bool:
-        """True once the set is closed and takes no more readings."""
+        """True if the campaign was closed, so that it takes no more readings."""
         return bool(self._entries_by_label("closed"))
 
     def compare_with_prediction(self, observation: Observation) -> Entry:
-        """Return the entry for an observation, with its difference from the prediction if it is new.
+        """Return the entry for an observation: its stored entry if it was sent before, else a new entry.
 
-        The prediction is made from the earlier observations in use; the first observation has none.
+        A new entry compares the observation with the prediction from the earlier observations in use; the
+        first observation has no prediction.
 
         Raises:
-            LabelTakenError: the set has a different observation with this label.
-            RequestError: the set has `MOST_READINGS` observations already.
+            LabelTakenError: the campaign has a different observation with this label.
+            RequestError: the campaign has `MOST_READINGS` observations already.
             MeasurementError: the observation cannot be right.
         """
-        known = self.entry_by_label.get(observation.label)  # sent again, if it is the same observation
-        if known is not None and known.observation != observation:
+        stored_entry = self.entry_by_label.get(observation.label)
+        if stored_entry is not None and stored_entry.observation != observation:
             raise LabelTakenError(observation.label)
-        if known is not None:
-            return known
+        if stored_entry is not None:  # the same observation was sent again
+            return stored_entry
         if len(self.entry_by_label) >= MOST_READINGS:
             raise RequestError(
-                f"an open set takes {MOST_READINGS} observations at most",
+                f"a live campaign takes at most {MOST_READINGS} observations",
                 where="label",
-                remedy="close this set, and open another set",
+                remedy="close this campaign, and declare another live campaign",
             )
-        before = self.observations
-        prepared = self.declared.prepared([*before, observation])
-        if not before:
+        earlier_observations = self.observations
+        prepared = self.declaration.check_observations([*earlier_observations, observation])
+        if not earlier_observations:
             return Entry("observation", observation.label, observation)
         innovation, held_out = self.progress.compare_reading(prepared.measurements)
         return Entry("observation", observation.label, observation, innovation, held_out)
@@ -211,78 +215,88 @@ class LiveCampaign:
     def _prepared(self) -> PreparedSet | None:
         """The observations in use, prepared for computation; None if there are no observations."""
         observations = self.observations
-        return self.declared.prepared(observations) if observations else None
+        return self.declaration.check_observations(observations) if observations else None
 
     @cached_property
     def progress(self) -> Progress:
-        """Progress of the readings so far towards the goal; raises the errors of `Declaration.ahead`."""
-        options, observations, prepared = self.declared.options, self.observations, self._prepared
-        record = ReadingsSoFar(
+        """Progress of the readings so far towards the goal.
+
+        Raises:
+            RequestError: the declaration is incomplete, or no reading is feasible.
+        """
+        options, observations, prepared = self.declaration.options, self.observations, self._prepared
+        readings_so_far = ReadingsSoFar(
             measurements=None if prepared is None else prepared.measurements,
             noticed=() if prepared is None else tuple(prepared.warnings),
-            judged={label: entry.innovation or Innovation() for label, entry in self.entry_by_label.items()},
+            comparisons={
+                label: entry.innovation or Innovation() for label, entry in self.entry_by_label.items()
+            },
             withdrawn=frozenset(self._entries_by_label("withdrawn")),
             kept=frozenset(self._entries_by_label("kept")),
             skipped=tuple(entry.joints for entry in self.entries if entry.change == "skipped"),
             check=self.entry_by_label[observations[-1].label].held_out if observations else None,
         )
         weight = options.load if isinstance(options.load, OwnWeight) else None
-        return Progress(self.declared.ahead, options.goal, record, options.priors, weight)
+        return Progress(
+            self.declaration.candidate_readings, options.goal, readings_so_far, options.priors, weight
+        )
 
     @property
     def run_options(self) -> dict[str, Any]:
-        """Options of the run that identifies the set: `weight` for readings without a load, and `priors`."""
+        """Options of the run that identifies the campaign: `weight` (None with loads) and `priors` in use."""
         return {"weight": self.progress.weight, "priors": self.progress.priors_in_use}
 
     def state(self, measurement_set_id: str | None = None, run_id: str | None = None) -> live.LiveState:
-        """Return the state of the campaign with the next reading.
+        """Return the state of the campaign as an API message, with the next reading.
 
-        After the campaign was closed, the arguments are the ids of its measurement set and of its run.
+        The arguments are the ids of the measurement set and of the run that closing the campaign created;
+        None before the campaign is closed.
         """
         progress = self.progress
         result = progress.result
         state, message = self._state_and_message()
-        is_over = state in {"reached", "closed"}
+        needs_no_reading = state in {"reached", "closed"}
         share = progress.share if self.observations else None
-        is_known = share is not None and np.isfinite(share.greatest_share)
+        # The share is infinite while the readings do not determine the quantity of the goal.
+        if share is not None and not np.isfinite(share.greatest_share):
+            share = None
         return live.LiveState(
             revision=len(self.entries),
             state=state,
             message=message,
-            goal=describe_goal(self.declared.options),
-            share=share.greatest_share if share is not None and is_known else None,
-            still_needed=0 if is_over else progress.still_needed,
+            goal=describe_goal(self.declaration.options),
+            share=None if share is None else share.greatest_share,
+            still_needed=0 if needs_no_reading else progress.still_needed,
             readings=self._list_readings(),
-            joints=progress.joints(),
-            deflection_uncertainty=share.uncertainty if share is not None and is_known else None,
-            greatest_deflection=share.greatest if share is not None and is_known else None,
+            joints=progress.list_joints(),
+            deflection_uncertainty=None if share is None else share.uncertainty,
+            greatest_deflection=None if share is None else share.greatest,
             assessment=result.assessment if isinstance(result, RunResult) else None,
-            next=None if is_over else self.next_reading(),
-            warnings=list(progress.taken.noticed),
+            next=None if needs_no_reading else self.plan_next_reading(),
+            warnings=list(progress.so_far.noticed),
             measurement_set_id=measurement_set_id,
             run_id=run_id,
         )
 
     def _state_and_message(self) -> tuple[Literal["measuring", "reached", "cannot", "closed"], str]:
         """Return the state of the campaign, and a sentence that explains the state to people."""
-        count = len(self.observations)
-        read = "1 reading" if count == 1 else f"{count} readings"
-        return ("closed", f"closed after {read}") if self.closed else self.progress.state()
+        if not self.closed:
+            return self.progress.describe_state()
+        number = len(self.observations)
+        return "closed", f"closed after {'1 reading' if number == 1 else f'{number} readings'}"
 
-    def next_reading(self) -> PlannedReading | None:
+    def plan_next_reading(self) -> PlannedReading | None:
         """Return posture, load and label of the next reading; None if no reading is planned."""
-        following = self.progress.next
-        if following is None:
+        next_reading = self.progress.next
+        if next_reading is None:
             return None
+        # Labels are m01, m02 and so on; a label that the user gave to an earlier reading is passed over.
+        labels = map("m{:02d}".format, count(1 + len(self.entry_by_label)))
         return PlannedReading(
-            label=next(
-                label
-                for label in map("m{:02d}".format, count(1 + len(self.entry_by_label)))
-                if label not in self.entry_by_label
-            ),
-            joints=following.joints.tolist(),
-            force=tuple(following.force.tolist()),
-            anchor=following.anchor,
+            label=next(label for label in labels if label not in self.entry_by_label),
+            joints=next_reading.joints.tolist(),
+            force=tuple(next_reading.force.tolist()),
+            anchor=next_reading.anchor,
             held_out=self.progress.awaits_held_out,
             reason=self.progress.reason_of_next,
         )
@@ -291,45 +305,47 @@ class LiveCampaign:
         """Return new entries for a change that withdraws or keeps observations, or skips the next posture.
 
         Raises:
-            RequestError: the set has no such observation, or the posture to skip is not the next one.
+            RequestError: the campaign has no such observation, or the posture to skip is not the next one.
         """
-        named = [*change.withdrawn, *change.kept]
-        unknown = next((label for label in named if label not in self.entry_by_label), None)
-        if unknown is not None:
+        labels = [*change.withdrawn, *change.kept]
+        unknown_label = next((label for label in labels if label not in self.entry_by_label), None)
+        if unknown_label is not None:
             raise RequestError(
-                f"the set has no observation '{unknown}'",
-                where="withdrawn" if unknown in change.withdrawn else "kept",
+                f"the set has no observation '{unknown_label}'",
+                where="withdrawn" if unknown_label in change.withdrawn else "kept",
                 remedy="give labels of readings of this set",
             )
         entries = [Entry("withdrawn", label, reason=reason) for label, reason in change.withdrawn.items()]
         entries += [Entry("kept", label) for label in change.kept]
         if change.skipped:
-            following = self.next_reading()
-            if following is None or following.label != change.skipped:
+            next_reading = self.plan_next_reading()
+            if next_reading is None or next_reading.label != change.skipped:
                 raise RequestError(
                     f"'{change.skipped}' is not the next reading",
                     where="skipped",
                     remedy="get the state of the set, which names the next reading",
                 )
-            # The number makes the label unique: the next posture may have the label of the skipped one.
+            # The store keeps one entry of a kind and label. The posture planned in place of a skipped posture
+            # has the same label and may be skipped, too: the number of skipped postures makes labels unique.
             number = sum(entry.change == "skipped" for entry in self.entries)
-            entries.append(Entry("skipped", f"{following.label}/{number}", joints=tuple(following.joints)))
+            label = f"{next_reading.label}/{number}"
+            entries.append(Entry("skipped", label, joints=tuple(next_reading.joints)))
         return entries
 
     def fields_when_closed(self) -> dict[str, object]:
-        """Return the fields of the ordinary measurement set that the open set becomes when it is closed.
+        """Return the fields of the ordinary measurement set that closing this campaign creates.
 
         Raises:
-            RequestError: the set has no observation in use.
+            RequestError: the campaign has no observation in use.
         """
         if not self.observations:
             raise RequestError(
                 "the set has no reading to identify: none was sent, or all were withdrawn",
                 where="close",
-                remedy="send observations, or delete the open set",
+                remedy="send observations, or delete the live campaign",
             )
-        header = self.declared.header
-        notes = "\n".join(filter(None, [header.notes, self.summary()]))[:MAX_NOTES_LENGTH]
+        header = self.declaration.header
+        notes = "\n".join(filter(None, [header.notes, self.describe_course()]))[:MAX_NOTES_LENGTH]
         fields = {name: getattr(header, name) for name in MeasurementSetRequest.model_fields}
         return fields | {"observations": self.observations, "notes": notes}
 
@@ -347,25 +363,29 @@ class LiveCampaign:
             for label, entry in self.entry_by_label.items()
         ]
 
-    def summary(self) -> str:
-        """Return lines for the report: goal, outcome, check reading, priors, readings withdrawn or kept."""
+    def describe_course(self) -> str:
+        """Return lines for the report on how the campaign went.
+
+        The lines state goal, outcome, held-out reading, use of priors, and readings withdrawn or kept.
+        """
         readings = self._list_readings()
-        lines = [f"Measured live. Declared goal: {describe_goal(self.declared.options)}."]
-        open_entries = tuple(entry for entry in self.entries if entry.change != "closed")
-        state, message = replace(self, entries=open_entries)._state_and_message()
-        words = message if message.startswith(state) else f"{state}: {message}"
-        lines.append(f"{words[0].upper()}{words[1:]}.")
-        check = self.progress.taken.check
+        lines = [f"Measured live. Declared goal: {describe_goal(self.declaration.options)}."]
+        # The state before the campaign was closed says whether the goal was reached.
+        earlier_entries = tuple(entry for entry in self.entries if entry.change != "closed")
+        state, message = replace(self, entries=earlier_entries)._state_and_message()
+        outcome = message if message.startswith(state) else f"{state}: {message}"
+        lines.append(f"{outcome[0].upper()}{outcome[1:]}.")
+        check = self.progress.so_far.check
         if check is not None:
             lines.append(
                 f"Held-out reading {check.label}: {length_text(check.distance)} from its "
                 f"prediction, {check.ball_ratio:.2f} of the distance within which 90 % of good readings "
                 "lie."
             )
-        for standing, words in _PRIOR_PHRASES.items():
-            named = [name for name, each in self.progress.standings.items() if each == standing]
-            if named:
-                lines.append(f"{words}: {', '.join(named)}.")
+        for standing, phrase in _PRIOR_PHRASES.items():
+            joints = [name for name, each in self.progress.prior_standings.items() if each == standing]
+            if joints:
+                lines.append(f"{phrase}: {', '.join(joints)}.")
         lines += [f"Withdrawn {each.label}: {each.reason}." for each in readings if each.state == "withdrawn"]
         lines += [f"Kept although doubtful: {label}." for label in self._entries_by_label("kept")]
         return "\n".join(lines)

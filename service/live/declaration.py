@@ -38,8 +38,9 @@ def read_goal(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None
     """Return a goal as a message, read from words, from a document or from a message.
 
     Args:
-        goal: words: `15 %` (of each stiffness), `6 um` (of the deflection) or `below 0.5 mm`; or a document,
-            or a message, which is returned unchanged.
+        goal: the goal as a text, as a document (mapping) or as a message; a message is returned unchanged.
+            Texts: `15 %` (uncertainty of each stiffness), `6 um` (uncertainty of the deflection),
+            `below 0.5 mm` (limit of the deflection).
         force: force for which the deflection is predicted, axes of R0 [N]; None for the force of the load.
 
     Raises:
@@ -55,11 +56,14 @@ def read_goal(goal: str | Goal | Mapping[str, Any], force: Vector3 | None = None
 
 @dataclass(frozen=True)
 class Scales:
-    """Sizes of a measurement set's units in SI units; a number in SI units is divided by the size."""
+    """Sizes of a measurement set's units, in SI units.
 
-    length: float  # [m]
-    force: float  # [N]
-    joints: tuple[float, ...]  # size of the unit of each joint [rad or m]
+    A number in SI units divided by the size of a unit is the number in that unit.
+    """
+
+    length: float  # size of the unit of length [m]
+    force: float  # size of the unit of force [N]
+    joints: tuple[float, ...]  # size of the unit of each joint's values [rad or m]
 
     @classmethod
     def from_units(cls, units: Units, robot: Robot) -> Scales:
@@ -75,13 +79,13 @@ def declare_set(
     options: Mapping[str, Any],
     weight: OwnWeight | None = None,
 ) -> OpenPost:
-    """Return the declaration of a live campaign for a goal; its `robot_id` is only the placeholder `robot`.
+    """Return the declaration of a live campaign for a goal; its `robot_id` is the placeholder "robot".
 
     Args:
         robot: robot to measure.
-        campaign: earlier campaign; its loads, targets, noise and load point are used where `options` state
-            none, and for a goal about deflections the box around its load points is the work area. Its
-            readings are not used otherwise.
+        campaign: earlier campaign, or None. Its loads, targets, noise and load point are used where
+            `options` state none; for a goal about deflections the box around its load points is the work
+            area. Its measured positions are not used.
         goal: goal of the live campaign.
         options: fields of `LiveOptions` in SI units; `sigma` is the noise of the readings [m].
         weight: own weight with which the campaign was identified; None if it was measured with loads.
@@ -90,76 +94,79 @@ def declare_set(
         MeasurementError: the campaign cannot be used.
         RequestError: the options are not complete.
     """
-    stated = {name: value for name, value in options.items() if value is not None}
+    option_fields = {name: value for name, value in options.items() if value is not None}
     header: dict[str, Any] = {"units": SI, "encoders": "motor"}
     if campaign is not None:
-        kept = set(MeasurementSetHeader.model_fields) & campaign.model_fields_set
-        header = {name: getattr(campaign, name) for name in kept}
+        header_names = set(MeasurementSetHeader.model_fields) & campaign.model_fields_set
+        header = {name: getattr(campaign, name) for name in header_names}
         measurements = prepare_set(campaign, robot, "robot").measurements
-        stated = _derive_live_options(robot.robot, measurements, goal, weight) | stated
-    sigma = stated.get("sigma")
+        option_fields = _derive_live_options(robot.robot, measurements, goal, weight) | option_fields
+    sigma = option_fields.get("sigma")
     noise: Noise | None = header.get("noise")
     if sigma is not None:
+        # The stated sigma replaces sigma and instrument of the earlier campaign; its other noise remains.
         unit = LENGTH[header["units"].length]
-        own = {} if noise is None else noise.model_dump(exclude={"sigma", "instrument"}, exclude_unset=True)
-        header["noise"] = {**own, "sigma": sigma / unit}
-    if not isinstance(stated.get("load"), OwnWeight):
-        stated.setdefault("load_point", (0.0, 0.0, 0.0))
-        header.pop("load_point", None)  # the load point of the options is used
+        other_noise = (
+            {} if noise is None else noise.model_dump(exclude={"sigma", "instrument"}, exclude_unset=True)
+        )
+        header["noise"] = {**other_noise, "sigma": sigma / unit}
+    if not isinstance(option_fields.get("load"), OwnWeight):
+        option_fields.setdefault("load_point", (0.0, 0.0, 0.0))
+        header.pop("load_point", None)  # the load point of the options replaces that of the campaign
     header["name"] = f"measured live: {robot.document.name}"[:200]
-    options_of_set = LiveOptions.model_validate({**stated, "goal": goal})
-    post = OpenPost.model_validate({**header, "robot_id": "robot", "open": options_of_set})
-    return complete_targets_and_load_point(post, options_of_set)
+    live_options = LiveOptions.model_validate({**option_fields, "goal": goal})
+    post = OpenPost.model_validate({**header, "robot_id": "robot", "open": live_options})
+    return complete_targets_and_load_point(post, live_options)
 
 
 def complete_targets_and_load_point(post: OpenPost, options: LiveOptions) -> OpenPost:
-    """Return the declaration of a live campaign with targets and load point in both of their places.
+    """Return the declaration of a live campaign, with missing targets and load points filled in.
 
     Args:
-        post: declaration, in units of its own; its `flange_targets` and `load_point` are copied to the
-            options [m] if they have none.
-        options: live options of the declaration; their load point [m] is copied to `post` if it has none.
+        post: declaration. Its `flange_targets` and `load_point`, in its own unit of length, are copied to
+            `options` [m] where the options state none.
+        options: live options of the declaration. Their load point [m] is copied to `post` if `post` has
+            none.
     """
     length = LENGTH[post.units.length]
-    missing = dict[str, Any]()
+    added_options = dict[str, Any]()
     if not options.targets:
-        missing["targets"] = {
+        added_options["targets"] = {
             name: (length * x, length * y, length * z) for name, (x, y, z) in post.flange_targets.items()
         }
     point = post.load_point
     if options.load_point is None and point is not None:
-        missing["load_point"] = (length * point[0], length * point[1], length * point[2])
+        added_options["load_point"] = (length * point[0], length * point[1], length * point[2])
     elif options.load_point is not None and point is None:
         x, y, z = options.load_point
         point = (x / length, y / length, z / length)
-    return post.model_copy(update={"load_point": point, "open": options.model_copy(update=missing)})
+    return post.model_copy(update={"load_point": point, "open": options.model_copy(update=added_options)})
 
 
 def _derive_live_options(
     robot: Robot, measurements: Measurements, goal: Goal, weight: OwnWeight | None
 ) -> dict[str, Any]:
-    """Derive live options from an earlier campaign: load, targets, load point and work area.
+    """Derive live options from an earlier campaign: targets, load, load point and work area.
 
     The load is a dead weight if all forces point down, and the own weight if all forces are zero. Targets
-    nearer than 1 µm to each other are one target. Goals for joints need no work area.
+    at the same place, to the nearest 1 µm, become one target. A `JointsGoal` needs no work area.
     """
     m = measurements
-    size = np.linalg.norm(measurements.force, axis=1)  # (N,) [N]
+    force_size = np.linalg.norm(m.force, axis=1)  # (N,) [N]
     places = targets_in_flange(robot, m)
-    unique = np.sort(np.unique(np.round(places, 6), axis=0, return_index=True)[1])
-    options: dict[str, Any] = {"targets": {m.targets[t]: tuple(places[t].tolist()) for t in unique}}
-    strongest = float(size.max())
-    if strongest == 0.0:
+    distinct = np.sort(np.unique(np.round(places, 6), axis=0, return_index=True)[1])  # indices of targets
+    options: dict[str, Any] = {"targets": {m.targets[t]: tuple(places[t].tolist()) for t in distinct}}
+    greatest_force = float(force_size.max())
+    if greatest_force == 0.0:
         return options | {"load": weight or OwnWeight()}
-    down = bool((m.force[:, 2] <= _DOWN * size).all())
-    load: PlannedLoad = AnyDirection(kind="any_direction", force=strongest)
-    if down:
-        load = DeadWeight(kind="dead_weight", force=strongest)
-    options |= {"load": load, "load_point": tuple(m.load_point[int(np.argmax(size))].tolist())}
+    load: PlannedLoad = AnyDirection(kind="any_direction", force=greatest_force)
+    if bool((m.force[:, 2] <= _DOWN * force_size).all()):
+        load = DeadWeight(kind="dead_weight", force=greatest_force)
+    options |= {"load": load, "load_point": tuple(m.load_point[int(np.argmax(force_size))].tolist())}
     if not isinstance(goal, JointsGoal):
-        loaded = m.load_point[size > 0.0][:, None]
-        loaded_postures = Postures(robot, robot.joint_map.model_angles(m.joints[size > 0.0]))
-        load_places: FloatArray = loaded_postures.to_base(loaded)[:, 0]
+        is_loaded = force_size > 0.0
+        loaded_postures = Postures(robot, robot.joint_map.model_angles(m.joints[is_loaded]))
+        load_places: FloatArray = loaded_postures.to_base(m.load_point[is_loaded][:, None])[:, 0]  # in R0 [m]
         options["work_area"] = (
             tuple(load_places.min(axis=0).tolist()),
             tuple(load_places.max(axis=0).tolist()),

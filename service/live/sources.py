@@ -43,10 +43,11 @@ PATIENCE: Final = 30.0
 """Time after which a source that sends nothing counts as stopped [s]."""
 _FARTHEST: Final = 100.0
 """Greatest plausible coordinate of a position [m]."""
-_ASTRAY: Final = 0.1
-"""Greatest plausible distance of an unloaded target from its position by the robot's kinematics [m]."""
-_STRETCH: Final = 0.01
-"""Greatest plausible difference between the measured distance of two targets and that on the flange [m]."""
+_LARGEST_POSITION_ERROR: Final = 0.1
+"""Greatest plausible distance of an unloaded target from the position that the kinematics predict [m]."""
+_LARGEST_DISTANCE_ERROR: Final = 0.01
+"""Greatest plausible difference between the measured distance of two targets and their distance on the flange
+[m]."""
 _LARGEST_DEFLECTION: Final = 0.05
 """Greatest plausible distance of a target under load from its position without load [m]."""
 
@@ -57,7 +58,7 @@ class SourceError(ServiceError):
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Facts of a campaign that a source may need: robot, targets, load point, noise and frame."""
+    """Facts of a campaign that a source of readings may need: robot, targets, load point, noise and frame."""
 
     robot: Robot
     targets: Mapping[str, Place]  # name → position in the flange frame [m]
@@ -77,19 +78,22 @@ class Setting:
 
 @dataclass(frozen=True)
 class Stand:
-    """Posture and load in which targets are read next."""
+    """Posture and load of the robot in which the targets are read next."""
 
-    label: str
+    label: str  # label of the planned reading
     joints: tuple[float, ...]  # joint values as the controller shows them [rad or m]
     force: Place  # force of the posture's load, axes of R0 [N]
-    loaded: bool  # True if the load acts
+    loaded: bool  # True if the load acts while the targets are read, False if they are read without load
 
 
 class Source(ABC):
     """A source of positions, one target after the other."""
 
     by_itself = False
-    """True if nobody moves an arm and hangs a weight: no question is asked before each reading."""
+    """True if the source needs no person who moves an arm or hangs a weight.
+
+    Then no question is asked before each reading.
+    """
 
     async def open(self, setting: Setting) -> None:  # noqa: B027 - most sources do not ask
         """Get ready to read for a campaign, for instance connect to the instrument.
@@ -99,7 +103,7 @@ class Source(ABC):
         """
 
     async def profile(self) -> str | None:
-        """Return how readings are understood, for the user to confirm once; None if there is no question."""
+        """Return a text on how readings are understood, which the user confirms once; None to ask nothing."""
         return None
 
     async def stand(self, stand: Stand) -> None:  # noqa: B027 - most sources do not ask
@@ -125,25 +129,26 @@ def make_source(text: str, options: Mapping[str, Any]) -> Source:
     """
     name, _, address = text.partition(":")
     known = {"simulated": Simulated, "lines": Lines, "robodk": RoboDk}
-    found: Any = known.get(name)
-    if found is None:
-        named = {entry.name: entry for entry in entry_points(group=GROUP)}
-        if name not in named:
+    source_class: Any = known.get(name)
+    if source_class is None:
+        from_packages = {entry.name: entry for entry in entry_points(group=GROUP)}
+        if name not in from_packages:
             raise RequestError(
                 f"no source of readings has the name '{name}'",
                 where="source",
-                remedy=f"give one of {', '.join(sorted({*known, *named}))}, such as simulated:1",
+                remedy=f"give one of {', '.join(sorted({*known, *from_packages}))}, such as simulated:1",
             )
-        found = named[name].load()
-    stated = {key: value for key, value in options.items() if value is not None}
-    taken = inspect.signature(found).parameters
-    if not any(each.kind is inspect.Parameter.VAR_KEYWORD for each in taken.values()):
-        for key in stated:
-            if key not in taken:
+        source_class = from_packages[name].load()
+    stated_options = {key: value for key, value in options.items() if value is not None}
+    parameters = inspect.signature(source_class).parameters
+    takes_any_option = any(each.kind is inspect.Parameter.VAR_KEYWORD for each in parameters.values())
+    if not takes_any_option:
+        for key in stated_options:
+            if key not in parameters:
                 raise RequestError(
                     f"the source '{name}' takes no `{key}`", where="source", remedy=f"omit `{key}`"
                 )
-    source: Source = found(address, **stated)
+    source: Source = source_class(address, **stated_options)
     return source
 
 
@@ -156,8 +161,8 @@ class CheckedSource:
         `patience` is the time to wait for each answer of the source [s].
         """
         self._source, self._setting, self._patience = source, setting, patience
-        self._seen: set[Place] = set()  # all positions read before
-        self._stand: Stand | None = None  # posture and load announced to the source, and not read yet
+        self._earlier_positions: set[Place] = set()  # all positions read before, of all targets
+        self._announced_stand: Stand | None = None  # posture announced to the source and not read yet
         self._unloaded: dict[str, FloatArray] = {}  # target → last position without load (3,) [m]
 
     async def open(self) -> None:
@@ -165,12 +170,12 @@ class CheckedSource:
         await self._call_if_defined("open", self._setting)
 
     async def profile(self, stand: Stand) -> str | None:
-        """Announce a posture to the source; return its description of how readings are read, or None.
+        """Announce a posture to the source; return the source's text on how its readings are understood.
 
-        The user is to confirm the description.
+        The user is to confirm the text; None if there is nothing to confirm.
         """
         await self._call_if_defined("stand", stand)
-        self._stand = stand
+        self._announced_stand = stand
         profile: str | None = await self._call_if_defined("profile")
         return profile
 
@@ -185,15 +190,17 @@ class CheckedSource:
         Raises:
             SourceError: the source has stopped, or sent a position that cannot be right.
         """
-        if self._stand != stand:
+        if self._announced_stand != stand:
             await self._call_if_defined("stand", stand)
-        self._stand = None  # a second reading in this posture is announced to the source again
+        self._announced_stand = None  # a second reading in this posture is announced to the source again
         points: dict[str, Point] = {}
         for name in self._setting.targets:
             points[name] = point = await self._read_target(name)
             self._refuse_implausible(stand, name, np.array(point[0]), points)
         places = {name: np.array(place) for name, (place, _) in points.items()}
-        self._seen |= {place for place, _ in points.values()}
+        self._earlier_positions |= {place for place, _ in points.values()}
+        # A reading with load follows the reading without load in the same posture, so that the positions
+        # without load serve once only.
         self._unloaded = {} if stand.loaded else places
         return points
 
@@ -239,8 +246,8 @@ class CheckedSource:
                 f"{name}: {str(answer)[:80]!r} is not a position and its uncertainty",
                 remedy="let `point` return three numbers in metres, and a number or None",
             ) from None
-        is_near = all(abs(part) <= _FARTHEST for part in (x, y, z))  # False also for NaN
-        if not is_near or (sigma is not None and not 0.0 < sigma < 1.0):
+        is_plausible = all(abs(part) <= _FARTHEST for part in (x, y, z))  # False also for NaN
+        if not is_plausible or (sigma is not None and not 0.0 < sigma < 1.0):
             raise SourceError(
                 f"{name}: ({x:g}, {y:g}, {z:g}) m cannot be the position of a target",
                 remedy="check the unit and the columns of the source",
@@ -250,56 +257,61 @@ class CheckedSource:
     def _refuse_implausible(
         self, stand: Stand, name: str, place: FloatArray, points: Mapping[str, Point]
     ) -> None:
-        """Refuse a position (3,) [m] of a target that earlier readings, the flange or the posture contradict.
+        """Refuse a position (3,) [m] of a target that cannot be right.
+
+        It is compared with earlier readings, with the distances of the targets on the flange, and with the
+        position without load or, for a reading without load, with the position that the kinematics predict.
+        `points` are the targets read in this posture so far, with the target `name`.
 
         Raises:
             SourceError: the position repeats an earlier reading, or is too far from the expected position.
         """
         others = {other: point for other, (point, _) in points.items() if other != name}
-        if points[name][0] in self._seen.union(others.values()):
+        if points[name][0] in self._earlier_positions.union(others.values()):
             raise SourceError(
                 f"{name}: the source sent exactly the same position as in an earlier reading",
                 remedy="check that the instrument still measures, then read again",
             )
         setting, flange = self._setting, {n: np.array(p) for n, p in self._setting.targets.items()}
-        for other, there in others.items():
-            on_flange = float(np.linalg.norm(flange[name] - flange[other]))
-            measured = float(np.linalg.norm(place - there))
-            if abs(measured - on_flange) > _STRETCH:
+        for other, other_place in others.items():
+            distance_on_flange = float(np.linalg.norm(flange[name] - flange[other]))
+            measured_distance = float(np.linalg.norm(place - other_place))
+            if abs(measured_distance - distance_on_flange) > _LARGEST_DISTANCE_ERROR:
                 raise SourceError(
-                    f"the source has jumped: {name} is {1e3 * measured:.0f} mm from {other}, but "
-                    f"the targets are {1e3 * on_flange:.0f} mm apart on the flange",
+                    f"the source has jumped: {name} is {1e3 * measured_distance:.0f} mm from {other}, but "
+                    f"the targets are {1e3 * distance_on_flange:.0f} mm apart on the flange",
                     remedy="check which target the instrument sees, then read again",
                 )
         if stand.loaded:
-            before = self._unloaded.get(name)
-            moved = 0.0 if before is None else float(np.linalg.norm(place - before))
-            if moved > _LARGEST_DEFLECTION:
+            unloaded_place = self._unloaded.get(name)
+            deflection = 0.0 if unloaded_place is None else float(np.linalg.norm(place - unloaded_place))
+            if deflection > _LARGEST_DEFLECTION:
                 raise SourceError(
-                    f"the source has jumped: {name} is {1e3 * moved:.0f} mm from its position without load",
+                    f"the source has jumped: {name} is {1e3 * deflection:.0f} mm from its position without "
+                    "load",
                     remedy="check that the arm is still in the posture, then read again",
                 )
             return
         angles = setting.robot.joint_map.model_angles(np.array([stand.joints]))
-        expected = Postures(setting.robot, angles).to_base(flange[name][None, None])[0, 0]
-        astray = float(np.linalg.norm(setting.to_base(place) - expected))
-        if astray > _ASTRAY:
+        expected_place = Postures(setting.robot, angles).to_base(flange[name][None, None])[0, 0]  # in R0
+        position_error = float(np.linalg.norm(setting.to_base(place) - expected_place))
+        if position_error > _LARGEST_POSITION_ERROR:
             raise SourceError(
-                f"the source has jumped: {name} is {astray:.3g} m from the "
-                "position where the robot must hold it",
+                f"the source has jumped: {name} is {position_error:.3g} m from the position that the robot's "
+                "joint values give",
                 remedy="check the posture, and the frame and the unit of the readings, then read again",
             )
 
 
-_STIFFEST: Final = 3e6
-"""Stiffness of the base joint of a simulated arm with the reach `_REACH` [N·m/rad]."""
-_REACH: Final = 2.8
-"""Reach of an arm whose base joint has the stiffness `_STIFFEST` [m]."""
+_BASE_JOINT_STIFFNESS: Final = 3e6
+"""Typical stiffness of the base joint of an arm with the reach `_USUAL_REACH` [N·m/rad]."""
+_USUAL_REACH: Final = 2.8
+"""Reach of an arm whose base joint has the stiffness `_BASE_JOINT_STIFFNESS` [m]."""
 _SHORTEST_LEVER: Final = 0.15
 """Least ratio of a joint's lever (distance from the flange) to the reach that is used for its stiffness."""
 _LINEAR_STIFFNESS: Final = 1e8
 """Stiffness of a linear axis [N/m]."""
-_SPREAD: Final = 0.35
+_LOG_STIFFNESS_SPREAD: Final = 0.35
 """Standard deviation of the logarithm of a stiffness."""
 
 
@@ -344,6 +356,7 @@ class Simulated(Source):
             return np.tile(np.asarray(values, dtype=np.float64), (count, 1))
 
         force = stand.force if stand.loaded else (0.0, 0.0, 0.0)
+        # One load case for each target: all have the same posture and load, but another place.
         cases = LoadCases(
             joints=repeat_for_targets(stand.joints),
             force=repeat_for_targets(force),
@@ -367,29 +380,34 @@ class Simulated(Source):
 def draw_plausible_stiffness(robot: Robot, random: np.random.Generator) -> FloatArray:
     """Draw random stiffnesses (n,) typical of arms of this size [N·m/rad, N/m of a prismatic joint].
 
-    The stiffness grows with the square of the joint's distance from the flange, so that all joints move the
-    tool by similar lengths, and with the cube of the arm's size. Each is multiplied by a lognormal factor.
+    The typical stiffness of a revolute joint grows with the square of the joint's distance from the flange,
+    so that all joints move the tool by similar lengths, and with the cube of the arm's reach. Each stiffness
+    is multiplied by a random lognormal factor.
     """
-    zero = np.zeros((1, robot.n))
-    origins = Postures(robot, zero).joint_frames[1][0]
-    flange = Postures(robot, zero).flange_translation
-    steps = np.linalg.norm(np.diff(np.concatenate([origins, flange]), axis=0), axis=1)
-    levers = np.maximum(np.cumsum(steps[::-1])[::-1], 1e-3)
+    zero_posture = Postures(robot, np.zeros((1, robot.n)))
+    origins = zero_posture.joint_frames[1][0]  # (n, 3) [m]
+    flange = zero_posture.flange_translation  # (1, 3) [m]
+    link_lengths = np.linalg.norm(np.diff(np.concatenate([origins, flange]), axis=0), axis=1)  # (n,)
+    # A joint's lever is the length of the chain of links from the joint to the flange.
+    levers = np.maximum(np.cumsum(link_lengths[::-1])[::-1], 1e-3)
     reach = float(levers.max())
-    turning = _STIFFEST * (reach / _REACH) ** 3 * np.maximum(levers / reach, _SHORTEST_LEVER) ** 2
-    usual = np.where(robot.prismatic, _LINEAR_STIFFNESS * reach / _REACH, turning)
-    return np.asarray(usual * np.exp(_SPREAD * random.standard_normal(robot.n)))
+    relative_levers = np.maximum(levers / reach, _SHORTEST_LEVER)
+    revolute = _BASE_JOINT_STIFFNESS * (reach / _USUAL_REACH) ** 3 * relative_levers**2
+    typical = np.where(robot.prismatic, _LINEAR_STIFFNESS * reach / _USUAL_REACH, revolute)
+    return np.asarray(typical * np.exp(_LOG_STIFFNESS_SPREAD * random.standard_normal(robot.n)))
 
 
 _LENGTHS: Final = {"mm": 1e-3, "m": 1.0, "um": 1e-6, "in": 0.0254}
+"""Unit of length → its size [m]."""
 _FIELDS: Final = ("target", "x", "y", "z", "sigma")
+"""Names that a column of a line may have."""
 _CELL: Final = r"[^,;\s]+"
 _SEPARATOR: Final = r"[,;\s]+"
-_USUAL: Final = (
+_DEFAULT_FORMAT: Final = (
     rf"(?:(?P<target>{_CELL}){_SEPARATOR})?"
     + rf"(?P<x>{_CELL}){_SEPARATOR}(?P<y>{_CELL}){_SEPARATOR}(?P<z>{_CELL})"
 )
-"""Three coordinates, or a target and three coordinates."""
+"""Regular expression of a line with three coordinates, or with a target and three coordinates."""
 _MOST_USELESS_LINES: Final = 20
 """Number of lines without a reading after which reading from a source fails."""
 _LONGEST_LINE: Final = 65_536
@@ -401,15 +419,23 @@ class Profile:
     """Format of a line of text with a reading, and the unit of its lengths."""
 
     pattern: re.Pattern[str]  # with the groups x, y, z; the groups target and sigma are optional
-    how: str  # phrase for people about the format, such as "as columns target, x, y, z"
-    unit: str  # of lengths
+    format_phrase: str  # phrase for people about the format, such as "as columns target, x, y, z"
+    unit: str  # unit of lengths: mm, m, um or in
 
     @classmethod
     def from_options(cls, pattern: str | None, columns: str | None, unit: str) -> Profile:
-        """Return the profile for a regular expression or names of columns, else for lines `[target] x y z`.
+        """Return the profile of lines with the format `pattern` or `columns`.
+
+        If neither is stated, lines have the format `x y z` or `target x y z`.
+
+        Args:
+            pattern: regular expression with the groups x, y and z, and perhaps target and sigma.
+            columns: names of columns in order, separated by commas.
+            unit: unit of lengths.
 
         Raises:
-            RequestError: x, y and z are not named, both are given, or the unit is unknown.
+            RequestError: x, y and z are not named, both `pattern` and `columns` are stated, or the unit is
+                unknown.
         """
         if unit not in _LENGTHS:
             raise RequestError(
@@ -443,47 +469,54 @@ class Profile:
 
     @classmethod
     def _from_columns(cls, names: list[str], unit: str) -> Profile:
-        """Return the profile of lines with columns of these names; the column `-` is not read.
+        """Return the profile of lines with columns of these names; a column with the name `-` is not read.
+
+        Without names, lines have the format `x y z` or `target x y z`.
 
         Raises:
-            RequestError: the names do not include x, y and z, or one is unknown or repeated.
+            RequestError: the names do not include x, y and z, or a name is unknown or repeated.
         """
-        known = [name for name in names if name != "-"]
-        if names and (not {"x", "y", "z"} <= set(known) <= set(_FIELDS) or len(known) != len(set(known))):
+        read_names = [name for name in names if name != "-"]
+        has_needed_columns = {"x", "y", "z"} <= set(read_names) <= set(_FIELDS)
+        if names and (not has_needed_columns or len(read_names) != len(set(read_names))):
             raise RequestError(
                 f"the columns '{','.join(names)}' must name x, y and z, and no column twice",
                 where="columns",
                 remedy="name them in order, such as target,x,y,z or -,x,y,z,sigma",
             )
         cells = [_CELL if name == "-" else f"(?P<{name}>{_CELL})" for name in names]
-        text = _SEPARATOR.join(cells) if cells else _USUAL
-        how = f"as columns {', '.join(names)}" if names else "as [target] x y z"
-        return cls(re.compile(rf"^[,;\s]*{text}[,;\s]*$"), how, unit)
+        line_format = _SEPARATOR.join(cells) if cells else _DEFAULT_FORMAT
+        format_phrase = f"as columns {', '.join(names)}" if names else "as [target] x y z"
+        return cls(re.compile(rf"^[,;\s]*{line_format}[,;\s]*$"), format_phrase, unit)
 
     def read(self, line: str) -> tuple[str | None, Point] | None:
-        """Return target (None if not named) and position [m] of a line; None if the line is no reading."""
+        """Return (target, (position, uncertainty)) of a line [m]; None if the line is no reading.
+
+        The target is None if the line names none, the uncertainty None if the line states none.
+        """
         match = self.pattern.search(line)
-        parts = {} if match is None else {k: v for k, v in match.groupdict().items() if v is not None}
+        groups = {} if match is None else match.groupdict()
+        texts = {name: text for name, text in groups.items() if text is not None}
         try:
-            x, y, z = (_LENGTHS[self.unit] * float(parts[axis]) for axis in "xyz")
-            sigma = _LENGTHS[self.unit] * float(parts["sigma"]) if "sigma" in parts else None
+            x, y, z = (_LENGTHS[self.unit] * float(texts[axis]) for axis in "xyz")
+            sigma = _LENGTHS[self.unit] * float(texts["sigma"]) if "sigma" in texts else None
         except (KeyError, ValueError):
             return None
         if not all(map(math.isfinite, (x, y, z))):
             return None
-        return parts.get("target"), ((x, y, z), sigma)
+        return texts.get("target"), ((x, y, z), sigma)
 
     def describe(self, line: str | None) -> str:
-        """Return a description of the profile for people, with a line and how it is read."""
-        text = f"lines are read {self.how}, lengths in {self.unit}"
+        """Return a description of the profile for people; if `line` is a reading, with it as an example."""
+        text = f"lines are read {self.format_phrase}, lengths in {self.unit}"
         reading = None if line is None else self.read(line)
         if reading is None:
             return text
         target, ((x, y, z), sigma) = reading
-        named = "the requested target" if target is None else f"target {target}"
-        noise = "" if sigma is None else f", uncertainty {1e6 * sigma:.3g} µm"
+        target_text = "the requested target" if target is None else f"target {target}"
+        sigma_text = "" if sigma is None else f", uncertainty {1e6 * sigma:.3g} µm"
         shown = "".join(c if c.isprintable() else " " for c in (line or "").strip())[:200]
-        return f"{text}\n  {shown!r} is {named} at x {x:.6f} m, y {y:.6f} m, z {z:.6f} m{noise}"
+        return f"{text}\n  {shown!r} is {target_text} at x {x:.6f} m, y {y:.6f} m, z {z:.6f} m{sigma_text}"
 
 
 class Lines(Source):
@@ -525,8 +558,9 @@ class Lines(Source):
             port = self._url.port
         except ValueError:
             port = None
-        missing = is_net and (port is None or (self._url.scheme == "tcp" and not self._url.hostname))
-        if missing or not address or (self._url.scheme and not is_net):
+        # TCP needs a host and a port; UDP only listens, and needs a port.
+        is_incomplete = is_net and (port is None or (self._url.scheme == "tcp" and not self._url.hostname))
+        if is_incomplete or not address or (self._url.scheme and not is_net):
             raise RequestError(
                 f"'{address}' is not an address from which lines can be read",
                 where="source",
@@ -538,25 +572,25 @@ class Lines(Source):
                 where="request",
                 remedy="omit `request`, or use TCP",
             )
-        self._lines: deque[str] = deque(maxlen=_KEPT_LINES)
-        self._waiting: dict[str, Point] = {}
-        self._buffer = b""
-        self._ended: str | None = "not open"
-        self._stand: Stand | None = None
+        self._lines: deque[str] = deque(maxlen=_KEPT_LINES)  # received lines that were not read yet
+        self._kept_points: dict[str, Point] = {}  # target → its reading, which came before it was requested
+        self._buffer = b""  # received bytes of a line that is not complete yet
+        self._end_reason: str | None = "not open"  # why no lines come; None while connected
+        self._stand: Stand | None = None  # posture and load of the targets that are read now
         self._disconnect: Callable[[], None] = lambda: None  # replaced when connected
         self._send: Callable[[bytes], object] = lambda _: None
 
     async def open(self, setting: Setting) -> None:
         """Connect to the address."""
         self._came = asyncio.Event()  # set when a line came or the source ended
-        self._first = next(iter(setting.targets), "")
+        self._first_target = next(iter(setting.targets), "")
         await self._connect()
 
     async def profile(self) -> str | None:
-        """Describe how lines are read; if `sample` is True, with the first reading as an example."""
+        """Return a text on how lines are read; if `sample` is True, with the first reading as an example."""
         if not self._sample:
             return self._profile.describe(None)
-        self._request_reading(self._first)
+        self._request_reading(self._first_target)
         line = await self._next_line()
         while self._profile.read(line) is None:
             self._warn_of(line)
@@ -566,11 +600,11 @@ class Lines(Source):
 
     async def stand(self, stand: Stand) -> None:
         """Drop the lines that came before: they belong to another posture or another load."""
-        if self._ended is not None:
+        if self._end_reason is not None:
             await self._connect()
         self._stand = stand
         self._lines.clear()
-        self._waiting.clear()
+        self._kept_points.clear()
 
     async def point(self, name: str) -> Point:
         """Return the next reading of a target; readings of other targets are kept until they are requested.
@@ -578,26 +612,26 @@ class Lines(Source):
         Raises:
             SourceError: the source has stopped, or sent too many lines that are no readings.
         """
-        if name in self._waiting:
-            return self._waiting.pop(name)
-        useless, requested = 0, False
-        while useless < _MOST_USELESS_LINES:
-            if not self._lines and not requested:
+        if name in self._kept_points:
+            return self._kept_points.pop(name)
+        useless_lines, is_requested = 0, False
+        while useless_lines < _MOST_USELESS_LINES:
+            if not self._lines and not is_requested:
                 self._request_reading(name)
-                requested = True
+                is_requested = True
             line = await self._next_line()
             reading = self._profile.read(line)
             if reading is None:
                 self._warn_of(line)
-                useless += 1
+                useless_lines += 1
                 continue
             target, point = reading
-            if target in (None, name):
+            if target in (None, name):  # a line without a target belongs to the requested target
                 return point
-            self._waiting[str(target)] = point
+            self._kept_points[str(target)] = point
         raise SourceError(
             f"the source sent {_MOST_USELESS_LINES} lines that are no readings",
-            remedy="state the form of a line by `columns` or `pattern`",
+            remedy="state the form of a line with `columns` or `pattern`",
         )
 
     async def close(self) -> None:
@@ -605,23 +639,24 @@ class Lines(Source):
         self._disconnect()
 
     def _warn_of(self, line: str) -> None:
-        """Report a line that is no reading."""
+        """Warn the user of a line that is no reading."""
         shown = "".join(c if c.isprintable() else "�" for c in line)[:80]
         self._warn(f"{shown!r} is not a reading and is ignored")
 
     def _request_reading(self, name: str) -> None:
-        """Send the text that requests a reading of a target; nothing if the source has no such text."""
+        """Send the request for a reading of a target; do nothing if the source needs no request."""
         if self._request is None:
             return
         stand = self._stand
-        filled = {
+        # Text of each placeholder in the request.
+        texts = {
             "{target}": name,
             "{state}": "loaded" if stand is not None and stand.loaded else "unloaded",
             "{label}": "" if stand is None else stand.label,
             "{joints}": "" if stand is None else " ".join(map(repr, stand.joints)),
             "{force}": "" if stand is None else " ".join(map(repr, stand.force)),
         }
-        text = re.sub(r"\{\w+\}", lambda match: filled.get(match[0], match[0]), self._request)
+        text = re.sub(r"\{\w+\}", lambda match: texts.get(match[0], match[0]), self._request)
         self._send(text.encode() + b"\n")
 
     async def _next_line(self) -> str:
@@ -631,9 +666,10 @@ class Lines(Source):
             SourceError: the source has ended.
         """
         while not self._lines:
-            if self._ended is not None:
+            if self._end_reason is not None:
                 raise SourceError(
-                    f"the source has stopped: {self._ended}", remedy="start the source again, then read again"
+                    f"the source has stopped: {self._end_reason}",
+                    remedy="start the source again, then read again",
                 )
             self._came.clear()
             await self._came.wait()
@@ -641,14 +677,14 @@ class Lines(Source):
 
     def _receive(self, data: bytes) -> None:
         """Split received bytes into lines; an incomplete last line is kept in the buffer."""
-        *whole, rest = re.split(rb"[\r\n]+", self._buffer + data)
-        self._buffer = rest[-_LONGEST_LINE:]
-        self._lines.extend(line.decode("utf-8", "replace") for line in whole if line.strip())
+        *complete_lines, incomplete_line = re.split(rb"[\r\n]+", self._buffer + data)
+        self._buffer = incomplete_line[-_LONGEST_LINE:]
+        self._lines.extend(line.decode("utf-8", "replace") for line in complete_lines if line.strip())
         self._came.set()
 
     def _end_source(self, reason: str) -> None:
         """Note why no more lines come, and wake the reader."""
-        self._ended = reason
+        self._end_reason = reason
         self._came.set()
 
     async def _connect(self) -> None:
@@ -666,11 +702,11 @@ class Lines(Source):
             self._disconnect = datagrams.close
         else:
             self._connect_serial(loop)
-        self._ended = None
+        self._end_reason = None
 
     def _connect_serial(self, loop: asyncio.AbstractEventLoop) -> None:
         """Open the serial line and let the event loop read from it."""
-        descriptor = _serial_line(self._address, self._baud)
+        descriptor = _open_serial_line(self._address, self._baud)
 
         def receive_available() -> None:
             """Read what came; end the source if the line was hung up."""
@@ -688,6 +724,7 @@ class Lines(Source):
                 self._end_source(reason)
 
         def disconnect() -> None:
+            """Stop reading from the serial line, and close it."""
             loop.remove_reader(descriptor)
             os.close(descriptor)
             self._disconnect = lambda: None
@@ -696,8 +733,8 @@ class Lines(Source):
         self._send, self._disconnect = lambda data: os.write(descriptor, data), disconnect
 
 
-def _serial_line(address: str, baud: int) -> int:
-    """Open a serial line; return its descriptor.
+def _open_serial_line(address: str, baud: int) -> int:
+    """Open a serial line and set its speed; return its file descriptor.
 
     Raises:
         SourceError: the file is not a serial line, or the line has no such speed.
@@ -708,18 +745,18 @@ def _serial_line(address: str, baud: int) -> int:
     descriptor = os.open(address, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
     speed = getattr(termios, f"B{baud}", None)
     if not os.isatty(descriptor) or speed is None:
-        is_line = os.isatty(descriptor)
+        is_serial_line = os.isatty(descriptor)
         os.close(descriptor)
-        if is_line:
+        if is_serial_line:
             raise SourceError(
                 f"a serial line cannot run at {baud} bits per second",
                 remedy="give a usual rate: 9600 or 115200",
             )
         raise SourceError(f"{address} is not a serial line", remedy="give its device, such as /dev/ttyUSB0")
     tty.setraw(descriptor)
-    modes = termios.tcgetattr(descriptor)
-    modes[4] = modes[5] = speed  # input and output
-    termios.tcsetattr(descriptor, termios.TCSANOW, modes)
+    attributes = termios.tcgetattr(descriptor)
+    attributes[4] = attributes[5] = speed  # elements 4 and 5 are the speeds of input and output
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
     return descriptor
 
 
@@ -737,7 +774,10 @@ class _Stream(asyncio.Protocol):
 
 
 class _Datagrams(asyncio.DatagramProtocol):
-    """UDP socket that takes only datagrams of the first sender whose line is a reading."""
+    """UDP socket of a source of lines.
+
+    Once a sender has sent a reading, datagrams of all other senders are ignored.
+    """
 
     def __init__(self, lines: Lines) -> None:
         self._lines, self._sender = lines, None
@@ -770,7 +810,7 @@ class RoboDk(Source):
         self._link, self._name = robolink.Robolink(), address
 
     async def open(self, setting: Setting) -> None:
-        """Store the campaign's robot and targets, from which `stand` computes the expected positions."""
+        """Store the robot and the targets of the campaign, which the expected positions are computed from."""
         self._setting = setting
 
     async def stand(self, stand: Stand) -> None:

@@ -1,4 +1,7 @@
-"""Live campaigns of a store (open sets): declared, measured one observation at a time, and closed."""
+"""Live campaigns of a store, which are declared, measured one observation at a time, and closed.
+
+The API calls the measurement set of a live campaign an open set.
+"""
 
 from __future__ import annotations
 
@@ -49,13 +52,15 @@ class OpenSets:
     def __init__(self, resources: Resources, create_run: CreateRun) -> None:
         """Serve the live campaigns of a store; `create_run` stores the run that identifies a closed set."""
         self._resources, self._store, self._create_run = resources, resources.store, create_run
-        self._declared = lru_cache(_CAMPAIGNS)(self._load_declaration)
-        self._ready: dict[str, LiveCampaign] = {}
+        self._declaration = lru_cache(_CAMPAIGNS)(self._load_declaration)
+        self._cached_campaigns: dict[str, LiveCampaign] = {}  # id of the set → campaign
 
     def create(
         self, request: live.MeasurementSetPost, options: live.LiveOptions, key: IdempotencyKey | None
     ) -> str:
-        """Store a new open set, with observations if the request has some; return its id.
+        """Store a new live campaign, with the observations of the request; return its id.
+
+        If the idempotency key `key` was used before, the id of the campaign created then is returned.
 
         Raises:
             RequestError: robot, plan, targets or loads are missing, or no reading is feasible.
@@ -63,14 +68,14 @@ class OpenSets:
         """
         if key is not None and (before := self._store.open_sets.find(key)) is not None:
             return before.id
-        options, robot_id = self._complete_by_plan(options, request.robot_id)
+        options, robot_id = self._take_options_from_plan(options), request.robot_id
         header = complete_targets_and_load_point(
             request.model_copy(update={"observations": [], "robot_id": robot_id}), options
         )
         resolved, frame_findings = resolve_frame(self._store, header)
         robot, _ = self._resources.robot(robot_id, "robot_id")
         campaign = LiveCampaign(Declaration(robot, header, resolved, frame_findings))
-        _ = campaign.declared.ahead  # computed here to raise the error if no reading is feasible
+        _ = campaign.declaration.candidate_readings  # computed here to raise an error if none is feasible
         for observation in request.observations:
             campaign = campaign.with_entry(campaign.compare_with_prediction(observation))
         record = OpenSetRecord(
@@ -89,48 +94,48 @@ class OpenSets:
         return stored.id
 
     def observe(self, set_id: str, observation: Observation, by: AccessKey | None) -> live.LiveState:
-        """Add an observation to an open set; return the new state. A repeated call changes nothing.
+        """Add an observation to a live campaign; return the new state. A repeated call changes nothing.
 
         Raises:
-            NotFoundError: there is no such open set.
-            ClosedError: the set is closed.
-            LabelTakenError: the set has a different observation with this label.
+            NotFoundError: no live campaign has this id.
+            ClosedError: the campaign is closed.
+            LabelTakenError: the campaign has a different observation with this label.
             MeasurementError: the observation cannot be right.
         """
-        entry = self._campaign(set_id).compare_with_prediction(observation)
-        # Another observation with this label may have come first.
+        entry = self._load_campaign(set_id).compare_with_prediction(observation)
+        # Another process may have stored a different observation with this label meanwhile.
         if self._add_entry(set_id, entry, by).observation != observation:
             raise LabelTakenError(observation.label)
         return self.state(set_id)
 
-    def change(self, set_id: str, change: SetChange, by: AccessKey | None) -> None:
-        """Withdraw observations, keep doubtful observations, or skip the next posture.
+    def _add_decisions(self, set_id: str, change: SetChange, by: AccessKey | None) -> None:
+        """Record that observations are withdrawn or kept although doubtful, or the next posture is skipped.
 
         Raises:
-            NotFoundError: there is no such open set.
-            RequestError: the set has no such observation, or the posture to skip is not the next one.
+            NotFoundError: no live campaign has this id.
+            RequestError: the campaign has no such observation, or the posture to skip is not the next one.
         """
-        for entry in self._campaign(set_id).entries_for_change(change):
+        for entry in self._load_campaign(set_id).entries_for_change(change):
             self._add_entry(set_id, entry, by)
 
     def close(self, set_id: str, by: AccessKey | None) -> live.LiveState:
-        """Turn an open set into an ordinary measurement set, and create its run; return the final state.
+        """Close a live campaign: store its ordinary measurement set and its run; return the final state.
 
         A repeated call creates no second set and no second run.
 
         Raises:
-            NotFoundError: there is no such open set.
-            RequestError: the set has no observation in use.
+            NotFoundError: no live campaign has this id.
+            RequestError: the campaign has no observation in use.
             JointstiffError: the run cannot be created; the measurement set is stored nevertheless.
         """
-        campaign = self._campaign(set_id)
-        fields = campaign.fields_when_closed()  # raises an error before the set is closed
+        campaign = self._load_campaign(set_id)
+        fields = campaign.fields_when_closed()  # raises its error before the campaign is closed
         if not campaign.closed:
             self._add_entry(set_id, Entry("closed", ""), by)
-            campaign = self._campaign(set_id)
+            campaign = self._load_campaign(set_id)
             fields = campaign.fields_when_closed()  # again, with observations that came meanwhile
         with suppress(NotFoundError):
-            self._store.sets.get(set_id)
+            self._store.sets.get(set_id)  # an earlier call has stored the set already
             return self.state(set_id)
         request: Any = MeasurementSetRequest.model_construct(**fields)  # type: ignore[arg-type]
         self._resources.sets.create(request, None, set_id)
@@ -138,52 +143,60 @@ class OpenSets:
         return self.state(set_id)
 
     def state(self, set_id: str) -> live.LiveState:
-        """Return the state of a set: with its next reading, or with its run if the set is closed.
+        """Return the state of a live campaign, with its next reading, or with its run after it was closed.
 
         Raises:
-            NotFoundError: there is no such open set.
+            NotFoundError: no live campaign has this id.
         """
-        campaign = self._campaign(set_id)
+        campaign = self._load_campaign(set_id)
         if not campaign.closed:
             return campaign.state()
+        # Closing may have been interrupted after the set was stored: then the run is created here.
         run_id = self._create_run_once(set_id, campaign, None) if self._is_stored(set_id) else None
         return campaign.state(set_id if run_id else None, run_id)
 
     def revision(self, set_id: str) -> int:
-        """Return the number of entries in the record of a set; raise `NotFoundError` for an unknown id."""
-        return len(self._campaign(set_id).entries)
+        """Return the number of entries in a campaign's record; raise `NotFoundError` for an unknown id."""
+        return len(self._load_campaign(set_id).entries)
 
     def document(self, set_id: str) -> live.MeasurementSet:
-        """Return a set with its readings so far; raise `NotFoundError` if there is no such set."""
-        record, campaign = self._store.open_sets.get(set_id), self._campaign(set_id)
-        declared = campaign.declared
-        fields = {name: getattr(declared.header, name) for name in MeasurementSetHeader.model_fields}
+        """Return the set of a live campaign, with its readings so far, as an API message.
+
+        Raises:
+            NotFoundError: no live campaign has this id.
+        """
+        record, campaign = self._store.open_sets.get(set_id), self._load_campaign(set_id)
+        declaration = campaign.declaration
+        fields = {name: getattr(declaration.header, name) for name in MeasurementSetHeader.model_fields}
         return live.MeasurementSet(
             **fields,
-            **frame_fields(declared.resolved),
-            warnings=list(declared.frame_findings),
+            **frame_fields(declaration.resolved),
+            warnings=list(declaration.frame_findings),
             content_hash=None,
             id=set_id,
             robot_id=record.robot_id,
             created_at=record.created_at,
-            open=declared.options,
+            open=declaration.options,
             observations=campaign.observations,
             live=self.state(set_id),
         )
 
     def page(self, query: SetQuery) -> Page[MeasurementSetSummary]:
-        """Return one page of the sets that are not closed; filters that open sets lack are ignored."""
-        page = self._store.open_sets.page(**OpenSetQuery.from_set_query(query).listing())
+        """Return one page of the live campaigns that are not closed.
+
+        Filters of `query` that only ordinary measurement sets have are ignored.
+        """
+        page = self._store.open_sets.page(**OpenSetQuery.from_set_query(query).listing_arguments())
         return Page(items=[self.summary(each) for each in page.records], next=page.next, total=page.total)
 
     def summary(self, record: OpenSetRecord) -> MeasurementSetSummary:
-        """Return the summary of an open set for listings."""
-        campaign = self._campaign(record.id)
+        """Return the summary of a live campaign for listings."""
+        campaign = self._load_campaign(record.id)
         return MeasurementSetSummary(
             id=record.id,
             robot_id=record.robot_id,
             name=record.name,
-            encoders=campaign.declared.header.encoders,
+            encoders=campaign.declaration.header.encoders,
             observation_count=len(campaign.observations),
             warning_count=0,
             open=True,
@@ -192,30 +205,30 @@ class OpenSets:
         )
 
     def is_open(self, set_id: str) -> bool:
-        """Return whether an id belongs to an open set that was not closed; the set may be deleted."""
+        """Return whether an id belongs to a live campaign that was not closed, even if it was deleted."""
         with suppress(NotFoundError):
             self._store.open_sets.get(set_id, hidden=True)
             return not any(entry.change == "closed" for entry in self._store.live_entries.find(set_id=set_id))
         return False
 
     def apply_change(self, set_id: str, change: SetChange, by: AccessKey | None) -> MeasurementSetSummary:
-        """Apply a change to an open set: decisions, deletion or restoration; return its summary.
+        """Apply a change to a live campaign: decisions, deletion or restoration; return its summary.
 
         Raises:
-            NotFoundError: there is no such open set, or it was deleted.
-            RequestError: the set has no such observation, the posture to skip is not the next one, or a
-                declared field would change.
+            NotFoundError: no live campaign has this id, or it was deleted.
+            RequestError: the campaign has no such observation, the posture to skip is not the next posture,
+                or a declared field would change.
         """
-        stated = change.model_fields_set - {"deleted", "withdrawn", "kept", "skipped"}
-        if stated:
+        declared_fields = change.model_fields_set - {"deleted", "withdrawn", "kept", "skipped"}
+        if declared_fields:
             raise RequestError(
-                "the declaration of an open set cannot be changed",
-                where=min(stated),
-                remedy="close the set first, or delete it and open another set",
+                "the declaration of a live campaign cannot be changed",
+                where=min(declared_fields),
+                remedy="close the campaign first, or delete it and declare another live campaign",
             )
         if change.deleted is False:
             self._store.open_sets.restore(set_id)
-        self.change(set_id, change, by)
+        self._add_decisions(set_id, change, by)
         record = self._store.open_sets.get(set_id)
         summary = self.summary(record)
         if change.deleted:
@@ -229,33 +242,36 @@ class OpenSets:
         return False
 
     def _create_run_once(self, set_id: str, campaign: LiveCampaign, by: AccessKey | None) -> str:
-        """Create the run of a closed set, or find the run that was created before; return its id."""
-        # A fixed idempotency key lets the store find the first run again.
+        """Create the run of a closed campaign, or find the run that was created before; return its id."""
+        # The idempotency key depends on the set only: with the same key the store returns the first run.
         key = IdempotencyKey(f"closed {set_id}", "closed")
         return self._create_run(RunRequest(measurement_set_id=set_id, **campaign.run_options), key, by)
 
-    def _campaign(self, set_id: str) -> LiveCampaign:
-        """Return a live campaign with all entries of its record; entries read before come from memory.
+    def _load_campaign(self, set_id: str) -> LiveCampaign:
+        """Return a live campaign with all entries of its record.
+
+        Only entries that the campaign in memory lacks are added to it, as its computations are cached.
 
         Raises:
-            NotFoundError: there is no such open set, or it was deleted.
+            NotFoundError: no live campaign has this id, or it was deleted.
         """
         entries = [
             _ENTRY.validate_json(entry.document) for entry in self._store.live_entries.find(set_id=set_id)
         ]
-        ready = self._ready.get(set_id)
-        if ready is None or len(ready.entries) > len(entries):
-            ready = LiveCampaign(self._declared(set_id))
-        for entry in entries[len(ready.entries) :]:
-            ready = ready.with_entry(entry)
+        campaign = self._cached_campaigns.get(set_id)
+        # More entries in memory than in the store can only be those of a set that was removed.
+        if campaign is None or len(campaign.entries) > len(entries):
+            campaign = LiveCampaign(self._declaration(set_id))
+        for entry in entries[len(campaign.entries) :]:
+            campaign = campaign.with_entry(entry)
         self._store.open_sets.get(set_id)  # raises an error if the set was deleted meanwhile
-        if len(self._ready) >= _CAMPAIGNS:
-            self._ready.clear()
-        self._ready[set_id] = ready
-        return ready
+        if len(self._cached_campaigns) >= _CAMPAIGNS:
+            self._cached_campaigns.clear()
+        self._cached_campaigns[set_id] = campaign
+        return campaign
 
     def _add_entry(self, set_id: str, entry: Entry, by: AccessKey | None) -> Entry:
-        """Add an entry to the record of a set and return the entry.
+        """Add an entry to the record of a live campaign and return the entry.
 
         If an entry of the same kind and label is stored, that entry is returned and nothing is added.
         """
@@ -270,7 +286,7 @@ class OpenSets:
         return _ENTRY.validate_json(self._store.live_entries.add(record).document)
 
     def _load_declaration(self, set_id: str) -> Declaration:
-        """Read the declaration of an open set from the store."""
+        """Read the declaration of a live campaign from the store."""
         record = self._store.open_sets.get(set_id)
         header = live.MeasurementSetPost.model_validate_json(record.document)
         if header.open is not None:  # older records may state the load point in one place only
@@ -279,14 +295,14 @@ class OpenSets:
         resolved = None if record.resolved is None else ResolvedFrame.model_validate_json(record.resolved)
         return Declaration(robot, header, resolved, _FINDINGS.validate_json(record.warnings))
 
-    def _complete_by_plan(self, options: live.LiveOptions, robot_id: str) -> tuple[live.LiveOptions, str]:
-        """Return live options, completed from the plan that they name, and `robot_id` unchanged.
+    def _take_options_from_plan(self, options: live.LiveOptions) -> live.LiveOptions:
+        """Return live options; if they name a plan, options that they do not state are those of the plan.
 
         Raises:
             RequestError: the plan does not exist, or has no result.
         """
         if options.plan_id is None:
-            return options, robot_id
+            return options
         try:
             plan = load_job(self._store, Plan, options.plan_id)
         except NotFoundError as error:
@@ -295,25 +311,27 @@ class OpenSets:
             raise RequestError(
                 "the plan has no result", remedy="give a plan that has succeeded", where="open.plan_id"
             )
-        known: dict[str, Any] = {
+        options_of_plan: dict[str, Any] = {
             name: getattr(plan.request, name)
             for name in ReadingOptions.model_fields
             if name in plan.request.model_fields_set and name != "candidates"
         }
-        known |= {"targets": plan.result.targets, "load_point": plan.result.load_point}
-        if known.get("load") is None:
-            known["load"] = _planned_load(plan.result)
-        return options.model_copy(
-            update={name: value for name, value in known.items() if name not in options.model_fields_set}
-        ), robot_id
+        options_of_plan |= {"targets": plan.result.targets, "load_point": plan.result.load_point}
+        if options_of_plan.get("load") is None:
+            options_of_plan["load"] = _find_load_of_plan(plan.result)
+        # Options that the request states itself take precedence over those of the plan.
+        completing_options = {
+            name: value for name, value in options_of_plan.items() if name not in options.model_fields_set
+        }
+        return options.model_copy(update=completing_options)
 
 
-def _planned_load(result: PlanResult) -> DeadWeight | AnyDirection | None:
+def _find_load_of_plan(result: PlanResult) -> DeadWeight | AnyDirection | None:
     """Return the load of a plan: a dead weight if all its forces point down; None if all forces are zero."""
     forces = [reading.force for reading in result.readings]
-    size = max((math.hypot(*force) for force in forces), default=0.0)
-    if size == 0.0:
+    greatest_force = max((math.hypot(*force) for force in forces), default=0.0)
+    if greatest_force == 0.0:
         return None
-    if all(z <= 0.0 and math.hypot(x, y) <= 1e-9 * size for x, y, z in forces):
-        return DeadWeight(force=size)
-    return AnyDirection(kind="any_direction", force=size)
+    if all(z <= 0.0 and math.hypot(x, y) <= 1e-9 * greatest_force for x, y, z in forces):
+        return DeadWeight(force=greatest_force)
+    return AnyDirection(kind="any_direction", force=greatest_force)

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, ReadMove, quote_text
+from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, ReadMove, quote_text
 from jointstiff.service.programs.language import Move
 from jointstiff.service.programs.notation import Numerals
 from jointstiff.service.programs.program import (
@@ -35,12 +35,14 @@ MAX_REMARKS: Final = 400_000
 """Largest number of remarks on lines that are not corrected."""
 MAX_VALUE: Final = 1e6
 """Magnitude of a number of a target: a kilometre in mm, 2,777 turns in degrees."""
-OF: Final = " of routine "
-"""Text between a name and the routine that it belongs to."""
-_NEAR: Final = 1000
+OF_ROUTINE: Final = " of routine "
+"""Text between the name of a local variable and the name of its routine."""
+_SEARCHED_LENGTH: Final = 1000
 """Number of characters from the beginning of a line in which a name is looked for."""
 _NAME_OR_TEXT: Final = re.compile(r"'[^']*'|\b[A-Z_][A-Z0-9_]*\b")
-_PART: Final = re.compile(rf"(?:\.(?:BASE|TOOL|[UOT]FRAME|UF|UT))?{OF}\w+|\.(?:BASE|TOOL|[UOT]FRAME|UF|UT)\b")
+_ENDING: Final = re.compile(
+    rf"(?:\.(?:BASE|TOOL|[UOT]FRAME|UF|UT))?{OF_ROUTINE}\w+|\.(?:BASE|TOOL|[UOT]FRAME|UF|UT)\b"
+)
 _WRITE_ANEW: Final = "write all of its numbers anew, or split the program"
 _AXIS_ROUNDING: Final = 2e-3
 """Largest difference of an external axis [mm, °] that rounding explains."""
@@ -48,15 +50,19 @@ _NO_AXIS: Final = 8e9
 """Value above which a number means that there is no such external axis: ABB writes 9e9."""
 _MAX_AXES: Final = 24
 """Largest count of external axes of a target; a target with more axes is not corrected."""
-_AWAY: Final = "an external axis or another group is away from zero, and may carry the arm or the part"
+_AXIS_AWAY: Final = "an external axis or another group is away from zero, and may carry the arm or the part"
 _CARRY_NOTHING: Final = (
     "state `external_axes: carry_nothing` if it carries neither the arm nor the part; else keep it at zero"
 )
 _MOTIONS: Final = {motion: i for i, motion in enumerate(Motion)}
-_WIDTH: Final = 7
-"""Numbers of a row in the array of targets."""
-_STATED: Final = NUMBERS + WORDS
-_AXES: Final = _STATED + _MAX_AXES
+_ROW_WIDTH: Final = 7
+"""Numbers of a row in the array of targets: file, line, first number, line of use, literal, base, tool."""
+_USE_LINE, _BASE, _TOOL = 3, 5, 6
+"""Places in a row of the line on which the target is used first, its base and its tool."""
+_VALUES_END: Final = NUMBERS + WORDS
+"""In a row of all numbers of a target, the place behind its position, orientation and configuration."""
+_AXES_END: Final = _VALUES_END + _MAX_AXES
+"""In such a row, the place behind the external axes; the numbers that all targets share follow."""
 _MAX_COMMON: Final = 8
 """Largest count of numbers that all targets have to share, such as the number of the tool."""
 
@@ -66,9 +72,9 @@ class Cause(NamedTuple):
 
     line: int
     reason: str
-    remedy: str = CONSTANT
+    remedy: str = WRITE_NUMBERS
     source: int = 0
-    shows: str = ""  # name of the frame whose numbers are not known
+    shows: str = ""  # name of the frame whose numbers are not known; empty if the value is not a frame
 
 
 class WrittenNumbers(NamedTuple):
@@ -89,22 +95,22 @@ class Columns:
     """Targets and moves of a program while it is interpreted, and the moves that are left."""
 
     def __init__(
-        self, kind: str, sources: tuple[Source, ...], numerals: Sequence[Numerals], *, folded: bool
+        self, kind: str, sources: tuple[Source, ...], numerals: Sequence[Numerals], *, ignores_case: bool
     ) -> None:
-        """Begin without targets; `folded` if the case of letters does not matter in the language."""
-        self._format, self._sources, self._numerals, self._folded = kind, sources, numerals, folded
+        """Begin without targets; `ignores_case` if the case of letters does not matter in the language."""
+        self._format, self._sources, self._numerals, self._folded = kind, sources, numerals, ignores_case
         self.spelled: dict[str, str] = {}  # names as the program writes them
         self._remarks: list[Remark] = []
         self._left: list[tuple[ReadMove, Cause]] = []
-        self._placed: dict[tuple[int, int, int], int] = {}  # targets by the place of their numbers
-        self._literals: dict[Literal, int] = {}
-        self._frames: dict[
-            tuple[str, str | bytes], tuple[int, FrameName]
-        ] = {}  # by their numbers, or by name
+        # index of each target, by its file, its first number and its literal
+        self._target_indices: dict[tuple[int, int, int], int] = {}
+        self._literals: dict[Literal, int] = {}  # indices of the literals
+        # index of each frame and the frame, by its role (base or tool), and its name or the bytes of its pose
+        self._frames: dict[tuple[str, str | bytes], tuple[int, FrameName]] = {}
         self._targets = array("q")  # rows of source, line, first number, line of use, literal, base, tool
-        self._names: list[str] = []
+        self._names: list[str] = []  # names of the targets
         self._moves = array("q")  # rows of line, motion, count of visits up to the end
-        self._visits = array("q")
+        self._visits = array("q")  # indices of the targets of all moves
         self._target_causes: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
 
     def restore_spelling(self, text: str, source: int, line: int) -> str:
@@ -115,15 +121,15 @@ class Columns:
             name = match[0]
             if name[0] != "'" and self._folded and name not in self.spelled:
                 start = self._sources[source].starts[max(line - 1, 0)]
-                near = self._sources[source].text[start : start + _NEAR]
-                own = re.search(rf"(?<!\w){name}(?!\w)", near, re.IGNORECASE)
-                self.spelled[name] = own[0] if own else name
+                following = self._sources[source].text[start : start + _SEARCHED_LENGTH]
+                spelling = re.search(rf"(?<!\w){name}(?!\w)", following, re.IGNORECASE)
+                self.spelled[name] = spelling[0] if spelling else name
             return self.spelled.get(name, name)
 
-        return _NAME_OR_TEXT.sub(find_spelling, _PART.sub("", text))
+        return _NAME_OR_TEXT.sub(find_spelling, _ENDING.sub("", text))
 
     def add_remark(self, line: int, text: str, target: str = "") -> None:
-        """Note a statement that is not corrected, without need of a decision by the user."""
+        """Note a statement that is not corrected, and about which the user need not decide."""
         if len(self._remarks) >= MAX_REMARKS:
             self._refuse(line, f"more than {MAX_REMARKS} lines cannot be corrected", "split the program")
         self._remarks.append(Remark(line, text, target))
@@ -144,7 +150,7 @@ class Columns:
         frames: Sequence[Frames],
         cause: Cause | None,
     ) -> None:
-        """Add a move with its targets, or note the move as left without a correction if there is a cause.
+        """Add a move with its targets; if there is a cause, note the move as one that cannot be corrected.
 
         Args:
             op: the move.
@@ -163,9 +169,11 @@ class Columns:
             )
             self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
             return
-        names = ", ".join(each.label.partition(OF)[0] or "in numbers" for each in targets)
+        names = ", ".join(each.label.partition(OF_ROUTINE)[0] or "in numbers" for each in targets)
         base, tool = (
-            (self.restore_spelling(_frame_name(each), 0, line) for each in frames[-1]) if frames else ("", "")
+            (self.restore_spelling(_get_frame_name(each), 0, line) for each in frames[-1])
+            if frames
+            else ("", "")
         )
         reason = self.restore_spelling(cause.reason, 0, line)
         self._left.append((ReadMove(line, names, base, tool, reason, cause.remedy), cause))
@@ -194,9 +202,9 @@ class Columns:
                 "split the program",
             )
         (literal,) = (each for each in op.targets if isinstance(each, Literal))
-        known = self._literals.setdefault(literal, len(self._literals))
+        literal_index = self._literals.setdefault(literal, len(self._literals))
         base, tool = self._index_frame("base", frames[0]), self._index_frame("tool", frames[1])
-        columns = np.broadcast_arrays(source, lines, first, lines, known, base, tool)
+        columns = np.broadcast_arrays(source, lines, first, lines, literal_index, base, tool)
         self._targets.frombytes(np.stack(columns, axis=1).tobytes())
         moves = np.broadcast_arrays(lines, _MOTIONS[op.motion], ends)
         self._moves.frombytes(np.stack(moves, axis=1).tobytes())
@@ -213,25 +221,29 @@ class Columns:
         base, tool = (
             self._index_frame(*each) for each in zip(("base", "tool"), frames or (None, None), strict=True)
         )
-        index = self._placed.setdefault((target.source, target.first, literal), len(self._names))
-        row = _WIDTH * index
+        index = self._target_indices.setdefault((target.source, target.first, literal), len(self._names))
+        row = _ROW_WIDTH * index
         if index == len(self._names):
             if index >= MAX_TARGETS:
                 self._refuse(used, f"the program has more than {MAX_TARGETS} targets", _WRITE_ANEW)
             self._targets.extend((target.source, target.line, target.first, used, literal, base, tool))
             self._names.append(target.label)
-        elif self._targets[row + 5] < 0:
-            self._targets[row + 5], self._targets[row + 6] = base, tool
-        elif frames is not None and (base, tool) != (self._targets[row + 5], self._targets[row + 6]):
-            other = f"used with another base or tool on line {self._targets[row + 3]}"
-            remedy = "use a separate target for each base and tool: one correction cannot suit both"
-            self._target_causes.setdefault(
-                index, Cause(used, f"target {quote_text(target.label)} is {other}", remedy)
+        elif self._targets[row + _BASE] < 0:  # the frames were not known at the first use
+            self._targets[row + _BASE], self._targets[row + _TOOL] = base, tool
+        elif frames is not None and (base, tool) != (
+            self._targets[row + _BASE],
+            self._targets[row + _TOOL],
+        ):
+            first_use = self._targets[row + _USE_LINE]
+            reason = (
+                f"target {quote_text(target.label)} is used with another base or tool on line {first_use}"
             )
+            remedy = "use a separate target for each base and tool: one correction cannot suit both"
+            self._target_causes.setdefault(index, Cause(used, reason, remedy))
         return index
 
     def _index_frame(self, role: str, frame: FrameName | Cause | None) -> int:
-        """Return the index of a `base` or `tool` (`role`), added if new; -1 if the frame is not known."""
+        """Return the index of a frame with the role `base` or `tool`, added if new; -1 if it is not known."""
         if not isinstance(frame, FrameName):
             return -1
         key = role, frame.name if frame.pose is None else frame.pose.tobytes()
@@ -243,7 +255,7 @@ class Columns:
         """Return the program of the targets and moves that were added.
 
         Args:
-            used: lines of names whose numbers are used for something else than targets.
+            used: line of use of each name whose numbers are used for something else than targets.
             causes: causes why statements are not understood.
             external_axes: what the user states on external axes and other groups.
 
@@ -255,23 +267,22 @@ class Columns:
                 use = f"the numbers of {quote_text(name)} are used on line {used[name]}, too"
                 reason = f"{use}, where it is not certain what they mean"
                 self._target_causes.setdefault(index, Cause(0, reason, "use a separate target for it"))
-        self._names = [name.partition(OF)[0] if name else name for name in self._names]
-        rows = _reshape_rows(self._targets, _WIDTH)
-        targets = self._fill_targets(rows, external_axes)
+        self._names = [name.partition(OF_ROUTINE)[0] if name else name for name in self._names]
+        targets = self._fill_targets(_reshape_rows(self._targets, _ROW_WIDTH), external_axes)
         moves = _sort_moves(Moves(*_reshape_rows(self._moves, 3), *_reshape_rows(self._visits, 1)))
-        kept = self._find_corrected_moves(targets, moves)
+        is_corrected = self._find_corrected_moves(targets, moves)
         left = sorted(self._left, key=lambda each: each[0].line)
-        left_moves = tuple(each for each, _ in left)
+        left_moves = tuple(move for move, _ in left)
         faults = [self._build_fault(cause) for _, cause in left]
-        if not (faults or kept.any()):
+        if not (faults or is_corrected.any()):
             remedy = "send a program with moves to targets given by numbers"
-            none = Fault(self._sources[0].name, None, "the program has no target", remedy)
-            faults = [self._build_fault(cause) for cause in causes] or [none]
-        faults = sorted(dict.fromkeys(faults), key=lambda each: each.line or 0)
-        if not kept.any():
+            no_target = Fault(self._sources[0].name, None, "the program has no target", remedy)
+            faults = [self._build_fault(cause) for cause in causes] or [no_target]
+        faults = sorted(dict.fromkeys(faults), key=lambda each: each.line or 0)  # each fault once
+        if not is_corrected.any():
             raise ProgramError(faults, left=left_moves)
         if left:
-            moves, targets = _select_moves(moves, targets, kept)
+            moves, targets = _select_moves(moves, targets, is_corrected)
         remarks = tuple(sorted(self._remarks, key=lambda each: each.line))
         return Program(self._format, self._sources, targets, moves, remarks, left_moves, tuple(faults))
 
@@ -281,111 +292,124 @@ class Columns:
         return Fault(self._sources[cause.source].name, cause.line, reason, cause.remedy)
 
     def _find_corrected_moves(self, targets: Targets, moves: Moves) -> BoolArray:
-        """Return a mask (k,) of the moves that can be corrected; note the other moves as left.
+        """Return a mask (k,) of the moves that can be corrected; note the other moves in `_left`.
 
-        A move is left if one of its targets cannot be corrected. Its other targets must then keep their
-        numbers, too, so that further moves to these targets are left, until nothing changes.
+        A move cannot be corrected if one of its targets has a cause against a correction. The other targets
+        of such a move must then keep their numbers, too, so that further moves to these targets cannot be
+        corrected, until nothing changes.
         """
-        doubted = np.zeros(len(targets), dtype=np.bool_)
-        doubted[list(self._target_causes)] = True
+        keeps_numbers = np.zeros(len(targets), dtype=np.bool_)
+        keeps_numbers[list(self._target_causes)] = True
         while True:
-            left = np.zeros(len(moves), dtype=np.bool_)
-            left[moves.of_visit[doubted[moves.visits]]] = True
-            more = doubted.copy()
-            more[moves.visits[left[moves.of_visit]]] = True
-            if (more == doubted).all():
+            is_left = np.zeros(len(moves), dtype=np.bool_)
+            is_left[moves.move_of_visit[keeps_numbers[moves.visits]]] = True
+            more = keeps_numbers.copy()
+            more[moves.visits[is_left[moves.move_of_visit]]] = True
+            if (more == keeps_numbers).all():
                 break
-            doubted = more
+            keeps_numbers = more
         begins = np.append(0, moves.ends[:-1])
-        for i in np.flatnonzero(left).tolist():
-            own, line = moves.visits[begins[i] : moves.ends[i]].tolist(), int(moves.line[i])
-            known = next((self._target_causes[each] for each in own if each in self._target_causes), None)
-            reason = (
-                self.restore_spelling(known.reason, 0, line)
-                if known
-                else "a move that is not corrected uses the same target"
-            )
-            remedy = known.remedy if known else "use a separate target"
-            base, tool = (targets.frames[axis[own[-1]]].name for axis in (targets.base, targets.tool))
+        for i in np.flatnonzero(is_left).tolist():
+            visited, line = moves.visits[begins[i] : moves.ends[i]].tolist(), int(moves.line[i])
+            target_causes = (self._target_causes[each] for each in visited if each in self._target_causes)
+            if known := next(target_causes, None):
+                reason, remedy = self.restore_spelling(known.reason, 0, line), known.remedy
+            else:
+                reason, remedy = "a move that is not corrected uses the same target", "use a separate target"
+            base, tool = (targets.frames[index[visited[-1]]].name for index in (targets.base, targets.tool))
             cause = known if known and known.line else Cause(line, reason, remedy)
-            self._left.append((ReadMove(line, targets.names[own[-1]], base, tool, reason, remedy), cause))
-        return ~left
+            self._left.append((ReadMove(line, targets.names[visited[-1]], base, tool, reason, remedy), cause))
+        return ~is_left
 
     def _fill_targets(self, rows: IndexArray, external_axes: ExternalAxes) -> Targets:
         """Return the targets with their numbers; note targets with invalid numbers or moved external axes.
 
         Args:
-            rows: array of targets, transposed: one row for each field.
+            rows: (7, t) source, line, first number, line of use, literal, base and tool of the targets.
             external_axes: what the user states on external axes and other groups.
         """
-        source, line, first, _, known, base, tool = rows
+        source, line, first, _, literal, base, tool = rows
         literals, count = list(self._literals), len(line)
-        ordinals = np.full((len(literals), _AXES + _MAX_COMMON), -1)
-        for row, each in zip(ordinals, literals, strict=True):
-            row[: len(each.numbers)] = each.numbers
-            row[NUMBERS : NUMBERS + len(each.words)] = [ordinal for _, ordinal in each.words]
-            external, shared = each.external[:_MAX_AXES], each.common[:_MAX_COMMON]
-            row[_STATED : _STATED + len(external)] = external
-            row[_AXES : _AXES + len(shared)] = shared
+        ordinals = _arrange_ordinals(literals)
         targets = Targets(
-            self._names, source, line, known, literals, base, tool,
+            self._names, source, line, literal, literals, base, tool,
             [frame for _, frame in self._frames.values()],
-            np.full((count, _STATED), np.nan), np.full((count, _STATED, 2), -1, dtype=np.int32),
+            np.full((count, _VALUES_END), np.nan), np.full((count, _VALUES_END, 2), -1, dtype=np.int32),
         )  # fmt: skip
-        out, unlike = np.zeros((2, count), dtype=np.bool_)
+        is_out_of_range, is_no_orientation = np.zeros((2, count), dtype=np.bool_)
         axes, common = np.full((count, _MAX_AXES), np.nan), np.full((count, _MAX_COMMON), np.nan)
-        crowded = np.array([len(each.external) > _MAX_AXES for each in literals], dtype=np.bool_)
+        has_many_axes = np.array([len(each.external) > _MAX_AXES for each in literals], dtype=np.bool_)
         for start in range(0, count, BLOCK):
             for file in np.unique(source[start : start + BLOCK]).tolist():
                 block = start + np.flatnonzero(source[start : start + BLOCK] == file)
-                numerals, at = self._numerals[file], ordinals[known[block]]
-                written, at = at >= 0, at + first[block, None]
-                at[~written] = 0
-                read = np.where(written, numerals.values[at], np.nan)
-                targets.values[block] = read[:, :_STATED]
-                for i, ends in enumerate((numerals.starts, numerals.ends)):
-                    targets.spans[block, :, i] = np.where(written, ends[at], -1)[:, :_STATED]
-                out[block] = (written & ~(np.abs(read) <= MAX_VALUE))[:, :NUMBERS].any(axis=1)
-                for notation, own in targets.by_notation(block):
-                    unlike[block[own]] = ~notation.is_valid_orientation(read[own])
-                others = read[:, _STATED:_AXES]
-                axes[block], common[block] = np.where(others > _NO_AXIS, np.nan, others), read[:, _AXES:]
-        away, moved = _find_external_axes(axes, external_axes)
+                numerals, indices = self._numerals[file], ordinals[literal[block]]
+                is_written, indices = indices >= 0, indices + first[block, None]
+                indices[~is_written] = 0
+                numbers = np.where(is_written, numerals.values[indices], np.nan)
+                targets.values[block] = numbers[:, :_VALUES_END]
+                for i, places in enumerate((numerals.starts, numerals.ends)):
+                    targets.spans[block, :, i] = np.where(is_written, places[indices], -1)[:, :_VALUES_END]
+                is_too_large = is_written & ~(np.abs(numbers) <= MAX_VALUE)
+                is_out_of_range[block] = is_too_large[:, :NUMBERS].any(axis=1)
+                for notation, positions in targets.group_by_notation(block):
+                    is_no_orientation[block[positions]] = ~notation.is_valid_orientation(numbers[positions])
+                block_axes = numbers[:, _VALUES_END:_AXES_END]
+                axes[block] = np.where(block_axes > _NO_AXIS, np.nan, block_axes)
+                common[block] = numbers[:, _AXES_END:]
+        is_away, is_moved = _find_external_axes(axes, external_axes)
         for faults, reason, remedy in (
-            (out, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
-            (unlike, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
+            (is_out_of_range, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
+            (is_no_orientation, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
             (
                 _find_changed_numbers(common),
                 "the tool or the base changes within the table",
                 "send a table for each of them",
             ),
-            (away, _AWAY, _CARRY_NOTHING),
-            (moved | crowded[known], "an external axis or another group moves", _CARRY_NOTHING),
+            (is_away, _AXIS_AWAY, _CARRY_NOTHING),
+            (is_moved | has_many_axes[literal], "an external axis or another group moves", _CARRY_NOTHING),
         ):
             for i in np.flatnonzero(faults).tolist():
                 self._target_causes.setdefault(i, Cause(int(line[i]), reason, remedy))
         return targets
 
 
-def _find_external_axes(axes: FloatArray, known: ExternalAxes) -> tuple[BoolArray, BoolArray]:
-    """Return masks (t,) of the targets with an external axis away from zero, and of those that move an axis.
+def _arrange_ordinals(literals: Sequence[Literal]) -> IndexArray:
+    """Return the ordinals of the numbers of each literal as a row; -1 where a literal has no such number.
 
-    If external axes carry nothing, both masks are false. If external axes are joints of the robot, the first
-    mask is false. An axis without a value (NaN) counts as away if it is away from zero in any target.
+    A row has the numbers of position and orientation, of the configuration, of external axes, and those that
+    all targets share.
     """
-    stated, none = np.nan_to_num(axes), np.zeros(len(axes), dtype=np.bool_)
-    is_away: BoolArray = np.abs(stated) > _AXIS_ROUNDING
-    away: BoolArray = np.asarray((is_away | (np.isnan(axes) & is_away.any(axis=0))).any(axis=1))
-    moved = _find_changed_numbers(stated)
-    if known is ExternalAxes.CARRY_NOTHING:
-        return none, none
-    return (none if known is ExternalAxes.OF_ROBOT else away), moved
+    ordinals = np.full((len(literals), _AXES_END + _MAX_COMMON), -1)
+    for row, each in zip(ordinals, literals, strict=True):
+        row[: len(each.numbers)] = each.numbers
+        row[NUMBERS : NUMBERS + len(each.words)] = [ordinal for _, ordinal in each.words]
+        external, shared = each.external[:_MAX_AXES], each.common[:_MAX_COMMON]
+        row[_VALUES_END : _VALUES_END + len(external)] = external
+        row[_AXES_END : _AXES_END + len(shared)] = shared
+    return ordinals
+
+
+def _find_external_axes(axes: FloatArray, external_axes: ExternalAxes) -> tuple[BoolArray, BoolArray]:
+    """Find the targets at which external axes, with the positions `axes` (t, a), may displace the target.
+
+    Return masks (t,) of the targets with an axis away from zero, and of the targets whose axes have other
+    positions than at the first target. If external axes carry nothing, both masks are false; if they are
+    joints of the robot, the first mask is false. An axis without a value (NaN) counts as away from zero if it
+    is away from zero at any target.
+    """
+    positions, no_targets = np.nan_to_num(axes), np.zeros(len(axes), dtype=np.bool_)
+    axis_away: BoolArray = np.abs(positions) > _AXIS_ROUNDING
+    is_away: BoolArray = np.asarray((axis_away | (np.isnan(axes) & axis_away.any(axis=0))).any(axis=1))
+    is_moved = _find_changed_numbers(positions)
+    if external_axes is ExternalAxes.CARRY_NOTHING:
+        return no_targets, no_targets
+    return (no_targets if external_axes is ExternalAxes.OF_ROBOT else is_away), is_moved
 
 
 def _find_changed_numbers(numbers: FloatArray) -> BoolArray:
     """Return a mask (t,) of the targets whose numbers (t, k) differ from those of the first target."""
-    known = np.nan_to_num(numbers)
-    return np.asarray((~(np.abs(known - known[:1]) <= _AXIS_ROUNDING)).any(axis=1), dtype=np.bool_)
+    numbers = np.nan_to_num(numbers)
+    return np.asarray((~(np.abs(numbers - numbers[:1]) <= _AXIS_ROUNDING)).any(axis=1), dtype=np.bool_)
 
 
 def _sort_moves(moves: Moves) -> Moves:
@@ -396,25 +420,25 @@ def _sort_moves(moves: Moves) -> Moves:
     order = np.argsort(moves.line, kind="stable")
     counts, rank = np.diff(moves.ends, prepend=0), np.empty_like(order)
     rank[order] = np.arange(len(order))
-    visits = moves.visits[np.argsort(rank[moves.of_visit], kind="stable")]
+    visits = moves.visits[np.argsort(rank[moves.move_of_visit], kind="stable")]
     return Moves(moves.line[order], moves.motion[order], np.cumsum(counts[order]), visits)
 
 
-def _select_moves(moves: Moves, targets: Targets, kept: BoolArray) -> tuple[Moves, Targets]:
-    """Return the moves in a mask `kept` (k,), and the targets of these moves, with new indices."""
-    visits = moves.visits[kept[moves.of_visit]]
+def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[Moves, Targets]:
+    """Return the moves in the mask `selected` (k,), and the targets of these moves, with new indices."""
+    visits = moves.visits[selected[moves.move_of_visit]]
     rows, places = np.unique(visits, return_inverse=True)
-    counts = np.diff(moves.ends, prepend=0)[kept]
+    counts = np.diff(moves.ends, prepend=0)[selected]
     names = [targets.names[i] for i in rows.tolist()]
     columns = (targets.source, targets.line, targets.literal)
     source, line, literal = (each[rows] for each in columns)
-    return Moves(moves.line[kept], moves.motion[kept], np.cumsum(counts), places), Targets(
+    return Moves(moves.line[selected], moves.motion[selected], np.cumsum(counts), places), Targets(
         names, source, line, literal, targets.literals, targets.base[rows], targets.tool[rows],
         targets.frames, targets.values[rows], targets.spans[rows],
     )  # fmt: skip
 
 
-def _frame_name(frame: FrameName | Cause) -> str:
+def _get_frame_name(frame: FrameName | Cause) -> str:
     """Return the name of a frame; for a cause, the name of the frame whose numbers are not known."""
     return frame.shows if isinstance(frame, Cause) else frame.name
 

@@ -10,14 +10,15 @@ from jointstiff.service.problems import FilesError
 
 MAX_FAULTS = 20
 """Most faults that one error lists."""
-CONSTANT = "write its numbers, or omit it"
-_MAX_SHOWN = 60
+WRITE_NUMBERS = "write its numbers, or omit it"
+"""Remedy for a value that is not given by constant numbers."""
+_MAX_QUOTED = 60
 
 
 def quote_text(text: str) -> str:
     """Return text of a program in quotation marks, escaped and cut to 60 characters, for a message."""
     text = text.strip()
-    return ascii(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "...")
+    return ascii(text if len(text) <= _MAX_QUOTED else text[:_MAX_QUOTED] + "...")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +46,9 @@ class ReadMove(NamedTuple):
     target: str  # names of its targets, or their numbers
     base: str  # name of the base; empty if it is not known
     tool: str  # name of the tool; empty if it is not known
-    reason: str = ""  # why the move is not corrected
-    remedy: str = ""  # what to do so that it can be corrected
-    corrected: bool = False  # whether it can be corrected
+    reason: str = ""  # why the move cannot be corrected; empty if it can be corrected
+    remedy: str = ""  # what to do so that the move can be corrected
+    corrected: bool = False  # whether the move can be corrected
 
 
 class ProgramError(FilesError):
@@ -56,13 +57,14 @@ class ProgramError(FilesError):
     Attributes:
         faults: the first faults, at most MAX_FAULTS.
         count: number of all faults.
-        left: moves that cannot be corrected.
+        left_moves: moves that cannot be corrected.
     """
 
     def __init__(
         self, faults: Sequence[Fault], count: int | None = None, left: Sequence[ReadMove] = ()
     ) -> None:
-        first, self.left = faults[0], tuple(left)
+        first = faults[0]
+        self.left_moves = tuple(left)
         self.faults = tuple(faults[:MAX_FAULTS])
         self.count = len(faults) if count is None else count
         more = f", and {self.count - 1} more" if self.count > 1 else ""
@@ -72,5 +74,5 @@ class ProgramError(FilesError):
         )
 
     def __str__(self) -> str:
-        rest = self.count - len(self.faults)
-        return "\n".join([*map(str, self.faults)] + ([f"... and {rest} more"] if rest else []))
+        unlisted = self.count - len(self.faults)
+        return "\n".join([*map(str, self.faults)] + ([f"... and {unlisted} more"] if unlisted else []))

@@ -29,13 +29,13 @@ _FIELDS: Final = (
 # B-83284EN-1. A position states its UF and UT; if others are active, the controller stops (INTP-252, 253). F
 # takes the active one. Registers, signals, timers, messages, speeds, collision detection: no position and no
 # frame changes by them.
-_QUIET: Final = (
+_HARMLESS: Final = (
     r"(?:R|SR|F|DO|RO|GO|AO|WO|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
     r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=) ?(.+?)(?:\(sec\)| ?%)?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|TC_ONLINE|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+)"
     r"|(?:PAYLOAD|UALM|DIAG_REC|SPOT|Arc (?:Start|End))\[(.*)\]|COL GUARD ADJUST ?(.+)"
 )
-# Behind a target, what leaves it where it is: termination, acceleration, configuration, spots and signals
+# Text behind a target that does not move the target: termination, acceleration, configuration, spots, signals
 _TAIL: Final = re.compile(
     r"(?:\0|R\[[^\[\]]*\])?(?: ?(?:%|(?:mm|cm|inch|deg)/(?:sec|min)|sec|msec|max_speed|WELD_SPEED))?"
     r"(?: ?(?:FINE|Wjnt|PTH|BREAK|MROT|(?:CNT|CR|CD|ACC|AP_LD|RT_LD)(?:\d++| ?\0)|(?:CNT|ACC) ?R\[[^\[\]]*\]"
@@ -43,7 +43,7 @@ _TAIL: Final = re.compile(
     r"|(?:SPOT|Arc (?:Start|End)) ?\[[^\[\]]*\]"
     r"|(?:TB|TA|DB) ?\0 ?(?:sec|mm)?,(?:P-SPS|CALL ?\w++(?:\([^()]*\))?|(?:DO|RO|GO|AO)\[[^\[\]]*\]=\w++)))*"
 )
-# Behind it, what moves this target only: an increment, an offset, coordinated motion, a remote tool
+# Text behind a target that moves this target: an increment, an offset, coordinated motion, a remote tool
 _OFFSETS: Final = (
     r"(?:INC|RTCP|COORD(?:\[[^\[\]]*\])?|(?:Tool_)?Offset(?:,PR\[[^\[\]]*\])?|VOFFSET,VR\[[^\[\]]*\])"
 )
@@ -51,14 +51,14 @@ _OFFSET: Final = re.compile(rf"(?:^| ){_OFFSETS}(?= |$)")
 _REMEDY: Final = (
     "write positions in numbers in /POS: no PR[], no P[R[]]; choose frames by numbers, line by line"
 )
-_AGAIN: Final = "record the position again"
+_RECORD_AGAIN: Final = "record the position again"
 _LOGIC: Final = r"(?P<action>JMP LBL ?\[.*\]|CALL .+|(?:DO|RO|GO|AO|R|F|WO)\[[^=]*\]=.+)"
 
 
-def _choose_frame(line: Line) -> list[Op]:
-    """Return the operations of a statement that activates the frame or the tool with a number."""
-    which = line["which"]
-    return [ir.Assign(f"U{which}_NUM", ir.Named((f"U{which[0]} %s", line.first_ordinal("number"))))]
+def _translate_frame_choice(line: Line) -> list[Op]:
+    """Return the operations of a statement that activates a numbered frame (UFRAME) or tool (UTOOL)."""
+    kind = line["which"]  # FRAME or TOOL; the frames have names such as `UF 3` and `UT 1`
+    return [ir.Assign(f"U{kind}_NUM", ir.Named((f"U{kind[0]} %s", line.first_ordinal("number"))))]
 
 
 def _translate_jump(line: Line) -> list[Op]:
@@ -66,6 +66,7 @@ def _translate_jump(line: Line) -> list[Op]:
     label = line["label"]
     if label == "\0":
         return [ir.Flow("jump", ("%s", line.first_ordinal("label")))]
+    # A computed label has the name NUL, which no label has: the jump may lead to each label.
     return [*line.read_expression(label), ir.Flow("jump", "\0")]
 
 
@@ -73,11 +74,12 @@ def _translate_conditional_action(line: Line) -> list[Op]:
     """Return the operations of an action after IF or SELECT, which may be skipped."""
     start, end = line.span("action")
     action = Line(line.language, line["action"], line.ordinals_in(start, end))
-    given = line.read_expression(line["which"].replace("=", "+", 1)) if line["which"] else []
-    return [*given, ir.Flow("if"), *line.language.apply_rules(action), ir.Flow("close")]
+    # SELECT R[1]=2 is not an expression because of its `=`; only the names in it matter.
+    condition = line.read_expression(line["which"].replace("=", "+", 1)) if line["which"] else []
+    return [*condition, ir.Flow("if"), *line.language.apply_rules(action), ir.Flow("close")]
 
 
-def _translate_quiet_instruction(line: Line) -> list[Op]:
+def _translate_harmless_instruction(line: Line) -> list[Op]:
     """Return the operations of an instruction that moves nothing: the names used in its value, if any.
 
     The value is an expression, `ON`, or a pulse such as `PULSE,0.2sec`, which uses no names.
@@ -104,24 +106,27 @@ def _translate_move(line: Line) -> list[Op]:
         Misread: the number of positions is wrong, or the text after them is unknown.
     """
     letter, tail = line["letter"], line["tail"]
-    if bool(line["second"]) != (letter == "C"):
+    has_second = bool(line["second"])  # an arc has a second position, on the next line
+    if has_second != (letter == "C"):
         raise Misread("an arc needs two positions, the second on the next line; any other move needs one")
     offset = _OFFSET.search(tail)
     if not _is_known_tail(tail):
-        what = "the text after the target moves it, or is unknown"
-        raise Misread(f"{what}; the position in /POS alone does not give the target")
-    ordinals = line.ordinals[: 1 + bool(line["second"])]
+        reason = "the text after the target moves it, or is unknown"
+        raise Misread(f"{reason}; the position in /POS alone does not give the target")
+    ordinals = line.ordinals[: 1 + has_second]  # numbers n of the positions P[n]
     names = tuple(("P[%s]", ordinal) for ordinal in ordinals)
     bases, tools = (
         tuple(ir.Copy((f"P[%s].{kind}", ordinal), through=True) for ordinal in ordinals)
         for kind in ("UF", "UT")
     )
-    place = line.span("tail")[0] + offset.start() if offset else 0
-    moved = ir.quote_statement(offset[0], line.ordinals_in(place, len(line.text))) if offset else ""
-    reason = f"{moved} moves the target" if offset else ""
-    agree = ("UFRAME_NUM", "UTOOL_NUM")
-    move = ir.Move(_MOTIONS[letter], names, bases, tools, agree, reason=reason, remedy=_REMEDY)
-    return [*(ir.Call(name, attached=True) for name in re.findall(r",CALL ?(\w++)", tail)), move]
+    reason = ""
+    if offset:
+        place = line.span("tail")[0] + offset.start()
+        quoted = ir.quote_statement(offset[0], line.ordinals_in(place, len(line.text)))
+        reason = f"{quoted} moves the target"
+    matched_frames = ("UFRAME_NUM", "UTOOL_NUM")
+    move = ir.Move(_MOTIONS[letter], names, bases, tools, matched_frames, reason=reason, remedy=_REMEDY)
+    return [*(ir.Call(name, anytime=True) for name in re.findall(r",CALL ?(\w++)", tail)), move]
 
 
 def _translate_register_move(line: Line) -> list[Op]:
@@ -132,8 +137,8 @@ def _translate_register_move(line: Line) -> list[Op]:
     """
     if not _is_known_tail(line["tail"]) or "CALL" in line["tail"]:
         raise Misread("the target is not a position in /POS, and the text after it is unknown")
-    what = ir.quote_statement(line.text, line.ordinals)
-    return ir.leave_move([], f"{what}: the target is not a position in /POS", _REMEDY)
+    statement = ir.quote_statement(line.text, line.ordinals)
+    return ir.make_uncorrected_move([], f"{statement}: the target is not a position in /POS", _REMEDY)
 
 
 def _translate_frame_change(line: Line) -> list[Op]:
@@ -165,7 +170,7 @@ _FIELD: Final = re.compile(
 )
 _CONFIG: Final = re.compile(r"[^,]*+,\0,\0,\0")
 _Fields: TypeAlias = dict[str, tuple[tuple[int, ...], str]]
-"""Ordinals of the numbers of fields, and their units or texts."""
+"""Ordinals of the numbers of each field, and its unit or text, by the field's name."""
 
 
 def _declare_position(line: Line) -> list[Op]:
@@ -177,13 +182,15 @@ def _declare_position(line: Line) -> list[Op]:
     number = line.ordinals[0]
     name = "P[%s]", number
     try:
-        own, others = _split_groups(line)
-        # Manual, chapter 4: other programs cannot change the positions of this one.
-        ops: list[Op] = [ir.Assign(name, _arm_position(own, others), "variable", own=True)]
+        fields, others = _split_groups(line)
+        # Manual, chapter 4: other programs cannot change the positions of this program.
+        ops: list[Op] = [ir.Assign(name, _read_arm_position(fields, others), "variable", private=True)]
     except Misread as fault:
         return [ir.MakeUnknown(frozenset({name}), fault.reason, fault.remedy)]
     for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
-        frame = (f"{kind} %s", own[kind][0][0]) if own[kind][0] else active
+        ordinals, _ = fields[kind]
+        # `F` in place of a number means the active frame.
+        frame = (f"{kind} %s", ordinals[0]) if ordinals else active
         ops.append(ir.Assign((f"P[%s].{kind}", number), ir.Named(frame), "constant"))
     return ops
 
@@ -194,24 +201,26 @@ def _split_groups(line: Line) -> tuple[_Fields, tuple[int, ...]]:
     Raises:
         Misread: a field is unknown or occurs twice.
     """
-    groups, here = dict[str, _Fields](), "1"
+    groups, group = dict[str, _Fields](), "1"  # fields of each group, and the number of the present group
     place, ordinals = line.text.index("{") + 1, iter(line.ordinals[1:])
     while place < len(line.text) - 2:
         match = _FIELD.match(line.text, place)
         if match is None:
-            raise Misread("a field of the position is unknown", _AGAIN)
-        here, place = match["group"] or here, match.end()
-        fields = groups.setdefault(here, {})
+            raise Misread("a field of the position is unknown", _RECORD_AGAIN)
+        group, place = match["group"] or group, match.end()
+        fields = groups.setdefault(group, {})
         if match["name"] in fields or (match["group"] and fields):
-            raise Misread("a field or a group occurs twice in a position", _AGAIN)
+            raise Misread("a field or a group occurs twice in a position", _RECORD_AGAIN)
         if match["name"]:
             text = (match["unit"] or "").lower() or match["text"] or match["word"] or ""
             fields[match["name"]] = tuple(islice(ordinals, match[0].count("\0"))), text
+    # Group 1 is the arm.
     others = (each for key, fields in groups.items() if key != "1" for each in fields.items())
-    return groups.get("1", {}), tuple(i for name, (own, _) in others if name not in {"UF", "UT"} for i in own)
+    other_ordinals = tuple(i for name, (numbers, _) in others if name not in {"UF", "UT"} for i in numbers)
+    return groups.get("1", {}), other_ordinals
 
 
-def _arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
+def _read_arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
     """Return the target that the fields of the arm's group state.
 
     `others` are ordinals of the numbers of other groups, which count as external axes.
@@ -222,30 +231,32 @@ def _arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
     if any(text.startswith("*") and not name.startswith("E") for name, (_, text) in fields.items()):
         raise Misread("the position was not recorded (***)", "record it, or delete it and its moves")
     if not all(kind in fields and (fields[kind][0] or fields[kind][1] == "F") for kind in ("UF", "UT")):
-        raise Misread("the position has no group GP1 with UF and UT", _AGAIN)
+        raise Misread("the position has no group GP1 with UF and UT", _RECORD_AGAIN)
     for notation, names, units in _FIELDS:
         if all(fields.get(name, ((), ""))[0] for name in names):
             if [fields[name][1] for name in names] != units.split():
                 raise Misread("the position is not in mm and deg", "write it with the controller set to mm")
-            external = tuple(
-                i for name, (own, _) in sorted(fields.items()) if re.fullmatch(r"E\d", name) for i in own
-            )
+            axes = (fields[name] for name in sorted(fields) if re.fullmatch(r"E\d", name))
+            external = tuple(i for axis_ordinals, _ in axes for i in axis_ordinals)
             turns, config = fields.get("CONFIG", ((), ""))
             words = zip(("turn1", "turn4", "turn6"), turns, strict=False) if _CONFIG.fullmatch(config) else ()
-            letters = "".join(config.partition(",")[0].split())
+            letters = "".join(config.partition(",")[0].split())  # N U T of `N U T, 0, 0, 0`
             numbers = tuple(fields[name][0][0] for name in names)
             return Literal(notation, numbers, external + others, tuple(words), letters)
-    raise Misread("the position is neither X, Y, Z, W, P, R nor J1 ... J6", _AGAIN)
+    raise Misread("the position is neither X, Y, Z, W, P, R nor J1 ... J6", _RECORD_AGAIN)
 
 
-_POINTS: Final = ir.Language(
-    comment=r":[^:\[\]\r\n]*+(?=\])", text=r"(?!)", folded=False, rules=((r"(?s)[\s\S]*", _declare_position),)
+_POSITION_LANGUAGE: Final = ir.Language(
+    comment=r":[^:\[\]\r\n]*+(?=\])",
+    text=r"(?!)",
+    ignores_case=False,
+    rules=((r"(?s)[\s\S]*", _declare_position),),
 )
-_ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
+_SECTION_ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
 _SECTION: Final = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)\b.*+")
 _LINE: Final = re.compile(r"\s*+(\d*+)\s*+:")
 _POSITION: Final = re.compile(r"(P.*?\};)|\S[^P]*+", re.DOTALL)
-_END: Final = re.compile(r"\s*+P\s*+\[")
+_SECOND_POSITION: Final = re.compile(r"\s*+P\s*+\[")
 
 
 def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
@@ -254,28 +265,32 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
     Raises:
         ProgramError: a section is missing or misplaced, or a line is not in the controller's form.
     """
-    source, sections, here = sources[0], dict[str, int](), ""
-    spans: list[tuple[int, int]] = []
+    source = sources[0]
+    section_ends, section = dict[str, int](), ""  # index behind the head of each section; present section
+    spans: list[tuple[int, int]] = []  # first, and last + 1 character of each instruction
     for line, (start, end) in enumerate(zip(source.starts.tolist(), source.ends.tolist(), strict=True), 1):
         text = source.text[start:end].rstrip("\r\n")
         if match := _SECTION.match(text):
-            again = match[1] in sections and match[1] != "APPL"
-            if again or _ORDER.index(match[1]) < max(map(_ORDER.index, sections), default=0):
+            occurs_twice = match[1] in section_ends and match[1] != "APPL"
+            if occurs_twice or _SECTION_ORDER.index(match[1]) < max(
+                map(_SECTION_ORDER.index, section_ends), default=0
+            ):
                 machine.refuse(
                     line, f"the section /{match[1]} occurs twice or in the wrong place", "send one program"
                 )
-            here, sections[match[1]] = match[1], start + len(text)
-        elif here == "END" and text.strip():
+            section = match[1]
+            section_ends[section] = start + len(text)
+        elif section == "END" and text.strip():
             machine.refuse(line, "there is text after /END", "send one program")
-        elif here == "MN" and text.strip():
+        elif section == "MN" and text.strip():
             _add_instruction(machine, spans, line, start, text)
-    if not sections.keys() >= {"MN", "POS"}:
+    if not section_ends.keys() >= {"MN", "POS"}:
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
         machine.refuse(None, "the file lacks the section /MN or /POS", remedy)
-    end = sections["END"] - len("/END") if "END" in sections else len(source.text)
-    positions = _find_positions(machine, source, sections["POS"], end)
-    machine.add(0, *_spans_to_arrays(positions), translate=_POINTS.translate)
-    machine.add(0, *_spans_to_arrays(spans))
+    end = section_ends["END"] - len("/END") if "END" in section_ends else len(source.text)
+    positions = _find_positions(machine, source, section_ends["POS"], end)
+    machine.add_statements(0, *_spans_to_arrays(positions), translate=_POSITION_LANGUAGE.translate)
+    machine.add_statements(0, *_spans_to_arrays(spans))
 
 
 def _spans_to_arrays(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArray]:
@@ -295,7 +310,7 @@ def _add_instruction(
     head = _LINE.match(text)
     if text.lstrip().startswith("--"):  # this line only ends a block of logic
         return
-    if head is None and not _END.match(text):
+    if head is None and not _SECOND_POSITION.match(text):
         reason = f"the line {quote_text(text)} has no number and colon"
         machine.refuse(line, reason, "write the program in the controller's form")
     body = head.end() if head else 0
@@ -318,7 +333,7 @@ def _find_positions(machine: Machine, source: Source, place: int, end: int) -> l
     for match in _POSITION.finditer(source.text, place, end):
         if match[1] is None or not re.match(r"P\s*+\[[^\]{}]*+\]\s*+\{", match[1]):
             reason = f"{quote_text(match[0])} between positions is unknown or has no end"
-            machine.refuse(source.line(match.start()), reason, _AGAIN)
+            machine.refuse(source.find_line(match.start()), reason, _RECORD_AGAIN)
         spans.append(match.span())
     return spans
 
@@ -329,12 +344,12 @@ LANGUAGE: Final = ir.Language(
     remark="    :  !",
     head="/MN",
     read=read_fanuc,
-    # what follows a number in brackets
+    # comment behind a number in brackets, and the text of a message
     comment=r":[^:\[\]\r\n]*+(?=\])|(?<=MESSAGE)\[[^\[\]\r\n]*+\]",
     blank=r" ?;?:|^[ ;]+|[ ;]+$",
     text=r"'[^'\r\n]*+'",
     word=r"[$]?[^\W\d]\w*+",
-    folded=False,
+    ignores_case=False,
     operators="AND|OR|NOT|DIV|MOD",
     reserved="JMP|CALL|RUN|LBL|IF|THEN|ELSE|ENDIF|FOR|TO|DOWNTO|ENDFOR|SELECT|INC|OFFSET|Offset|Skip|SKIP|VOFFSET|TOOL_OFFSET"
     r"|P(?=\[)",
@@ -343,21 +358,21 @@ LANGUAGE: Final = ir.Language(
     remedy=_REMEDY,
     active={"UFRAME_NUM": "active UFRAME_NUM", "UTOOL_NUM": "active UTOOL_NUM"},
     constants={"UF 0": np.eye(4), "UT 0": np.eye(4)},  # the robot's own frames: its base and its flange
-    parts=(".UF", ".UT"),
+    field_endings=(".UF", ".UT"),
     is_frame=lambda name: name.startswith(("UF ", "UT ")),
     rules=(
         (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _translate_move),
         (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[\0\]) ?(?P<tail>.*)", _translate_register_move),
-        (r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM|NUM\[\0\])=#{number}", _choose_frame),
+        (r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM|NUM\[\0\])=#{number}", _translate_frame_choice),
         (r"IF ?(.+?) ?THEN", "if"),
         (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
-        (r"ELSE", "turn"),
+        (r"ELSE", "branch"),
         (r"ENDIF|ENDFOR", "close"),
         (r"LBL ?\[#{name}\]", "label"),
         (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),
         (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
-        (_QUIET, _translate_quiet_instruction),
+        (_HARMLESS, _translate_harmless_instruction),
         (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _translate_frame_change),
         (r".*(?:UFRAME|UTOOL).*", _refuse_computed_frame),
         (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _translate_position_change),

@@ -23,7 +23,7 @@ MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
 MAX_LINES: Final = 2_000_000
 MAX_LINE: Final = 4096
 """Characters of a line."""
-_NOT_READ: Final = {".nc", ".cnc", ".mpf", ".apt", ".cls", ".aptsource", ".gcode"}
+_UNSUPPORTED_SUFFIXES: Final = {".nc", ".cnc", ".mpf", ".apt", ".cls", ".aptsource", ".gcode"}
 MARK: Final = "Jointstiff run "
 """Beginning of the mark: a comment that keeps a compensated program from being corrected again."""
 
@@ -48,18 +48,19 @@ def read_program(
         files: names and bytes of the files: one file, or a .src with its .dat and $config.dat.
         name: name of the format, one of FORMATS; if None, the first file's name decides.
         leave_alone: names of routines that neither move the robot nor change its frames.
-        leave_others: whether moves that are not certain are left; if not, they make the program fail.
+        leave_others: whether moves that are not certain are left; if not, such moves raise an error.
         external_axes: what the user states on external axes; moves with an axis away from zero are left,
             unless the axes are joints of the robot or carry nothing.
 
     Raises:
-        ProgramError: the text was not understood, or a move is not certain.
+        ProgramError: the text is not understood; or a move is not certain, and `leave_others` is false.
     """
     if not files:
         _refuse("program", None, "no file was sent", "send a program")
     suffix = PurePath(files[0][0].lower()).suffix
-    chosen = name or next((each for each, known in FORMATS.items() if suffix in known.suffixes.split()), "")
-    if suffix in _NOT_READ and name is None:
+    by_suffix = (each for each, language in FORMATS.items() if suffix in language.suffixes.split())
+    chosen = name or next(by_suffix, "")
+    if suffix in _UNSUPPORTED_SUFFIXES and name is None:
         remedy = "write it in the controller's own language, or as a table of targets (CSV)"
         _refuse(files[0][0], None, "programs in the formats CNC, APT and CLS cannot be read", remedy)
     if chosen not in FORMATS:
@@ -82,7 +83,7 @@ def read_program(
     columns, used, causes = Machine(chosen, sources, language, leave_alone).interpret()
     program = columns.build_program(used, causes, external_axes)
     if program.faults and not leave_others:
-        raise ProgramError(program.faults, left=program.left)
+        raise ProgramError(program.faults, left=program.left_moves)
     return program
 
 
@@ -92,7 +93,7 @@ def list_moves(
     leave_alone: Collection[str] = (),
     external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
 ) -> list[ReadMove]:
-    """Return all moves of a program in order of lines, with target, base, tool, and if it can be corrected.
+    """Return all moves of a program in order of lines, with target, base, tool and whether each is corrected.
 
     Raises:
         ProgramError: the text of the program is not understood.
@@ -100,21 +101,21 @@ def list_moves(
     try:
         program = read_program(files, name, leave_alone, leave_others=True, external_axes=external_axes)
     except ProgramError as error:
-        if not error.left:
+        if not error.left_moves:
             raise
-        return list(error.left)
+        return list(error.left_moves)
     targets, moves = program.targets, program.moves
-    last = moves.visits[moves.ends - 1]
-    kept = [
+    last = moves.visits[moves.ends - 1]  # index of the last target of each move
+    stored = [  # moves to positions that are stored in the controller
         ReadMove(each.line, each.target, "", "", each.text, "") for each in program.left_alone if each.target
     ]
-    rows = [*program.left, *kept]
+    read_moves = [*program.left_moves, *stored]
     for line, target in zip(moves.line.tolist(), last.tolist(), strict=True):
         numbers = targets.values[target, :NUMBERS]
         shown_numbers = ", ".join(f"{number:g}" for number in numbers[np.isfinite(numbers)].tolist())
-        base, tool = (targets.frames[chosen[target]].name for chosen in (targets.base, targets.tool))
-        rows.append(ReadMove(line, targets.names[target] or shown_numbers, base, tool, corrected=True))
-    return sorted(rows, key=lambda each: each.line)
+        base, tool = (targets.frames[index[target]].name for index in (targets.base, targets.tool))
+        read_moves.append(ReadMove(line, targets.names[target] or shown_numbers, base, tool, corrected=True))
+    return sorted(read_moves, key=lambda each: each.line)
 
 
 def _read_source(name: str, content: bytes) -> Source:
@@ -132,7 +133,7 @@ def _read_source(name: str, content: bytes) -> Source:
     if (place := source.text.find(MARK)) >= 0:
         reason = "the program states that it was corrected already: a second correction would add to it"
         remedy = "send the original program; remove this line if it is wrong"
-        _refuse(name, source.line(place), reason, remedy)
+        _refuse(name, source.find_line(place), reason, remedy)
     for i in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
         if len(source.text[source.starts[i] : source.ends[i]].rstrip("\r\n")) > MAX_LINE:
             reason = f"a line has more than {MAX_LINE} characters"
@@ -154,8 +155,8 @@ def choose_frame_notation(program: Program) -> Notation:
 
     If the format states no notation, the notation of the program's poses is returned, else that of KUKA.
     """
-    written = (notation for notation in program.targets.notations if notation.has_pose)
-    return FORMATS[program.format].pose or next(written, krl.POSE)
+    pose_notations = (notation for notation in program.targets.notations if notation.has_pose)
+    return FORMATS[program.format].pose or next(pose_notations, krl.POSE)
 
 
 def insert_mark(
@@ -174,18 +175,18 @@ def insert_mark(
         moves: number of moves of the program, which the mark states if some are left.
         left: number of moves that are left.
     """
-    known, end = FORMATS[kind], "\r\n" if b"\r\n" in content else "\n"
+    language, line_end = FORMATS[kind], "\r\n" if b"\r\n" in content else "\n"
     words = [f"corrected {day.isoformat()}", f"verdict: {verdict.replace('_', ' ')}"]
     words += [f"{moves - left} of {moves} moves corrected, {left} left"] if left and kind != "fanuc" else []
     words += (
         [f"{moves - left} of {moves} corrected", f"{left} moves left"] if left and kind == "fanuc" else []
     )
     if kind == "fanuc":
-        lines = [f"{known.remark}{each} ;" for each in (f"{MARK}{run_id[:8]}", *words)]
+        lines = [f"{language.remark}{each} ;" for each in (f"{MARK}{run_id[:8]}", *words)]
     else:
-        lines = [f"{known.remark} {MARK}{run_id} {', '.join(words)}"]
-    mark = "".join(line + end for line in lines).encode("ascii", "replace")
-    line = rf"^{known.head}[^\r\n]*+(?:\r\n|\n|\r)".encode()
-    head = re.search(line, content, re.MULTILINE) if known.head else None
+        lines = [f"{language.remark} {MARK}{run_id} {', '.join(words)}"]
+    mark = "".join(line + line_end for line in lines).encode("ascii", "replace")
+    head_line = rf"^{language.head}[^\r\n]*+(?:\r\n|\n|\r)".encode()
+    head = re.search(head_line, content, re.MULTILINE) if language.head else None
     place = head.end() if head else 0
     return content[:place] + mark + content[place:]

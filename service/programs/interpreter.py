@@ -19,16 +19,17 @@ from typing import Final, NoReturn, TypeAlias
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.columns import MAX_VALUE, OF, Cause, Columns, Frames, WrittenNumbers
-from jointstiff.service.programs.errors import CONSTANT, Fault, ProgramError, quote_text
+from jointstiff.service.programs.columns import MAX_VALUE, OF_ROUTINE, Cause, Columns, Frames, WrittenNumbers
+from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, quote_text
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals
 from jointstiff.service.programs.program import FrameName, Literal, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
-_MAX_SHAPES: Final = 10_000
+_MAX_TRANSLATIONS: Final = 10_000
 """Largest number of masked statements whose translations are remembered."""
 _MAX_STATEMENT: Final = 16_384
+"""Largest number of characters of a statement."""
 _MAX_WORK: Final = 10_000_000
 """Largest number of steps, and of names in states that are joined; programs of people need far fewer."""
 _MAX_DEPTH: Final = 100
@@ -39,7 +40,7 @@ UNKNOWN: Final = "\0everything"
 """Name in a state behind an unknown call: its value is the cause why values of other names are unknown."""
 
 Content: TypeAlias = WrittenNumbers | Cause | str
-"""Content of a name: numbers, the cause why the numbers are unknown, or only the name of another value."""
+"""Content of a variable: numbers, the cause why the numbers are unknown, or the name of another value."""
 State: TypeAlias = dict[str, tuple[Content, int]]
 """Content of each name, and the line of the statement that set this content."""
 
@@ -53,7 +54,7 @@ class Scope:
 
     def qualify(self, name: str) -> str:
         """Return a name, with the routine's name appended if the name is a local variable of the routine."""
-        return f"{name}{OF}{self.routine}" if _name_of_whole(name) in self.names else name
+        return f"{name}{OF_ROUTINE}{self.routine}" if _get_structure_name(name) in self.names else name
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,25 +67,32 @@ class Place:
     values: FloatArray  # all numbers of the file
     scope: Scope
 
-    def cause(self, reason: str, remedy: str = CONSTANT) -> Cause:
-        """Return a cause at this place; ordinals of numbers in the reason are replaced by the numbers."""
-        words = re.sub("\0(\\d+)\0", lambda match: f"{self.values[self.first + int(match[1])]:g}", reason)
-        return Cause(self.line, words, remedy, self.source)
+    def make_cause(self, reason: str, remedy: str = WRITE_NUMBERS) -> Cause:
+        """Return a cause at this place; in `reason`, numbers replace the ordinals (NUL, ordinal, NUL)."""
+        reason_with_numbers = re.sub(
+            "\0(\\d+)\0", lambda match: f"{self.values[self.first + int(match[1])]:g}", reason
+        )
+        return Cause(self.line, reason_with_numbers, remedy, self.source)
 
     def qualify(self, name: Name) -> str:
-        """Return a name with its number inserted, or with the routine to which a local variable belongs."""
+        """Return the full name of a variable.
+
+        A number is inserted in a name that is a template, or NUL if the number is not whole. The name of the
+        routine is appended to the name of a local variable.
+        """
         if isinstance(name, str):
             return self.scope.qualify(name)
         value = float(self.values[self.first + name[1]])
-        return intern(name[0] % (f"{value:g}" if value.is_integer() else "\0"))  # one copy of each name
+        template, _ = name
+        return intern(template % (f"{value:g}" if value.is_integer() else "\0"))  # one copy of each name
 
 
-def _name_of_whole(name: str) -> str:
+def _get_structure_name(name: str) -> str:
     """Return the name of the structure to which a field belongs: `FP1` for `FP1.TOOL`; else the name."""
     if "." not in name:
         return name
-    part, of, routine = name.partition(OF)
-    return part.partition(".")[0] + of + routine
+    variable, separator, routine = name.partition(OF_ROUTINE)
+    return variable.partition(".")[0] + separator + routine
 
 
 class UnmatchedEnd(Misread):
@@ -100,10 +108,10 @@ class _OpenBlock:
     """Branch, loop or routine whose end was not reached yet."""
 
     kind: str
-    begin: int  # index of the operation that begins it
-    other_branches: list[int] = field(default_factory=list)  # indices at which its other branches begin
-    exits: list[int] = field(default_factory=list)  # indices at which it is left, or begun again
-    has_default: bool = False  # whether it has a default branch, so that one branch is always taken
+    begin: int  # index of the operation that begins the block
+    other_branches: list[int] = field(default_factory=list)  # indices at which further branches begin
+    exits: list[int] = field(default_factory=list)  # indices of jumps to the end of the block
+    has_default: bool = False  # whether the block has a default branch, so that one branch is always taken
 
 
 class ControlFlow:
@@ -124,29 +132,33 @@ class ControlFlow:
         """
         self.successors: defaultdict[int, list[int]] = defaultdict(list)  # successors besides the next one
         self.begins: dict[str, int] = {}  # index of the beginning of each routine
-        self.ends: dict[int, str] = {}  # routine by the index of its end
-        self.routine: list[str] = []  # routine of each operation
+        self.ends: dict[int, str] = {}  # routine that ends at each index
+        self.routine_of: list[str] = []  # routine of each operation
         self.anytime_routines: set[str] = set()  # routines that may run at any time
-        self.shared: set[str] = set()  # routines that other programs may call
-        self._names, self._open_blocks, self._open = names, list[_OpenBlock](), [""]
+        self.shared_routines: set[str] = set()  # routines that other programs may call
+        self._names = names
+        self._open_blocks: list[_OpenBlock] = []  # blocks whose end was not reached yet
+        self._open_routines = [""]  # routines whose end was not reached yet; "" for text outside of routines
         self._labels: dict[str, dict[str, int]] = defaultdict(dict)  # indices of labels, by routine
         self._jumps: list[int] = []
         for i, op in enumerate(ops):
             if isinstance(op, ir.Flow):
                 self._add_operation(i, op)
-            self.routine.append(self.ends.get(i, self._open[-1]))
+            self.routine_of.append(self.ends.get(i, self._open_routines[-1]))
         while self._open_blocks:
             if self._open_blocks[-1].kind != "routine":
                 raise UnmatchedEnd(
                     self._open_blocks[-1].begin, "a branch or a loop has no end", "write its end"
                 )
+            # The text may end without the end of a routine: append the end.
             ops.append(ir.Flow("end"))
             self._end_block(len(ops) - 1, "end")
-            self.routine.append(self.ends[len(ops) - 1])
+            self.routine_of.append(self.ends[len(ops) - 1])
         self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # indices of each routine's operations
-        for i, name in enumerate(self.routine):
+        for i, name in enumerate(self.routine_of):
             self.bodies[name].append(i)
         self._link_jumps(names)
+        # A handler without a name handles errors.
         if any(not names[self.begins[handler]] for handler in self.anytime_routines):
             self._add_error_exits()
 
@@ -157,14 +169,14 @@ class ControlFlow:
             UnmatchedEnd: the label does not exist.
         """
         for i in self._jumps:
-            labels = self._labels[self.routine[i]]
+            labels = self._labels[self.routine_of[i]]
             places = [labels[names[i]]] if names[i] in labels else [*labels.values()]
             if not places:
                 raise UnmatchedEnd(i, "the label of a jump does not exist", "write the label")
             self.successors[i] += places
 
     def _add_error_exits(self) -> None:
-        """Add the end of its routine to the successors of each operation.
+        """Add the end of the routine to the successors of each operation of the routine.
 
         An error may occur anywhere, and a handler of the caller may then continue behind the call.
         """
@@ -178,20 +190,21 @@ class ControlFlow:
         Raises:
             UnmatchedEnd: the operation ends a block that did not begin, or is nested too deep.
         """
-        if op.kind in {"routine", "aside", "if", "loop", "repeat"}:
+        if op.kind in {"routine", "handler", "if", "loop", "repeat"}:
             if len(self._open_blocks) >= _MAX_DEPTH:
                 reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
-                raise UnmatchedEnd(i, reason, "write routines of their own")
+                raise UnmatchedEnd(i, reason, "move inner branches and loops to routines of their own")
             self._open_blocks.append(
                 _OpenBlock(op.kind, i) if op.kind in {"if", "loop", "repeat"} else self._begin_routine(i, op)
             )
         elif op.kind == "label":
-            self._labels[self._open[-1]][self._names[i]] = i
+            self._labels[self._open_routines[-1]][self._names[i]] = i
         elif op.kind == "jump":
             self._jumps.append(i)
         elif op.kind in {"leave", "return"}:
             kinds = {"routine"} if op.kind == "return" else {"loop", "repeat", "routine"}
-            for block in [each for each in self._open_blocks if each.kind in kinds][-1:]:
+            enclosing = [block for block in self._open_blocks if block.kind in kinds]
+            for block in enclosing[-1:]:  # the innermost block of these kinds, if any
                 block.exits.append(i)
         else:
             self._end_block(i, op.kind)
@@ -204,11 +217,11 @@ class ControlFlow:
         """
         name = self._names[i] or f"handler {i}"
         if name in self.begins:
-            raise UnmatchedEnd(i, "a routine is defined twice", "send one program")
+            raise UnmatchedEnd(i, "a routine is defined twice", "define each routine once; send one program")
         self.begins[name] = i
-        self.anytime_routines |= {name} if op.kind == "aside" else set()
-        self.shared |= {name} if op.shared else set()
-        self._open.append(name)
+        self.anytime_routines |= {name} if op.kind == "handler" else set()
+        self.shared_routines |= {name} if op.shared else set()
+        self._open_routines.append(name)
         return _OpenBlock("routine", i)
 
     def _end_block(self, i: int, kind: str) -> None:
@@ -218,22 +231,23 @@ class ControlFlow:
             UnmatchedEnd: nothing of this kind is open.
         """
         block = self._open_blocks[-1] if self._open_blocks else None
-        if block is None or (kind != "any" and (kind == "end") != (block.kind == "routine")):
+        if block is None or (kind != "close_or_end" and (kind == "end") != (block.kind == "routine")):
             reason = "this line ends a branch, a loop or a routine that does not begin before it"
             raise UnmatchedEnd(i, reason, "write both ends of branches, loops and routines")
-        if kind in {"turn", "default"}:
+        if kind in {"branch", "default"}:
             block.other_branches.append(i)
             block.has_default |= kind == "default"
             return
         self._open_blocks.pop()
         if block.kind == "routine":
-            self.ends[i] = self._open.pop()
+            self.ends[i] = self._open_routines.pop()
+        # Where a further branch begins, the branch before it ends, and continues at the end of the block.
         for place in (*block.other_branches, *block.exits):
             self.successors[place].append(i)
         self.successors[block.begin] += block.other_branches
-        if block.kind in {"if", "loop"} and not block.has_default:
+        if block.kind in {"if", "loop"} and not block.has_default:  # the block may be skipped
             self.successors[block.begin].append(i)
-        if block.kind in {"loop", "repeat"}:
+        if block.kind in {"loop", "repeat"}:  # the loop may begin again at its end, or at a `continue`
             for place in (i, *block.exits):
                 self.successors[place].append(block.begin)
 
@@ -255,13 +269,15 @@ class Machine:
         self.sources, self._language = sources, language
         self._allowed = frozenset(each.upper() for each in allowed)
         self.numerals = [Numerals.from_text(source.text, language.number) for source in sources]
-        self.columns = Columns(kind, sources, self.numerals, folded=language.folded)
-        self._ops, self._places = list[Op](), list[Place]()
-        self._scopes, self._closed = [Scope("")], Scope("")
+        self.columns = Columns(kind, sources, self.numerals, ignores_case=language.ignores_case)
+        self._ops: list[Op] = []
+        self._places: list[Place] = []  # place of each operation
+        self._scopes = [Scope("")]  # scopes of the routines and blocks whose end was not reached yet
+        self._last_scope = Scope("")  # scope of the routine or block that ended last
         self._initial: dict[str, Content] = {}  # values of names before the program runs
         self._constants: set[str] = set()  # names that are declared as constants
         self._shared: set[str] = set()  # names that other programs use as well
-        self._own: set[str] = set()  # names that no other program knows
+        self._private: set[str] = set()  # names that no other program knows
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
         self._causes: list[Cause] = []  # causes of all statements that are not understood
@@ -272,15 +288,15 @@ class Machine:
         self._callers: dict[str, set[str]] = defaultdict(set)  # callers of each routine
         self._incoming: dict[int, State] = {}  # joined states of all jumps to an operation
         self._exits: dict[str, State | None] = {}  # state at the end of each routine
-        self._state_operations: dict[
-            str, list[int]
-        ] = {}  # indices of each routine's operations other than moves
-        self._open: list[str] = []  # routines that are being passed through
+        # indices of each routine's operations other than moves
+        self._state_operations: dict[str, list[int]] = {}
+        self._entered_routines: list[str] = []  # routines that are being passed through
         self._state_changed = True  # whether a state has changed in this pass
-        self._repeats: dict[int, array[int]] = defaultdict(partial(array, "q"))  # lines and first numbers
+        # for each move, line and first number of each following move that differs in its numbers only
+        self._repeats: dict[int, array[int]] = defaultdict(partial(array, "q"))
         self._named: dict[str, FrameName] = {}  # frames that are known by name
-        self._poses: dict[tuple[WrittenNumbers, ...], FloatArray | None] = {}
-        self._work = 0
+        self._poses: dict[tuple[WrittenNumbers, ...], FloatArray | None] = {}  # products of frames in numbers
+        self._work = 0  # steps of the interpretation so far
 
     # reading
 
@@ -292,7 +308,7 @@ class Machine:
         """
         raise ProgramError([Fault(self.sources[source].name, line, reason, remedy)])
 
-    def add(
+    def add_statements(
         self,
         source: int,
         starts: IndexArray,
@@ -308,7 +324,8 @@ class Machine:
             starts: (k,) first character of each statement.
             ends: (k,) last character + 1 of each statement.
             declares: kind of the declarations in a file of data, which hold from the beginning; else "".
-            translate: function that translates the masked text of a statement; default: that of the language.
+            translate: function that translates the text of a statement, with NUL in place of each number;
+                None takes the function of the language.
 
         Raises:
             ProgramError: a statement is too long, or not understood at all.
@@ -319,29 +336,31 @@ class Machine:
         masked_texts, first = self.numerals[source].masked_texts(starts, ends)
         if (long := np.flatnonzero(ends - starts > _MAX_STATEMENT)).size:
             reason = f"a statement has more than {_MAX_STATEMENT} characters"
-            self.refuse(int(lines[long[0]]), reason, "split it", source)
-        known: dict[str, list[tuple[int, Op]]] = {}
-        last: list[tuple[int, Op]] | None = (
-            None  # operations of the last move, if the next move may differ from it in numbers only
-        )
+            self.refuse(int(lines[long[0]]), reason, "split the statement", source)
+        translations: dict[str, list[tuple[int, Op]]] = {}
+        # operations of the last statement, if a repetition of this statement can differ in numbers only
+        repeatable: list[tuple[int, Op]] | None = None
         for masked, line, number in zip(masked_texts, lines.tolist(), first.tolist(), strict=True):
-            ops = known.get(masked)
+            ops = translations.get(masked)
             if ops is None:
                 try:
                     ops = translate(masked)
                 except Misread as fault:
                     self.refuse(line, fault.reason, fault.remedy, source)
-                if len(known) < _MAX_SHAPES:
-                    known[masked] = ops
-            if ops is last:
-                self._repeats[len(self._ops) - 1].extend((line + ops[-1][0], number))
+                if len(translations) < _MAX_TRANSLATIONS:
+                    translations[masked] = ops
+            if ops is repeatable:  # long programs are mostly such moves: they share one operation
+                line_offset, _ = ops[-1]
+                self._repeats[len(self._ops) - 1].extend((line + line_offset, number))
                 continue
-            self._add_operation(ops, source, line, number, declares)
-            acts = [op for _, op in ops if not isinstance(op, ir.Use)]
-            alike = len(acts) == 1 and isinstance(acts[0], ir.Move) and acts[0].differs_only_in_target
-            last = ops if alike and not declares else None
+            self._add_operations(ops, source, line, number, declares)
+            effects = [op for _, op in ops if not isinstance(op, ir.Use)]
+            is_repeatable = (
+                len(effects) == 1 and isinstance(effects[0], ir.Move) and effects[0].differs_only_in_target
+            )
+            repeatable = ops if is_repeatable and not declares else None
 
-    def _add_operation(
+    def _add_operations(
         self, ops: Iterable[tuple[int, Op]], source: int, line: int, number: int, declares: str
     ) -> None:
         """Add the operations of one statement to the program, or its declarations to the initial values.
@@ -353,11 +372,11 @@ class Machine:
             number: index of the statement's first number.
             declares: kind of the declarations in a file of data; else "".
         """
-        for below, op in ops:
+        for line_offset, op in ops:
             if isinstance(op, ir.Flow):
                 self._enter_scope(op)
             scope = self._scopes[-1]
-            place = Place(source, line + below, number, self.numerals[source].values, scope)
+            place = Place(source, line + line_offset, number, self.numerals[source].values, scope)
             if isinstance(op, ir.Use):
                 self._used.update((scope.qualify(name), place.line) for name in op.names)
             elif isinstance(op, ir.Local):
@@ -370,36 +389,36 @@ class Machine:
 
     def _enter_scope(self, op: ir.Flow) -> None:
         """Enter the scope of a routine or block where it begins, and leave the scope where it ends."""
-        if op.kind in {"routine", "aside"}:  # a handler without a name shares the scope of its routine
-            self._scopes.append(Scope(str(op.name)) if op.name else self._closed)
+        if op.kind in {"routine", "handler"}:  # a handler without a name shares the scope of its routine
+            self._scopes.append(Scope(str(op.name)) if op.name else self._last_scope)
         elif op.kind in {"if", "loop", "repeat"}:
             self._scopes.append(self._scopes[-1])
-        elif op.kind in {"close", "end", "any"} and len(self._scopes) > 1:
-            self._closed = self._scopes.pop()
+        elif op.kind in {"close", "end", "close_or_end"} and len(self._scopes) > 1:
+            self._last_scope = self._scopes.pop()
 
     def _declare(self, place: Place, op: ir.Assign, kind: str) -> None:
         """Note the initial content of a declared name, and whether other programs may change this content."""
         name = place.qualify(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
-        self._own |= {_name_of_whole(name)} if op.own else set()
+        self._private |= {_get_structure_name(name)} if op.private else set()
         content = self._evaluate(place, name, op.value, {})
         if self._initial.setdefault(name, content) != content:
-            self._initial[name] = place.cause(f"{name} is declared twice")
+            self._initial[name] = place.make_cause(f"{name} is declared twice")
         if kind == "constant":
             self._constants.add(name)
 
-    # what holds for all of the program
+    # changes of names anywhere in the program
 
     def _collect_changes(self) -> None:
         """Collect, for each name, the statements anywhere in the program that may change its content."""
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.Assign):
                 name = place.qualify(op.name)
-                self._changes[name].append(place.cause(f"it gets numbers on line {place.line}"))
+                self._changes[name].append(place.make_cause(f"it gets numbers on line {place.line}"))
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.MakeUnknown):
                 self._collect_unknown_values(place, op)
-            elif isinstance(op, ir.Call) and not (op.quiet and op.name not in self._flow.begins):
+            elif isinstance(op, ir.Call) and not (op.harmless and op.name not in self._flow.begins):
                 self._collect_call(place, op)
         self._summarise_routines()
         for name in self._flow.anytime_routines:
@@ -407,55 +426,58 @@ class Machine:
 
     def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
         """Note why values become unknown at a statement, for each name that the statement changes."""
-        cause = place.cause(op.reason, op.remedy)
+        cause = place.make_cause(op.reason, op.remedy)
         self._causes.append(cause)
+        # A statement without names may change all data of the controller, which remain for later runs.
         self._earlier = self._earlier or (None if op.names else cause)
         if op.anytime:
             self._anytime[UNKNOWN] = cause
-        for each in op.names:
-            self._changes[place.qualify(each)].append(cause)
+        for name in op.names:
+            self._changes[place.qualify(name)].append(cause)
 
     def _collect_call(self, place: Place, op: ir.Call) -> None:
         """Note what a call may change: the arguments of the routine, and for an unknown routine all names."""
-        cause = place.cause(f"{quote_text(str(op.name))} gets it as an argument, and may change it")
+        cause = place.make_cause(f"{quote_text(str(op.name))} gets it as an argument, and may change it")
         for passed in map(place.scope.qualify, op.passed):
             self._changes[passed].append(cause)
             self._anytime.update(dict.fromkeys(self._list_name_and_fields(passed), cause))
         if op.name in self._flow.begins:
-            self._flow.anytime_routines |= {str(op.name)} if op.attached else set()
+            self._flow.anytime_routines |= {str(op.name)} if op.anytime else set()
         elif isinstance(op.name, tuple) and place.qualify(op.name) in self._changes:
             pass  # an interrupt that the program declares: its routine is collected at the declaration
         elif unknown := self._explain_unknown_call(place, op):
             self._causes.append(unknown)
             self._earlier = self._earlier or unknown
-            if op.attached:
+            if op.anytime:
                 self._anytime[UNKNOWN] = unknown
         else:
-            statement = "the request states that it neither moves the robot nor changes frames"
-            self.columns.add_remark(place.line, f"{op.name} is called; {statement}")
+            permission = "the request states that it neither moves the robot nor changes frames"
+            self.columns.add_remark(place.line, f"{op.name} is called; {permission}")
 
     def _explain_unknown_call(self, place: Place, op: ir.Call) -> Cause | None:
         """Return the cause why values are unknown after a call; None if the called routine is allowed."""
         name = place.qualify(op.name)
-        if op.quiet or name.upper() in self._allowed:
+        if op.harmless or name.upper() in self._allowed:
             return None
         reason = f"{quote_text(name)} is unknown: it may move the robot or change its frames"
-        return place.cause(reason, f"if it does neither, name it in `leave_alone`: [{quote_text(name)}]")
+        return place.make_cause(reason, f"if it does neither, name it in `leave_alone`: [{quote_text(name)}]")
 
     def _list_name_and_fields(self, name: str) -> list[str]:
         """Return a list of a name, and the names of all fields that a structure of this name may have."""
-        whole, of, routine = name.partition(OF)
-        return [name, *(f"{whole}{part}{of}{routine}" for part in self._language.parts)]
+        structure, separator, routine = name.partition(OF_ROUTINE)
+        endings = self._language.field_endings
+        return [name, *(f"{structure}{ending}{separator}{routine}" for ending in endings)]
 
     def _is_direct_call(self, op: ir.Call) -> bool:
         """Return whether a call starts a routine of this program directly, not when an event occurs."""
-        return op.name in self._flow.begins and not op.attached
+        return op.name in self._flow.begins and not op.anytime
 
     def _summarise_routines(self) -> None:
         """Find the names that each routine may change, also through the routines that it calls."""
         callers = self._callers
         for i, op in enumerate(self._ops):
-            routine, state = self._flow.routine[i], dict[str, tuple[Content, int]]()
+            routine = self._flow.routine_of[i]
+            state: State = {}  # an operation on an empty state leaves the names that it changes
             if isinstance(op, ir.Call) and self._is_direct_call(op):
                 callers[str(op.name)].add(routine)
             else:
@@ -464,35 +486,39 @@ class Machine:
                 reason = f"{name} changes while the program runs"
                 cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
                 self._changed[routine][name] = content if isinstance(content, Cause) else cause
-        waiting = [*self._changed]
-        while waiting:
-            routine = waiting.pop()
+        to_visit = [*self._changed]  # routines whose callers may change more names than noted
+        while to_visit:
+            routine = to_visit.pop()
             for caller in callers.get(routine, ()):
                 if not self._changed[routine].keys() <= self._changed[caller].keys():
                     self._changed[caller] = self._changed[routine] | self._changed[caller]
-                    waiting.append(caller)
+                    to_visit.append(caller)
 
     # propagation
 
     def _enter_routines(self) -> None:
         """Set the states in which the main routine, and routines that other programs may call, begin."""
         main = next((name for name in self._flow.begins if name not in self._flow.anytime_routines), "")
-        if main and (self._language.callers or main not in self._callers):
+        # The program does not show when statements outside of its routines run: they may run at any time.
+        if main and (self._language.callable_from_outside or main not in self._callers):
             self._anytime.update(self._changed[""])
         for name, begin in self._flow.begins.items():
-            called = name in self._callers
-            if self._language.callers or (name == main and not called):
+            is_called = name in self._callers
+            if self._language.callable_from_outside or (name == main and not is_called):
                 self._incoming[begin] = {}
-            elif not called or name in self._flow.anytime_routines | self._flow.shared:
+            elif not is_called or name in self._flow.anytime_routines | self._flow.shared_routines:
                 reason = f"{quote_text(name)} may be called from elsewhere, with the frames of its caller"
                 cause = Cause(0, reason, "set the frames in the routine, before its moves")
                 self._incoming[begin] = {UNKNOWN: (cause, 0)}
 
     def _propagate_through(self, routine: str, indices: Iterable[int]) -> None:
-        """Propagate states through the operations `indices` of a routine once; record their moves."""
-        state: State | None = {}
+        """Propagate states through the operations `indices` of a routine once; record their moves.
+
+        A state has the content of each variable, as it is on all paths to an operation.
+        """
+        state: State | None = {}  # None where no path leads to the operation
         shared = False  # whether the state is stored elsewhere, so that it must be copied before a change
-        self._open.append(routine)
+        self._entered_routines.append(routine)
         for i in indices:
             op = self._ops[i]
             if isinstance(op, ir.Move | ir.MoveToStored):
@@ -508,7 +534,7 @@ class Machine:
                     self._count_work(len(state))
                     state, shared = dict(state), False
                 self._update_state(state, i)
-        self._open.pop()
+        self._entered_routines.pop()
         self._state_changed |= self._exits.get(routine) != state
         self._exits[routine] = state
 
@@ -516,22 +542,23 @@ class Machine:
         """Join a state into the successors of operation i; return the state after the operation."""
         for place in self._flow.successors.get(i, ()):
             self._join_into(place, state)
-        if op.kind in {"routine", "aside", "turn", "default"}:
+        # These operations are not reached from the operation before them, only by jumps.
+        if op.kind in {"routine", "handler", "branch", "default"}:
             state = None
         return self._join_states(self._incoming.get(i), state)
 
     def _follow_call(self, routine: str, state: State) -> State | None:
         """Return the state after a call; None if the end of the called routine was not reached yet."""
         is_new = self._join_into(self._flow.begins[routine], state)
-        if is_new and routine not in self._open and len(self._open) < _MAX_CALLS:
+        if is_new and routine not in self._entered_routines and len(self._entered_routines) < _MAX_CALLS:
             self._propagate_through(routine, self._state_operations[routine])
         returned, changed = self._exits.get(routine), self._changed[routine]
         if returned is None:
             return None
-        if UNKNOWN in changed:
+        if UNKNOWN in changed:  # the routine may change any name
             return returned
         self._count_work(len(changed))
-        return {**state, **{name: self._value_and_line(returned, name) for name in changed}}
+        return {**state, **{name: self._look_up(returned, name) for name in changed}}
 
     def _join_into(self, place: int, state: State | None) -> bool:
         """Join a state into the state at operation `place`; return whether the latter changed."""
@@ -543,41 +570,51 @@ class Machine:
         self._state_changed = True
         return True
 
-    def _join_states(self, known: State | None, state: State | None) -> State | None:
-        """Return the join of two states: equal contents, and a cause where the contents of a name differ."""
-        if known is None or state is None or known == state:
-            return state if known is None else known
-        joined = dict(known)
-        self._count_work(len(state) + len(known))
-        for name in {**known, **state}:
-            (content, line), (other, later) = (self._value_and_line(each, name) for each in (known, state))
-            if content != other and not isinstance(content, Cause):
-                what = "whatever an unknown routine may change" if name == UNKNOWN else name
-                reason = f"{what} changes while the program runs: by a branch, a loop or a call"
-                cause = Cause(max(line, later), reason, "set it once, before branches, loops and calls")
-                joined[name] = other if isinstance(other, Cause) else cause, cause.line
-        return known if joined == known else joined
+    def _join_states(self, first: State | None, second: State | None) -> State | None:
+        """Return the state, the contents of all variables, behind a place where two paths meet.
+
+        Equal contents are kept; a cause why the content is unknown replaces contents that differ. None is the
+        state of a place that no path reaches. If nothing changes, the object `first` is returned.
+        """
+        if first is None or second is None or first == second:
+            return second if first is None else first
+        joined = dict(first)
+        self._count_work(len(second) + len(first))
+        for name in {**first, **second}:
+            first_content, first_line = self._look_up(first, name)
+            second_content, second_line = self._look_up(second, name)
+            if first_content != second_content and not isinstance(first_content, Cause):
+                subject = "whatever an unknown routine may change" if name == UNKNOWN else name
+                reason = f"{subject} changes while the program runs: by a branch, a loop or a call"
+                line = max(first_line, second_line)
+                cause = Cause(line, reason, "set it once, before branches, loops and calls")
+                joined[name] = second_content if isinstance(second_content, Cause) else cause, line
+        return first if joined == first else joined
 
     def _count_work(self, names: int) -> None:
         """Count steps of the interpretation; refuse a program that takes too many."""
         self._work += names
         if self._work > _MAX_WORK:
-            self.refuse(None, "the program has too many branches and names", "split it")
+            self.refuse(None, "the program has too many branches and names", "split the program")
 
     def _update_state(self, state: State, i: int) -> None:
-        """Apply operation i to a state: an assignment, unknown values, or the call of an unknown routine."""
+        """Apply operation i to a state, the contents of all variables; the state is changed in place.
+
+        Contents change by an assignment, by a statement after which values are unknown, and by the call of an
+        unknown routine.
+        """
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)
             state[name] = self._evaluate(place, name, op.value, state), place.line
         elif isinstance(op, ir.MakeUnknown):
-            cause = place.cause(op.reason, op.remedy)
+            cause = place.make_cause(op.reason, op.remedy)
             if not op.names:
                 self._forget_names(state, cause)
-            for each in map(place.qualify, op.names):
-                state.update(dict.fromkeys(self._list_name_and_fields(each), (cause, place.line)))
+            for name in map(place.qualify, op.names):
+                state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
         elif (
-            isinstance(op, ir.Call) and not op.attached and (unknown := self._explain_unknown_call(place, op))
+            isinstance(op, ir.Call) and not op.anytime and (unknown := self._explain_unknown_call(place, op))
         ):
             self._forget_names(state, unknown)
 
@@ -589,13 +626,14 @@ class Machine:
 
     def _is_protected(self, name: str) -> bool:
         """Return whether the content of a name is safe from changes by unknown routines."""
-        own = _name_of_whole(name) in self._own and not self._find_changes(name)
-        return own or name in self._constants or OF in name
+        is_private = _get_structure_name(name) in self._private and not self._find_changes(name)
+        is_local = OF_ROUTINE in name
+        return is_private or name in self._constants or is_local
 
     def _find_changes(self, name: str) -> list[Cause]:
-        """Return the changes of a name; without any, those of its structure, else those of its array."""
-        among = name, _name_of_whole(name), name.partition("[")[0]
-        return next((changes for each in among if (changes := self._changes.get(each))), [])
+        """Return the changes of a name; if there are none, those of its structure, else of its array."""
+        names = name, _get_structure_name(name), name.partition("[")[0]
+        return next((changes for each in names if (changes := self._changes.get(each))), [])
 
     def _evaluate(self, place: Place, name: str, value: Value, state: State) -> Content:
         """Return the content that an assignment of `value`, at a place and in a state, gives to a name."""
@@ -603,23 +641,25 @@ class Machine:
             return WrittenNumbers(name, place.source, place.line, place.first, value)
         content: Content = place.qualify(value.name)
         if "\0" in content:
-            return place.cause("the number of a frame is not a whole number")
-        # The value of another name is looked up once, and once more if that name holds a name.
-        for _ in range(isinstance(value, ir.Copy) + (isinstance(value, ir.Copy) and value.through)):
-            if isinstance(content, str):
-                content = self._value_and_line(state, content)[0]
+            return place.make_cause("the number of a frame is not a whole number")
+        if isinstance(value, ir.Copy):
+            # The other name is looked up, and with `through` also the name that the other name holds.
+            for _ in range(2 if value.through else 1):
+                if isinstance(content, str):
+                    content, _line = self._look_up(state, content)
         return content
 
-    def _value_and_line(self, state: State, name: str) -> tuple[Content, int]:
+    def _look_up(self, state: State, name: str) -> tuple[Content, int]:
         """Return the content of a name in a state, and the line of the statement that set this content."""
-        if name == UNKNOWN:
+        if name == UNKNOWN:  # without an unknown call, there is no cause
             return state.get(name, ("", 0))
-        if _name_of_whole(name) in self._language.constants:
+        if _get_structure_name(name) in self._language.constants:
             return name, 0
         protected = self._is_protected(name)
-        content: Content | None = self._anytime.get(name) or (
-            None if protected else self._anytime.get(UNKNOWN)
-        )
+        # A change that may happen at any time comes first, then the state, then the value before the program.
+        content: Content | None = self._anytime.get(name)
+        if content is None and not protected:
+            content = self._anytime.get(UNKNOWN)
         if content is None and name in state:
             return state[name]
         if content is None and UNKNOWN in state and not protected:
@@ -646,7 +686,7 @@ class Machine:
             return name
         return Cause(0, f"{quote_text(name)} is not given by constant numbers")
 
-    # judgement
+    # moves
 
     def interpret(self) -> tuple[Columns, dict[str, int], list[Cause]]:
         """Read and interpret the program.
@@ -654,8 +694,8 @@ class Machine:
         States are passed through the routines until none changes; a last pass adds the moves.
 
         Returns:
-            Targets and moves as columns; for each name that is used other than as a target, a line of use;
-            causes why statements are not understood.
+            Targets and moves as columns; for each name that is used otherwise than as a target, a line on
+            which the name is used; causes why statements are not understood.
 
         Raises:
             ProgramError: the text is not understood.
@@ -663,7 +703,7 @@ class Machine:
         if self._language.read:
             self._language.read(self, self.sources)
         else:
-            self.add(0, self.sources[0].starts, self.sources[0].ends)
+            self.add_statements(0, self.sources[0].starts, self.sources[0].ends)
         names = [
             self._places[i].qualify(op.name) if isinstance(op, ir.Flow) else ""
             for i, op in enumerate(self._ops)
@@ -705,23 +745,27 @@ class Machine:
             (self._evaluate_frame(place, base, state), self._evaluate_frame(place, tool, state))
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
-        cause = self._find_cause_to_leave(place, op, frames, state)
+        cause = self._find_obstacle(place, op, frames, state)
         repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
         if len(repeats) and cause is None:
             lines, first = np.vstack([[place.line, place.first], repeats]).T
             self.columns.add_moves(op, place.source, lines, first, frames[0])
             return
-        at = place.line, place.source
-        here = cause is not None and (not cause.line or (cause.line, cause.source) == at)
+        # A cause on the line of the move itself is on the line of each repetition, too.
+        is_on_same_line = cause is not None and (
+            not cause.line or (cause.line, cause.source) == (place.line, place.source)
+        )
         for line, first in [(place.line, place.first), *repeats.tolist()]:
-            own = replace(place, line=line, first=first)
-            left = cause._replace(line=line, source=place.source) if cause and here else cause
-            self._add_move(op, own, left, frames, state)
+            move_place = replace(place, line=line, first=first)
+            move_cause = cause
+            if cause and is_on_same_line:
+                move_cause = cause._replace(line=line, source=place.source)
+            self._add_move(op, move_place, move_cause, frames, state)
 
     def _add_move(
         self, op: ir.Move, place: Place, cause: Cause | None, frames: list[Frames], state: State
     ) -> None:
-        """Add one move to the columns, with its targets in a state, or with a cause to leave it."""
+        """Add one move to the columns, with its targets in a state, or with the cause against correction."""
         contents = [self._evaluate_target(place, each, state) for each in op.targets]
         cause = cause or next((each for each in contents if isinstance(each, Cause)), None)
         if cause is not None:
@@ -729,27 +773,25 @@ class Machine:
                 (place.qualify(name), place.line) for name in op.targets if not isinstance(name, Literal)
             )
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
-        given = [each for each in contents if isinstance(each, WrittenNumbers)]
-        self.columns.add_move(op, place.line, given, frames, cause)
+        targets = [each for each in contents if isinstance(each, WrittenNumbers)]
+        self.columns.add_move(op, place.line, targets, frames, cause)
 
-    def _find_cause_to_leave(
-        self, place: Place, op: ir.Move, frames: list[Frames], state: State
-    ) -> Cause | None:
+    def _find_obstacle(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""
         if op.reason:
-            return place.cause(op.reason, op.remedy)
+            return place.make_cause(op.reason, op.remedy)
         for each in (each for pair in frames for each in pair):
             if isinstance(each, Cause):
                 return each
-        for name, frame in zip(op.agree, frames[0], strict=False):
-            content = self._value_and_line(state, name)[0]
+        for name, frame in zip(op.matched_frames, frames[0], strict=False):
+            content, _ = self._look_up(state, name)
             if isinstance(content, Cause):
                 return content
-            if content != self._language.active[name] and not (
-                isinstance(frame, FrameName) and content == frame.name
-            ):
+            # The active frame must be unchanged since the program began, or be the frame of the target.
+            is_initial = content == self._language.active[name]
+            if not is_initial and not (isinstance(frame, FrameName) and content == frame.name):
                 reason = f"the target is recorded with another {name} than the active one"
-                return place.cause(reason, "activate the frame that it is recorded with")
+                return place.make_cause(reason, "activate the frame that it is recorded with")
         return None
 
     def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> WrittenNumbers | Cause:
@@ -757,16 +799,17 @@ class Machine:
         if isinstance(target, Literal):
             return WrittenNumbers("", place.source, place.line, place.first, target)
         name = place.qualify(target)
-        content, changes = self._value_and_line(state, name)[0], self._changes.get(name, [])
+        content, _ = self._look_up(state, name)
+        changes = self._changes.get(name, [])
         reason = content.reason if isinstance(content, Cause) and content.line else ""
-        if len(changes) + (name in self._initial) > 1:
+        if len(changes) + (name in self._initial) > 1:  # the target gets numbers more than once
             reason = changes[-1].reason
         elif isinstance(content, WrittenNumbers) and name in self._shared:
             reason = "it is declared where other programs use it, too"
         elif isinstance(content, WrittenNumbers):
             return content if content.label == name else content._replace(label=name)
         unknown = f"the target {quote_text(name)} is not given by constant numbers"
-        return place.cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
+        return place.make_cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
 
     def _evaluate_frame(self, place: Place, value: Value | ir.Product, state: State) -> FrameName | Cause:
         """Return a frame in a state, multiplied if it is a product, or the cause why the frame is unknown."""
@@ -775,17 +818,17 @@ class Machine:
         for each in contents:
             if isinstance(each, Cause):
                 return each
-        given = tuple(each for each in contents if isinstance(each, WrittenNumbers))
-        if len(given) < len(contents):
-            names = {_name_of_whole(each) for each in contents if isinstance(each, str)}
-            if given or len(names) > 1:
-                return place.cause("only part of the frame is in numbers", "give the whole frame in numbers")
-            name = names.pop()
-            return self._frame_by_name(place, name)
-        if given not in self._poses:
-            self._poses[given] = self._multiply_poses(given)
-        first, pose = given[0], self._poses[given]
-        label, _, routine = first.label.partition(OF)
+        numbers = tuple(each for each in contents if isinstance(each, WrittenNumbers))
+        if len(numbers) < len(contents):
+            names = {_get_structure_name(each) for each in contents if isinstance(each, str)}
+            if numbers or len(names) > 1:
+                reason = "only part of the frame is in numbers"
+                return place.make_cause(reason, "give the whole frame in numbers")
+            return self._find_named_frame(place, names.pop())
+        if numbers not in self._poses:
+            self._poses[numbers] = self._multiply_poses(numbers)
+        first, pose = numbers[0], self._poses[numbers]
+        label, _, routine = first.label.partition(OF_ROUTINE)
         if not (routine or self._language.is_frame(label)):
             label = f"{label or 'frame'} of line {first.line}"
         if pose is None:
@@ -793,7 +836,7 @@ class Machine:
             return Cause(first.line, reason, "give the whole frame in numbers", first.source)
         return FrameName(self._restore_spelling(place, label), pose)
 
-    def _frame_by_name(self, place: Place, name: str) -> FrameName:
+    def _find_named_frame(self, place: Place, name: str) -> FrameName:
         """Return a frame that is known by name only, with a pose if no program can change the frame."""
         if name not in self._named:
             self._named[name] = FrameName(
@@ -805,15 +848,15 @@ class Machine:
         """Return a name in the spelling of the program near a place."""
         return self.columns.restore_spelling(name, place.source, place.line)
 
-    def _multiply_poses(self, given: Iterable[WrittenNumbers]) -> FloatArray | None:
+    def _multiply_poses(self, frames: Iterable[WrittenNumbers]) -> FloatArray | None:
         """Return the product (4, 4) [m] of poses in numbers; None if some numbers are not a pose."""
         poses = []
-        for each in given:
+        for each in frames:
             notation = each.literal.notation
             values = self.numerals[each.source].values[each.first + np.array(each.literal.numbers)]
             if not notation.has_pose:
                 return None
             if not (np.abs(values) <= MAX_VALUE).all() or not notation.is_valid_orientation(values):
                 return None
-            poses.append(notation.pose(values))
+            poses.append(notation.to_pose(values))
         return np.asarray(reduce(np.matmul, poses))

@@ -33,12 +33,12 @@ _BAS: Final[dict[str, tuple[Op, ...]]] = {
     # BAS: these set speeds and accelerations only
     **dict.fromkeys(("ACC_CP", "ACC_PTP", "VEL_CP", "VEL_PTP", "PTP_DAT", "CP_DAT"), ()),
 }
-# KSS, system variables: what the meaning of a target depends on, apart from $BASE and $TOOL
-_MOVING: Final = re.compile(
+# KSS: system variables, apart from $BASE and $TOOL, on which the meaning of a target depends
+_MAY_MOVE_TARGETS: Final = re.compile(
     r"\$(?!BASE\b|TOOL\b|IPO_MODE=#BASE|H_POS|IN_POS)\w*(?:BASE|TOOL|ROOT|WORLD|FRAME|POS|IPO|TECH|SEN|SOFT|ASY|EXT?_?AX|EX_|CORR|CMD)"
 )
-# KSS: places that a controller keeps, for all of its programs
-_KEPT: Final = re.compile(r"\$AXIS_ACT|\$POS_ACT|\$H_POS|X?HOME\d?")
+# KSS: positions that the controller stores, for all of its programs
+_STORED_POSITION: Final = re.compile(r"\$AXIS_ACT|\$POS_ACT|\$H_POS|X?HOME\d?")
 _RESERVED: Final = (
     r"S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?|ASYPTP|ASYCONT|DEF|DEFFCT|DEFDAT|END\w*|IF|THEN|ELSE|FOR|TO|STEP|WHILE"
     r"|LOOP|REPEAT|UNTIL|SWITCH|CASE|DEFAULT|GOTO|WAIT|HALT|EXIT|RETURN|CONTINUE|TRIGGER|INTERRUPT|(?:PTP_)?SPLINE"
@@ -50,7 +50,7 @@ _NAME: Final = r"\$?[^\W\d]\w*+"
 _NOT_WHOLE: Final = (
     "the target is neither a whole pose nor all joint angles in numbers, or the text after it is unknown"
 )
-# A name may end with a word of the language: MYWITH, XC_DIS.
+# These words must not be the end of a name, such as MYWITH or XC_DIS.
 _WITH: Final = re.compile(r" ?(?<![\w$])WITH ")
 _BLEND: Final = re.compile(r" ?(?<![\w$])C_(?:PTP|DIS|VEL|ORI|SPL)")
 _LONGEST_BLEND: Final = len(" C_PTP")
@@ -58,7 +58,7 @@ _FIELD: Final = re.compile(r"(\w+)(?:\[\])? ?(\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+
 _SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ ])|(?<=\[)(?=\])")
 _OWN_FRAME: Final = re.compile(rf"\$(BASE|TOOL|IPO_MODE)=(?:STOOL2?|SBASE|SIPO_MODE)\(({_NAME})(?:\.\w+)?\)")
 """A frame of a single move, by the name of its data."""
-_BEFORE: Final = "set $TOOL and $BASE before the move"
+_SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 
 def _read_value(line: Line, text: str) -> list[Op]:
@@ -67,9 +67,10 @@ def _read_value(line: Line, text: str) -> list[Op]:
 
 
 def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
-    """Return the fields of a structure `{...}` between two indices: ordinals of numbers, or texts.
+    """Return the fields of a structure `{...}` between two indices by name: ordinals of numbers, or texts.
 
-    The result is empty if a field is computed or occurs twice, or if the text is not a structure.
+    The ordinal of a number is its index among the numbers of the statement. The result is empty if a field is
+    computed or occurs twice, or if the text is not a structure.
     """
     match = re.compile(r"\{(?:\w+:)?([^{}]*)\}").fullmatch(line.text, start, end)
     numbers, fields = iter(line.ordinals_in(start, end)), dict[str, int | str]()
@@ -81,21 +82,22 @@ def _read_struct(line: Line, start: int, end: int) -> dict[str, int | str]:
     return fields
 
 
-def _target_from_fields(fields: dict[str, int | str]) -> Literal | None:
+def _find_target_in_fields(fields: dict[str, int | str]) -> Literal | None:
     """Return the target that the fields state; None if they are neither a whole pose nor all joint angles."""
+    # An integer is the ordinal of a number, a text is no number.
     numbers = {name: value for name, value in fields.items() if isinstance(value, int)}
     for notation, names in _POSES:
         if numbers.keys() >= set(names):
             external = tuple(numbers.get(f"E{i}", -1) for i in range(1, 7))
-            stated = tuple((kind, numbers[kind]) for kind in ("S", "T") if kind in numbers)
-            places = tuple(numbers[name] for name in names)
-            return Literal(notation, places, external if max(external) >= 0 else (), stated)
+            status_and_turn = tuple((name, numbers[name]) for name in ("S", "T") if name in numbers)
+            ordinals = tuple(numbers[name] for name in names)
+            return Literal(notation, ordinals, external if max(external) >= 0 else (), status_and_turn)
     return None
 
 
-def _copy_frames(name: str, value: str) -> list[Op]:
-    """Return the operations that copy base and tool from the frame data `value` to the frame data `name`."""
-    return [ir.Assign(f"{name}.{which}", ir.Copy(f"{value}.{which}")) for which in ("BASE", "TOOL")]
+def _copy_frames(target: str, source: str) -> list[Op]:
+    """Return the operations that copy base and tool from the frame data `source` to those of `target`."""
+    return [ir.Assign(f"{target}.{role}", ir.Copy(f"{source}.{role}")) for role in ("BASE", "TOOL")]
 
 
 def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
@@ -104,14 +106,14 @@ def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op
     The name gets numbers, the value of another name, or an unknown value.
     """
     text, fields = line.text[start:end], _read_struct(line, start, end)
-    if pose := _target_from_fields(fields):
+    if pose := _find_target_in_fields(fields):
         return [ir.Assign(name, pose)]
-    frames = {which: fields.get(f"{which}_NO") for which in ("BASE", "TOOL")}
+    frames = {role: fields.get(f"{role}_NO") for role in ("BASE", "TOOL")}  # frame data, such as FDAT_ACT
     # KSS: with IPO_FRAME #TCP the tool is fixed in the cell, and the arm carries the part
     if None not in frames.values() and fields.get("IPO_FRAME", "#BASE") == "#BASE":
         return [
-            ir.Assign(f"{name}.{which}", ir.Named((f"{which}_DATA[%s]", number)))
-            for which, number in frames.items()
+            ir.Assign(f"{name}.{role}", ir.Named((f"{role}_DATA[%s]", number)))
+            for role, number in frames.items()
             if isinstance(number, int)
         ]
     if name == "FDAT_ACT" and re.fullmatch(_NAME, text):
@@ -145,11 +147,11 @@ def _translate_declaration(line: Line) -> list[Op]:
             raise Misread("the declaration is unknown")
         name, index, value = match.groups()
         ops += [ir.Local(frozenset({name})), *line.read_expression(index or "")]
-        if value and index is not None:
+        if value and index is not None:  # one element of an array
             ops += [*_read_value(line, value), _forget_name(name)]
         elif value:
-            given = _translate_value(line, name, *match.span(3))
-            ops += [op._replace(shared=shared) if isinstance(op, ir.Assign) else op for op in given]
+            assigned = _translate_value(line, name, *match.span(3))
+            ops += [op._replace(shared=shared) if isinstance(op, ir.Assign) else op for op in assigned]
     return ops
 
 
@@ -165,12 +167,14 @@ def _translate_assignment(line: Line) -> list[Op]:
         if not index.startswith("[\0]"):
             raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
         target, index = (f"{name}[%s]", line.first_ordinal("index")), index.removeprefix("[\0]")
-    elif _MOVING.match(line.text):
+    elif _MAY_MOVE_TARGETS.match(line.text):
         raise Misread(f"the controller's variable {name} may move targets", "omit it")
-    inner = index.strip("[]").replace("][", ",").replace("].", "+") if "[" in index else ""
-    uses = line.read_expression(inner)
-    if index or (name.startswith("$") and name not in {"$BASE", "$TOOL"}):
-        changes = [] if name.startswith("$") and name not in {"$BASE", "$TOOL"} else [_forget_name(target)]
+    # The indices of elements are expressions; all of them are read as one expression.
+    indices = index.strip("[]").replace("][", ",").replace("].", "+") if "[" in index else ""
+    uses = line.read_expression(indices)
+    is_system_variable = name.startswith("$") and name not in {"$BASE", "$TOOL"}
+    if index or is_system_variable:
+        changes = [] if is_system_variable else [_forget_name(target)]
         return [*uses, *_read_value(line, line["value"]), *changes]
     return [*uses, *_translate_value(line, target, *line.span("value"))]
 
@@ -185,25 +189,25 @@ def _translate_move(line: Line) -> list[Op]:
     end, settings = _find_end_of_targets(line.text, begin)
     if end == begin:
         raise Misread(_NOT_WHOLE)
-    found, own = _read_settings(line, settings)
+    found, own_frames = _read_settings(line, settings)
     targets: list[Literal | ir.Name | None] = []
     for start, stop in split_outside_brackets(line.text[:end], begin):
         name = line.text[start:stop]
-        if _KEPT.fullmatch(name):
-            if name != line.text[begin:end]:
+        if _STORED_POSITION.fullmatch(name):
+            if name != line.text[begin:end]:  # one of the two targets of an arc
                 raise Misread("the arc goes through a position stored in the controller")
             return [*found, ir.MoveToStored(name)]
-        named = re.fullmatch(_NAME, name) and not re.fullmatch(_RESERVED, name)
-        targets.append(name if named else _target_from_fields(_read_struct(line, start, stop)))
+        is_variable = re.fullmatch(_NAME, name) and not re.fullmatch(_RESERVED, name)
+        targets.append(name if is_variable else _find_target_in_fields(_read_struct(line, start, stop)))
     known = tuple(each for each in targets if each is not None)
     if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
         reason = "the target is relative to the position before the move" if line["relative"] else _NOT_WHOLE
-        return ir.leave_move(
+        return ir.make_uncorrected_move(
             [*found, *line.read_expression(_SEPARATED.sub(",", line.text[begin:end]))], reason, _REMEDY
         )
     base, tool = ir.Copy("$BASE"), ir.Copy("$TOOL")
-    if own:
-        base, tool = (ir.Copy(f"{own}.{which}", through=True) for which in ("BASE", "TOOL"))
+    if own_frames:
+        base, tool = (ir.Copy(f"{own_frames}.{role}", through=True) for role in ("BASE", "TOOL"))
     return [*found, ir.Move(motion, known, (base,) * len(known), (tool,) * len(known))]
 
 
@@ -234,20 +238,28 @@ def _read_settings(line: Line, text: str) -> tuple[list[Op], str]:
     Raises:
         Misread: a setting is unknown, calls a routine, or sets only one of base and tool.
     """
-    own, found = dict[str, str](), list[Op]()
+    # Names of the frame data of this move, by BASE, TOOL and IPO_MODE; operations of the other settings
+    own_frames, found = dict[str, str](), list[Op]()
     for start, end in split_outside_brackets(text) if text else ():
         setting = text[start:end]
         if match := _OWN_FRAME.fullmatch(setting):
-            own[match[1]] = match[2]
-        elif not setting.startswith("$") or _MOVING.match(setting) or setting.startswith(("$BASE", "$TOOL")):
-            raise Misread("a setting after WITH is unknown, or sets a frame for this move only", _BEFORE)
+            own_frames[match[1]] = match[2]
+        elif (
+            not setting.startswith("$")
+            or _MAY_MOVE_TARGETS.match(setting)
+            or setting.startswith(("$BASE", "$TOOL"))
+        ):
+            raise Misread(
+                "a setting after WITH is unknown, or sets a frame for this move only", _SET_BEFORE_MOVE
+            )
         else:
             found += _read_value(line, setting.partition("=")[2])
-    if ir.calls_routine(found) or (
-        own and (not {"BASE", "TOOL"} <= own.keys() or len(set(own.values())) > 1)
-    ):
-        raise Misread("the settings after WITH call a routine, or set only one of tool and base", _BEFORE)
-    return found, own.get("TOOL", "")
+    has_both = own_frames.keys() >= {"BASE", "TOOL"} and len(set(own_frames.values())) == 1
+    if ir.calls_routine(found) or (own_frames and not has_both):
+        raise Misread(
+            "the settings after WITH call a routine, or set only one of tool and base", _SET_BEFORE_MOVE
+        )
+    return found, own_frames.get("TOOL", "")
 
 
 def _translate_spline(line: Line) -> list[Op]:
@@ -262,14 +274,14 @@ def _translate_spline(line: Line) -> list[Op]:
     end, settings = _find_end_of_targets(line.text, begin)
     if end > begin:
         raise Misread(UNKNOWN_STATEMENT)
-    found, own = _read_settings(line, settings)
+    found, own_frames = _read_settings(line, settings)
     reason, remedy = "the block of splines has frames of its own", "set $BASE and $TOOL before the block"
-    return [*found, *([ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own else [])]
+    return [*found, *([ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own_frames else [])]
 
 
 def _translate_routine(line: Line) -> list[Op]:
     """Return the operations that begin a routine and declare its parameters."""
-    names = re.findall(rf"({_NAME})(?::\w+)?", line["own"])
+    names = re.findall(rf"({_NAME})(?::\w+)?", line["parameters"])
     return ir.begin_routine(line["name"], names, _REMEDY, shared=line.text.startswith("GLOBAL"))
 
 
@@ -278,7 +290,8 @@ def _translate_attachment(line: Line) -> list[Op]:
     action = re.sub(r" ?\bPRIO=", "+", line["action"]).replace("=", "+", 1)
     found = [*line.read_expression(line["when"]), *line.read_expression(action)]
     # BAS: IR_STOPM only stops the robot and waits.
-    found = ir.mark_attached([op for op in found if not (isinstance(op, ir.Call) and op.name == "IR_STOPM")])
+    found = ir.mark_anytime([op for op in found if not (isinstance(op, ir.Call) and op.name == "IR_STOPM")])
+    # A trigger has no number; the number of an interrupt gives a name by which it is switched on.
     name = "INTERRUPT %s", line.first_ordinal("number") if line["number"] else 0
     return [ir.Assign(name, ir.Named(name)), *found] if line["number"] else found
 
@@ -289,12 +302,12 @@ def _translate_bas(line: Line) -> list[Op]:
     Raises:
         Misread: the function is unknown, or its argument is not a number.
     """
-    which, argument = line["which"], line["argument"]
-    if which in {"TOOL", "BASE"} and argument == "\0":
-        return [ir.Assign(f"${which}", ir.Copy((f"{which}_DATA[%s]", line.first_ordinal("argument"))))]
-    if which not in _BAS:
-        raise Misread(f"BAS(#{which}) is unknown, or its argument is not a number")
-    return [*line.read_expression(argument), *_BAS[which]]
+    function, argument = line["function"], line["argument"]
+    if function in {"TOOL", "BASE"} and argument == "\0":
+        return [ir.Assign(f"${function}", ir.Copy((f"{function}_DATA[%s]", line.first_ordinal("argument"))))]
+    if function not in _BAS:
+        raise Misread(f"BAS(#{function}) is unknown, or its argument is not a number")
+    return [*line.read_expression(argument), *_BAS[function]]
 
 
 def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
@@ -315,11 +328,11 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
                 f"the file declares data of {data[1]}, not of {main[1]}",
                 "send the .dat file of this .src file",
             )
-            machine.refuse(source.line(data.start()), reason, remedy, index)
+            machine.refuse(source.find_line(data.start()), reason, remedy, index)
         declares = source.name.lower().endswith(".dat") and len(sources) > 1
         # Only a .dat that is public, and $config.dat, can be changed by other programs.
         kind = "shared" if is_config else "variable" if data and data[2] else "constant"
-        machine.add(index, source.starts, source.ends, declares=kind if declares else "")
+        machine.add_statements(index, source.starts, source.ends, declares=kind if declares else "")
 
 
 LANGUAGE: Final = ir.Language(
@@ -342,11 +355,11 @@ LANGUAGE: Final = ir.Language(
     remedy=_REMEDY,
     active={"$BASE": "active $BASE", "$TOOL": "active $TOOL"},
     constants={name: np.eye(4) for name in ("$NULLFRAME", "BASE_DATA[0]", "TOOL_DATA[0]")},
-    parts=(".BASE", ".TOOL"),
+    field_endings=(".BASE", ".TOOL"),
     is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")),
     rules=(
         (
-            rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? @{{name}}(?:\((?P<own>.*)\))?(?: ?PUBLIC)?",
+            rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? @{{name}}(?:\((?P<parameters>.*)\))?(?: ?PUBLIC)?",
             _translate_routine,
         ),
         (
@@ -356,7 +369,7 @@ LANGUAGE: Final = ir.Language(
         (r"(?:EXT(?:FCT)?P?|ENUM|STRUC|IMPORT|(?:DECL )?(?:GLOBAL )?SIGNAL) [\w ,()\[\]:$.\0\"#]*", ""),
         (r"END|ENDFCT", "end"),
         (r"IF ?(.*?) ?THEN|SWITCH ?(.+)", "if"),
-        (r"ELSE|CASE ?(.+)", "turn"),
+        (r"ELSE|CASE ?(.+)", "branch"),
         (r"DEFAULT", "default"),
         (r"ENDIF|ENDSWITCH|ENDFOR|ENDWHILE|ENDLOOP|UNTIL ?(.+)", "close"),
         (r"WHILE ?(.+)", "loop"),
@@ -376,7 +389,7 @@ LANGUAGE: Final = ir.Language(
         ),
         (
             r"INTERRUPT ON #{number}",
-            lambda line: [ir.Call(("INTERRUPT %s", line.first_ordinal("number")), attached=True)],
+            lambda line: [ir.Call(("INTERRUPT %s", line.first_ordinal("number")), anytime=True)],
         ),
         (
             rf"TRIGGER WHEN (?:DISTANCE|PATH)=(.+?) DELAY=(.+?) ?DO (?P<action>(?:\$OUT\[|{_NAME}\().*)",
@@ -384,9 +397,9 @@ LANGUAGE: Final = ir.Language(
         ),
         (
             r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*",
-            lambda line: [ir.Call(line.text.replace("\0", "n"), attached=True)],
+            lambda line: [ir.Call(line.text.replace("\0", "n"), anytime=True)],
         ),
-        (r"BAS\(#(?P<which>\w+)(?:,(?P<argument>.+))?\)", _translate_bas),
+        (r"BAS\(#(?P<function>\w+)(?:,(?P<argument>.+))?\)", _translate_bas),
         (r"(?:PTP_)?SPLINE(?P<rest>(?: .*)?)", _translate_spline),
         (
             rf"(?:(?:DECL |GLOBAL |CONST )+{_NAME}|(?:GLOBAL )?(?:INT|REAL|BOOL|CHAR|FRAME"

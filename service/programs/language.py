@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 from itertools import accumulate
 from typing import Any, Final, NamedTuple, TypeAlias
 
-from jointstiff.service.programs.errors import CONSTANT, quote_text
+from jointstiff.service.programs.errors import WRITE_NUMBERS, quote_text
 from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.program import Literal, Motion, Source
 from jointstiff.solver.arrays import FloatArray
@@ -32,9 +32,10 @@ Name: TypeAlias = str | tuple[str, int]
 
 
 class Copy(NamedTuple):
-    """Value of another variable; with `through`, of the variable whose name that other variable holds."""
+    """Value that is a copy of another variable's value."""
 
-    name: Name
+    name: Name  # name of the other variable
+    # whether the other variable only holds the name of a third variable, whose value is then copied
     through: bool = False
 
 
@@ -45,9 +46,9 @@ class Named(NamedTuple):
 
 
 class Product(NamedTuple):
-    """Product of frames, by their names; each frame is given in the coordinates of the frame before it."""
+    """Product of frames; each frame is given in the coordinates of the frame before it."""
 
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # names of the frames
 
 
 Value: TypeAlias = Literal | Copy | Named
@@ -58,11 +59,10 @@ class Assign(NamedTuple):
 
     name: Name
     value: Value
-    declares: str = (
-        ""  # `variable` or `constant` if the name has the value before the program runs; else empty
-    )
-    shared: bool = False  # whether other programs know the name
-    own: bool = False  # whether no other program knows the name
+    # `variable` or `constant` if the name has the value before the program runs; else empty
+    declares: str = ""
+    shared: bool = False  # whether other programs certainly know the name
+    private: bool = False  # whether certainly no other program knows the name
 
 
 class Local(NamedTuple):
@@ -77,44 +77,44 @@ class MakeUnknown(NamedTuple):
     names: frozenset[Name]
     reason: str
     remedy: str
-    anytime: bool = False  # whether the names are unknown before this statement, too, by an earlier run
+    anytime: bool = False  # whether the values are unknown before this statement, too, after an earlier run
 
 
 class Call(NamedTuple):
-    """Call of a routine; a routine that is attached to an event may run at any time."""
+    """Call of a routine."""
 
     name: Name
     passed: frozenset[str] = frozenset()  # names that the routine gets as arguments
-    attached: bool = False
-    quiet: bool = (
-        False  # whether the call changes nothing, unless the program defines a routine with this name
-    )
+    anytime: bool = False  # whether the routine may run at any time, such as a routine attached to an event
+    # whether the call changes nothing, unless the program itself defines a routine with this name
+    harmless: bool = False
 
 
 class Use(NamedTuple):
-    """Use of the numbers of names for something else than the target of a move."""
+    """Use of the numbers of variables for something else than the target of a move."""
 
     names: frozenset[str]
 
 
 class Move(NamedTuple):
-    """Move to targets; a move with a reason is not corrected."""
+    """Move to one target, or through one target to another; a move with a reason is not corrected."""
 
     motion: Motion
     targets: tuple[Literal | Name, ...]
     bases: tuple[Value | Product, ...] = ()
     tools: tuple[Value | Product, ...] = ()
-    agree: tuple[str, ...] = ()  # names of the active base and tool, which have to be those of the target
+    # variables of the active base and tool, which must have the frames with which the target is recorded
+    matched_frames: tuple[str, ...] = ()
     reason: str = ""
     remedy: str = ""
 
     @property
     def differs_only_in_target(self) -> bool:
         """Return whether moves with this masked text can differ only in the numbers of one target."""
-        own = isinstance(self.targets[0], Literal) if len(self.targets) == 1 else False
-        return own and not (
-            self.agree or self.reason or any(isinstance(base, Literal) for base in self.bases)
-        )
+        if len(self.targets) != 1 or not isinstance(self.targets[0], Literal):
+            return False
+        has_other_numbers = any(isinstance(base, Literal) for base in self.bases)
+        return not (self.matched_frames or self.reason or has_other_numbers)
 
 
 class MoveToStored(NamedTuple):
@@ -126,8 +126,10 @@ class MoveToStored(NamedTuple):
 class Flow(NamedTuple):
     """Beginning or end of a branch, loop, jump or routine.
 
-    The kinds are `if`, `loop` and `repeat` (carried out once at least), `turn`, `default`, `close`, `leave`,
-    `label`, `jump`, `return`, `routine`, `aside` (may run at any time), `end`, `any` of `close` and `end`.
+    Blocks begin with `if`, `loop` or `repeat` (a loop that runs at least once) and end with `close`; further
+    branches begin with `branch` or `default`; `leave` leaves a loop. Routines begin with `routine`, or with
+    `handler` if they may run at any time, and end with `end`. `close_or_end` ends a block or a routine. The
+    other kinds are `label`, `jump` and `return`.
     """
 
     kind: str
@@ -156,8 +158,8 @@ class Line:
     language: Language
     text: str  # normal form, with NUL in place of each number
     ordinals: tuple[int, ...]  # index of each number among those of the statement as it is written
-    below: int = 0  # line breaks before the statement
-    match: re.Match[str] | None = None
+    line_offset: int = 0  # count of line breaks in the text before the statement
+    match: re.Match[str] | None = None  # None before a rule is applied
 
     def __getitem__(self, group: str) -> str:
         """Return the part of the statement that matched a named group; empty if the group did not match."""
@@ -167,13 +169,16 @@ class Line:
         """Return the indices, first and last + 1 character, of the part that matched a named group."""
         return self.match.span(group) if self.match else (0, 0)
 
-    def ordinals_in(self, *span: int) -> tuple[int, ...]:
-        """Return the ordinals of the numbers between two indices of characters, `span`, of the text."""
-        starts = _number_starts(self.text)
-        return self.ordinals[slice(*(bisect_left(starts, end) for end in span))]
+    def ordinals_in(self, begin: int, end: int) -> tuple[int, ...]:
+        """Return the ordinals of the numbers between two indices of characters of the text.
+
+        The ordinal of a number is its index among all numbers of the statement.
+        """
+        places = _find_numbers(self.text)
+        return self.ordinals[bisect_left(places, begin) : bisect_left(places, end)]
 
     def first_ordinal(self, group: str) -> int:
-        """Return the ordinal of the first number in the part that matched a named group."""
+        """Return the ordinal of the first number in the part of the statement that matched a named group."""
         return self.ordinals_in(*self.span(group))[0]
 
     def read_expression(self, text: str) -> list[Op]:
@@ -182,9 +187,12 @@ class Line:
 
 
 @lru_cache(maxsize=4)
-def _number_starts(text: str) -> tuple[int, ...]:
-    """Return the places of the numbers in a text; cached, because each part of a line needs them."""
-    return tuple(place for place, sign in enumerate(text) if sign == "\0")
+def _find_numbers(text: str) -> tuple[int, ...]:
+    """Return the indices of the numbers in a text in normal form, which has NUL in place of each number.
+
+    The result is cached, because each part of a line needs it.
+    """
+    return tuple(place for place, character in enumerate(text) if character == "\0")
 
 
 Rule: TypeAlias = "str | Callable[[Line], list[Op]]"
@@ -201,35 +209,31 @@ class Language:
     # `@{name}` is a word of that name that is not reserved, `#{name}` a number
     rules: tuple[tuple[str, Rule], ...] = ()
     motion: str = r"(?!)"  # pattern of the words of moves
-    remedy: str = CONSTANT  # what to do where a target is not understood
+    remedy: str = WRITE_NUMBERS  # what to do where a target is not understood
     text: str = r'"[^"\r\n]*+"'  # pattern of texts and of constants that are no number
     word: str = r"[^\W\d]\w*+"
     number: str = NUMBER
     blank: str = ""  # pattern of text that counts as a blank, such as the end of a line that is continued
-    folded: bool = True  # whether capitals and small letters are the same: the normal form has capitals
+    ignores_case: bool = True  # whether capitals and small letters are the same: the normal form has capitals
     operators: str = ""  # pattern of words between or before operands
     reserved: str = r"(?!)"  # pattern of words that begin statements: none of them is a variable
     functions: str = ""  # pattern of the controller's functions, which return a value and change nothing
-    active: Mapping[str, str] = field(
-        default_factory=dict
-    )  # names of the active frames' variables, and of the frames in messages
+    # names of the variables of the active frames, and the names of these frames in messages
+    active: Mapping[str, str] = field(default_factory=dict)
     constants: Mapping[str, FloatArray] = field(default_factory=dict)  # frames that no program changes
-    is_frame: Callable[[str], bool] = lambda _: (
-        False
-    )  # tells whether a name is that of a frame with numbers outside the program
-    parts: tuple[
-        str, ...
-    ] = ()  # endings such as `.BASE`, with which a name becomes the name of one of its fields
-    callers: bool = False  # whether other programs may call each of the routines
+    # function that tells whether a name is that of a frame whose numbers are stored outside of the program
+    is_frame: Callable[[str], bool] = lambda _: False
+    # endings such as `.BASE`, with which the name of a structure becomes the name of one of its fields
+    field_endings: tuple[str, ...] = ()
+    callable_from_outside: bool = False  # whether other programs may call each of the routines
     suffixes: str = ""  # suffixes of the names of its files, separated by blanks
     pose: Notation | None = None  # notation in which users write frames; None for the notation of the program
     remark: str = "#"  # begin of a remark
-    head: str = (
-        ""  # pattern of the beginning of the line after which the mark is inserted; empty for the first line
-    )
-    read: Callable[[Any, tuple[Source, ...]], None] | None = (
-        None  # function that adds the files to a machine; None if each line is a statement
-    )
+    # pattern of the beginning of the line behind which the mark of a compensated program is inserted; empty
+    # if the mark is inserted before the first line
+    head: str = ""
+    # function that adds the files to a machine; None if each line is a statement
+    read: Callable[[Any, tuple[Source, ...]], None] | None = None
 
     @cached_property
     def numbers(self) -> re.Pattern[str]:
@@ -248,21 +252,24 @@ class Language:
     @cached_property
     def _rules(self) -> tuple[tuple[re.Pattern[str], Rule], ...]:
         """Compiled patterns of the rules, with `@{name}` and `#{name}` replaced by groups."""
-        words = {"@": rf"(?!(?:{self.reserved})(?![\w$])){self.word}", "#": r"\0"}
+        patterns = {"@": rf"(?!(?:{self.reserved})(?![\w$])){self.word}", "#": r"\0"}
         return tuple(
-            (re.compile(_PART.sub(lambda match: f"(?P<{match[2]}>{words[match[1]]})", pattern)), rule)
+            (
+                re.compile(_PLACEHOLDER.sub(lambda match: f"(?P<{match[2]}>{patterns[match[1]]})", pattern)),
+                rule,
+            )
             for pattern, rule in self.rules
         )
 
     @cached_property
     def _motion(self) -> re.Pattern[str]:
         """Pattern of the words of moves."""
-        return re.compile(self.motion, re.IGNORECASE if self.folded else 0)
+        return re.compile(self.motion, re.IGNORECASE if self.ignores_case else 0)
 
     @cached_property
     def _words(self) -> tuple[re.Pattern[str], ...]:
         """Patterns of operators, of reserved words, and of the controller's functions."""
-        flags = re.IGNORECASE if self.folded else 0
+        flags = re.IGNORECASE if self.ignores_case else 0
         return (
             re.compile(rf" ?(?<![\w$.])(?:{self.operators})\b ?", flags),
             re.compile(rf"(?<![\w$.])(?:{self.reserved})(?![\w$])", flags),
@@ -271,45 +278,52 @@ class Language:
 
     def normalise(self, masked: str) -> Line:
         """Return the normal form of a statement; `masked` is its text with NUL in place of each number."""
-        pieces, ordinals, number, behind, below = list[str](), list[int](), 0, False, 0
+        pieces, ordinals = list[str](), list[int]()
+        number, line_offset = 0, 0  # numbers, and line breaks before the statement, that were passed
+        is_after_word = False
         for match in self._token.finditer(masked):
             kind, piece = match.lastgroup, match[0]
             count = piece.count("\0")
             if kind in {"blank", "comment"}:
-                below += 0 if pieces else piece.count("\n") or piece.count("\r")
+                # CR and LF together are one line break.
+                line_offset += 0 if pieces else piece.count("\n") or piece.count("\r")
             else:
                 if piece == "\0":
                     ordinals.append(number)
-                pieces += [" "] if behind and kind != "sign" else []
+                pieces += [" "] if is_after_word and kind != "sign" else []
+                # A number in a text is not a number of the statement.
                 pieces.append(piece.replace("\0", "0") if kind == "text" else piece)
-                behind = kind != "sign"
+                is_after_word = kind != "sign"
             number += count
         text = "".join(pieces)
-        text = text.upper() if self.folded else text
+        text = text.upper() if self.ignores_case else text
         text = re.sub(self.blank, " ", text).strip() if self.blank else text
-        return Line(self, text, tuple(ordinals), below)
+        return Line(self, text, tuple(ordinals), line_offset)
 
     def translate(self, masked: str) -> list[tuple[int, Op]]:
         """Return the operations of a statement, each with its number of lines below the first line.
 
-        `masked` is the statement with NUL in place of each number. A statement that is not understood may do
-        anything.
+        `masked` is the statement with NUL in place of each number. After a statement that is not understood,
+        all values are unknown.
 
         Raises:
             Misread: braces are nested too deep.
         """
         line = self.normalise(masked)
-        if max(accumulate((sign == "{") - (sign == "}") for sign in line.text), default=0) > _MAX_DEPTH:
+        depths = accumulate((character == "{") - (character == "}") for character in line.text)
+        if max(depths, default=0) > _MAX_DEPTH:
             reason = f"braces are nested more than {_MAX_DEPTH} deep"
             raise Misread(reason, "declare inner structures on their own")
         try:
             ops = self.apply_rules(line) if line.text else []
         except Misread as fault:
-            return self._unknown(masked, line, fault)
+            return self._translate_unknown(masked, line, fault)
+        # Each word of a motion must have become a move: no move may be overlooked.
         moves = sum(isinstance(op, Move | MoveToStored) for op in ops)
         if len(self._motion.findall(_QUOTED.sub("", line.text))) > moves:
-            return self._unknown(masked, line, Misread("a move is in a place where no move is expected"))
-        return [(line.below, op) for op in ops]
+            unexpected = Misread("a move is in a place where no move is expected")
+            return self._translate_unknown(masked, line, unexpected)
+        return [(line.line_offset, op) for op in ops]
 
     def apply_rules(self, line: Line) -> list[Op]:
         """Return the operations of a statement, from the first rule that fits the whole statement.
@@ -319,36 +333,50 @@ class Language:
         """
         for pattern, rule in self._rules:
             if match := pattern.fullmatch(line.text):
+                # Groups with names are for the rule; the other groups of a pattern match expressions.
                 named = set(pattern.groupindex.values())
-                given = [each for k, each in enumerate(match.groups(), 1) if each and k not in named]
-                found = [op for each in given for op in self.read_expression(each)]
-                if not isinstance(rule, str):
-                    return [*found, *rule(replace(line, match=match))]
-                line = replace(line, match=match)
-                name = ("%s", line.first_ordinal("name")) if line["name"] == "\0" else line["name"]
-                found = mark_attached(found) if rule in {"turn", "loop"} else found
-                return [*found, *([Flow(rule, name)] if rule else [])]
+                expressions = [each for k, each in enumerate(match.groups(), 1) if each and k not in named]
+                used = [op for each in expressions for op in self.read_expression(each)]
+                matched = replace(line, match=match)
+                if isinstance(rule, str):
+                    return self._apply_flow_rule(matched, rule, used)
+                return [*used, *rule(matched)]
         raise Misread(UNKNOWN_STATEMENT)
 
-    def _unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
-        """Return the operations of a statement that is not understood, and may therefore change all names.
+    def _apply_flow_rule(self, line: Line, kind: str, used: list[Op]) -> list[Op]:
+        """Return the operations `used` of the statement's expressions, then a `Flow` of this kind, if any."""
+        # The condition of a loop or of a further branch may be computed again, or not at all.
+        used = mark_anytime(used) if kind in {"branch", "loop"} else used
+        # A name that is a number is masked as NUL: the number is looked up by its ordinal.
+        name = ("%s", line.first_ordinal("name")) if line["name"] == "\0" else line["name"]
+        return [*used, *([Flow(kind, name)] if kind else [])]
 
-        Each word of a motion in the statement becomes a move that is not corrected.
+    def _translate_unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
+        """Return the operations of a statement that is not understood, and may therefore change all values.
+
+        Each word of a motion in the statement becomes a move that is not corrected. Each operation has its
+        number of lines below the first line of the statement's text.
         """
         reason = f"{quote_statement(line.text, line.ordinals)}: {fault.reason}"
         remedy, names = fault.remedy or self.remedy, _NAME.findall(_QUOTED.sub("_", line.text))
+        # Without names, `MakeUnknown` makes all values unknown. The names of the statement are listed as
+        # well, because their values change while the program runs; `_` keeps the list from being empty.
         ops: list[tuple[int, Op]] = [
-            (line.below, MakeUnknown(frozenset(), reason, remedy)),
-            (line.below, MakeUnknown(frozenset([*names, "_"]), reason, remedy)),
+            (line.line_offset, MakeUnknown(frozenset(), reason, remedy)),
+            (line.line_offset, MakeUnknown(frozenset([*names, "_"]), reason, remedy)),
         ]
-        shown_only, below, place = {"comment", "text"}, 0, 0
-        hidden = self._token.sub(
-            lambda match: _SIGN.sub(" ", match[0]) if match.lastgroup in shown_only else match[0], masked
+        # Blanks replace comments and texts, in which words of motions mean nothing; line breaks remain.
+        plain = self._token.sub(
+            lambda match: (
+                _NO_LINE_BREAK.sub(" ", match[0]) if match.lastgroup in {"comment", "text"} else match[0]
+            ),
+            masked,
         )
-        for match in self._motion.finditer(hidden):
-            below += len(_LINE_END.findall(hidden, place, match.start()))
+        line_offset, place = 0, 0
+        for match in self._motion.finditer(plain):
+            line_offset += len(_LINE_END.findall(plain, place, match.start()))
             place = match.start()
-            ops.append((below, Move(Motion.LINEAR, (), reason=reason, remedy=remedy)))
+            ops.append((line_offset, Move(Motion.LINEAR, (), reason=reason, remedy=remedy)))
         return ops
 
     def read_expression(self, text: str) -> list[Op]:
@@ -361,41 +389,47 @@ class Language:
         """
         operators, reserved, functions = self._words
         plain = operators.sub("+", _QUOTED.sub('""', text))
-        if reserved.search(plain) or _FAULT.search(plain) or not _balanced(plain):
+        if reserved.search(plain) or _NO_EXPRESSION.search(plain) or not _is_balanced(plain):
             raise Misread("this text is not understood, or is not complete")
         names = frozenset(_NAME.findall(plain))
         ops: list[Op] = [Use(names)] if names else []
         for name in dict.fromkeys(match[1] for match in _CALLED.finditer(plain)):
-            quiet = functions.fullmatch(name) is not None
-            call = Call(name, frozenset() if quiet else names - {name}, quiet=quiet)
-            whole = plain.startswith(f"{name}(") and plain.count("(") == 1
+            harmless = functions.fullmatch(name) is not None
+            call = Call(name, frozenset() if harmless else names - {name}, harmless=harmless)
+            is_whole_text = plain.startswith(f"{name}(") and plain.count("(") == 1
             # A call in a larger expression may be skipped, and several calls may run in any order.
-            ops += [call] if quiet or whole else [Flow("if"), call, Flow("close")]
+            ops += [call] if harmless or is_whole_text else [Flow("if"), call, Flow("close")]
         return ops
 
 
 def quote_statement(text: str, ordinals: Iterable[int]) -> str:
-    """Return a statement in quotation marks for a reason, with NUL, ordinal, NUL in place of each number."""
+    """Return a statement in quotation marks, with NUL, ordinal, NUL in place of each number.
+
+    The interpreter replaces these places by the numbers when it makes a message of the text.
+    """
     numbers = iter(ordinals)
+    # `quote_text` would escape NUL: another text marks the numbers in between.
     return re.sub("@#@", lambda _: f"\0{next(numbers)}\0", quote_text(text.replace("\0", "@#@")))
 
 
 def calls_routine(ops: list[Op]) -> bool:
     """Return whether operations call a routine that is not a function of the controller."""
-    return any(isinstance(op, Call) and not op.quiet for op in ops)
+    return any(isinstance(op, Call) and not op.harmless for op in ops)
 
 
-def mark_attached(ops: list[Op]) -> list[Op]:
-    """Return the operations with each call marked as one that may run at any time, or more than once."""
-    return [op._replace(attached=True) if isinstance(op, Call) else op for op in ops]
+def mark_anytime(ops: list[Op]) -> list[Op]:
+    """Return the operations with each call marked: its routine may run at any time, or more than once."""
+    return [op._replace(anytime=True) if isinstance(op, Call) else op for op in ops]
 
 
-def leave_move(found: list[Op], reason: str, remedy: str, motion: Motion = Motion.LINEAR) -> list[Op]:
+def make_uncorrected_move(
+    expressions: list[Op], reason: str, remedy: str, motion: Motion = Motion.LINEAR
+) -> list[Op]:
     """Return the operations of a move that is not corrected, for a reason.
 
-    `found` are operations of the expressions in the move, which come first.
+    `expressions` are the operations of the expressions in the move, which come first.
     """
-    return [*found, Move(motion, (), reason=reason, remedy=remedy)]
+    return [*expressions, Move(motion, (), reason=reason, remedy=remedy)]
 
 
 def begin_counted_loop(name: str, remedy: str) -> list[Op]:
@@ -404,21 +438,23 @@ def begin_counted_loop(name: str, remedy: str) -> list[Op]:
 
 
 def begin_routine(
-    name: str, own: Iterable[str], remedy: str, *, aside: bool = False, shared: bool = False
+    name: str, parameters: Iterable[str], remedy: str, *, handler: bool = False, shared: bool = False
 ) -> list[Op]:
-    """Return the operations of the beginning of a routine; its parameters `own` have unknown values.
+    """Return the operations of the beginning of a routine, whose parameters have unknown values.
 
-    `aside` marks a routine that may run at any time, `shared` one that other programs may call.
+    `handler` marks a routine that may run at any time, `shared` a routine that other programs may call.
+    `remedy` is the advice in messages on the parameters.
     """
-    names = frozenset(own)
+    names = frozenset(parameters)
     unknown: list[Op] = (
         [Local(names), MakeUnknown(names, "its value is a parameter of the routine", remedy)] if names else []
     )
-    return [Flow("aside" if aside else "routine", name, shared=shared), *unknown]
+    return [Flow("handler" if handler else "routine", name, shared=shared), *unknown]
 
 
-# A sign before a number belongs to it, so that an operand may stand before it.
-_FAULT: Final = re.compile(
+# What occurs in no expression. A sign before a number belongs to the number, so that a number may follow an
+# operand without an operator.
+_NO_EXPRESSION: Final = re.compile(
     r"[\w\0\"'] [\w\"'$#]|[)\]}] ?[\w\"$#]|[^\w\0\s$#\"'.+\-*/<>=:,()\[\]{}\\!%?&|;]|[=*/.<>,+-]$"
 )
 _NAME: Final = re.compile(r"(?<![\w$.#'\"])\$?[^\W\d]\w*+")
@@ -426,40 +462,39 @@ _CALLED: Final = re.compile(r"(?<![\w$.])(\$?[^\W\d][\w.]*+) ?\(")
 _PAIRS: Final = {")": "(", "]": "[", "}": "{"}
 
 
-def _balanced(text: str) -> bool:
+def _is_balanced(text: str) -> bool:
     """Return whether each bracket and each quotation of a text is closed."""
-    opened: list[str] = []
-    for sign in re.findall(r"[()\[\]{}\"]", _QUOTED.sub("", text)):
-        if sign == '"':
+    open_brackets: list[str] = []
+    for character in re.findall(r"[()\[\]{}\"]", _QUOTED.sub("", text)):
+        if character == '"':  # closed quotations were removed
             return False
-        if sign in "([{":
-            opened.append(sign)
-        elif not opened or opened.pop() != _PAIRS[sign]:
+        if character in "([{":
+            open_brackets.append(character)
+        elif not open_brackets or open_brackets.pop() != _PAIRS[character]:
             return False
-    return not opened
+    return not open_brackets
 
 
 _MAX_DEPTH: Final = 16
 """Largest depth of braces within one another; structures of controllers need a depth of three."""
 _QUOTED: Final = re.compile(r'"[^"]*+"')
-_PART: Final = re.compile(r"([@#])\{(\w+)\}")
-_SIGN: Final = re.compile(r"[^\r\n]")
+_PLACEHOLDER: Final = re.compile(r"([@#])\{(\w+)\}")
+_NO_LINE_BREAK: Final = re.compile(r"[^\r\n]")
 _LINE_END: Final = re.compile(r"\r\n?|\n")
 
 
-def split_outside_brackets(text: str, begin: int = 0, sign: str = ",") -> Iterator[tuple[int, int]]:
-    """Yield the span of each part of a text between commas, or between another sign.
+def split_outside_brackets(text: str, begin: int = 0, separator: str = ",") -> Iterator[tuple[int, int]]:
+    """Yield the span of each part of a text between separators that are not in brackets or quotations.
 
-    A span is the index of the first character, and of the last + 1. Signs in brackets or quotations do not
-    count; the first part begins at index `begin`.
+    A span is the index of the first character, and of the last + 1. The first part begins at index `begin`.
     """
     depth, first = 0, begin
-    for match in re.finditer(rf'"[^"]*+"|[()\[\]{{}}]|{re.escape(sign)}', text[begin:]):
+    for match in re.finditer(rf'"[^"]*+"|[()\[\]{{}}]|{re.escape(separator)}', text[begin:]):
         if match[0] in "([{":
             depth += 1
         elif match[0] in ")]}":
             depth -= 1
-        elif match[0] == sign and not depth:
+        elif match[0] == separator and not depth:
             yield first, begin + match.start()
             first = begin + match.end()
     yield first, len(text)

@@ -33,10 +33,10 @@ class Orientation(Enum):
     JOINTS = "the controller's joint angles"
 
 
-_COUNT: Final = {Orientation.QUATERNION: 4, Orientation.NONE: 0}
-_UNIT: Final = 1e-3
+_ORIENTATION_COUNTS: Final = {Orientation.QUATERNION: 4, Orientation.NONE: 0}
+_UNIT_TOLERANCE: Final = 1e-3
 """Largest difference of a quaternion's length from 1 that the rounding of a program explains."""
-_GIMBAL: Final = 1e-9
+_GIMBAL_COSINE: Final = 1e-9
 """|cos| of the middle angle below which the two other angles turn about the same axis."""
 
 
@@ -54,12 +54,12 @@ class Notation:
 
     @property
     def count(self) -> int:
-        """Count of the numbers that state an orientation: 4 (quaternion), 0 (position only), else 3."""
-        return _COUNT.get(self.orientation, 3)
+        """Count of the numbers after the position: 4 for a quaternion, 0 for a position only, else 3."""
+        return _ORIENTATION_COUNTS.get(self.orientation, 3)
 
-    def pose(self, values: Sequence[float] | FloatArray) -> FloatArray:
+    def to_pose(self, values: Sequence[float] | FloatArray) -> FloatArray:
         """Return the pose (4, 4) [m] of the tool in the base that the numbers of a target state."""
-        return np.asarray(self.poses(np.array([values], dtype=float))[0], dtype=float)
+        return np.asarray(self.to_poses(np.array([values], dtype=float))[0], dtype=float)
 
     @property
     def has_pose(self) -> bool:
@@ -79,7 +79,9 @@ class Notation:
         sizes = np.linalg.norm(values[..., 3 : 3 + self.count], axis=-1)
         if self.orientation is Orientation.TOOL_AXIS:
             return np.asarray(sizes > 0.0)
-        return np.asarray((self.orientation is not Orientation.QUATERNION) | (np.abs(sizes - 1.0) <= _UNIT))
+        return np.asarray(
+            (self.orientation is not Orientation.QUATERNION) | (np.abs(sizes - 1.0) <= _UNIT_TOLERANCE)
+        )
 
     @property
     def decimals(self) -> tuple[int, ...]:
@@ -88,8 +90,8 @@ class Notation:
             return (self.angle_decimals,) * 6
         return (self.length_decimals,) * 3 + (self.angle_decimals,) * self.count
 
-    def poses(self, values: FloatArray) -> FloatArray:
-        """Return the poses (m, 4, 4), tool in base [m], of the numbers (m, 3 + count) of m targets.
+    def to_poses(self, values: FloatArray) -> FloatArray:
+        """Return the poses (m, 4, 4) [m], tool in base, that the numbers (m, 3 + count) of m targets state.
 
         Raises:
             ValueError: the notation states no full pose.
@@ -99,14 +101,14 @@ class Notation:
         poses = np.tile(np.eye(4), (len(values), 1, 1))
         poses[:, :3, 3] = values[:, :3] * self.length
         numbers = values[:, 3:]
-        if not len(values):
+        if not len(values):  # `Rotation` refuses empty arrays
             return poses
         if self.orientation is Orientation.QUATERNION:
             poses[:, :3, :3] = Rotation.from_quat(numbers[:, [1, 2, 3, 0]]).as_matrix()
         elif self.orientation is Orientation.ROTATION_VECTOR:
             poses[:, :3, :3] = Rotation.from_rotvec(numbers * self.angle).as_matrix()
         else:
-            poses[:, :3, :3] = _rotations(self.angle * self._reorder_to_zyx(numbers))
+            poses[:, :3, :3] = _to_rotation_matrices(self.angle * self._reorder_to_zyx(numbers))
         return poses
 
     def _reorder_to_zyx(self, angles: FloatArray) -> FloatArray:
@@ -116,10 +118,11 @@ class Notation:
         """
         return angles if self.orientation is Orientation.EULER_ZYX else angles[:, ::-1]
 
-    def values(self, poses: FloatArray, near: FloatArray) -> FloatArray:
+    def from_poses(self, poses: FloatArray, near: FloatArray) -> FloatArray:
         """Return the numbers (m, 3 + count) by which this notation writes poses (m, 4, 4) [m].
 
-        Many numbers state one pose; those nearest to the old numbers `near` (m, 3 + count) are returned.
+        One pose can be written by different numbers; the numbers nearest to the old numbers `near`
+        (m, 3 + count) are returned.
         """
         if not len(poses):
             return near.copy()
@@ -128,34 +131,37 @@ class Notation:
         rotations, old = poses[:, :3, :3], near[:, 3:]
         if self.orientation is Orientation.QUATERNION:
             new = Rotation.from_matrix(rotations).as_quat()[:, [3, 0, 1, 2]]
-            # The old quaternion has a rounded length; with this length, an unchanged one keeps its numbers.
+            # The old quaternion has a rounded length: with the same length, an unchanged quaternion keeps its
+            # numbers. A quaternion and its negative state the same orientation.
             new *= np.linalg.norm(old, axis=1, keepdims=True)
             numbers[:, 3:] = np.where(np.sum(new * old, axis=1, keepdims=True) < 0, -new, new)
         elif self.orientation is Orientation.ROTATION_VECTOR:
             numbers[:, 3:] = (
-                _nearest_vector(Rotation.from_matrix(rotations).as_rotvec(), old * self.angle) / self.angle
+                _find_nearest_vectors(Rotation.from_matrix(rotations).as_rotvec(), old * self.angle)
+                / self.angle
             )
         else:
-            angles = _nearest_angles(rotations, self.angle * self._reorder_to_zyx(old))
+            angles = _find_nearest_angles(rotations, self.angle * self._reorder_to_zyx(old))
             numbers[:, 3:] = self._reorder_to_zyx(angles) / self.angle
         return numbers
 
 
-def _nearest_vector(vectors: FloatArray, near: FloatArray) -> FloatArray:
-    """Return rotation vectors (m, 3) [rad], with the full turns that bring them nearest to `near`."""
+def _find_nearest_vectors(vectors: FloatArray, near: FloatArray) -> FloatArray:
+    """Return rotation vectors (m, 3) [rad] with full turns added that bring them nearest to `near` (m, 3)."""
     angle = np.linalg.norm(vectors, axis=1, keepdims=True)
-    still = angle < 1e-12
-    usual = np.linalg.norm(near, axis=1, keepdims=True)
-    fallback = near / np.where(usual > 0, usual, 1)
-    axis = np.where(still, fallback, vectors / np.where(still, 1, angle))
+    is_zero = angle < 1e-12
+    near_angle = np.linalg.norm(near, axis=1, keepdims=True)
+    near_axis = near / np.where(near_angle > 0, near_angle, 1)
+    # A zero rotation has no axis: full turns are added about the axis of `near`.
+    axis = np.where(is_zero, near_axis, vectors / np.where(is_zero, 1, angle))
     along = np.sum(axis * near, axis=1, keepdims=True)
     turns = np.round((along - angle) / (2 * np.pi))
-    moved = axis * (angle + 2 * np.pi * turns)
-    return np.where(turns == 0, vectors, moved)
+    return np.where(turns == 0, vectors, axis * (angle + 2 * np.pi * turns))
 
 
-def _rotations(angles: FloatArray) -> FloatArray:
-    """Return rotations (m, 3, 3) by angles (m, 3) [rad] about Z, Y', X''."""
+def _to_rotation_matrices(angles: FloatArray) -> FloatArray:
+    """Return the matrices (m, 3, 3) of rotations by angles (m, 3) [rad] about Z, Y', X''."""
+    # Sines and cosines of the angles a, b, c about Z, Y', X''
     (sa, sb, sc), (ca, cb, cc) = np.sin(angles).T, np.cos(angles).T
     rotations = np.empty((len(angles), 3, 3))
     rotations[:, 0] = np.stack([ca * cb, ca * sb * sc - sa * cc, ca * sb * cc + sa * sc], axis=1)
@@ -164,7 +170,7 @@ def _rotations(angles: FloatArray) -> FloatArray:
     return rotations
 
 
-def _nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
+def _find_nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
     """Return the angles (m, 3) [rad] about Z, Y', X'' of rotations (m, 3, 3), as near to `near` as possible.
 
     Each rotation has two solutions, up to full turns. In a gimbal lock, the last angle is that of `near`.
@@ -174,24 +180,23 @@ def _nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
     sines = np.stack([r[:, 1, 0], -r[:, 2, 0], r[:, 2, 1]], axis=1)
     first = np.arctan2(sines, np.stack([r[:, 0, 0], cosine, r[:, 2, 2]], axis=1))
     other = np.column_stack([first[:, 0] + np.pi, np.pi - first[:, 1], first[:, 2] + np.pi])
-    locked = cosine < _GIMBAL
-    if (
-        locked.any()
-    ):  # only the sum or difference of first and last angle is known: the last angle keeps its value
-        free = first[locked]
-        sign = np.where(free[:, 1] > 0, 1.0, -1.0)
-        free[:, 0] = np.arctan2(-r[locked, 0, 1], r[locked, 1, 1]) + sign * near[locked, 2]
-        free[:, 2] = near[locked, 2]
-        first[locked] = other[locked] = free
-    candidates = [choice + 2 * np.pi * np.round((near - choice) / (2 * np.pi)) for choice in (first, other)]
-    distances = [np.sum((choice - near) ** 2, axis=1) for choice in candidates]
+    locked = cosine < _GIMBAL_COSINE
+    if locked.any():
+        # Only the sum or difference of first and last angle is known: the last angle keeps its value.
+        solution = first[locked]
+        sign = np.where(solution[:, 1] > 0, 1.0, -1.0)
+        solution[:, 0] = np.arctan2(-r[locked, 0, 1], r[locked, 1, 1]) + sign * near[locked, 2]
+        solution[:, 2] = near[locked, 2]
+        first[locked] = other[locked] = solution
+    candidates = [angles + 2 * np.pi * np.round((near - angles) / (2 * np.pi)) for angles in (first, other)]
+    distances = [np.sum((angles - near) ** 2, axis=1) for angles in candidates]
     nearest: FloatArray = np.where((distances[0] <= distances[1])[:, None], candidates[0], candidates[1])
     return nearest
 
 
 _MOST_BLANKS: Final = 32
 """Most blanks before a number that are used to keep columns aligned."""
-_BLOCK: Final = 1 << 20
+_BLOCK_LENGTH: Final = 1 << 20
 """Characters whose numbers are held as texts at a time."""
 Places: TypeAlias = npt.NDArray[np.int32]
 """Places in a text; 32 bits are enough, because programs are limited in size."""
@@ -208,25 +213,25 @@ class Numerals:
     values: FloatArray  # (N,) numbers
     starts: Places  # (N,) first character of each number
     ends: Places  # (N,) last character + 1 of each number
-    rest: str  # the text with `\0` in place of each number
+    masked_text: str  # the text with `\0` in place of each number
 
     @classmethod
     def from_text(cls, text: str, pattern: str) -> Numerals:
         r"""Find the numbers in a text without `\0` by a pattern; no number spans two lines."""
         split = re.compile(f"({pattern})").split
-        values, spans, rest, begin = [np.zeros(0)], [np.zeros((0, 2), dtype=np.int32)], [], 0
+        values, spans, masked, begin = [np.zeros(0)], [np.zeros((0, 2), dtype=np.int32)], [], 0
         while begin < len(text):
-            end = text.find("\n", begin + _BLOCK) + 1 or len(text)
-            pieces = split(text[begin:end])
+            end = text.find("\n", begin + _BLOCK_LENGTH) + 1 or len(text)
+            pieces = split(text[begin:end])  # text, number, text, number, …, text
             values.append(_parse_numbers(pieces[1::2]))
             ends = begin + np.cumsum(
                 np.fromiter(map(len, pieces), dtype=np.int32, count=len(pieces)), dtype=np.int32
             )
             spans.append(ends[:-1].reshape(-1, 2))
-            rest.append("\0".join(pieces[::2]))
+            masked.append("\0".join(pieces[::2]))
             begin = end
         starts, ends = np.concatenate(spans).T.copy()
-        return cls(np.concatenate(values), starts, ends, "".join(rest))
+        return cls(np.concatenate(values), starts, ends, "".join(masked))
 
     def masked_texts(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
         """Return k parts of the text, with NUL in place of each number.
@@ -238,14 +243,15 @@ class Numerals:
         Returns:
             Texts of the parts with NUL in place of each number; index (k,) of the first number of each part.
         """
-        shorter = np.concatenate([[0], np.cumsum(self.ends - self.starts - 1)])
+        # Characters that are missing in the masked text before each number
+        missing = np.concatenate([[0], np.cumsum(self.ends - self.starts - 1)])
         first, last = np.searchsorted(self.starts, starts), np.searchsorted(self.starts, ends)
-        begins, stops, rest = starts - shorter[first], ends - shorter[last], self.rest
-        return (rest[begin:stop] for begin, stop in zip(begins.tolist(), stops.tolist(), strict=True)), first
+        begins, stops, text = starts - missing[first], ends - missing[last], self.masked_text
+        return (text[begin:stop] for begin, stop in zip(begins.tolist(), stops.tolist(), strict=True)), first
 
 
 def _parse_numbers(numbers: Sequence[str]) -> FloatArray:
-    """Parse the texts of numbers; the numbers may have decimal commas, or be binary such as KUKA's 'B010'."""
+    """Return the values of numbers, which may have decimal commas, or be binary such as KUKA's 'B010'."""
     try:
         return np.fromiter(map(float, numbers), dtype=np.float64, count=len(numbers))
     except ValueError:  # a binary number or a decimal comma: the slower way
@@ -255,39 +261,40 @@ def _parse_numbers(numbers: Sequence[str]) -> FloatArray:
 
 
 _CELL: Final = r"(?:^|[;\t])[ \"]*+{}[ \"]*+(?=[;\t\r\n]|\Z)"
-_POINT: Final = re.compile(_CELL.format(r"[+-]?\d*+\.\d++"), re.MULTILINE)
-_COMMA: Final = re.compile(
+_CELL_WITH_POINT: Final = re.compile(_CELL.format(r"[+-]?\d*+\.\d++"), re.MULTILINE)
+_CELL_WITH_COMMA: Final = re.compile(
     _CELL.format(r"[+-]?(?:0,\d++|\d{4,15},\d++|\d{1,3},(?:\d\d?|\d{4,15}))"), re.MULTILINE
 )
 """A comma with other than three digits behind it, or more than three before it, separates no thousands."""
 
 
-_SHOWING: Final = 1 << 16
+_SEARCHED_LENGTH: Final = 1 << 16
 """Number of characters of a table in which decimal commas are looked for."""
 
 
 def has_decimal_commas(table: str) -> bool:
     """Return whether a table has numbers with decimal commas, and no number with a decimal point."""
-    begin = table[:_SHOWING]
-    return _COMMA.search(begin) is not None and _POINT.search(begin) is None
+    begin = table[:_SEARCHED_LENGTH]
+    return _CELL_WITH_COMMA.search(begin) is not None and _CELL_WITH_POINT.search(begin) is None
 
 
 def format_new_numbers(
-    signs: Characters, spans: Places, new: FloatArray, old: FloatArray, digits: IndexArray
+    characters: Characters, spans: Places, new: FloatArray, old: FloatArray, digits: IndexArray
 ) -> tuple[list[str], BoolArray]:
     """Format new numbers like the old ones in a text.
 
     Args:
-        signs: text with the old numbers.
+        characters: text with the old numbers, one byte per character.
         spans: (m, 2) first and last + 1 character of each old number.
         new: (m,) new numbers.
         old: (m,) old numbers.
         digits: (m,) fewest decimals of each new number; an old number with more decimals keeps them.
 
     Returns:
-        Texts of the new numbers; mask (m,) of those that differ from the old ones at these decimals.
+        Texts of the new numbers; mask (m,) of the new numbers that differ from the old numbers at these
+        decimals.
     """
-    digits = np.maximum(digits, _count_decimals(signs, spans))
+    digits = np.maximum(digits, _count_decimals(characters, spans))
     counts = np.unique(digits).tolist()
     if len(counts) == 1:
         numbers = _format_numbers(new, counts[0])
@@ -298,12 +305,14 @@ def format_new_numbers(
             texts[rows] = _format_numbers(new[rows], count)
         numbers = texts.tolist()
     differ = np.ones(len(new), dtype=np.bool_)
+    # Only numbers near the old number or near zero need a comparison of texts.
     for i in np.flatnonzero(np.minimum(np.abs(new - old), np.abs(new)) < 2.0 * 10.0**-digits).tolist():
-        usual = f"{old[i]:.{digits[i]}f}"
-        differ[i] = numbers[i] != usual and not float(numbers[i]) == float(usual) == 0.0
+        old_number = f"{old[i]:.{digits[i]}f}"
+        differ[i] = numbers[i] != old_number and not float(numbers[i]) == float(old_number) == 0.0
         if numbers[i][0] == "-" and float(numbers[i]) == 0.0:
             numbers[i] = numbers[i][1:]
-    for i in np.flatnonzero(signs[spans[:, 0]] == ord("+")).tolist():
+    # A number that had a plus sign keeps it.
+    for i in np.flatnonzero(characters[spans[:, 0]] == ord("+")).tolist():
         numbers[i] = numbers[i] if numbers[i][0] == "-" else f"+{numbers[i]}"
     return numbers, differ
 
@@ -313,47 +322,52 @@ def _format_numbers(numbers: FloatArray, digits: int) -> list[str]:
     return ("\n".join([f"%.{digits}f"] * len(numbers)) % tuple(numbers.tolist())).split("\n")
 
 
-def _count_decimals(signs: Characters, spans: Places) -> IndexArray:
+def _count_decimals(characters: Characters, spans: Places) -> IndexArray:
     """Return the counts of decimals (m,) of m numbers, which are at the spans (m, 2) of a text."""
     starts, ends = spans.T
-    powers = np.flatnonzero((signs | 32) == ord("e"))
-    points = np.flatnonzero((signs == ord(".")) | (signs == ord(",")))
+    powers = np.flatnonzero((characters | 32) == ord("e"))  # | 32 makes capitals small letters
+    points = np.flatnonzero((characters == ord(".")) | (characters == ord(",")))
+    # Cut each number before its exponent, then before its point: the decimals are between these two ends.
     for places in (powers, points):
-        first = np.append(places, len(signs))[np.searchsorted(places, starts)]
-        ends, before = np.minimum(first, ends), ends
-    decimals: IndexArray = np.maximum(before - ends - 1, 0)
+        first = np.append(places, len(characters))[np.searchsorted(places, starts)]
+        ends, end_of_decimals = np.minimum(first, ends), ends
+    decimals: IndexArray = np.maximum(end_of_decimals - ends - 1, 0)
     return decimals
 
 
-def pad_number(signs: Characters, start: int, end: int, number: str) -> Edit:
+def pad_number(characters: Characters, start: int, end: int, number: str) -> Edit:
     """Return the edit that replaces a number and keeps its end in the same column of the text.
 
     Blanks before the number are removed or added. If there are too few blanks, the number ends further right.
     """
-    before = signs[max(start - _MOST_BLANKS, 0) : start].tobytes()
+    before = characters[max(start - _MOST_BLANKS, 0) : start].tobytes()
     blanks = len(before) - len(before.rstrip(b" "))
-    longer = len(number) - (end - start)
-    if longer > 0:
-        return start - min(longer, max(blanks - 1, 0)), end, number
-    return start, end, " " * -longer + number if blanks else number
+    growth = len(number) - (end - start)
+    if growth > 0:  # replace blanks before the number, but keep one blank
+        return start - min(growth, max(blanks - 1, 0)), end, number
+    return start, end, " " * -growth + number if blanks else number
 
 
-def splice_texts(signs: Characters, spans: Places, texts: Sequence[str]) -> bytes:
+def splice_texts(characters: Characters, spans: Places, texts: Sequence[str]) -> bytes:
     """Return the bytes of a text in which some parts are replaced.
 
     Args:
-        signs: the text.
+        characters: the text, one byte per character.
         spans: (m, 2) first and last + 1 character of each part that is replaced, in order.
         texts: m texts in place of these parts.
     """
     starts, ends = spans.T
     lengths = np.fromiter(map(len, texts), dtype=np.intp, count=len(texts))
-    gaps = np.append(starts, len(signs)) - np.concatenate([[0], ends])
+    gaps = np.append(starts, len(characters)) - np.concatenate([[0], ends])
+    # Gaps and parts alternate. Masks of the characters of the parts: in the new text, and in the old text
     is_new, is_old = (
-        np.repeat(np.arange(len(gaps) + len(each)) % 2 == 1, np.insert(gaps, np.arange(1, len(gaps)), each))
-        for each in (lengths, ends - starts)
+        np.repeat(
+            np.arange(len(gaps) + len(part_lengths)) % 2 == 1,
+            np.insert(gaps, np.arange(1, len(gaps)), part_lengths),
+        )
+        for part_lengths in (lengths, ends - starts)
     )
     result = np.empty(len(is_new), dtype=np.uint8)
     result[is_new] = np.frombuffer("".join(texts).encode("latin-1"), dtype=np.uint8)
-    result[~is_new] = signs[~is_old]
+    result[~is_new] = characters[~is_old]
     return result.tobytes()

@@ -62,8 +62,8 @@ class Source:
     @classmethod
     def from_bytes(cls, name: str, content: bytes) -> Source:
         """Build a source from the bytes of a file, whose lines may end with CR, LF or both."""
-        signs = np.frombuffer(content, dtype=np.uint8)
-        feed, back = signs == ord("\n"), signs == ord("\r")
+        characters = np.frombuffer(content, dtype=np.uint8)
+        feed, back = characters == ord("\n"), characters == ord("\r")
         back[:-1] &= ~feed[1:]
         starts = np.concatenate([[0], np.flatnonzero(feed | back) + 1])
         return cls(name, content.decode("latin-1"), starts)
@@ -73,7 +73,7 @@ class Source:
         """Offset behind the last character of each line, line break included."""
         return np.append(self.starts[1:], len(self.text))
 
-    def line(self, offset: int) -> int:
+    def find_line(self, offset: int) -> int:
         """Return the number of the line, from 1, that contains the character at an offset."""
         return int(np.searchsorted(self.starts, offset, side="right"))
 
@@ -95,7 +95,7 @@ class Literal:
     numbers: tuple[int, ...]  # numbers of the target
     external: tuple[int, ...] = ()  # external axes, and other groups; -1 for one that is not stated
     words: tuple[tuple[str, int], ...] = ()  # names and numbers that state the arm's configuration
-    letters: str = ""  # the part of the configuration that is in letters
+    letters: str = ""  # letters of the configuration, such as those of FANUC
     common: tuple[int, ...] = ()  # numbers that all targets have to share, such as that of the tool
 
 
@@ -111,8 +111,9 @@ class Targets:
     base: IndexArray  # (t,) indices of their bases among the frames
     tool: IndexArray  # (t,) indices of their tools among the frames
     frames: Sequence[FrameName]
-    values: FloatArray  # (t, 11) numbers as written, then those of the configuration; NaN where there is none
-    spans: Places  # (t, 11, 2) first and last + 1 character of each number; −1 where there is none
+    # (t, 11) numbers as written, then numbers of the configuration; NaN where the target has fewer numbers
+    values: FloatArray
+    spans: Places  # (t, 11, 2) first and last + 1 character of each number; −1 where `values` is NaN
 
     @cached_property
     def notations(self) -> tuple[Notation, ...]:
@@ -122,17 +123,17 @@ class Targets:
     @cached_property
     def notation(self) -> IndexArray:
         """Indices (t,) of the targets' notations among `notations`."""
-        of_literal = [self.notations.index(each.notation) for each in self.literals]
-        return np.array(of_literal, dtype=np.intp)[self.literal]
+        notation_of_literal = [self.notations.index(each.notation) for each in self.literals]
+        return np.array(notation_of_literal, dtype=np.intp)[self.literal]
 
-    def by_notation(self, rows: IndexArray) -> Iterator[tuple[Notation, IndexArray]]:
+    def group_by_notation(self, rows: IndexArray) -> Iterator[tuple[Notation, IndexArray]]:
         """Yield each notation, and the positions in `rows` (indices) of the targets with this notation."""
-        of_target = self.notation[rows]
+        notation_of_row = self.notation[rows]
         for i, notation in enumerate(self.notations):
-            yield notation, np.flatnonzero(of_target == i)
+            yield notation, np.flatnonzero(notation_of_row == i)
 
     @cached_property
-    def by_joints(self) -> BoolArray:
+    def given_as_joints(self) -> BoolArray:
         """Mask (t,) of the targets whose numbers are joint angles."""
         return np.array([each.is_joints for each in self.notations], dtype=np.bool_)[self.notation]
 
@@ -155,14 +156,14 @@ class Moves:
     visits: IndexArray  # (v,) indices of targets
 
     @cached_property
-    def of_visit(self) -> IndexArray:
-        """Indices (v,) of the moves to which the visits belong."""
+    def move_of_visit(self) -> IndexArray:
+        """Index (v,) of the move to which each visit of a target belongs."""
         return np.repeat(np.arange(len(self.ends)), np.diff(self.ends, prepend=0))
 
     @property
-    def by_joint(self) -> BoolArray:
-        """Mask (v,) of the visits that belong to a joint move."""
-        return np.asarray(self.motion == _MOTIONS.index(Motion.JOINT))[self.of_visit]
+    def is_visit_of_joint_move(self) -> BoolArray:
+        """Mask (v,) of the visits of targets that belong to a joint move."""
+        return np.asarray(self.motion == _MOTIONS.index(Motion.JOINT))[self.move_of_visit]
 
     def __len__(self) -> int:
         return len(self.line)
@@ -186,7 +187,7 @@ class Program:
     targets: Targets
     moves: Moves
     left_alone: tuple[Remark, ...]  # moves and calls that are left without need of a confirmation
-    left: tuple[ReadMove, ...] = ()  # moves that cannot be corrected
+    left_moves: tuple[ReadMove, ...] = ()  # moves that cannot be corrected
     faults: tuple[Fault, ...] = ()  # why these moves cannot be corrected
 
     @property
@@ -206,22 +207,24 @@ class Rewriting:
         """Prepare to rewrite a program from the beginning of its files."""
         self._targets, self._aligned = program.targets, program.format == "fanuc"
         self._commas = program.format == "csv" and has_decimal_commas(program.sources[0].text)
-        self._signs = [np.frombuffer(content, dtype=np.uint8) for content in program.files]
-        self._done = [0] * len(self._signs)  # characters of each file that are rewritten already
-        self._pieces: list[list[bytes]] = [[] for _ in self._signs]
+        self._characters = [np.frombuffer(content, dtype=np.uint8) for content in program.files]
+        self._rewritten = [0] * len(self._characters)  # count of characters of each file that are rewritten
+        self._pieces: list[list[bytes]] = [[] for _ in self._characters]  # rewritten text of each file
+        # fewest decimals of each number of a target, by the index of its notation; filled up with zeros
         digits = [(*each.decimals, 0, 0, 0, 0)[:NUMBERS] for each in self._targets.notations]
         self._digits = np.array(digits)
 
     def blocks(self, indices: IndexArray) -> Iterator[IndexArray]:
-        """Yield blocks of positions in the index array `indices`, in the order for `replace`.
+        """Divide targets into blocks that `replace` can write one after the other.
 
-        The targets of a block belong to one file, and are in the order of its text.
+        `indices` are indices of targets. Each yielded array has positions in `indices`, of targets of one
+        file in the order of the file's text.
         """
-        for source in range(len(self._signs)):
-            own = np.flatnonzero(self._targets.source[indices] == source)
-            own = own[np.argsort(self._targets.spans[indices[own], 0, 0], kind="stable")]
-            for start in range(0, len(own), BLOCK):
-                yield own[start : start + BLOCK]
+        for source in range(len(self._characters)):
+            positions = np.flatnonzero(self._targets.source[indices] == source)
+            positions = positions[np.argsort(self._targets.spans[indices[positions], 0, 0], kind="stable")]
+            for start in range(0, len(positions), BLOCK):
+                yield positions[start : start + BLOCK]
 
     def replace(
         self, rows: IndexArray, values: FloatArray, words: Sequence[tuple[int, Edit]] = ()
@@ -231,27 +234,30 @@ class Rewriting:
         Args:
             rows: indices of m targets of one file, behind those that were replaced before.
             values: (m, 7) new numbers; where they are NaN, the text stays as it is.
-            words: further edits of the text of these targets, each with the index of its target.
+            words: further edits of the text of these targets, each with the index of its target: numbers of
+                the configuration.
 
         Returns:
             (m, 7) the numbers as they are written.
         """
         source = int(self._targets.source[rows[0]])
-        begin, end = self._done[source], int(self._targets.spans[rows].max())
-        signs = self._signs[source][begin:end]
-        read = self._targets.values[rows, :NUMBERS]
-        row, column = np.nonzero(np.isfinite(values) & (values != read))
+        begin, end = self._rewritten[source], int(self._targets.spans[rows].max())
+        characters = self._characters[source][begin:end]
+        written = self._targets.values[rows, :NUMBERS]
+        row, column = np.nonzero(np.isfinite(values) & (values != written))
         spans = self._targets.spans[rows[row], column] - begin
         least = self._digits[self._targets.notation[rows[row]], column]
-        texts, differ = format_new_numbers(signs, spans, values[row, column], read[row, column], least)
+        texts, differ = format_new_numbers(
+            characters, spans, values[row, column], written[row, column], least
+        )
         if not differ.all():
             texts, spans = list(compress(texts, differ)), spans[differ]
             row, column = row[differ], column[differ]
-        read[row, column] = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+        written[row, column] = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
         texts = [text.replace(".", ",") for text in texts] if self._commas else texts
         edits = [(start - begin, stop - begin, text) for _, (start, stop, text) in words]
-        if self._aligned:
-            edits += [pad_number(signs, *edit) for edit in zip(*spans.T.tolist(), texts, strict=True)]
+        if self._aligned:  # edits with blanks take the place of all new numbers
+            edits += [pad_number(characters, *edit) for edit in zip(*spans.T.tolist(), texts, strict=True)]
             texts, spans = [], spans[:0]
         if edits:
             spans = np.vstack([spans, np.array([edit[:2] for edit in edits], dtype=np.int32)])
@@ -259,11 +265,11 @@ class Rewriting:
         if (np.diff(spans[:, 0]) < 0).any():
             order = np.argsort(spans[:, 0], kind="stable")
             texts, spans = [texts[i] for i in order.tolist()], spans[order]
-        self._pieces[source].append(splice_texts(signs, spans, texts))
-        self._done[source] = end
-        return read
+        self._pieces[source].append(splice_texts(characters, spans, texts))
+        self._rewritten[source] = end
+        return written
 
     def files(self) -> list[bytes]:
         """Return the bytes of all files, with the numbers that were replaced so far."""
-        parts = zip(self._pieces, self._signs, self._done, strict=True)
-        return [b"".join([*pieces, signs[done:].tobytes()]) for pieces, signs, done in parts]
+        parts = zip(self._pieces, self._characters, self._rewritten, strict=True)
+        return [b"".join([*pieces, characters[count:].tobytes()]) for pieces, characters, count in parts]

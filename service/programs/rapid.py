@@ -17,20 +17,20 @@ POSE: Final = Notation(Orientation.QUATERNION, angle=1, length_decimals=4, angle
 JOINTS: Final = Notation(Orientation.JOINTS, length_decimals=5)
 _MOTIONS: Final = {"L": Motion.LINEAR, "J": Motion.JOINT, "C": Motion.CIRCULAR}
 # Facts. Source: ABB, Technical reference manual, RAPID instructions, functions and data types (3HAC050917).
-_BEHIND: Final = {"DO": 2, "AO": 2, "GO": 2, "SYNC": 1}
-"""Arguments behind the tool of MoveLDO and the like."""
-# Optional arguments of moves by which the target stays where it is; \Corr and \Track move it
+_ARGUMENTS_AFTER_TOOL: Final = {"DO": 2, "AO": 2, "GO": 2, "SYNC": 1}
+"""Count of the arguments behind the tool, for MoveLDO, MoveJSync and the like."""
+# Optional arguments of moves that do not move the target, as \Corr and \Track would
 _OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d")
 # Instructions that set configuration, speed, waiting, signals, messages, clocks, interrupts and units: no
 # target, no frame and no variable of the program changes by them
-_QUIET: Final = (
+_HARMLESS: Final = (
     r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT"
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
     r"|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
 )
-# Moves of a process, and instructions that shift targets and frames: named, as they are left in any case
+# Moves of a process, and instructions that shift targets and frames: neither can be corrected
 _PROCESS_MOVE: Final = re.compile(r"(?:ARC|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:[LCJ]|[LC]\w++)")
-_SHIFTS: Final = re.compile(r"PDISP|EOFFS|SOFT|SEARCH|CORR|WAITWOBJ|DROPWOBJ|IND")
+_SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|SEARCH|CORR|WAITWOBJ|DROPWOBJ|IND")
 _RESERVED: Final = (
     r"(?:END)?(?:MODULE|PROC|FUNC|TRAP|RECORD)|LOCAL|TASK|CONST|PERS|VAR|IF|THEN|ELSE|ELSEIF|ENDIF|FOR|FROM|TO"
     r"|STEP|DO|ENDFOR|WHILE|ENDWHILE|TEST|CASE|DEFAULT|GOTO|ERROR|UNDO|BACKWARD|CONNECT|WITH|RETURN|RAISE|RETRY"
@@ -46,12 +46,12 @@ _REMEDY: Final = "write [[x, y, z], [q1 ... q4], [cf1 ... cfx], [external axes]]
 _FRAME_REMEDY: Final = "declare the frame in numbers"
 _WORD: Final = r"[^\W\d]\w*+"
 _N3, _N4, _N6 = (rf"\[\0(?:,\0){{{n - 1}}}\]" for n in (3, 4, 6))
-_POSES: Final = rf"\[{_N3},{_N4}\]"
+_POSE_PATTERN: Final = rf"\[{_N3},{_N4}\]"
 _LITERALS: Final = {
     "ROBTARGET": re.compile(rf"\[{_N3},{_N4},{_N4},{_N6}\]"),
     "JOINTTARGET": re.compile(rf"\[{_N6},{_N6}\]"),
-    "WOBJDATA": re.compile(rf'\[FALSE,TRUE,"[^"]*",{_POSES},{_POSES}\]'),
-    "TOOLDATA": re.compile(rf"\[TRUE,{_POSES},(.*)\]"),
+    "WOBJDATA": re.compile(rf'\[FALSE,TRUE,"[^"]*",{_POSE_PATTERN},{_POSE_PATTERN}\]'),
+    "TOOLDATA": re.compile(rf"\[TRUE,{_POSE_PATTERN},(.*)\]"),
 }
 _FRAMES_OF: Final = {"WOBJDATA": (".UFRAME", ".OFRAME"), "TOOLDATA": (".TFRAME",)}
 """Frames of work objects and tools; the second frame of a work object is given in the first."""
@@ -59,14 +59,17 @@ _FRAMES_OF: Final = {"WOBJDATA": (".UFRAME", ".OFRAME"), "TOOLDATA": (".TFRAME",
 
 def _translate_routine(line: Line) -> list[Op]:
     """Return the operations that begin a routine and declare its parameters."""
-    return ir.begin_routine(line["name"], re.findall(rf"({_WORD})(?=,|\||$|\{{)", line["own"]), _REMEDY)
+    return ir.begin_routine(
+        line["name"], re.findall(rf"({_WORD})(?=,|\||$|\{{)", line["parameters"]), _REMEDY
+    )
 
 
 def _translate_test(line: Line) -> list[Op]:
     """Return the operations of TEST up to its first CASE, DEFAULT or ENDTEST."""
-    first = ir.mark_attached(line.read_expression(line["first"])) if line["first"] else []
-    kind = "close" if line.text[-1] != ":" else "turn" if line["first"] else "default"
-    return [ir.Flow("if"), *first, ir.Flow(kind)]
+    first_case = ir.mark_anytime(line.read_expression(line["first"])) if line["first"] else []
+    # CASE and DEFAULT end with a colon, ENDTEST does not.
+    kind = "close" if line.text[-1] != ":" else "branch" if line["first"] else "default"
+    return [ir.Flow("if"), *first_case, ir.Flow(kind)]
 
 
 def _refuse_one_line_if(_line: Line) -> list[Op]:
@@ -83,17 +86,18 @@ def _refuse_one_line_if(_line: Line) -> list[Op]:
 def _translate_instruction(line: Line) -> list[Op]:
     """Return the operations of an instruction of the controller, or of the call of a routine."""
     name = line["name"]
+    # Options such as \WObj:=frame become arguments of their own, so that all are one expression.
     arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])).strip(",")
     found = line.read_expression(arguments)
     names = frozenset(each for op in found if isinstance(op, ir.Use) for each in op.names)
     if name in {"INCR", "DECR", "ADD", "CLEAR"}:  # they change their first argument
         return [*found, ir.MakeUnknown(names, f"{name} changes it while the program runs", _REMEDY)]
-    if re.fullmatch(_QUIET, name):
-        return [*found, ir.Call(name, quiet=True)]
+    if re.fullmatch(_HARMLESS, name):
+        return [*found, ir.Call(name, harmless=True)]
     if _PROCESS_MOVE.fullmatch(name):
         reason, remedy = f"{name} is a move of a process such as welding", "write it as MoveL, MoveJ or MoveC"
-        return ir.leave_move([*found, ir.MakeUnknown(frozenset(), reason, remedy)], reason, remedy)
-    if _SHIFTS.match(name):
+        return ir.make_uncorrected_move([*found, ir.MakeUnknown(frozenset(), reason, remedy)], reason, remedy)
+    if _SHIFT.match(name):
         return [*found, ir.MakeUnknown(frozenset(), f"{name} moves targets or frames", "omit it")]
     return [*found, ir.Call(name, names)]
 
@@ -129,7 +133,7 @@ def _assign_data(line: Line, name: str, start: int, end: int, *kinds: str) -> li
     return []
 
 
-def _frame_product(name: str, kind: str) -> ir.Product:
+def _multiply_frames(name: str, kind: str) -> ir.Product:
     """Return the product of the frames of data `name`; `kind` is WOBJDATA (work object) or TOOLDATA."""
     return ir.Product(tuple(f"{name}{frame}" for frame in _FRAMES_OF[kind]))
 
@@ -141,24 +145,27 @@ def _translate_declaration(line: Line) -> list[Op]:
         ir.Local(frozenset({name})),
         *line.read_expression(line["array"]),
     ]
-    given = _assign_data(line, name, *line.span("value"), line["type"]) if value and not line["array"] else []
-    if given:
+    assigned = []
+    if value and not line["array"]:
+        assigned = _assign_data(line, name, *line.span("value"), line["type"])
+    if assigned:
         declares = "constant" if line["kind"] == "CONST" else "variable"
-        return [*found, *(each._replace(declares=declares, own=line["own"] == "LOCAL") for each in given)]
+        private = line["scope"] == "LOCAL"
+        return [*found, *(each._replace(declares=declares, private=private) for each in assigned)]
     found += line.read_expression(value)
-    what = "frame" if "DATA" in line["type"] else "target"
-    reason = f"{name} is not a fixed {what} in numbers, or changes while the program runs"
+    kind = "frame" if "DATA" in line["type"] else "target"
+    reason = f"{name} is not a fixed {kind} in numbers, or changes while the program runs"
     return [*found, ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
 
 
 def _translate_assignment(line: Line) -> list[Op]:
     """Return the operations of an assignment, which gives numbers or an unknown value to a name."""
     name, part, value = line["name"], line["part"], line["value"]
-    given = [] if part else _assign_data(line, name, *line.span("value"), *_LITERALS)
-    if part in {".UFRAME", ".OFRAME", ".TFRAME"} and re.fullmatch(_POSES, value):
-        given = [ir.Assign(name + part, Literal(POSE, line.ordinals_in(*line.span("value"))))]
-    if given:
-        return list(given)
+    assigned = [] if part else _assign_data(line, name, *line.span("value"), *_LITERALS)
+    if part in {".UFRAME", ".OFRAME", ".TFRAME"} and re.fullmatch(_POSE_PATTERN, value):
+        assigned = [ir.Assign(name + part, Literal(POSE, line.ordinals_in(*line.span("value"))))]
+    if assigned:
+        return list(assigned)
     index = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
     uses = [*line.read_expression(index), *line.read_expression(value)]
     return [*uses, ir.MakeUnknown(frozenset({name}), f"{name} changes while the program runs", _FRAME_REMEDY)]
@@ -170,30 +177,37 @@ def _translate_move(line: Line) -> list[Op]:
     Raises:
         Misread: arguments are missing, unknown or computed.
     """
-    letter, trigger = line["letter"] or line["trigger"] or "J", bool(line["trigger"])
-    count, behind = 1 + (letter == "C"), _BEHIND.get(line["process"], 0)
-    last = count + 2 + trigger  # index of the tool among the arguments, behind speed, trigger and zone
-    spans, frame, found = _split_arguments(line, line.span("arguments")[0])
-    given = [line.text[slice(*each)] for each in spans]
-    if len(given) != last + 1 + behind or not re.fullmatch(_WORD, given[last]):
+    has_trigger = bool(line["trigger"])
+    letter = line["letter"] or line["trigger"] or "J"
+    count = 1 + (letter == "C")  # count of the targets
+    tool_index = count + 2 + has_trigger  # the tool is behind targets, speed, trigger and zone
+    after_tool = _ARGUMENTS_AFTER_TOOL.get(line["process"], 0)
+    spans, work_object, found = _split_arguments(line, line.span("arguments")[0])
+    arguments = [line.text[slice(*each)] for each in spans]
+    if len(arguments) != tool_index + 1 + after_tool or not re.fullmatch(_WORD, arguments[tool_index]):
         reason = "the target is not given by numbers, or the move names no speed, zone and tool"
         raise Misread(
             reason, "write speed, zone and tool by their names, and \\WObj:= if there is a work object"
         )
     targets = [
         each if re.fullmatch(_WORD, each) else _read_target(line, *span)
-        for each, span in zip(given[:count], spans, strict=False)
+        for each, span in zip(arguments[:count], spans, strict=False)
     ]
     known = tuple(each for each in targets if each is not None)
     if len(known) < count:
-        uses = [op for each in given[:count] for op in line.read_expression(each)]
-        return ir.leave_move([*found, *uses], "the target is not given by numbers", _REMEDY)
-    found += [op for each in given[count:last] + given[last + 1 :] for op in line.read_expression(each)]
+        uses = [op for each in arguments[:count] for op in line.read_expression(each)]
+        return ir.make_uncorrected_move([*found, *uses], "the target is not given by numbers", _REMEDY)
+    others = arguments[count:tool_index] + arguments[tool_index + 1 :]
+    found += [op for each in others for op in line.read_expression(each)]
     if ir.calls_routine(found):
         raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
-    process = [ir.Call(given[-1].strip('"'), attached=True)] if behind == 1 else []
-    frames = (_frame_product(frame, "WOBJDATA"),) * count, (_frame_product(given[last], "TOOLDATA"),) * count
-    return [*found, *process, ir.Move(_MOTIONS[letter], known, *frames)]
+    # MoveLSync and the like name a routine that runs at the target.
+    routine = [ir.Call(arguments[-1].strip('"'), anytime=True)] if after_tool == 1 else []
+    base, tool = (
+        _multiply_frames(work_object, "WOBJDATA"),
+        _multiply_frames(arguments[tool_index], "TOOLDATA"),
+    )
+    return [*found, *routine, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count)]
 
 
 def _split_arguments(line: Line, start: int) -> tuple[list[tuple[int, int]], str, list[Op]]:
@@ -202,11 +216,13 @@ def _split_arguments(line: Line, start: int) -> tuple[list[tuple[int, int]], str
     Raises:
         Misread: an option may move the target, or the work object is computed.
     """
-    text, frame, found, spans = line.text, "WOBJ0", list[Op](), list[tuple[int, int]]()
+    text, work_object = line.text, "WOBJ0"
+    found, spans = list[Op](), list[tuple[int, int]]()
     for i, (first, last) in enumerate(split_outside_brackets(text, start)):
-        own, *options = split_outside_brackets(text[:last], first, "\\")
-        if text[slice(*own)].strip() or (i and not options):
-            spans.append((own[0] + (text[own[0] : own[0] + 1] == " "), own[1]))
+        (begin, end), *options = split_outside_brackets(text[:last], first, "\\")
+        # A part that has only options is not an argument; nor is an empty text before the first comma.
+        if text[begin:end].strip() or (i and not options):
+            spans.append((begin + (text[begin : begin + 1] == " "), end))
         for option in options:
             name, _, value = text[slice(*option)].partition(":=")
             if not _OPTIONS.fullmatch(name):
@@ -215,8 +231,8 @@ def _split_arguments(line: Line, start: int) -> tuple[list[tuple[int, int]], str
             if name == "WOBJ":
                 if not re.fullmatch(_WORD, value):
                     raise Misread("the argument \\WObj is computed", _FRAME_REMEDY)
-                frame = value
-    return spans, frame, found
+                work_object = value
+    return spans, work_object, found
 
 
 _ENDS: Final = re.compile(
@@ -235,8 +251,10 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
         ProgramError: the file has a second module.
     """
     text, place = sources[0].text, 0
-    for again in list(re.finditer(r"(?im)^[ \t]*+MODULE\b", text))[1:]:
-        machine.refuse(sources[0].line(again.start()), "the file contains a second module", "send one module")
+    for second in list(re.finditer(r"(?im)^[ \t]*+MODULE\b", text))[1:]:
+        machine.refuse(
+            sources[0].find_line(second.start()), "the file contains a second module", "send one module"
+        )
     starts, ends = [], []
     for end in (*(match.end() for match in _ENDS.finditer(text) if match[1]), len(text)):
         start = end - len(text[place:end].lstrip())
@@ -245,7 +263,7 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
             ends.append(end)
         place = end
     machine.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
-    machine.add(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))
+    machine.add_statements(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))
 
 
 LANGUAGE: Final = ir.Language(
@@ -262,9 +280,9 @@ LANGUAGE: Final = ir.Language(
     motion=r"\b(?:MOVE(?:[LJC](?:DO|AO|GO|SYNC)?|ABSJ|EXTJ)|TRIGG[LJC])(?!\w)",
     remedy=_REMEDY,
     constants={"WOBJ0": np.eye(4), "TOOL0": np.eye(4)},
-    parts=tuple(part for parts in _FRAMES_OF.values() for part in parts),
+    field_endings=tuple(ending for endings in _FRAMES_OF.values() for ending in endings),
     is_frame=lambda _: True,
-    callers=True,
+    callable_from_outside=True,
     rules=(
         (
             r"(?:MOVE(?:ABSJ|(?P<letter>[LJC])(?P<process>DO|AO|GO|SYNC)?)|TRIGG(?P<trigger>[LJC]))"
@@ -276,12 +294,12 @@ LANGUAGE: Final = ir.Language(
             rf"|(?:LOCAL )?RECORD {_WORD}(?: {_WORD} {_WORD})?",
             "",
         ),
-        (rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) @{{name}}\((?P<own>[^()]*)\)", _translate_routine),
-        (r"(?:LOCAL )?TRAP @{name}", "aside"),
+        (rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) @{{name}}\((?P<parameters>[^()]*)\)", _translate_routine),
+        (r"(?:LOCAL )?TRAP @{name}", "handler"),
         (r"ENDPROC|ENDFUNC|ENDTRAP", "end"),
-        (r"(?:ERROR|UNDO|BACKWARD)(?:\([^()]*\))?", lambda _: [ir.Flow("end"), ir.Flow("aside")]),
+        (r"(?:ERROR|UNDO|BACKWARD)(?:\([^()]*\))?", lambda _: [ir.Flow("end"), ir.Flow("handler")]),
         (r"IF ?(.*?) ?THEN", "if"),
-        (r"ELSEIF ?(.*?) ?THEN|ELSE|CASE ?(.*):", "turn"),
+        (r"ELSEIF ?(.*?) ?THEN|ELSE|CASE ?(.*):", "branch"),
         (r"DEFAULT ?:", "default"),
         (
             r"TEST ?((?:(?!\b(?:CASE|DEFAULT|ENDTEST)\b).)+?) ?"
@@ -296,14 +314,14 @@ LANGUAGE: Final = ir.Language(
         (r"ENDIF|ENDFOR|ENDWHILE|ENDTEST", "close"),
         (r"@{name}:", "label"),
         (
-            r"(?:(?P<own>LOCAL|TASK) )?(?P<kind>CONST|PERS|VAR) @{type} @{name}"
+            r"(?:(?P<scope>LOCAL|TASK) )?(?P<kind>CONST|PERS|VAR) @{type} @{name}"
             r"(?P<array>\{[^=]*\})?(?::=(?P<value>.+))?",
             _translate_declaration,
         ),
         (r"@{name}(?P<part>(?:\{[^{}:]*\}|\.\w+)*):=(?P<value>.+)", _translate_assignment),
         (r"(?:RETURN|RAISE|RETRY|TRYNEXT|EXIT)(?:\b ?(.+))?", "return"),
         (r"GOTO @{name}", "jump"),
-        (rf"CONNECT {_WORD} WITH @{{name}}", lambda line: [ir.Call(line["name"], attached=True)]),
+        (rf"CONNECT {_WORD} WITH @{{name}}", lambda line: [ir.Call(line["name"], anytime=True)]),
         (r"IF .*", _refuse_one_line_if),
         (r"@{name} ?(?P<arguments>.*)", _translate_instruction),
     ),

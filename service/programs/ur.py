@@ -20,13 +20,13 @@ _MOTIONS: Final = {
     "movej": Motion.JOINT, "movel": Motion.LINEAR, "movep": Motion.LINEAR, "movec": Motion.CIRCULAR
 }  # fmt: skip
 # Facts. Source: Universal Robots, The URScript programming language 5.11.
-# Routines that move the robot where no target in numbers says.
-_MOVING: Final = re.compile(
+# Routines that move the robot to a place that no target in numbers gives.
+_MOVES_WITHOUT_TARGET: Final = re.compile(
     r"(?:servo|speed)[jlc]|\w*(?:force|freedrive|teach)_mode|tool_contact|optimove[jl]|\w*(?:conveyor|path_offset)\w*"
     r"|screw_driving|move_until_contact|position_deviation_warning|reset_revolution_counter|set_pos"
 )
 # Routines that tell a value, wait, show a text, or set payload, signals, registers and connections.
-_QUIET: Final = (
+_HARMLESS: Final = (
     r"sleep|sync|textmsg|popup|halt|stop[jl]|zero_ftsensor|(?:enter|exit)_critical|random|force|is_(?:steady|within_safety_limits)"
     r"|set_(?:target_)?payload\w*|set_gravity|[sg]et_flag|set_watchdog|set_input_actions_to_default|set_baselight_mode"
     r"|set_safety_mode_transition_hardness|set_tool_(?:voltage|communication)"
@@ -49,27 +49,31 @@ _LITERALS: Final = ((POSE, re.compile(rf"p{_SIX}")), (JOINTS, re.compile(_SIX)))
 
 def _translate_routine(line: Line) -> list[Op]:
     """Return the operations that begin a routine and declare its parameters, with their default values."""
-    defaults = [f"({each})" for each in re.findall(r"=([^,]+(?:\([^()]*\))?)", line["own"])]
-    given = [op for each in defaults for op in line.read_expression(each)]
-    own = re.findall(rf"(?:^|,)({_WORD})", line["own"])
+    defaults = [f"({each})" for each in re.findall(r"=([^,]+(?:\([^()]*\))?)", line["parameters"])]
+    used = [op for each in defaults for op in line.read_expression(each)]
+    parameters = re.findall(rf"(?:^|,)({_WORD})", line["parameters"])
     return [
-        *ir.mark_attached(given),
-        *ir.begin_routine(line["name"], own, _REMEDY, aside=line["kind"] != "def"),
+        *ir.mark_anytime(used),
+        *ir.begin_routine(line["name"], parameters, _REMEDY, handler=line["kind"] != "def"),
     ]
 
 
 def _refuse_unknown_tool(_line: Line) -> list[Op]:
-    """Refuse `set_tcp` with an argument that is not a pose in numbers."""
+    """Refuse `set_tcp` with an argument that is not a pose in numbers.
+
+    Raises:
+        Misread: always.
+    """
     raise Misread("the tool is not given by numbers", "write set_tcp(p[x, y, z, rx, ry, rz])")
 
 
 def _translate_call(line: Line) -> list[Op]:
-    """Return the operations of a call; a call that moves the robot without a target is a left move."""
+    """Return the operations of a call; a call that moves the robot becomes an uncorrected move."""
     name = line["name"]
     found = line.read_expression(line.text)
-    if not _MOVING.fullmatch(name):
+    if not _MOVES_WITHOUT_TARGET.fullmatch(name):
         return found
-    return ir.leave_move(
+    return ir.make_uncorrected_move(
         found, f"{name} moves the robot without a target", "use movej, movel, movep or movec"
     )
 
@@ -90,13 +94,13 @@ def _read_value(line: Line, text: str) -> list[Op]:
 def _translate_assignment(line: Line) -> list[Op]:
     """Return the operations of an assignment: a name gets a target in numbers or an unknown value."""
     name, index = line["name"], line["index"]
-    own: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
+    declaration: list[Op] = [ir.Local(frozenset({name}))] if line["local"] else []
     literal = None if index else _read_literal(line, *line.span("value"))
     if literal is not None:
-        return [*own, ir.Assign(name, literal)]
+        return [*declaration, ir.Assign(name, literal)]
     found = line.read_expression(index.strip("[]").replace("][", ",")) if "[" in index else []
     unknown = ir.MakeUnknown(frozenset({name}), f"{name} gets a value that is not a number", _REMEDY)
-    return [*own, *found, *_read_value(line, line["value"]), unknown]
+    return [*declaration, *found, *_read_value(line, line["value"]), unknown]
 
 
 def _translate_move(line: Line) -> list[Op]:
@@ -106,27 +110,30 @@ def _translate_move(line: Line) -> list[Op]:
         Misread: a target is missing, or the move calls a routine.
     """
     motion = _MOTIONS[line["motion"]]
-    slots = ("pose_via", "pose_to") if motion is Motion.CIRCULAR else ("pose|q",)
+    # Names of the arguments with the targets, which a call may state or omit
+    names = ("pose_via", "pose_to") if motion is Motion.CIRCULAR else ("pose|q",)
     begin, end = line.span("arguments")
     spans = list(split_outside_brackets(line.text[:end], begin))
     found: list[Op] = []
     targets: list[Literal | ir.Name] = []
     bases: list[ir.Value] = []
-    for slot, (start, stop) in zip(slots, spans, strict=False):
-        named = re.compile(f"(?:{slot})=").match(line.text, start, stop)
+    for name, (start, stop) in zip(names, spans, strict=False):
+        prefix = re.compile(f"(?:{name})=").match(line.text, start, stop)
         try:
-            target, base = _read_target(line, named.end() if named else start, stop, found)
+            target, base = _read_target(line, prefix.end() if prefix else start, stop, found)
         except Misread as fault:
-            return ir.leave_move(_read_value(line, line["arguments"]), fault.reason, _REMEDY, motion)
+            return ir.make_uncorrected_move(
+                _read_value(line, line["arguments"]), fault.reason, _REMEDY, motion
+            )
         targets.append(target)
         bases.append(base)
-    if len(targets) < len(slots):
+    if len(targets) < len(names):
         raise Misread("a target is not given by numbers")
-    for start, stop in spans[len(slots) :]:
+    for start, stop in spans[len(names) :]:
         found += line.read_expression(re.sub("^(?:a|v|t|r|mode)=", "", line.text[start:stop]))
     if ir.calls_routine(found):
         raise Misread("the move calls a routine")
-    return [*found, ir.Move(motion, tuple(targets), tuple(bases), (ir.Copy(_ACTIVE),) * len(slots))]
+    return [*found, ir.Move(motion, tuple(targets), tuple(bases), (ir.Copy(_ACTIVE),) * len(names))]
 
 
 def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Literal | ir.Name, ir.Value]:
@@ -139,16 +146,16 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
         Misread: the target is not given by numbers or a variable.
     """
     text = line.text[start:end]
-    head = re.match(r"(get_inverse_kin|pose_trans)\(", text)
-    if head and text.endswith(")"):
-        first, *more = list(split_outside_brackets(line.text[: end - 1], start + head.end()))
-        if head[1] == "get_inverse_kin":
-            if len(more) > 3 or "tcp=" in text:
+    call = re.match(r"(get_inverse_kin|pose_trans)\(", text)
+    if call and text.endswith(")"):
+        first, *more = list(split_outside_brackets(line.text[: end - 1], start + call.end()))
+        if call[1] == "get_inverse_kin":
+            if len(more) > 3 or "tcp=" in text:  # the fifth argument is a tool
                 raise Misread("get_inverse_kin is called with its own tool")
             for each in more:  # angles near the answer, and tolerances
                 found += line.read_expression(line.text[slice(*each)].removeprefix("qnear="))
             return _read_target(line, *first, found)
-        if len(more) == 1 and "(" not in text[head.end() :]:
+        if len(more) == 1 and "(" not in text[call.end() :]:  # pose_trans(base, target in the base)
             base, _ = _read_target(line, *first, found)
             target, _ = _read_target(line, *more[0], found)
             if isinstance(base, str):
@@ -164,21 +171,21 @@ LANGUAGE: Final = ir.Language(
     suffixes=".script .urscript",
     pose=POSE,
     comment=r"#[^\r\n]*+",
-    folded=False,
+    ignores_case=False,
     operators="and|or|xor|not|run",
     reserved=_RESERVED,
-    functions=_QUIET,
+    functions=_HARMLESS,
     motion=r"\bmove[jlpc]\b",
     remedy=_REMEDY,
     active={_ACTIVE: "active TCP"},
     constants={"robot base": np.eye(4)},
     rules=(
         (r"\$ ?\0(?: ?\"[^\"]*\")*", ""),  # PolyScope numbers its nodes: $ 3 "Waypoint_1"
-        (r"(?P<kind>def|sec|thread) @{name}\((?P<own>.*)\):", _translate_routine),
-        (r"end", "any"),
+        (r"(?P<kind>def|sec|thread) @{name}\((?P<parameters>.*)\):", _translate_routine),
+        (r"end", "close_or_end"),
         (r"(?:if|switch) ?(.+):", "if"),
         (r"while ?(.+):", "loop"),
-        (r"(?:elif|case) ?(.+):|else:?", "turn"),
+        (r"(?:elif|case) ?(.+):|else:?", "branch"),
         (r"default:", "default"),
         (r"break|continue", "leave"),
         (rf"pass|halt|(?:kill|join) {_WORD}", ""),

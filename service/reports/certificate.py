@@ -25,7 +25,7 @@ VERSION: Final = "3.3.0"
 NAMESPACES: Final = {"dcc": "https://ptb.de/dcc", "si": "https://ptb.de/si"}
 _SCHEMA: Final = "{http://www.w3.org/2001/XMLSchema-instance}schemaLocation"
 _LANGUAGE: Final = "en"
-"""Language of all texts that this program writes itself."""
+"""Language of all texts that this program writes; texts of the user may be in any language."""
 _BEHIND_UTC: Final = timedelta(hours=12)
 """Time by which the westernmost time zone is behind UTC."""
 _UNITS: Final = {
@@ -70,8 +70,8 @@ def build_certificate(subject: report.RunSubject) -> bytes:
     traceability = f"Metrological traceability: {laboratory.traceability or NOT_STATED}"
     for line in (verdict, traceability, *report.STATEMENTS):
         # The laboratory may have written its statement in any language.
-        is_own_text = line == traceability and laboratory.traceability
-        language = None if is_own_text else _LANGUAGE
+        is_text_of_laboratory = line == traceability and laboratory.traceability
+        language = None if is_text_of_laboratory else _LANGUAGE
         _append_text(_append(statements, "dcc:statement"), "dcc:declaration", line, language)
     _write_results(_append(root, "dcc:measurementResults", "dcc:measurementResult"), subject, laboratory)
     ElementTree.indent(root)
@@ -80,9 +80,10 @@ def build_certificate(subject: report.RunSubject) -> bytes:
 
 
 def _require_certificate_facts(subject: report.RunSubject) -> tuple[Laboratory, date, date]:
-    """Return the laboratory, and the first and the last day of the measurement (UTC).
+    """Return (laboratory, first day of the measurement, last day of the measurement).
 
-    `ended_on` is a day of the local calendar: a day before the first day in UTC is returned for both.
+    The first day is that of `measured_at` in UTC, but not after the last day, `ended_on`, which is a day of
+    the local calendar and so may be one day earlier.
 
     Raises:
         RequestError: country, responsible person or time is missing, or the end comes before the beginning.
@@ -120,7 +121,10 @@ def _write_core_data(
 
 
 def _write_item(item: Element, subject: report.RunSubject) -> None:
-    """Write the robot as the calibrated item; without a serial number the name of the set identifies it."""
+    """Write the robot as the calibrated item, identified by its serial number.
+
+    Without a serial number, the name of the measurement set identifies the robot.
+    """
     readings, robot = subject.readings, subject.model.robot
     _append_text(item, "dcc:name", f"Industrial robot {subject.model.name}, {robot.n} joints")
     _append_text(_append(item, "dcc:manufacturer"), "dcc:name", NOT_STATED)
@@ -139,27 +143,28 @@ def _write_contact(contact: Element, party: Party) -> None:
     _append_text(_append(contact, "dcc:location"), "dcc:further", ", ".join(lines) or NOT_STATED, language)
 
 
-def _write_results(measured: Element, subject: report.RunSubject, laboratory: Laboratory) -> None:
+def _write_results(result_set: Element, subject: report.RunSubject, laboratory: Laboratory) -> None:
     """Write method, conditions, the stiffness of each joint, and the predicted compliance of the flange."""
     model, readings = subject.model, subject.readings
-    _append_text(measured, "dcc:name", report.TITLE)
-    used = _append(measured, "dcc:usedMethods", "dcc:usedMethod")
-    _append_text(used, "dcc:name", "Identification of joint stiffness from readings of targets")
+    _append_text(result_set, "dcc:name", report.TITLE)
+    method = _append(result_set, "dcc:usedMethods", "dcc:usedMethod")
+    _append_text(method, "dcc:name", "Identification of joint stiffness from readings of targets")
     section = report.build_method_section(model, laboratory)
-    stated = [f"{label}: {text}" for label, text in section.facts if text != NOT_STATED]
+    stated_facts = [f"{label}: {text}" for label, text in section.facts if text != NOT_STATED]
+    # The laboratory may have described its method in any language.
     language = None if laboratory.method else _LANGUAGE
-    _append_text(used, "dcc:description", "; ".join([*stated, *section.notes]), language)
-    software = _append(measured, "dcc:usedSoftware", "dcc:software")
+    _append_text(method, "dcc:description", "; ".join([*stated_facts, *section.notes]), language)
+    software = _append(result_set, "dcc:usedSoftware", "dcc:software")
     _append_text(software, "dcc:name", "Jointstiff")
     _append(software, "dcc:release").text = list_versions(model.run)
     if readings.instrument:
-        equipment = _append(measured, "dcc:measuringEquipments", "dcc:measuringEquipment")
+        equipment = _append(result_set, "dcc:measuringEquipments", "dcc:measuringEquipment")
         _append_text(equipment, "dcc:name", readings.instrument, None)
     if conditions := readings.conditions or laboratory.conditions:
-        influence = _append(measured, "dcc:influenceConditions", "dcc:influenceCondition")
+        influence = _append(result_set, "dcc:influenceConditions", "dcc:influenceCondition")
         _append_text(influence, "dcc:name", "Conditions of the measurement")
         _append_text(_append(influence, "dcc:data"), "dcc:text", conditions, None)
-    results = _append(measured, "dcc:results")
+    results = _append(result_set, "dcc:results")
     level = model.run.request.confidence
     for joint, u in zip(model.result.joints, report.expanded_uncertainties(model), strict=True):
         _write_joint(_append(results, "dcc:result"), joint, u, level)
@@ -173,14 +178,14 @@ def _write_results(measured: Element, subject: report.RunSubject, laboratory: La
         _append_text(result, "dcc:description", f"{report.describe_prediction(subject)}{remark}")
         data = _append(result, "dcc:data")
         for case in cases:
-            for axis, moved in zip("XYZ", case.displacement or (), strict=True):
+            for axis, displacement in zip("XYZ", case.displacement or (), strict=True):
                 name = f"Predicted displacement along {axis} per force along {case.label}"
-                _write_quantity(data, name, moved / report.PREDICTED_FORCE, "compliance")
+                _write_quantity(data, name, displacement / report.PREDICTED_FORCE, "compliance")
             if case.budget is not None:
                 name = f"Length of the predicted displacement per force along {case.label}"
                 length = hypot(*case.displacement or ()) / report.PREDICTED_FORCE
-                wide = case.budget.expanded_with_model_error / report.PREDICTED_FORCE
-                u = wide, case.budget.coverage_factor, level
+                expanded = case.budget.expanded_with_model_error / report.PREDICTED_FORCE
+                u = expanded, case.budget.coverage_factor, level
                 _write_quantity(data, name, length, "compliance", u)
 
 
@@ -194,8 +199,8 @@ def _write_joint(
     _append_text(result, "dcc:name", f"Stiffness of {joint.name}")
     if u is None and joint.stiffness is not None:
         u = _uncertainty_from_interval(joint, level)
-        how = "by the farther end of the interval" if u else "not stated: the interval has no upper end"
-        _append_text(result, "dcc:description", f"No uncertainty budget; expanded uncertainty {how}.")
+        origin = "by the farther end of the interval" if u else "not stated: the interval has no upper end"
+        _append_text(result, "dcc:description", f"No uncertainty budget; expanded uncertainty {origin}.")
     data = _append(result, "dcc:data")
     if joint.stiffness is None:
         _append_text(
@@ -216,8 +221,8 @@ def _uncertainty_from_interval(joint: JointResult, level: float) -> tuple[float,
     ends = joint.stiffness_interval
     if joint.stiffness is None or ends is None or ends[1] is None:
         return None
-    farther = max(joint.stiffness - ends[0], ends[1] - joint.stiffness)
-    return farther, student_quantile(0.5 + 0.5 * level, None), level
+    distance = max(joint.stiffness - ends[0], ends[1] - joint.stiffness)
+    return distance, student_quantile(0.5 + 0.5 * level, None), level
 
 
 def _write_quantity(
@@ -233,11 +238,11 @@ def _write_quantity(
     _append(real, "si:value").text = repr(value)
     _append(real, "si:unit").text = _UNITS[unit]
     if u is not None and isfinite(u[0]):
-        spread = _append(real, "si:measurementUncertaintyUnivariate", "si:expandedMU")
+        uncertainty = _append(real, "si:measurementUncertaintyUnivariate", "si:expandedMU")
         for child, number in zip(
             ("valueExpandedMU", "coverageFactor", "coverageProbability"), u, strict=True
         ):
-            _append(spread, f"si:{child}").text = repr(number)
+            _append(uncertainty, f"si:{child}").text = repr(number)
 
 
 def _qualified_name(tag: str) -> str:
@@ -247,7 +252,7 @@ def _qualified_name(tag: str) -> str:
 
 
 def _append(parent: Element, *tags: str) -> Element:
-    """Append nested elements: each tag is a child of the one before; return the innermost element."""
+    """Append nested elements, each a child of the element before; return the innermost element."""
     for tag in tags:
         parent = ElementTree.SubElement(parent, _qualified_name(tag))
     return parent

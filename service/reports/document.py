@@ -12,7 +12,7 @@ from jointstiff.solver.text import figure
 
 NOT_STATED: Final = "not stated"
 
-
+# Headings of sections
 IDENTIFICATION: Final = "Identification"
 REQUESTED: Final = "Request"
 RESULTS: Final = "Results"
@@ -27,7 +27,7 @@ NOT_ISO_9283: Final = (
 
 
 def format_time(time: datetime | None) -> str:
-    """Return a time for people, in UTC to the minute; `not stated` for None."""
+    """Return a time as text in UTC, to the minute, such as "2026-11-20 13:30 UTC"; `not stated` for None."""
     return NOT_STATED if time is None else f"{time.astimezone(UTC):%Y-%m-%d %H:%M} UTC"
 
 
@@ -101,6 +101,6 @@ class Document:
     number: str  # number that identifies the report, on each page
     letterhead: Letterhead  # letterhead of the laboratory
     dated: datetime  # date of the document's file
-    sections: list[Section]  # in order; signature and end mark follow them
+    sections: list[Section]  # in order; lines to sign and the end mark follow the last section
     attachments: list[Attachment] = field(default_factory=list)  # files within the report
-    signs: bool = True  # whether the report has lines to sign
+    signs: bool = True  # true if the report has lines to sign

@@ -53,9 +53,9 @@ class ExportedModel:
         return self.robot.chain
 
     def springs(self) -> Iterator[tuple[ChainJoint, JointResult, float | None]]:
-        """Yield (moving joint, its result, its stiffness in SI units; None if not positive)."""
+        """Yield (moving joint, result of the joint, stiffness in SI units; None if not positive)."""
         for joint, result in zip(self.chain.moving, self.result.joints, strict=True):
-            yield joint, result, stiffness_of(result)
+            yield joint, result, positive_stiffness(result)
 
     def remarks(self) -> list[str]:
         """Return lines about the whole file: robot, run, method, verdict, geometry, units and limits."""
@@ -69,7 +69,7 @@ class ExportedModel:
             f"Method: {METHOD_NAMES[request.method]}, {request.weighting} weights, {constraint}. "
             f"Intervals at {100 * request.confidence:g} %.",
             f"Verdict on the result: {VERDICTS[self.result.assessment.verdict]}.",
-            "Geometry: of the robot as it was described, not identified."
+            "Geometry: as the robot's model states it, not identified."
             if self.geometry_id is None
             else f"Geometry: as identified, geometry {self.geometry_id}.",
             f"Lengths in m, angles in rad, stiffness in {self._stiffness_units()}. Angles are those of the "
@@ -93,14 +93,15 @@ class ExportedModel:
             )
         if self.result.links is not None:
             yield (
-                "The run found that links or a coupling of joints bend, too. They are not in this file: each "
-                "stiffness is that of the joint together with its link's motion about or along its axis."
+                "The run found that links or a coupling of joints bend, too. This file omits them: "
+                "each stiffness is that of a joint together with the motion of its link about or along the "
+                "axis of the joint."
             )
 
-    def remark_on(self, joint: JointResult) -> str:
+    def describe_joint(self, joint: JointResult) -> str:
         """Return a line on a joint: stiffness, interval and verdict, or why it has no stiffness."""
         verdict = f"verdict: {VERDICTS[joint.verdict]}"
-        if stiffness_of(joint) is None:
+        if positive_stiffness(joint) is None:
             return f"{joint.name}: no stiffness: {explain_missing_stiffness(joint)}; {verdict}"
         value, _, interval = _UNIT.cells(joint)
         level = f"{100 * self.run.request.confidence:g} % interval {interval}"
@@ -108,13 +109,13 @@ class ExportedModel:
         return f"{joint.name}: {number} ({level}); {verdict}"
 
 
-def stiffness_of(joint: JointResult) -> float | None:
-    """Return the stiffness of a joint if it is positive, as a spring needs; otherwise None."""
+def positive_stiffness(joint: JointResult) -> float | None:
+    """Return the stiffness of a joint in SI units if it is positive, as a spring needs; otherwise None."""
     return joint.stiffness if joint.stiffness is not None and joint.stiffness > 0.0 else None
 
 
 def explain_missing_stiffness(joint: JointResult) -> str:
-    """Return why a joint has no positive stiffness: it is undetermined, negative or as good as rigid."""
+    """Return why a joint has no positive stiffness: undetermined, negative, or as good as rigid."""
     if joint.compliance is None:
         return joint.reason or "the readings cannot determine it"
     if joint.compliance < 0.0:
@@ -133,7 +134,7 @@ _JOINT: Final = {
     "compliance standard uncertainty": "standard_uncertainty",
     "compliance {low high}": "compliance_interval",
 }
-"""Header of a column → field of `JointResult`; the unit of the field is added to the header."""
+"""Field of `JointResult` by header of the column; the unit of the field is added to the header."""
 _FRAME: Final = ("x [m]", "y [m]", "z [m]", "roll [rad]", "pitch [rad]", "yaw [rad]")
 _AXIS: Final = ("axis x [1]", "axis y [1]", "axis z [1]")
 _FINDING: Final = ("code", "weight", "where", "message", "remedy")
@@ -142,12 +143,14 @@ _FINDING: Final = ("code", "weight", "where", "message", "remedy")
 def tabulate_joints(model: ExportedModel) -> Sheet:
     """Return a sheet with one row per joint; a missing number is an empty cell, explained in `reason`."""
     joints, run, budget = model.result.joints, model.run, model.result.budget
-    reasons = [joint.reason if stiffness_of(joint) else explain_missing_stiffness(joint) for joint in joints]
-    limited = [each.model_copy(update={"stiffness_at_least": lower_limit(each)}) for each in joints]
+    reasons = [
+        joint.reason if positive_stiffness(joint) else explain_missing_stiffness(joint) for joint in joints
+    ]
+    joints_with_limit = [each.model_copy(update={"stiffness_at_least": lower_limit(each)}) for each in joints]
     columns: dict[str, Any] = {
         **Sheet.from_messages(joints, {"joint": "name", "status": "status", "verdict": "verdict"}).columns,
         "reason": reasons,
-        **Sheet.from_messages(limited, _JOINT).columns,
+        **Sheet.from_messages(joints_with_limit, _JOINT).columns,
         "confidence of the intervals [1]": [run.request.confidence] * len(joints),
     }
     if budget is not None:
@@ -202,6 +205,7 @@ def write_joints_csv(model: ExportedModel) -> bytes:
 def write_workbook(model: ExportedModel) -> bytes:
     """Return an Excel workbook with the sheets joints, kinematics, provenance and warnings."""
     result = model.result
+    # Rows of the sheet `provenance`: remarks without a value, then quantities with their values.
     remarks: dict[str, Value] = {
         **dict.fromkeys(model.remarks()),
         "compensation [1]": result.compensation,
@@ -228,10 +232,10 @@ def add_element(parent: Element, tag: str, text: str | None = None, **attributes
     return element
 
 
-def add_remarks(parent: Element, model: ExportedModel, *more: str) -> None:
-    """Append comments: the remarks on the whole model, further lines, and a remark on each joint."""
-    joints = [model.remark_on(joint) for _, joint, _ in model.springs()]
-    for line in (*model.remarks(), *more, *joints):
+def add_remarks(parent: Element, model: ExportedModel, *further_remarks: str) -> None:
+    """Append XML comments: the remarks on the whole model, further remarks, and a remark on each joint."""
+    joint_remarks = [model.describe_joint(joint) for _, joint, _ in model.springs()]
+    for line in (*model.remarks(), *further_remarks, *joint_remarks):
         add_comment(parent, line)
 
 
@@ -281,8 +285,8 @@ def write_mjcf(model: ExportedModel) -> bytes:
     actuators, constraints = add_element(root, "actuator"), add_element(root, "equality")
     for joint, _, stiffness in model.springs():
         if stiffness is None:
-            name = f"{joint.name} held"
-            add_element(constraints, "joint", name=name, joint1=joint.name, polycoef="0 0 0 0 0")
+            constraint_name = f"{joint.name} held"
+            add_element(constraints, "joint", name=constraint_name, joint1=joint.name, polycoef="0 0 0 0 0")
         else:
             add_element(
                 actuators, "position", name=joint.name, joint=joint.name, kp=format_numbers([stiffness])
@@ -292,8 +296,8 @@ def write_mjcf(model: ExportedModel) -> bytes:
 
 def _add_body(parent: Element, joint: ChainJoint) -> Element:
     """Append the body of a joint's child link, with the joint if it moves; return the body."""
-    place = {"pos": format_numbers(joint.translation), "euler": format_numbers(joint.roll_pitch_yaw)}
-    body = add_element(parent, "body", name=joint.child, **place)
+    pose = {"pos": format_numbers(joint.translation), "euler": format_numbers(joint.roll_pitch_yaw)}
+    body = add_element(parent, "body", name=joint.child, **pose)
     if joint.is_moving:
         kind = "slide" if joint.kind == "prismatic" else "hinge"
         limits = {} if joint.limits is None else {"range": format_numbers(joint.limits)}
@@ -322,7 +326,7 @@ FORMATS: Final[Mapping[ModelFormat, Format]] = MappingProxyType(
 
 
 def export_model(model: ExportedModel, name: ModelFormat, accept_verdict: str | None = None) -> bytes:
-    """Return a model as a file of a format.
+    """Return the content of a file with a model, in the format of this name.
 
     Raises:
         VerdictError: the verdict on the run is "do not use", and `accept_verdict` does not accept it.

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
 
 _DEFAULT: Final = View()
-_DESPITE: Final = Line("  computed despite this verdict, because the request accepts it", "bad")
+_ACCEPTED_VERDICT: Final = Line("  computed despite this verdict, because the request accepts it", "bad")
 
 
 def lay_out_job(
@@ -54,9 +54,9 @@ def lay_out_job(
     Args:
         kind: kind of the job.
         job: job with a result or an error.
-        details: whether to show all details of the result.
-        unit: name of a unit of `UNITS`.
-        applies: True if the command that made the job has the option `--apply`.
+        details: true to show all details of the result.
+        unit: name of a unit of stiffness, a key of `UNITS`.
+        applies: true if the command that made the job has the option `--apply`.
     """
     parts = job_parts(kind, job, View(details, UNITS[unit], applies))
     if details:
@@ -69,7 +69,7 @@ def lay_out_job(
 
 
 def joint_kinds_in(job: Job) -> dict[str, JointKind]:
-    """Return joint name → kind if a joint is prismatic; empty if all are revolute, or without a result."""
+    """Return the kind of each joint by name; empty if no joint is prismatic, or the job has no result."""
     kinds: dict[str, JointKind] = getattr(job.result, "joint_kinds", {})
     return kinds
 
@@ -79,19 +79,19 @@ def job_parts(kind: AnyKind, job: Job, view: View = _DEFAULT) -> list[Part]:
     if job.result is None:
         return [problem_line(job.error) if job.error else Line(f"the {kind.name} is {job.state}")]
     result: Any = job.result
-    report = kind.report(job, result, view)
+    report = kind.make_report(job, result, view)
     assessment = getattr(result, "assessment", None)
     if assessment is None:
-        return [*report.parts, *report.evidence, *kind.charts(result)]
+        return [*report.parts, *report.evidence, *kind.make_charts(result)]
     details, warnings = view.details, getattr(result, "warnings", ())
     return [
         *verdict_lines(assessment, details=details),
-        *([_DESPITE] if assessment.verdict == getattr(job.request, "accept_verdict", None) else []),
+        *([_ACCEPTED_VERDICT] if assessment.verdict == getattr(job.request, "accept_verdict", None) else []),
         *report.parts,
         *warning_lines(assessment, warnings, details=details),
         *report.evidence,
         *to_do_lines([*remedies(assessment, applies=view.applies), *report.advice], details=details),
-        *kind.charts(result),
+        *kind.make_charts(result),
     ]
 
 
@@ -99,7 +99,7 @@ def build_job_sheet(file: File, job: Job, work: Callable[[], Work]) -> Sheet:
     """Return the table that a file of a succeeded job contains, with the overall verdict as a column.
 
     Args:
-        file: description of the file, one of those of the job's kind.
+        file: description of a file that jobs of this kind have.
         job: job with a result.
         work: function that returns the job's work; called only if the file is made from the work.
     """

@@ -22,7 +22,7 @@ MAX_LOGO_SIDE: Final = 2_000
 """Greatest width and height of a logo [pixels]: decompressed, a small file can fill the memory."""
 _PNG: Final = b"\x89PNG\r\n\x1a\n"
 _JPEG: Final = b"\xff\xd8\xff"
-_FRAMES: Final = frozenset((0xC0, 0xC1, 0xC2))
+_JPEG_FRAMES: Final = frozenset((0xC0, 0xC1, 0xC2))
 """JPEG markers that are followed by the size of the image: baseline, extended, progressive."""
 
 
@@ -67,21 +67,22 @@ def read_laboratory(path: Path) -> LaboratorySettings:
     return LaboratorySettings(laboratory, logo)
 
 
-def _read_limited(path: Path, most: int) -> bytes:
+def _read_limited(path: Path, max_bytes: int) -> bytes:
     """Return the content of a file.
 
     Raises:
-        SettingsError: the file cannot be read, or has more than `most` bytes.
+        SettingsError: the file cannot be read, or has more than `max_bytes` bytes.
     """
     try:
-        with path.open("rb") as file:  # a pipe has no size to look at first
-            content = file.read(most + 1)
+        # One byte more than allowed shows that a file is too large; the size of a pipe is not known before.
+        with path.open("rb") as file:
+            content = file.read(max_bytes + 1)
     except OSError as error:
         raise SettingsError(
             f"cannot read {path}: {error.strerror}", "give the name of an existing file"
         ) from error
-    if len(content) > most:
-        raise SettingsError(f"{path} exceeds {most // 1024} KiB", "use a smaller file")
+    if len(content) > max_bytes:
+        raise SettingsError(f"{path} exceeds {max_bytes // 1024} KiB", "use a smaller file")
     return content
 
 
@@ -105,7 +106,7 @@ def _read_logo(folder: Path, name: str) -> Logo:
     if size is None:
         raise SettingsError(
             f"logo: the file {name!r} is neither a PNG nor a JPEG picture",
-            "convert it to PNG; SVG is refused",
+            "convert the picture to PNG; SVG is refused",
         )
     if not 1 <= min(size) <= max(size) <= MAX_LOGO_SIDE:
         raise SettingsError(
@@ -122,6 +123,7 @@ def _refuse_undisplayable_logo(logo: Logo, name: str) -> None:
         import typst
     except ImportError:
         return
+    # A document with nothing but the logo.
     source = f'#image(bytes(json(bytes(sys.inputs.logo))), format: "{logo.kind}")'
     try:
         with TemporaryDirectory(prefix="jointstiff-report-") as empty:
@@ -138,10 +140,11 @@ def _image_size(content: bytes) -> tuple[int, int] | None:
     if content.startswith(_PNG) and content[12:16] == b"IHDR" and len(content) >= 24:
         width, height = struct.unpack(">II", content[16:24])
         return width, height
-    # A JPEG is a list of segments: 0xFF, a marker, and the length of the rest in two bytes.
+    # A JPEG is a list of segments: 0xFF, a marker, and the length of the rest in two bytes. A frame segment
+    # has height and width after the length and one more byte.
     position = 2 if content.startswith(_JPEG) else len(content)
     while position + 9 <= len(content) and content[position] == 0xFF:
-        if content[position + 1] in _FRAMES:
+        if content[position + 1] in _JPEG_FRAMES:
             height, width = struct.unpack(">HH", content[position + 5 : position + 9])
             return width, height
         position += 2 + max(int.from_bytes(content[position + 2 : position + 4], "big"), 2)

@@ -74,11 +74,12 @@ class Drawing:
 
 
 _WIDTH = 480.0
-_BASE, _LEFT = 128.0, 40.0  # y of the horizontal axis and x of the vertical axis of bar charts
-_ROW = 17.0
-_NAMES = 90.0
-_MOST_BARS = 60
-_SERIES = (PALE, MARK, "#d08a2e", "#5a8f5a", "#8a5a8f", "#a04545", "#4a4a4a", "#c9b458")
+# Lengths in points.
+_AXIS_Y, _AXIS_X = 128.0, 40.0  # y of the horizontal axis and x of the vertical axis of bar charts
+_ROW_HEIGHT = 17.0
+_NAMES_WIDTH = 90.0  # of the column of joint names
+_MOST_GROUPS = 60  # groups of bars in a bar chart
+_SERIES_COLOURS = (PALE, MARK, "#d08a2e", "#5a8f5a", "#8a5a8f", "#a04545", "#4a4a4a", "#c9b458")
 _LABEL_DISTANCE = 12.0
 """Least distance of two joints in the picture with separate labels; nearer joints share one [points]."""
 
@@ -88,32 +89,33 @@ def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture 
 
     None if no joint has a positive stiffness.
     """
-    known = [joint for joint in joints if joint.stiffness is not None and joint.stiffness > 0.0]
-    ends = [each.stiffness or 0.0 for each in known]
-    for joint in known:
-        ends += [end for end in joint.stiffness_interval or () if end is not None and end > 0.0]
-    if not ends:
+    drawn_joints = [joint for joint in joints if joint.stiffness is not None and joint.stiffness > 0.0]
+    values = [joint.stiffness or 0.0 for joint in drawn_joints]
+    for joint in drawn_joints:
+        values += [end for end in joint.stiffness_interval or () if end is not None and end > 0.0]
+    if not values:
         return None
-    low, high = floor(log10(min(ends))), ceil(log10(max(ends)))
+    low, high = floor(log10(min(values))), ceil(log10(max(values)))  # exponents of ten
     high += low == high  # the axis covers one decade at least
-    height = _ROW * (len(joints) + 1) + 22
+    height = _ROW_HEIGHT * (len(joints) + 1) + 22
     drawing = Drawing(_WIDTH, height, "Stiffness of each joint with its interval")
 
     def x_of(value: float) -> float:
         """Return the x coordinate of a stiffness on the logarithmic axis."""
-        share = (log10(min(max(value, 10.0**low), 10.0**high)) - low) / (high - low)
-        return _NAMES + share * (_WIDTH - _NAMES - 20)
+        fraction = (log10(min(max(value, 10.0**low), 10.0**high)) - low) / (high - low)
+        return _NAMES_WIDTH + fraction * (_WIDTH - _NAMES_WIDTH - 20)
 
     bottom = height - 24
     for decade in range(low, high + 1):
         drawing.line(x_of(10.0**decade), 4, x_of(10.0**decade), bottom)
-        drawing.text(x_of(10.0**decade), bottom + 10, f"{10.0 ** (decade - 6):g}", anchor="middle")
+        number = 10.0 ** (decade - 6)  # in 10⁶ N·m/rad
+        drawing.text(x_of(10.0**decade), bottom + 10, f"{number:g}", anchor="middle")
     drawing.text(_WIDTH - 20, bottom + 21, "stiffness [10⁶ N·m/rad]", anchor="end")
-    for place, joint in enumerate(joints):
-        y = _ROW * (place + 0.9)
+    for row, joint in enumerate(joints):
+        y = _ROW_HEIGHT * (row + 0.9)
         drawing.text(0, y + 3, _shorten(joint.name))
-        if joint not in known or joint.stiffness is None:
-            drawing.text(_NAMES + 4, y + 3, "no number: see the table")
+        if joint not in drawn_joints or joint.stiffness is None:
+            drawing.text(_NAMES_WIDTH + 4, y + 3, "no number: see the table")
             continue
         lower, upper = joint.stiffness_interval or (joint.stiffness, joint.stiffness)
         right = _WIDTH - 20 if upper is None else x_of(upper)
@@ -131,44 +133,45 @@ def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture 
 
 def draw_bars(chart: Chart) -> Picture:
     """Draw a chart as groups of bars, a bar for each series; at most the first 60 groups."""
-    count = min(len(chart.names), _MOST_BARS)
-    rows = {
+    count = min(len(chart.names), _MOST_GROUPS)
+    series = {
         name: [chart.factor * (each or 0.0) for each in list(values)[:count]]
         for name, values in chart.series.items()
     }
-    legend = 154.0
+    legend_y = 154.0
     drawing = Drawing(_WIDTH, 166.0, chart.title)
-    lengths = [abs(value) for values in rows.values() for value in values]
-    greatest = max(lengths, default=0.0) or 1.0
+    sizes = [abs(value) for values in series.values() for value in values]
+    greatest = max(sizes, default=0.0) or 1.0
+    # The vertical axis ends at 1, 2 or 5 times a power of ten; 1e-9 allows for rounding.
     power = 10.0 ** floor(log10(greatest))
     top = next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= greatest * (1 - 1e-9))
-    scale = (_BASE - 12) / top
-    for tick in (0.0, 0.5, 1.0):
-        y = _BASE - tick * (_BASE - 12)
-        drawing.line(_LEFT, y, _WIDTH - 6, y)
-        drawing.text(_LEFT - 4, y + 3, f"{tick * top:g}", anchor="end")
+    scale = (_AXIS_Y - 12) / top
+    for fraction in (0.0, 0.5, 1.0):
+        y = _AXIS_Y - fraction * (_AXIS_Y - 12)
+        drawing.line(_AXIS_X, y, _WIDTH - 6, y)
+        drawing.text(_AXIS_X - 4, y + 3, f"{fraction * top:g}", anchor="end")
     drawing.text(0, 8, chart.unit)
-    below = f"{chart.axis} 1 to {count} of {len(chart.names)}"
-    drawing.text(_WIDTH - 6, _BASE + 12, below, anchor="end")
-    step = (_WIDTH - _LEFT - 6) / max(count, 1)
-    width = 0.8 * step / max(len(rows), 1)
-    for which, (name, values) in enumerate(rows.items()):
-        colour = _SERIES[which % len(_SERIES)]
-        for place, value in enumerate(values):
-            size = scale * abs(value)
-            drawing.bar(_LEFT + step * (place + 0.1) + width * which, _BASE - size, width, size, colour)
-        x = _LEFT + (_WIDTH - _LEFT - 6) * which / len(rows)
-        drawing.bar(x, legend, 7, 7, colour)
-        drawing.text(x + 10, legend + 7, _shorten(name))
+    axis_label = f"{chart.axis} 1 to {count} of {len(chart.names)}"
+    drawing.text(_WIDTH - 6, _AXIS_Y + 12, axis_label, anchor="end")
+    group_width = (_WIDTH - _AXIS_X - 6) / max(count, 1)
+    bar_width = 0.8 * group_width / max(len(series), 1)
+    for index, (name, values) in enumerate(series.items()):
+        colour = _SERIES_COLOURS[index % len(_SERIES_COLOURS)]
+        for group, value in enumerate(values):
+            height, x = scale * abs(value), _AXIS_X + group_width * (group + 0.1) + bar_width * index
+            drawing.bar(x, _AXIS_Y - height, bar_width, height, colour)
+        x = _AXIS_X + (_WIDTH - _AXIS_X - 6) * index / len(series)
+        drawing.bar(x, legend_y, 7, 7, colour)
+        drawing.text(x + 10, legend_y + 7, _shorten(name))
     return Picture(str(drawing), f"{chart.title}.", 0.8)
 
 
 def draw_deflections(result: RunResult) -> Picture | None:
     """Draw the mean lengths of deflection and residual for each observation; None without deflections."""
-    measured, remaining = result.mean_lengths("deflection"), result.mean_lengths("residual")
+    measured, residual = result.mean_lengths("deflection"), result.mean_lengths("residual")
     if not any(measured.values()):
         return None
-    series = {"measured": [*measured.values()], "left by the model": [*remaining.values()]}
+    series = {"measured": [*measured.values()], "residual": [*residual.values()]}
     return draw_bars(
         Chart(
             "Deflection before and after compensation, mean length over the targets",
@@ -190,11 +193,11 @@ def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
     reach = float(np.ptp(points, axis=0).max())
     if not reach > 0.0:
         return None
-    axes = np.vstack([np.zeros(3), 0.25 * reach * np.eye(3)])
+    axes = np.vstack([np.zeros(3), 0.25 * reach * np.eye(3)])  # origin and ends of the axes of R0
     arm, base_axes = _project(points), _project(axes)
-    everything = np.vstack([arm, base_axes])
-    low, size = everything.min(axis=0), np.ptp(everything, axis=0)
-    scale = min(200.0 / size[0], 170.0 / size[1])
+    all_points = np.vstack([arm, base_axes])
+    low, size = all_points.min(axis=0), np.ptp(all_points, axis=0)
+    scale = min(200.0 / size[0], 170.0 / size[1])  # the picture fills 200 × 170 points at most
     drawing = Drawing(260, 200, "The arm in the posture of the first observation")
 
     def to_drawing(point: FloatArray) -> tuple[float, float]:
@@ -206,17 +209,18 @@ def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
         drawing.line(*to_drawing(base_axes[0]), *to_drawing(end), MARK, 0.8)
         drawing.text(*to_drawing(end), name)
     drawing.path([to_drawing(point) for point in arm], INK, 2.4)
-    labels: list[tuple[float, float, str]] = []  # joints that nearly coincide share a label
+    labels: list[tuple[float, float, str]] = []  # (x, y, text); joints that nearly coincide share a label
     for number, point in enumerate(arm[1:-1], 1):
         drawing.dot(*to_drawing(point))
         x, y = to_drawing(point)
-        near = next(
+        label_nearby = next(
             (i for i, each in enumerate(labels) if hypot(x - each[0], y - each[1]) < _LABEL_DISTANCE), None
         )
-        if near is None:
+        if label_nearby is None:
             labels.append((x, y, str(number)))
         else:
-            labels[near] = (*labels[near][:2], f"{labels[near][2]}, {number}")
+            label_x, label_y, text = labels[label_nearby]
+            labels[label_nearby] = (label_x, label_y, f"{text}, {number}")
     for x, y, text in labels:
         drawing.text(x + 4, y - 3, text, 7.0)
     return Picture(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _MOST_NAMES = 40
 """Greatest number of places with names below the axis; with more places the axis shows numbers."""
 _TITLE_WIDTH = 90
-"""Characters in a line of the title."""
+"""Greatest number of characters in a line of the title."""
 
 
 def draw_figure(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -> Figure:
@@ -49,16 +49,17 @@ def draw_figure(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ())
 def _draw_chart(axis: Axes, chart: Chart) -> None:
     """Draw a chart as bars side by side, or as dots on a logarithmic axis, with its intervals if any."""
     count, series = len(chart.names), chart.series
-    places, step = range(count), 0.8 / max(len(series), 1)
+    places, bar_width = range(count), 0.8 / max(len(series), 1)
     for number, (name, values) in enumerate(series.items()):
-        positions = [place + (number - (len(series) - 1) / 2) * step for place in places]
+        # The bars of a place are centred at the place.
+        positions = [place + (number - (len(series) - 1) / 2) * bar_width for place in places]
         heights = [nan if value is None else chart.factor * value for value in values]
         intervals = chart.intervals.get(name)
-        ends = None if intervals is None else _error_bar_lengths(heights, intervals, chart.factor)
+        error_bars = None if intervals is None else _error_bar_lengths(heights, intervals, chart.factor)
         if chart.logarithmic:
-            axis.errorbar(positions, heights, yerr=ends, fmt="o", capsize=3, label=name)
+            axis.errorbar(positions, heights, yerr=error_bars, fmt="o", capsize=3, label=name)
         else:
-            axis.bar(positions, heights, step, yerr=ends, capsize=3, label=name)
+            axis.bar(positions, heights, bar_width, yerr=error_bars, capsize=3, label=name)
     if chart.logarithmic:
         axis.set_yscale("log")
     if count <= _MOST_NAMES:
@@ -87,10 +88,10 @@ def _error_bar_lengths(
 
 
 def _draw_area(figure: Figure, axis: Axes, area: Area) -> None:
-    """Draw an area seen from above: a square for each place, coloured by its value; a cross without value."""
+    """Draw an area seen from above: a square for each place, coloured by value; a cross where it is NaN."""
     values = [area.factor * value for value in area.values]
-    known = [i for i, value in enumerate(values) if value == value]
-    unknown = [i for i, value in enumerate(values) if value != value]  # NaN
+    known = [i for i, value in enumerate(values) if value == value]  # NaN is not equal to NaN
+    unknown = [i for i, value in enumerate(values) if value != value]
     dots = axis.scatter(
         [area.x[i] for i in known], [area.y[i] for i in known], c=[values[i] for i in known], marker="s"
     )

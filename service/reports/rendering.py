@@ -46,7 +46,7 @@ POLICY: Final = (
 
 
 def render_html(document: Document) -> bytes:
-    """Return a report as one HTML page without links to other files."""
+    """Return a report as one HTML page (UTF-8) without links to other files."""
     title, number = escape(document.title), escape(document.number)
     parts = [
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title} {number}</title>',
@@ -96,12 +96,15 @@ def _section_html(number: int, section: Section) -> str:
 
 def _table_html(table: Table) -> str:
     """Return the HTML of a table; columns of texts are aligned to the left."""
-    texts = table.text_columns()
+    text_columns = table.text_columns()
 
     def row_html(cells: Iterable[str], tag: str) -> str:
         """Return the HTML of a row whose cells have the tag `td` or `th`."""
-        kinds = (' class="text"' if place in texts else "" for place in count())
-        row_cells = (f"<{tag}{kind}>{escape(cell)}</{tag}>" for kind, cell in zip(kinds, cells, strict=False))
+        classes = (' class="text"' if column in text_columns else "" for column in count())
+        row_cells = (
+            f"<{tag}{css_class}>{escape(cell)}</{tag}>"
+            for css_class, cell in zip(classes, cells, strict=False)
+        )
         return f"<tr>{''.join(row_cells)}</tr>"
 
     caption = f"<caption>{escape(table.legend)}</caption>" if table.legend else ""
@@ -111,7 +114,7 @@ def _table_html(table: Table) -> str:
 
 
 _TEMPLATE: Final = Path(__file__).with_name("template.typ")
-_UNUSUAL: Final = re.compile(
+_UNUSUAL_CHARACTER: Final = re.compile(
     r"[^\x20-\u024F\u0370-\u03FF\u0400-\u04FF\u2010-\u2044\u2070-\u209F\u2190-\u2265]"
 )
 """Characters that the fonts of Typst may lack, beyond Latin, Greek, Cyrillic and the signs of our texts."""
@@ -146,7 +149,7 @@ def render_pdf(document: Document) -> bytes:
     except typst.TypstError as error:
         if "could not be displayed" not in error.message:
             raise
-    # A font lacks some character.
+    # A font lacks some character: try again with codes instead of unusual characters.
     return _compile_pdf(_replace_unusual_characters(data), document)
 
 
@@ -154,7 +157,8 @@ def _compile_pdf(data: dict[str, Any], document: Document) -> bytes:
     """Compile the template with its data by Typst, which can read no other file; return the PDF."""
     import typst
 
-    with TemporaryDirectory(prefix="jointstiff-report-") as empty:  # all that Typst may read
+    # The empty folder is all that Typst may read: texts of users cannot include other files.
+    with TemporaryDirectory(prefix="jointstiff-report-") as empty:
         compiler = typst.Compiler(
             _TEMPLATE.read_bytes(),
             root=empty,
@@ -166,6 +170,7 @@ def _compile_pdf(data: dict[str, Any], document: Document) -> bytes:
         compiled = compiler.compile(
             format="pdf", pdf_standards="a-3b", timestamp=int(document.dated.timestamp())
         )
+    # A PDF is always one file; Typst returns a list only for several pictures.
     return compiled if isinstance(compiled, bytes) else b""
 
 
@@ -202,7 +207,9 @@ def _replace_unusual_characters(value: Any) -> Any:  # noqa: ANN401 - JSON
     Texts in fields named `content`, the attachments, are not changed.
     """
     if isinstance(value, str):
-        return _UNUSUAL.sub(lambda found: f"‹U+{ord(found[0]):04X}›" if found[0] != "\n" else "\n", value)
+        return _UNUSUAL_CHARACTER.sub(
+            lambda match: "\n" if match[0] == "\n" else f"‹U+{ord(match[0]):04X}›", value
+        )
     if isinstance(value, list | tuple):
         return [_replace_unusual_characters(each) for each in value]
     if isinstance(value, dict):

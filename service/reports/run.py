@@ -16,7 +16,7 @@ from jointstiff.schemas.report import Laboratory
 from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
-from jointstiff.service.kinds.run.kind import list_tested_causes
+from jointstiff.service.kinds.run.kind import format_tested_causes
 from jointstiff.service.reports.document import (
     IDENTIFICATION,
     NOT_ISO_9283,
@@ -104,14 +104,14 @@ TITLE: Final = "Report on joint stiffness"
 PREDICTED_FORCE: Final = 100.0
 """Force for the predicted compliance of the flange [N]; small enough for a linear deflection."""
 _AXES: Final = ("X", "Y", "Z")
-_BY_OBSERVATION: Final = ("residuals", "contributions", "encoder_residuals")
+_LISTS_BY_OBSERVATION: Final = ("residuals", "contributions", "encoder_residuals")
 _UNIT: Final = UNITS["MNm/rad"]
-_USUAL: Final = 0.95
-"""Coverage probability that corresponds to k = 2, nearly."""
+_USUAL_PROBABILITY: Final = 0.95
+"""Coverage probability that nearly corresponds to the coverage factor k = 2."""
 _MOST_WARNINGS: Final = 12
 _TARGETS_NAMED: Final = 8
 _MISSING: Final = {
-    "model_error": "there is no bound of the model error",
+    "model_error": "the run has no bound of the model error",
     "lack_of_fit": "the assessment names a lack of fit: U does not include the bending of links",
 }
 
@@ -130,7 +130,7 @@ class RunSubject:
         whole = run.model_dump_json().encode()
         if len(whole) <= MAX_ATTACHED_BYTES or run.result is None:
             return whole
-        shorter = run.result.model_copy(update={name: [] for name in _BY_OBSERVATION})
+        shorter = run.result.model_copy(update={name: [] for name in _LISTS_BY_OBSERVATION})
         return run.model_copy(update={"result": shorter}).model_dump_json().encode()
 
 
@@ -210,20 +210,22 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
         if budget is None
         else f", k = {figure(_coverage_factor(budget))}{', partial' * bool(budget.missing)}"
     )
-    head = ["joint", "stiffness", "standard uncertainty", "expanded uncertainty", level, "verdict"]
-    head[1:5] = [f"{name} {unit}" for name in head[1:5]]
-    head[3] += factor
+    expanded_header = f"expanded uncertainty {unit}{factor}"
+    quantities = [f"stiffness {unit}", f"standard uncertainty {unit}", expanded_header, f"{level} {unit}"]
+    head = ["joint", *quantities, "verdict"]
     rows = []
     for joint, u in zip(result.joints, expanded_uncertainties(model), strict=True):
-        value, spread, interval = _UNIT.cells(joint)
-        wide = NO_NUMBER
+        value, standard, interval = _UNIT.cells(joint)
+        expanded = NO_NUMBER
         if u is not None:
-            spread, wide = (
-                format_rounded(_UNIT.factor * size, _UNIT.factor * size) for size in (u[0] / u[1], u[0])
+            expanded_uncertainty, coverage_factor, _ = u
+            standard, expanded = (
+                format_rounded(_UNIT.factor * size, _UNIT.factor * size)
+                for size in (expanded_uncertainty / coverage_factor, expanded_uncertainty)
             )
         identified = joint.status == "identified"
         verdict = VERDICTS[joint.verdict] if identified else joint.status.replace("_", " ")
-        rows.append([joint.name, value, spread, wide, interval, verdict])
+        rows.append([joint.name, value, standard, expanded, interval, verdict])
     sigma = NO_NUMBER
     if result.sigma is not None:
         sigma = f"{format_rounded(1e6 * result.sigma)} µm ({result.goodness.sigma_source})"
@@ -276,12 +278,12 @@ def predict_flange_compliance(subject: RunSubject) -> list[CaseResult]:
     Returns:
         Results for X, Y and Z; an empty list if the run cannot predict, or has the verdict "do not use".
     """
-    units, first = subject.readings.units, subject.readings.observations[0]
-    size = PREDICTED_FORCE / FORCE[units.force]
-    # Vectors along X, Y and Z
+    units, first_observation = subject.readings.units, subject.readings.observations[0]
+    size = PREDICTED_FORCE / FORCE[units.force]  # in the set's unit of force
+    # Vectors along X, Y and Z.
     forces = [tuple(size * (axis == other) for other in _AXES) for axis in _AXES]
     cases = [
-        LoadCase(label=axis, joints=first.joints, force=force)
+        LoadCase(label=axis, joints=first_observation.joints, force=force)
         for axis, force in zip(_AXES, forces, strict=True)
     ]
     run = subject.model.run
@@ -294,21 +296,21 @@ def predict_flange_compliance(subject: RunSubject) -> list[CaseResult]:
 
 
 def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
-    """Yield the section with the predicted static compliance of the flange; nothing without prediction.
+    """Yield the section with the predicted static compliance of the flange; nothing without a prediction.
 
-    Its table has the form of ISO 9283, clause 10.
+    The table of the section has the form of ISO 9283, clause 10.
     """
     cases, per_newton = predict_flange_compliance(subject), 1e3 / PREDICTED_FORCE
     rows = []
     for case in cases:
-        moved = case.displacement or (None, None, None)
+        displacement = case.displacement or (None, None, None)
         u = None if case.budget is None else per_newton * case.budget.expanded_with_model_error
         rows.append(
             [
                 case.label,
                 *(
                     NO_NUMBER if each is None else format_rounded(per_newton * each, u, ".3g")
-                    for each in moved
+                    for each in displacement
                 ),
                 NO_NUMBER if u is None else format_rounded(u, u),
             ]
@@ -329,7 +331,7 @@ def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
 
 
 def describe_prediction(subject: RunSubject) -> str:
-    """Return a paragraph that says how, where and in which posture the compliance was predicted."""
+    """Return a paragraph on the prediction of the compliance: the method, the point and the posture."""
     return (
         "Predicted from the identified stiffness, not measured: displacement of the flange's centre by a "
         f"force there, in the posture of observation {subject.readings.observations[0].label}, axes of R0. "
@@ -338,20 +340,25 @@ def describe_prediction(subject: RunSubject) -> str:
 
 
 def _coverage_factor(budget: Budget) -> float:
-    """Return the coverage factor of a budget; for 95 % at least 2, as EA-4/02 requires, instead of 1.96."""
-    if budget.probability == _USUAL and budget.coverage_factor <= 2.0:
+    """Return the coverage factor of a budget: at 95 % at least 2, as EA-4/02 requires, instead of 1.96."""
+    if budget.probability == _USUAL_PROBABILITY and budget.coverage_factor <= 2.0:
         return 2.0
     return budget.coverage_factor
 
 
 def build_uncertainty_section(model: ExportedModel) -> Section:
-    """Return the section with the uncertainty budget of the compliances, or why the run has none."""
+    """Return the section with the uncertainty budget of the compliances, or why the run has no budget."""
     budget, weight = model.result.budget, model.result.weight
     if weight is not None:
         cells = [
-            [each.joint, *(NO_NUMBER if part is None else f"{100 * part:.0f} %" for part in parts)]
+            [
+                each.joint,
+                *(
+                    NO_NUMBER if share is None else f"{100 * share:.0f} %"
+                    for share in (each.readings, each.masses)
+                ),
+            ]
             for each in weight.joints
-            for parts in [(each.readings, each.masses)]
         ]
         return Section(
             UNCERTAINTY,
@@ -368,18 +375,19 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
                 "joints bend. The intervals in the results include what is known."
             ],
         )
-    sizes = {joint.name: abs(joint.compliance or 0.0) for joint in model.result.joints}
+    compliances = {joint.name: abs(joint.compliance or 0.0) for joint in model.result.joints}
 
-    def relative_row(source: str, kind: str, values: Sequence[float]) -> list[str]:
-        """Return a row of the table: source, type, and uncertainties in percent of the compliances."""
-        pairs = zip(budget.joints, values, strict=True)
-        shares = [100.0 * u / sizes[name] if sizes[name] else None for name, u in pairs]
-        return [source, kind, *(NO_NUMBER if each is None else format_rounded(each, each) for each in shares)]
+    def make_row(source: str, evaluation: str, uncertainties: Sequence[float]) -> list[str]:
+        """Return a row of the table: source, type A or B, and uncertainties in percent of the compliances."""
+        pairs = zip(budget.joints, uncertainties, strict=True)
+        percents = [100.0 * u / compliances[name] if compliances[name] else None for name, u in pairs]
+        cells = [NO_NUMBER if each is None else format_rounded(each, each) for each in percents]
+        return [source, evaluation, *cells]
 
     factor = _coverage_factor(budget)
     combined = [each / budget.coverage_factor for each in budget.expanded_with_model_error]
     rows = [
-        relative_row(
+        make_row(
             f"{each.source.replace('_', ' ')}{'' if each.included else ' (not included)'}",
             each.evaluation,
             each.contributions,
@@ -387,11 +395,9 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
         for each in budget.components
     ]
     rows += [
-        relative_row("combined, sources in the intervals", "", budget.standard_uncertainty),
-        relative_row("combined, all sources", "", combined),
-        relative_row(
-            f"expanded, all sources, k = {figure(factor)}", "", [factor * each for each in combined]
-        ),
+        make_row("combined, sources in the intervals", "", budget.standard_uncertainty),
+        make_row("combined, all sources", "", combined),
+        make_row(f"expanded, all sources, k = {figure(factor)}", "", [factor * each for each in combined]),
     ]
     missing = "".join(f"It is partial: {_MISSING[each]}. " for each in budget.missing)
     caption = "Contributions to the standard uncertainty of each compliance [% of the compliance]"
@@ -430,13 +436,13 @@ def build_method_section(model: ExportedModel, laboratory: Laboratory | None) ->
     """Return the section with the method of the run and its deviations from the defaults."""
     request, version = model.run.request, model.run.provenance.versions.get("jointstiff", "")
     constraint = "compliances not negative" if request.positive else "without constraints"
-    way = (
+    method = (
         "Identification of joint compliances from readings of targets before and under load, "
         f"{METHOD_NAMES[request.method]}, {request.weighting.replace('_', ' ')} weights, {constraint}"
     )
     masses = []
     if request.weight is not None:
-        way = (
+        method = (
             "Identification of joint compliances, geometry and sag under the own weight from laser-tracker "
             f"positions of targets and masses within bounds, {constraint}"
         )
@@ -461,13 +467,15 @@ def build_method_section(model: ExportedModel, laboratory: Laboratory | None) ->
         ),
         (request.complementary_stiffness == "neglected", "the complementary stiffness is neglected."),
     )
+    # A text is shown if the value before it, an option that differs from the default, is not empty or false.
     notes = [f"Deviation: {text}" for differs, text in deviations if differs]
+    causes = format_tested_causes(model.result)
     return Section(
         METHOD,
         facts=[
-            ("Method", f"{way}; jointstiff {version}, as its documentation states (docs/method.md)."),
+            ("Method", f"{method}; jointstiff {version}, as its documentation states (docs/method.md)."),
             *masses,
-            *(("Causes tested, p-value", line) for line in list_tested_causes(model.result)),
+            *([("Causes tested, p-value", causes)] if causes else []),
             ("Procedure of the laboratory", (laboratory and laboratory.method) or NOT_STATED),
         ],
         notes=notes or ["Deviations: none."],
@@ -478,11 +486,14 @@ def _build_adjustment_section(model: ExportedModel) -> Section:
     """Return the section with the mean deflection, as measured and after compensation with the model."""
     residuals, facts = model.result.residuals, []
     if residuals:
-        before = 1e3 * fmean(float(np.linalg.norm(each.deflection)) for each in residuals)
-        after = 1e3 * fmean(float(np.linalg.norm(each.residual)) for each in residuals)
+        measured_mm = 1e3 * fmean(float(np.linalg.norm(each.deflection)) for each in residuals)
+        compensated_mm = 1e3 * fmean(float(np.linalg.norm(each.residual)) for each in residuals)
         facts = [
-            ("Mean deflection, before: as measured", f"{format_rounded(before)} mm"),
-            ("Mean deflection, after compensation by the model, computed", f"{format_rounded(after)} mm"),
+            ("Mean deflection, before: as measured", f"{format_rounded(measured_mm)} mm"),
+            (
+                "Mean deflection, after compensation by the model, computed",
+                f"{format_rounded(compensated_mm)} mm",
+            ),
             ("Share that the model compensates", format_percent(model.result.compensation)),
         ]
     return Section(
@@ -499,13 +510,16 @@ def _build_traceability_section(readings: MeasurementSetDocument, laboratory: La
     """Return the section with conditions, instrument, traceability, loads and targets."""
     newtons, millimetres = FORCE[readings.units.force], 1e3 * LENGTH[readings.units.length]
     sizes = [newtons * float(np.linalg.norm(each.force)) for each in readings.observations]
+    # If least and greatest force have the same text, `fromkeys` leaves one number.
     force = " N to ".join(dict.fromkeys((format_rounded(min(sizes)), format_rounded(max(sizes)))))
-    moments = any(each.moment is not None and any(each.moment) for each in readings.observations)
+    has_moments = any(each.moment is not None and any(each.moment) for each in readings.observations)
     point = "stated with each observation"
     if readings.load_point and all(each.load_point is None for each in readings.observations):
         point = f"({', '.join(figure(millimetres * value) for value in readings.load_point)}) mm"
-    targets = list(dict.fromkeys(each.target for one in readings.observations for each in one.readings))
-    named = ", ".join([*targets[:_TARGETS_NAMED], *["…"][: len(targets) > _TARGETS_NAMED]])
+    targets = list(
+        dict.fromkeys(reading.target for each in readings.observations for reading in each.readings)
+    )
+    target_names = ", ".join([*targets[:_TARGETS_NAMED], *(["…"] if len(targets) > _TARGETS_NAMED else [])])
     conditions = readings.conditions or (laboratory and laboratory.conditions)
     return Section(
         TRACEABILITY,
@@ -516,9 +530,9 @@ def _build_traceability_section(readings: MeasurementSetDocument, laboratory: La
             ("Uncertainty of readings and load", " ".join(_describe_noise(readings))),
             ("Position loop closed by", f"{readings.encoders} encoders"),
             ("Observations", f"{len(readings.observations)}"),
-            ("Force on the robot", f"{force} N{', and moments' * moments}"),
+            ("Force on the robot", f"{force} N{', and moments' if has_moments else ''}"),
             ("Load point in the flange frame", point),
-            ("Targets read", f"{len(targets)}: {named}"),
+            ("Targets read", f"{len(targets)}: {target_names}"),
         ],
     )
 
@@ -529,12 +543,12 @@ def _describe_noise(readings: MeasurementSetDocument) -> Iterator[str]:
     if noise is not None and noise.refuted:
         yield "estimated from the residuals, which refuted the noise as stated."
     elif noise is None or (noise.sigma is None and noise.instrument is None):
-        by_reading = any(
+        has_own_uncertainty = any(
             reading.sigma is not None or reading.loaded_covariance is not None
             for observation in readings.observations
             for reading in observation.readings
         )
-        yield "stated with each reading." if by_reading else "estimated from the residuals."
+        yield "stated with each reading." if has_own_uncertainty else "estimated from the residuals."
     if noise is not None:
         if noise.sigma is not None:
             refuted = "Stated and refuted: " if noise.refuted else ""
@@ -558,7 +572,7 @@ def _describe_assumed_uncertainties(noise: Noise | None) -> Iterator[str]:
 def _describe_shared_uncertainties(noise: Noise, millimetres: float) -> Iterator[str]:
     """Yield sentences on stated uncertainties that all observations share: force, places, axes.
 
-    `millimetres` is the length of the set's unit of length in mm.
+    `millimetres` is the number of mm in the set's unit of length.
     """
     if noise.force is not None:
         size = "" if noise.force.scale is None else f"relative {noise.force.scale:g}, "
@@ -576,17 +590,17 @@ def _describe_shared_uncertainties(noise: Noise, millimetres: float) -> Iterator
 def build_assessment_section(result: RunResult) -> Section:
     """Return the section with the verdict on the run, its reasons, and the warnings."""
     reasons = result.assessment.reasons
-    known = {each.message for each in reasons}
-    further = [each for each in result.warnings if each.message not in known]
-    lines = [f"{each.message} ({VERDICTS[each.weight]}; {each.remedy})" for each in (*reasons, *further)]
-    more = len(lines) - _MOST_WARNINGS
+    messages_of_reasons = {each.message for each in reasons}
+    warnings = [each for each in result.warnings if each.message not in messages_of_reasons]
+    lines = [f"{each.message} ({VERDICTS[each.weight]}; {each.remedy})" for each in (*reasons, *warnings)]
+    hidden = len(lines) - _MOST_WARNINGS
     facts = [("Verdict on the result", VERDICTS[result.assessment.verdict])]
     return Section(
         ASSESSMENT,
         facts=facts,
         notes=[
             *(lines[:_MOST_WARNINGS] or [f"{describe_passed_checks(result.assessment).capitalize()}."]),
-            *([f"And {more} more, in run.json."] if more > 0 else []),
+            *([f"And {hidden} more, in run.json."] if hidden > 0 else []),
             *result.assessment.notes,
         ],
     )

@@ -1,4 +1,7 @@
-"""Documents read from files: campaigns, robots, requests; an error names other known kinds of files."""
+"""Read documents from files: campaigns, robots and requests.
+
+If a file is a document of another known kind, the error names the kind.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +27,10 @@ AnyCampaign = Campaign | Mapping[str, Any] | str | PathLike[str]
 
 
 def read_campaign(campaign: AnyCampaign) -> Campaign:
-    """Return a campaign, read from a file or a document; a message is returned unchanged.
+    """Return a campaign, read from a file or from a mapping; a message is returned unchanged.
 
     Raises:
-        CampaignError: the file is too large, or the document is no campaign.
+        CampaignError: the file is too large, or the content is no campaign.
         OSError: the file cannot be read.
     """
     if isinstance(campaign, Campaign):
@@ -54,13 +57,13 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
 
 
 def read_content(path: Path) -> bytes:
-    """Return the bytes of a file of at most `MAX_SET_BYTES`, not parsed.
+    """Return the content of a file of at most `MAX_SET_BYTES`, without parsing it.
 
     Raises:
         CampaignError: the file is too large, or empty.
         OSError: the file cannot be read.
     """
-    with path.open("rb") as file:  # a pipe has no size to look at first
+    with path.open("rb") as file:  # reads one byte more than allowed, as a pipe does not tell its size
         content = file.read(MAX_SET_BYTES + 1)
     if len(content) > MAX_SET_BYTES:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
@@ -78,8 +81,9 @@ def parse_content(
     Args:
         content: bytes of the file.
         message: class of the message.
-        path: name of the file, for errors.
-        section: field of the file's object that holds the message; None if the whole file is the message.
+        path: name of the file, for messages of errors; None if the content is not that of a file.
+        section: key of the message in a larger document, such as `robot` in a campaign; the content may also
+            be the message alone. None if the message is not part of a larger document.
 
     Raises:
         CampaignError: the content is no such message.
@@ -118,7 +122,7 @@ def encode_document(document: Mapping[str, Any]) -> bytes:
         CampaignError: the document holds values that JSON cannot represent.
     """
     try:
-        return json_text(document).encode()
+        return to_json_text(document).encode()
     except (TypeError, ValueError) as error:
         remedy = "use only strings, numbers, lists, arrays and dictionaries"
         raise CampaignError(
@@ -126,11 +130,11 @@ def encode_document(document: Mapping[str, Any]) -> bytes:
         ) from None
 
 
-def json_text(document: object) -> str:
+def to_json_text(document: object) -> str:
     """Return a document of plain values, messages and arrays as JSON text.
 
     Raises:
-        TypeError: the document holds something else.
+        TypeError: the document holds a value of another type.
         ValueError: a list or dictionary contains itself.
     """
     return json.dumps(document, default=_plain_value)
@@ -142,7 +146,7 @@ def _plain_value(value: Any) -> Any:  # noqa: ANN401 - anything in a document
         return value.model_dump(mode="json", exclude_unset=True)
     if isinstance(value, Mapping):
         return dict(value)
-    array = value.to_numpy() if hasattr(value, "to_numpy") else value
+    array = value.to_numpy() if hasattr(value, "to_numpy") else value  # a column of a data frame
     if hasattr(array, "tolist"):
         return array.tolist()
     raise TypeError(f"{type(value).__name__} is neither a number, a text, a list nor an array")
@@ -154,14 +158,15 @@ def _validate_content(
     """Validate JSON as a message.
 
     Raises:
-        CampaignError: with the faults, or, if the file is another known kind of document, with its kind.
+        CampaignError: the JSON is no such message. The error names the kind of the document if it is another
+            known kind, else the faults.
     """
     try:
         return parse(message, content, section)
     except MalformedError as error:
-        other_kind = _explain_other_document(message, content, error, str(path or "the file"))
-        problem = other_kind or problem_from_faults(error.faults)
-        if path is not None and other_kind is None:
+        wrong_kind_problem = _explain_other_document(message, content, error, str(path or "the file"))
+        problem = wrong_kind_problem or problem_from_faults(error.faults)
+        if path is not None and wrong_kind_problem is None:
             named = {"title": f"{path} does not match the schema", "where": f"{path}: {problem.where}"}
             problem = problem.model_copy(update=named)
         raise CampaignError(problem) from None
@@ -172,25 +177,28 @@ def _explain_other_document(
 ) -> Problem | None:
     """Return problem details that name the kind of a document which is not the expected message.
 
-    `message` is the expected class, `error` the failure of its validation. None if the kind is unknown.
+    `message` is the expected class, `error` the failure of its validation, `name` the file's name for people.
+    None if the document is of no other known kind.
     """
-    tables = "to read tables and point lists use `jointstiff import FILE`"
+    import_hint = "to read tables and point lists use `jointstiff import FILE`"
     if error.keys is NOT_JSON:
         if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
             return http_problem(422, f"{name} is a text in UTF-16, not a JSON document", "save it as UTF-8")
         from jointstiff.service.importing.grid import file_type  # imported only for such a file
 
         if content.lstrip()[:1] not in (b"{", b"["):
-            what = file_type(content) or "a text"
-            return http_problem(422, f"{name} is {what}, not a JSON document", tables)
-        return http_problem(422, f"{name}: {error.faults[0]['msg']}", f"correct the JSON there; {tables}")
-    for keys, what, remedy in _OTHERS:
+            type_of_file = file_type(content) or "a text"
+            return http_problem(422, f"{name} is {type_of_file}, not a JSON document", import_hint)
+        return http_problem(
+            422, f"{name}: {error.faults[0]['msg']}", f"correct the JSON there; {import_hint}"
+        )
+    for keys, kind, remedy in _OTHER_DOCUMENTS:
         if keys <= error.keys and not keys <= set(message.model_fields):
-            return http_problem(422, f"{name} is {what}", remedy)
+            return http_problem(422, f"{name} is {kind}", remedy)
     return None
 
 
-_OTHERS: Final = (
+_OTHER_DOCUMENTS: Final = (
     (
         {"observations"},
         "a measurement set without a robot",
@@ -199,13 +207,14 @@ _OTHERS: Final = (
     ({"sweeps"}, "a set of sweeps", "use `jointstiff geometry FILE`"),
     ({"robot", "measurement_set"}, "a campaign", "use `jointstiff identify FILE`"),
 )
+"""Kinds of documents: keys by which a document of the kind is recognised, its name, and the remedy."""
 
 
 def read_robot(text: str) -> RobotDocument:
     """Return the robot in a file of a robot or a campaign, or else the catalogue's arm with the name `text`.
 
     Raises:
-        CampaignError: the file holds no robot, or neither a file nor an arm has this name.
+        CampaignError: the file contains no robot, or neither a file nor an arm has this name.
     """
     from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 
@@ -219,7 +228,7 @@ def read_robot(text: str) -> RobotDocument:
         raise CampaignError(problem.model_copy(update={"detail": detail})) from error
 
 
-def read_planned(source: Any) -> Any:  # noqa: ANN401 - robot, campaign or run
+def read_plan_source(source: Any) -> Any:  # noqa: ANN401 - robot, campaign or run
     """Return the robot, campaign or run for which a campaign is planned.
 
     A message is returned unchanged; documents and files are read as a robot or a campaign; any other text is
@@ -238,5 +247,5 @@ def read_planned(source: Any) -> Any:  # noqa: ANN401 - robot, campaign or run
     try:
         is_campaign = "measurement_set" in json.loads(path.read_bytes())
     except (ValueError, TypeError):
-        is_campaign = True  # reading it as a campaign raises the error that says what is wrong
+        is_campaign = True  # the file is no JSON object: reading it as a campaign raises the proper error
     return read_document(path, Campaign) if is_campaign else read_document(path, RobotDocument)

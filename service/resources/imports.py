@@ -38,11 +38,11 @@ _LENGTHS: Final = frozenset(("sigma", "station", "constant", "load_point", "targ
 
 
 class ImportRefusedError(FilesError):
-    """Files were not understood; nothing of them is imported."""
+    """Files that were not understood, so that nothing is imported."""
 
     def __init__(self, faults: Sequence[ImportFileError]) -> None:
         first = faults[0]
-        self.faults = tuple(faults)  # the first faults, in their order
+        self.faults = tuple(faults)  # the faults that were found, in the order of the files
         items = [(_place_text(fault.place), fault.reason, fault.remedy) for fault in self.faults]
         super().__init__(first.reason, remedy=first.remedy, where=_place_text(first.place), items=items)
 
@@ -58,7 +58,7 @@ def import_files(
     robot: Robot | None = None,
     others: Iterable[KnownRobot] | None = None,
 ) -> ImportAnswer:
-    """Read files of readings; return a preview, and a measurement set if nothing is missing for it.
+    """Read files of readings; return a preview, and a measurement set if nothing is missing.
 
     Args:
         files: text files or workbooks, in any order.
@@ -71,26 +71,28 @@ def import_files(
             request does not have `show_faults`.
     """
     understood = understand_files(files, request)
-    faults, first = list(understood.faults), files[0].name if files else ""
+    faults, first_file = list(understood.faults), files[0].name if files else ""
     bodies: list[Body] = []
     try:
         bodies = _name_joints_of_bodies(understood.bodies, robot)
     except ImportFileError as fault:
         faults.append(fault)
-    unloaded = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
-    missing = {} if faults else _missing_fields(understood, request, own_weight=unloaded)
+    # Readings without any load serve to identify by the robot's own weight, if the masses are known.
+    by_own_weight = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
+    missing = {} if faults else _missing_fields(understood, request, own_weight=by_own_weight)
     document, findings, template, geometry = None, None, None, None
     if not faults and not missing:
         try:
-            document = _build_measurement_set(understood, request, first, own_weight=unloaded)
+            document = _build_measurement_set(understood, request, first_file, own_weight=by_own_weight)
             findings = None if robot is None else _inspect_set(document, robot, others)
             template = _build_template(understood, request)
         except ImportFileError as fault:
             document = None
             faults.append(fault)
-    unusable = {"joints", "accept_unusual"} & missing.keys()
-    if not faults and understood.preview.states == ["unloaded"] and not unusable:
-        geometry = _build_geometry_request(understood, request, first)
+    # A geometry needs only unloaded poses: forces, load point and encoders may be missing.
+    lacks_for_geometry = {"joints", "accept_unusual"} & missing.keys()
+    if not faults and understood.preview.states == ["unloaded"] and not lacks_for_geometry:
+        geometry = _build_geometry_request(understood, request, first_file)
     if faults and not request.show_faults:
         raise ImportRefusedError(faults)
     return ImportAnswer(
@@ -108,7 +110,7 @@ def import_files(
         missing_fields=list(missing),
         missing=list(missing.values()),
         bodies=bodies,
-        leave_out=[one.label for one in understood.observations if one.held_out],
+        leave_out=[observation.label for observation in understood.observations if observation.held_out],
         measurement_set=document,
         findings=findings,
         template=template,
@@ -118,17 +120,19 @@ def import_files(
 
 def _is_unloaded(understood: Understood, request: ImportRequest) -> bool:
     """Return whether all positions are without load, and neither the files nor the request state a force."""
-    forces = (one.vector("force") or () for one in understood.observations)
+    forces = (observation.vector("force") or () for observation in understood.observations)
     return understood.preview.states == ["unloaded"] and request.force is None and not any(map(any, forces))
 
 
 def _name_joints_of_bodies(bodies: Sequence[Body], robot: Robot | None) -> list[Body]:
-    """Return the bodies with joint names of the robot in place of joint numbers such as `2`, `J2`, `axis 2`.
+    """Return the bodies, with names of joints in place of numbers of joints such as `2`, `J2` or `axis 2`.
+
+    The names are those of the robot; without a robot, joint 2 gets the name `joint_2`.
 
     Raises:
         ImportFileError: the robot has no such joint.
     """
-    named = []
+    bodies_with_names = []
     for body in bodies:
         number = joint_number(body.joint)  # None if the text is no joint number
         joint = body.joint
@@ -140,58 +144,72 @@ def _name_joints_of_bodies(bodies: Sequence[Body], robot: Robot | None) -> list[
                 reason = f"the robot has no joint '{joint}', which carries '{body.name}'"
                 raise ImportFileError(NOWHERE, reason, f"use one of {names}")
             joint = robot.joint_names[number - 1]
-        named.append(body.model_copy(update={"joint": joint}))
-    return named
+        bodies_with_names.append(body.model_copy(update={"joint": joint}))
+    return bodies_with_names
 
 
 def _missing_fields(
     understood: Understood, request: ImportRequest, *, own_weight: bool
 ) -> dict[MissingField, str]:
-    """Return the fields that a measurement set still needs, with a description of each for people.
+    """Return field → description for people, of the fields that a measurement set still needs.
 
     With `own_weight` the set is for the robot's own weight, and needs no force and no loaded positions.
     """
-    first, states = understood.observations[0], understood.preview.states
+    first_observation, states = understood.observations[0], understood.preview.states
     unusual = [] if request.accept_unusual else _describe_unusual_values(understood, request)
     confirmation = (
         f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
     )
-    stated, unit = request.force is not None, None if request.units is None else request.units.force
+    force_is_stated = request.force is not None
+    force_unit = None if request.units is None else request.units.force
     joints = "joint angles of each observation: columns `J1 [deg]`, `J2 [deg]`, … (lengths as `J3 [mm]`)"
     forces = "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`"
     readings = "readings: columns such as `P10 unloaded x [mm]`, or lists of points"
     places = "the targets' positions in the flange frame (`flange_targets`), for deflections"
     unplaced = not set(understood.places.values()) <= set(request.flange_targets)
     loaded = "the positions under load"
-    if first.vector("joint") is not None:
+    if first_observation.vector("joint") is not None:
         loaded += ", or the robot's masses (`bodies`, or a table of masses), for its own weight"
-    no_point = not own_weight and first.vector("load point") is None and request.load_point is None
+    has_point = first_observation.vector("load point") is not None or request.load_point is not None
+    has_force = first_observation.vector("force") is not None or force_is_stated
     encoders = "the encoders that close the position loop (`encoders`): motor or secondary"
-    no_unit = stated and "force" not in understood.units and unit is None
-    wanted: list[tuple[bool, MissingField, str]] = [
-        (first.vector("joint") is None, "joints", joints),
-        (first.vector("force") is None and not stated and not own_weight, "force", forces),
+    lacks_force_unit = force_is_stated and "force" not in understood.units and force_unit is None
+    # (True if the field is missing, name of the field, description)
+    needed_fields: list[tuple[bool, MissingField, str]] = [
+        (first_observation.vector("joint") is None, "joints", joints),
+        (not has_force and not own_weight, "force", forces),
         (not states, "readings", readings),
         (states == ["unloaded"] and not own_weight, "loaded", loaded),
         (states == ["loaded"], "unloaded", "the positions without load"),
         (unplaced, "flange_targets", places),
-        (no_point, "load_point", "the load point (`load_point`), in the flange frame"),
+        (
+            not has_point and not own_weight,
+            "load_point",
+            "the load point (`load_point`), in the flange frame",
+        ),
         (bool(unusual), "accept_unusual", confirmation),
-        (no_unit, "units.force", "the unit of `force` (`units`): N, kN or kgf"),
+        (lacks_force_unit, "units.force", "the unit of `force` (`units`): N, kN or kgf"),
         (request.encoders is None, "encoders", encoders),
     ]
-    return {field: text for is_missing, field, text in wanted if is_missing}
+    return {field: text for is_missing, field, text in needed_fields if is_missing}
 
 
 def _describe_unusual_values(understood: Understood, request: ImportRequest) -> list[str]:
-    """Describe values that a person must confirm: far from all others, or a load point out of reach."""
-    stated, unit = _length_units(understood, request)
-    read = [point for one in understood.observations if (point := one.vector("load point"))]
-    points = [hypot(*_convert_lengths(point, unit, "m", "load_point")) for point in read]
+    """Describe values that a person must confirm.
+
+    These are numbers far from all others of their column, and a load point far from the flange.
+    """
+    unit_of_request, unit_of_files = _length_units(understood, request)
+    points_in_files = [
+        point for observation in understood.observations if (point := observation.vector("load point"))
+    ]
+    distances = [
+        hypot(*_convert_lengths(point, unit_of_files, "m", "load_point")) for point in points_in_files
+    ]
     if request.load_point is not None:
-        points.append(hypot(*_convert_lengths(request.load_point, stated, "m", "load_point")))
-    far = max(points, default=0.0)
-    far_point = [f"the load point is {far:g} m from the flange"] if far > FAR_POINT else []
+        distances.append(hypot(*_convert_lengths(request.load_point, unit_of_request, "m", "load_point")))
+    greatest = max(distances, default=0.0)  # [m]
+    far_point = [f"the load point is {greatest:g} m from the flange"] if greatest > FAR_POINT else []
     return [*far_point, *understood.unusual]
 
 
@@ -200,7 +218,8 @@ def _inspect_set(
 ) -> list[Finding]:
     """Check a set against its robot and return the findings.
 
-    If lengths that the request states seem to have a wrong unit, the remedy names their fields.
+    `others` are robots that may have been measured by mistake; None: the arms of the catalogue. If a length
+    in the flange frame seems to have a wrong unit, the remedy names the fields that hold such lengths.
 
     Raises:
         ImportFileError: the readings cannot be those of the robot.
@@ -227,46 +246,56 @@ def _inspect_set(
 
 
 def _length_units(understood: Understood, request: ImportRequest) -> tuple[str, str]:
-    """Return (unit of length of the request, of the files); by default the request has that of the files."""
+    """Return (unit of length of the request, unit of length of the files).
+
+    A request without `length_unit` has the unit of the files.
+    """
     unit_of_files = understood.units.get("length", "mm")
     return request.length_unit or unit_of_files, unit_of_files
 
 
-def _convert_lengths(value: Any, before: str, after: str, name: str = "") -> Any:  # noqa: ANN401 - any part of it
-    """Convert the lengths in a part of the request between m and mm, from unit `before` to unit `after`.
+def _convert_lengths(value: Any, old_unit: str, new_unit: str, name: str = "") -> Any:  # noqa: ANN401 - JSON
+    """Convert the lengths in a part of the request from one unit to the other, m or mm.
 
-    `name` is the field of the part; numbers of fields that are not in `_LENGTHS` are not converted.
+    Args:
+        value: the part: a number, or nested lists and dictionaries.
+        old_unit: unit of the lengths in `value`.
+        new_unit: unit of the lengths in the returned part.
+        name: field that holds the part; numbers of fields that are not in `_LENGTHS` are not converted.
     """
     if isinstance(value, dict):
-        return {key: _convert_lengths(part, before, after, key) for key, part in value.items()}
+        return {key: _convert_lengths(part, old_unit, new_unit, key) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return tuple(_convert_lengths(part, before, after, name) for part in value)
-    if before == after or name not in _LENGTHS or value is None:
+        return tuple(_convert_lengths(part, old_unit, new_unit, name) for part in value)
+    if old_unit == new_unit or name not in _LENGTHS or value is None:
         return value
-    return value / 1e3 if after == "m" else value * 1e3
+    return value / 1e3 if new_unit == "m" else value * 1e3
 
 
 # ---- results made from the files
 
 
-def _choose_name(request: ImportRequest, first: str) -> str:
+def _choose_name(request: ImportRequest, first_file: str) -> str:
     """Return the name of the set: that of the request, or that of the first file without its ending."""
-    stem = "".join(character for character in PurePath(first).stem if character.isprintable())
+    stem = "".join(character for character in PurePath(first_file).stem if character.isprintable())
     return request.name or stem.strip()[:MAX_NAME_LENGTH].strip() or "readings"
 
 
 def _build_measurement_set(
-    understood: Understood, request: ImportRequest, first: str, *, own_weight: bool
+    understood: Understood, request: ImportRequest, first_file: str, *, own_weight: bool
 ) -> MeasurementSetDocument:
     """Return the measurement set of the files; with `own_weight` its forces are zero.
+
+    `first_file` is the name of the first file, which names the set if the request does not.
 
     Raises:
         ImportFileError: files and request state the same thing twice, or the set exceeds a limit.
     """
     noise, places = request.noise, understood.places
-    stated = noise is not None and (noise.sigma is not None or noise.instrument)
-    has_gauges = any(name != place for name, place in places.items())  # each measures along one axis
-    if understood.preview.uncertainty and stated and not has_gauges:
+    noise_is_stated = noise is not None and (noise.sigma is not None or noise.instrument)
+    # A gauge measures along one axis: its target names place and axis, so that it differs from its place.
+    has_gauges = any(target != place for target, place in places.items())
+    if understood.preview.uncertainty and noise_is_stated and not has_gauges:
         reason = "the files give the uncertainty of each reading, and `noise` states another uncertainty"
         remedy = "omit `noise`, or skip the columns of U(95) with `ignore`"
         raise ImportFileError(NOWHERE, reason, remedy, "noise")
@@ -274,15 +303,17 @@ def _build_measurement_set(
         reason = "the files have forces, and `force` states another force"
         raise ImportFileError(NOWHERE, reason, "omit `force`", "force")
     force = (0.0, 0.0, 0.0) if own_weight else request.force
-    units = _length_units(understood, request)
+    # The set is in the unit of the files: the lengths of the request are converted.
+    old_unit, new_unit = _length_units(understood, request)
     lengths = _convert_lengths(
-        request.model_dump(include={"noise", "load_point"}, exclude_unset=True), *units
+        request.model_dump(include={"noise", "load_point"}, exclude_unset=True), old_unit, new_unit
     )
-    in_flange = {**{name: name for name in request.flange_targets}, **places}
+    # Target → key of its place in `flange_targets`: its own name, or that of the place of a gauge.
+    place_of_target = {**{name: name for name in request.flange_targets}, **places}
     try:
         return MeasurementSetDocument.model_validate(
             {
-                "name": _choose_name(request, first),
+                "name": _choose_name(request, first_file),
                 "units": {
                     "force": (request.units and request.units.force) or ("N" if own_weight else None),
                     **understood.units,
@@ -291,12 +322,12 @@ def _build_measurement_set(
                 "joint_kinds": understood.preview.joint_kinds,
                 "noise": lengths.get("noise") or None,
                 "flange_targets": {
-                    name: _convert_lengths(request.flange_targets[place], *units, "load_point")
-                    for name, place in in_flange.items()
+                    target: _convert_lengths(request.flange_targets[place], old_unit, new_unit, "load_point")
+                    for target, place in place_of_target.items()
                 },
                 "load_point": lengths.get("load_point"),
-                "measured_at": understood.surroundings.measured_at,
-                "observations": [_build_observation(one, force) for one in understood.observations],
+                "measured_at": understood.times_and_roundings.measured_at,
+                "observations": [_build_observation(record, force) for record in understood.observations],
             }
         )
     except ValidationError as error:
@@ -306,69 +337,79 @@ def _build_measurement_set(
         raise ImportFileError(NOWHERE, reason, "check the limits of measurement sets") from error
 
 
-def _build_observation(one: ObservationRecord, force: Vector3 | None) -> Observation:
-    """Return an observation from the values gathered in the files; `force` replaces a missing force."""
+def _build_observation(record: ObservationRecord, force: Vector3 | None) -> Observation:
+    """Return an observation from the values gathered in the files; `force` is used if they have no force."""
 
     def vector(kind: Kind) -> Vector3 | None:
         """Return the vector of a kind, such as `moment`; None if the files have none."""
-        return cast("Vector3 | None", one.vector(kind))
+        return cast("Vector3 | None", record.vector(kind))
 
     return Observation(
-        label=one.label,
-        joints=list(one.vector("joint") or ()),
+        label=record.label,
+        joints=list(record.vector("joint") or ()),
         force=cast(Vector3, vector("force") or force),
         moment=vector("moment"),
         load_point=vector("load point"),
-        readings=[_build_reading(one, target) for target in one.points],
+        readings=[_build_reading(record, target) for target in record.points],
     )
 
 
-def _build_reading(one: ObservationRecord, target: str) -> Reading:
+def _build_reading(record: ObservationRecord, target: str) -> Reading:
     """Return the reading of a target in an observation.
 
-    Uncertainties of coordinates become covariances; uncertainties of points become one sigma for both states.
+    Uncertainties of single coordinates become covariances. Uncertainties of whole points become one sigma for
+    both states (unloaded and loaded): the root of their mean square.
     """
-    gauge = one.values.get(Quantity("along", target, "deflection"))
+    gauge = record.values.get(Quantity("along", target, "deflection"))
     if gauge is not None:
-        along = split_along_target(target)[1]
-        direction = tuple(float(axis == along) for axis in range(3))
+        gauge_axis = split_along_target(target)[1]
+        direction = tuple(float(axis == gauge_axis) for axis in range(3))
         displacement = None if gauge.vector is None else gauge.vector[0]
         reading = {"target": target, "displacement": displacement, "direction": direction}
         return Reading.model_validate(reading)
-    points = {state: point for state, point in one.points[target].items() if point.vector is not None}
-    parts: dict[str, object] = {state: point.vector for state, point in points.items()}
+    points = {state: point for state, point in record.points[target].items() if point.vector is not None}
+    fields: dict[str, object] = {state: point.vector for state, point in points.items()}
     sigmas = {state: point.sigma for state, point in points.items() if point.sigma is not None}
     if sigmas and all(point.by_point for point in points.values()):
-        parts["sigma"] = sqrt(sum(sigma[0] ** 2 for sigma in sigmas.values()) / len(sigmas))
+        fields["sigma"] = sqrt(sum(sigma[0] ** 2 for sigma in sigmas.values()) / len(sigmas))
     elif sigmas:
         for state, sigma in sigmas.items():
-            rows = [[sigma[i] ** 2 if i == j else 0.0 for j in range(3)] for i in range(3)]
-            parts[f"{state}_covariance"] = rows
-    return Reading.model_validate({"target": target, **parts})
+            covariance = [[sigma[i] ** 2 if i == j else 0.0 for j in range(3)] for i in range(3)]
+            fields[f"{state}_covariance"] = covariance
+    return Reading.model_validate({"target": target, **fields})
 
 
 def _build_geometry_request(
-    understood: Understood, request: ImportRequest, first: str
+    understood: Understood, request: ImportRequest, first_file: str
 ) -> GeometryRequest | None:
-    """Return a request to identify a geometry from the unloaded poses; None if they exceed its limits."""
-    units = _length_units(understood, request)
-    readings = [states["unloaded"] for one in understood.observations for states in one.points.values()]
+    """Return a request to identify a geometry from the unloaded poses of the files.
+
+    None if there are more readings or targets than a geometry accepts.
+    """
+    unit_of_request, unit_of_files = _length_units(understood, request)
+    readings = [
+        states["unloaded"]
+        for observation in understood.observations
+        for states in observation.points.values()
+    ]
     if len(readings) > MAX_GEOMETRY_READINGS or len(understood.preview.targets) > MAX_GEOMETRY_TARGETS:
         return None
-    sigma = None if request.noise is None else _convert_lengths(request.noise.sigma, *units, "sigma")
+    sigma = None
+    if request.noise is not None:
+        sigma = _convert_lengths(request.noise.sigma, unit_of_request, unit_of_files, "sigma")
     squares = [value**2 for point in readings for value in point.sigma or ()]
     if sigma is None and squares:
-        sigma = sqrt(sum(squares) / len(squares))
+        sigma = sqrt(sum(squares) / len(squares))  # a geometry has one sigma for all readings
     poses = []
-    for one in understood.observations:
-        read = {target: states["unloaded"].vector for target, states in one.points.items()}
-        targets = {target: vector for target, vector in read.items() if vector}
-        if targets:
-            poses.append({"joints": list(one.vector("joint") or ()), "targets": targets})
+    for observation in understood.observations:
+        positions = {target: states["unloaded"].vector for target, states in observation.points.items()}
+        read_targets = {target: position for target, position in positions.items() if position}
+        if read_targets:
+            poses.append({"joints": list(observation.vector("joint") or ()), "targets": read_targets})
     return GeometryRequest.model_validate(
         {
-            "name": _choose_name(request, first),
-            "units": {"length": units[1], "angle": understood.units.get("angle")},
+            "name": _choose_name(request, first_file),
+            "units": {"length": unit_of_files, "angle": understood.units.get("angle")},
             "noise": None if sigma is None else {"sigma": sigma},
             "poses": poses,
         }
@@ -381,14 +422,15 @@ def _build_template(understood: Understood, request: ImportRequest) -> ImportReq
     None if the files have more columns, or longer headers, than options can hold.
     """
     files: list[FilePreview] = understood.preview.files
-    texts = [file for file in files if file.format == "text"]
-    delimiters, marks = {file.delimiter for file in texts}, {file.decimal_mark for file in texts}
+    text_files = [file for file in files if file.format == "text"]
+    delimiters = {file.delimiter for file in text_files}
+    decimal_marks = {file.decimal_mark for file in text_files}
     columns = [column for file in files for column in file.columns]
-    inches = any(column.unit == "in" for column in columns)
-    known = {} if request.units is None else request.units.model_dump(exclude_none=True)
+    has_inches = any(column.unit == "in" for column in columns)
+    stated_units = {} if request.units is None else request.units.model_dump(exclude_none=True)
     layouts = {tuple(column.header for column in file.columns): None for file in files}
     changes = {
-        "units": {**known, **understood.units, **({"length": "in"} if inches else {})},
+        "units": {**stated_units, **understood.units, **({"length": "in"} if has_inches else {})},
         "columns": {
             column.header: column.meaning + (f" [{column.unit}]" if column.unit else "")
             for column in columns
@@ -396,8 +438,9 @@ def _build_template(understood: Understood, request: ImportRequest) -> ImportReq
         },
         "layouts": [list(layout) for layout in layouts],
         "ignore": [],
+        # Files that differ are detected anew.
         "delimiter": delimiters.pop() if len(delimiters) == 1 else None,
-        "decimal_mark": marks.pop() if len(marks) == 1 else None,
+        "decimal_mark": decimal_marks.pop() if len(decimal_marks) == 1 else None,
         "length_unit": _length_units(understood, request)[0],
         "name": None,
         "robot_id": None,

@@ -40,14 +40,14 @@ class NamedSet:
     name: str
     robot_id: str
     robot_name: str
-    content: str  # hash of the contents of robot and set
+    content: str  # hash that changes with the content of the robot or of the set
 
 
 class Inputs(Protocol):
     """Source of robots, sets and runs. The argument `where` is the field of the request that holds the id."""
 
     def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
-        """Return a robot, and the hash of its content.
+        """Return (robot, hash of its content).
 
         Raises:
             RequestError: no robot has this id.
@@ -58,15 +58,15 @@ class Inputs(Protocol):
         """Return a measurement set without the observations whose labels are in `leave_out`.
 
         Raises:
-            RequestError: no set has this id, the set has no such observation, or none remains.
+            RequestError: no set has this id, the set has no such observation, or no observation remains.
         """
         ...
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
-        """Return ids and names of measurement sets, also deleted sets, in the order of `set_ids`.
+        """Return ids and names of measurement sets, also of deleted sets, in the order of `set_ids`.
 
         Args:
-            set_ids: ids of the sets; None: for each robot its last measured set with loads.
+            set_ids: ids of the sets; None to return, for each robot, its last measured set with loads.
             where: field of the request that holds the ids.
 
         Raises:
@@ -75,7 +75,7 @@ class Inputs(Protocol):
         ...
 
     def job_summaries(self, message: type[Job], robot_id: str) -> Iterable[Mapping[str, Any]]:
-        """Return the summaries of the newest jobs of a robot; `message` is the message class of the jobs."""
+        """Return the summaries of the newest jobs of a robot; `message` is the class of the jobs."""
         ...
 
     def run(self, run_id: str, where: str) -> MeasuredRun:
@@ -93,6 +93,7 @@ class InMemoryInputs:
     def __init__(self) -> None:
         """Begin without inputs."""
         self._robots: dict[str, PreparedRobot] = {}
+        # id → (document of the set, its robot, the set prepared for computation)
         self._sets: dict[str, tuple[MeasurementSetDocument, PreparedRobot, PreparedSet]] = {}
         self._runs: dict[str, MeasuredRun] = {}
 
@@ -119,7 +120,7 @@ class InMemoryInputs:
         return run.id
 
     def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
-        """Return a robot, and the hash of its content."""
+        """Return (robot, hash of its content)."""
         if robot_id not in self._robots:
             raise _unknown_id_error("robot", robot_id, where)
         return self._robots[robot_id].robot, self._robots[robot_id].content_hash
@@ -131,13 +132,13 @@ class InMemoryInputs:
         document, robot, prepared = self._sets[set_id]
         if not leave_out:
             return prepared
-        kept = document.model_copy(
+        shorter_set = document.model_copy(
             update={"observations": leave_out_observations(document.observations, leave_out)}
         )
-        return prepare_set(kept, robot, prepared.robot_id, catalogue_robots())
+        return prepare_set(shorter_set, robot, prepared.robot_id, catalogue_robots())
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
-        """Return ids and names of measurement sets; with `set_ids` None of all sets."""
+        """Return ids and names of measurement sets; of all sets in memory if `set_ids` is None."""
         named = []
         for i, set_id in enumerate(self._sets if set_ids is None else set_ids):
             content = self.measured(set_id, f"{where}[{i}]").content
@@ -157,9 +158,9 @@ class InMemoryInputs:
 
 
 def _unknown_id_error(kind: str, identifier: str, where: str) -> RequestError:
-    """Return the error for an id in a request that no robot, set or run in memory has."""
+    """Return the error for an id that no robot, measurement set or run (`kind`) in memory has."""
     return RequestError(
-        f"the file holds no {kind} '{identifier}'",
+        f"the file contains no {kind} with the id '{identifier}'",
         where=where,
         remedy=f"give the {kind} itself: a file cannot refer to stored resources",
     )

@@ -1,4 +1,4 @@
-"""Robots that may have been measured in place of the chosen one: stored robots, and arms of the catalogue."""
+"""Arms of the catalogue, which may have been measured by mistake in place of the robot of a campaign."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from jointstiff.solver.integrity.other_robots import KnownRobot
 
 def catalogue_robots(excluded: Collection[str] = ()) -> Iterator[KnownRobot]:
     """Yield the arms of the catalogue, except arms whose content hash is in `excluded`."""
-    yield from (known for content, known in nominal_robots() if content not in excluded)
+    yield from (arm for content_hash, arm in build_nominal_robots() if content_hash not in excluded)
 
 
 @cache
-def nominal_robots() -> tuple[tuple[str, KnownRobot], ...]:
-    """Return (content hash, arm) for all arms of the catalogue; cached, as building the arms takes time."""
+def build_nominal_robots() -> tuple[tuple[str, KnownRobot], ...]:
+    """Return (content hash, robot) for all arms of the catalogue; cached, as building them takes time."""
     prepared = [(arm.name, prepare_robot(nominal_robot(arm))) for arm in catalogue().arms]
     return tuple((each.content_hash, KnownRobot(name, each.robot)) for name, each in prepared)

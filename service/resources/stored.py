@@ -72,29 +72,36 @@ _COLUMNS: Final = ("name", *_METADATA)
 
 
 class StoredInputs(Generic[Record, Entry, Prepared]):
-    """Stored robots or measurement sets: load them with a cache, change and delete them."""
+    """Stored robots, or stored measurement sets, which jobs need as inputs: load, change and delete them."""
 
     def __init__(
         self, records: Collection[Record, Entry], prepare: Callable[[str], Prepared], most: int
     ) -> None:
-        """Serve records; `prepare` loads an input, given its id; the `most` inputs used last are cached."""
+        """Serve the resources of a collection.
+
+        Args:
+            records: records of the resources.
+            prepare: function that loads a resource, given its id, and prepares it for computation.
+            most: number of prepared resources that are kept in memory.
+        """
         self.records: Collection[Record, Entry] = records
-        self.ready = lru_cache(most)(prepare)  # id → prepared input
+        self.load_prepared = lru_cache(most)(prepare)  # function: id → resource prepared for computation
 
     def change(self, identifier: str, change: ResourceChange) -> Record:
         """Change fields of a resource, delete it or restore it; return its record.
 
         Raises:
-            NotFoundError: there is no such resource, or it has been removed for good.
-            DeletedError: the resource, or one that it refers to, is deleted.
-            ReferencedError: the resource cannot be deleted, as others refer to it.
+            NotFoundError: no resource has this id, or it has been removed for good.
+            DeletedError: the resource, or a resource to which it refers, is deleted.
+            ReferencedError: the resource cannot be deleted, as other resources refer to it.
         """
         if change.deleted is False:
             self.records.restore(identifier)
         stated = {name: getattr(change, name) for name in change.model_fields_set - {"deleted"}}
+        # A name cannot be removed: null leaves it unchanged.
         changes = {name: value for name, value in stated.items() if name != "name" or value is not None}
         record = self.records.change(identifier, changes, hidden=change.deleted is True)
-        self.ready.cache_clear()
+        self.load_prepared.cache_clear()
         if change.deleted:
             self.delete(identifier)
         return record
@@ -103,11 +110,11 @@ class StoredInputs(Generic[Record, Entry, Prepared]):
         """Delete a resource: hide it, so that it can be restored. A repeated call changes nothing.
 
         Raises:
-            NotFoundError: there is no such resource.
-            ReferencedError: other resources refer to it.
+            NotFoundError: no resource has this id.
+            ReferencedError: other resources refer to this resource.
         """
         self.records.delete(identifier)
-        self.ready.cache_clear()
+        self.load_prepared.cache_clear()
 
 
 class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
@@ -123,9 +130,9 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         If the idempotency key `key` was used before, the record created then is returned.
 
         Raises:
-            RobotError: the description cannot be used.
-            RequestError: there is no such geometry, or no such arm in the catalogue.
-            IdempotencyConflictError: the key came before with another body.
+            RobotError: the description of the robot cannot be used.
+            RequestError: the geometry or the arm that the description names does not exist.
+            IdempotencyConflictError: the key was used before with another body.
         """
         if key is not None and (before := self._store.robots.find(key)) is not None:
             return before
@@ -155,45 +162,48 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         return self._store.robots.add(record, key)
 
     def load(self, robot_id: str) -> tuple[Robot, str]:
-        """Return the robot ready for computation, and the hash of its content.
+        """Return (robot prepared for computation, hash of its content).
 
         Raises:
-            NotFoundError: there is no such robot.
+            NotFoundError: no robot has this id.
         """
-        return self.ready(robot_id)
+        return self.load_prepared(robot_id)
 
     def find(self, robot_id: str | None, document: robots.RobotDocument | None) -> Robot:
         """Return a robot built from `document` without storing it; if `document` is None, the stored robot.
 
         Raises:
-            NotFoundError: there is no such robot.
-            RobotError: the description cannot be used.
+            NotFoundError: no robot has the id `robot_id`.
+            RobotError: the description of the robot cannot be used.
         """
         if document is not None:
             return prepare_robot(self._describe_robot(document)[0]).robot
         return self.load(robot_id or "")[0]
 
-    def known(self) -> Iterator[KnownRobot]:
-        """Yield robots that may have been measured by mistake: the latest stored, then catalogue arms."""
+    def list_confusable_robots(self) -> Iterator[KnownRobot]:
+        """Yield robots that may have been measured by mistake: the newest stored robots, then catalogue arms.
+
+        Catalogue arms that are among these stored robots are not yielded twice.
+        """
         page = self._store.robots.page(limit=_ROBOTS)
         for record in page.records:
             yield KnownRobot(record.name, self.load(record.id)[0], record.id)
         yield from catalogue_robots(excluded={record.content_hash for record in page.records})
 
     def _describe_robot(self, request: robots.RobotDocument) -> tuple[robots.RobotDocument, dict[str, str]]:
-        """Return the full document of a requested robot, and the origin of its model.
+        """Return (complete document of a requested robot, origin of its model).
 
         The origin is {"geometry_id": id}, {"nominal_arm": name of the arm}, or {} for a model in the request.
 
         Raises:
-            RequestError: there is no such geometry, or no such arm in the catalogue.
+            RequestError: the geometry or the arm that the request names does not exist.
         """
         model = request.model
         if isinstance(model, robots.GeometryModel):
             where = "model.geometry_id"
             _, result = load_succeeded_geometry(self._store, model.geometry_id, where)
-            found = result.robot.model_copy(update={"name": request.name, "bodies": request.bodies})
-            return found, {"geometry_id": model.geometry_id}
+            document = result.robot.model_copy(update={"name": request.name, "bodies": request.bodies})
+            return document, {"geometry_id": model.geometry_id}
         joint_map, origin = request.joint_map, {}
         if isinstance(model, robots.CatalogueModel):
             arm = find_arm(model.arm, "model.arm")
@@ -204,13 +214,16 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         return document, origin
 
     def _load_robot(self, robot_id: str) -> tuple[Robot, str]:
-        """Build a stored robot; return the robot and the hash of its content."""
+        """Build a stored robot; return (robot, hash of its content)."""
         record = self._store.robots.get(robot_id)
         return build_robot(robot_from_record(record)), record.content_hash
 
 
 def robot_from_record(record: RobotRecord) -> robots.Robot:
-    """Return the API message of a stored robot, with the present name, which may have been changed."""
+    """Return the API message of a stored robot, with its present name.
+
+    The name may have been changed since the document in the record was written.
+    """
     stored = robots.Robot.model_validate_json(record.document)
     return stored.model_copy(update={"name": record.name})
 
@@ -219,17 +232,17 @@ def load_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
     """Return a stored job as a message of the given class.
 
     Raises:
-        NotFoundError: there is no such job, or it was deleted.
+        NotFoundError: no job has this id, or it was deleted.
     """
     record = store.jobs(Resource(message.kind_name(), message.collection)).get(job_id)
     return message.model_validate_json(record.document)
 
 
 def load_succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:
-    """Return a stored geometry and its result; `where` is the field of the request with its id.
+    """Return (stored geometry, its result); `where` is the field of the request with its id.
 
     Raises:
-        RequestError: there is no such geometry, it was deleted, or it has no result.
+        RequestError: no geometry has this id, it was deleted, or it has no result.
     """
     try:
         geometry = load_job(store, Geometry, geometry_id)
@@ -237,7 +250,7 @@ def load_succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple
         raise RequestError(error.reason, remedy=error.remedy, where=where) from error
     if geometry.result is None:
         raise RequestError(
-            f"geometry '{geometry_id}' is {geometry.state} and has no identified robot",
+            f"geometry '{geometry_id}' has no identified robot, as its state is {geometry.state}",
             remedy="use a geometry that has succeeded",
             where=where,
         )
@@ -266,9 +279,9 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
             identifier: id of the set; None for a new id.
 
         Raises:
-            MeasurementError: the set cannot be used; with the place and the remedy.
+            MeasurementError: the set cannot be used.
             RequestError: the frame of the set names an unknown geometry.
-            IdempotencyConflictError: the key came before with another body.
+            IdempotencyConflictError: the key was used before with another body.
         """
         if key is not None and (before := self._store.sets.find(key)) is not None:
             return before
@@ -277,7 +290,7 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         except NotFoundError as error:
             raise MeasurementError(error.reason, remedy=error.remedy, where="robot_id") from error
         resolved, drift = resolve_frame(self._store, request)
-        checked = check_set(request, robot, resolved, drift, self._robots.known())
+        checked = check_set(request, robot, resolved, drift, self._robots.list_confusable_robots())
         stored = messages.StoredMeasurementSet(
             **request.model_dump(exclude={"observations", "open"}),
             id=identifier or uuid4().hex,
@@ -307,23 +320,23 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         """Return a measurement set as it was posted, with its warnings.
 
         Raises:
-            NotFoundError: there is no such set.
+            NotFoundError: no set has this id.
         """
         return set_from_record(self._store.sets.get(set_id))
 
     def prepared(self, set_id: str, leave_out: Sequence[str] = ()) -> PreparedSet:
-        """Return a set ready for computation.
+        """Return a set prepared for computation.
 
         Args:
             set_id: id of the set.
-            leave_out: labels of observations to leave out; the rest is inspected anew.
+            leave_out: labels of observations to leave out; the other observations are checked anew.
 
         Raises:
-            NotFoundError: there is no such set.
-            RequestError: the set has no observation of such a label, or none remains.
+            NotFoundError: no set has this id.
+            RequestError: the set has no observation with such a label, or no observation remains.
         """
         if not leave_out:
-            return self.ready(set_id)
+            return self.load_prepared(set_id)
         stored = self.document(set_id)
         kept = leave_out_observations(stored.observations, frozenset(leave_out))
         robot, robot_hash = self._robots.load(stored.robot_id)
@@ -333,13 +346,13 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
             robot,
             stored.resolved,
             frame_warnings,
-            self._robots.known(),
+            self._robots.list_confusable_robots(),
             robot_id=stored.robot_id,
             robot_hash=robot_hash,
         )
 
     def _prepare(self, set_id: str) -> PreparedSet:
-        """Load a stored set for computation; it was checked when it was stored."""
+        """Load a stored set and prepare it for computation, without the checks made when it was stored."""
         record = self._store.sets.get(set_id)
         stored = messages.StoredMeasurementSet.model_validate_json(record.document)
         readings = ReadingArrays.unpack(record.arrays)
@@ -364,24 +377,28 @@ class Resources:
         self.sets = MeasurementSets(store, self.robots)
 
     def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
-        """Return a stored robot, and the hash of its content; `where` is the field that names it."""
+        """Return (stored robot, hash of its content); `where` is the field of the request with its id."""
         with _refuse_at_field(where):
             return self.robots.load(robot_id)
 
     def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
-        """Return a stored measurement set without the observations whose labels are in `leave_out`."""
+        """Return a stored measurement set without the observations whose labels are in `leave_out`.
+
+        `where` is the field of the request with the set's id.
+        """
         with _refuse_at_field(where):
             return self.sets.prepared(set_id, leave_out)
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
-        """Return ids and names of stored sets, also of deleted sets.
+        """Return ids and names of stored sets, also of deleted sets, in the order of `set_ids`.
 
-        With `set_ids` None for each robot its last measured set with loads.
+        If `set_ids` is None, return the last measured set with loads of each robot. `where` is the field of
+        the request with the ids.
         """
-        chosen = self._find_last_sets_with_loads() if set_ids is None else set_ids
-        found = {row.id: row for row in self.store.sets.named(chosen)}
-        for i, set_id in enumerate(chosen):
-            if set_id not in found:
+        chosen_ids = self._find_last_sets_with_loads() if set_ids is None else set_ids
+        rows = {row.id: row for row in self.store.sets.rows_with_names(chosen_ids)}
+        for i, set_id in enumerate(chosen_ids):
+            if set_id not in rows:
                 with _refuse_at_field(f"{where}[{i}]"):
                     raise NotFoundError(MEASUREMENT_SET, set_id)
         return [
@@ -392,34 +409,38 @@ class Resources:
                 robot_name=row.robot_name,
                 content=hash_texts(row.robot_hash, row.content_hash),
             )
-            for row in map(found.__getitem__, chosen)
+            for row in map(rows.__getitem__, chosen_ids)
         ]
 
     def _find_last_sets_with_loads(self) -> list[str]:
-        """Return for each robot the id of its last measured set with loads; others are left out."""
-        # Each round loads, for each robot still without a set with loads, the newest set not examined yet.
-        waiting, found = self.store.sets.list_by_robot(), dict[str, str]()
-        order = list(waiting)
-        while waiting:
-            newest = {sets[0]: robot_id for robot_id, sets in waiting.items()}
-            for set_id, arrays in self.store.sets.arrays(list(newest)):
+        """Return the ids of the last measured sets with loads, one for each robot that has such a set."""
+        # Robot → ids of its sets, newest first, that were not examined yet.
+        sets_to_examine, found = self.store.sets.list_by_robot(), dict[str, str]()
+        robot_ids = list(sets_to_examine)
+        # Each round examines one set of each robot for which no set with loads was found yet.
+        while sets_to_examine:
+            robot_of_set = {sets[0]: robot_id for robot_id, sets in sets_to_examine.items()}
+            for set_id, arrays in self.store.sets.iterate_arrays(list(robot_of_set)):
                 if has_loads(arrays):
-                    found[newest[set_id]] = set_id
-            left = {robot_id: sets[1:] for robot_id, sets in waiting.items() if robot_id not in found}
-            waiting = {robot_id: sets for robot_id, sets in left.items() if sets}
-        return [found[robot_id] for robot_id in order if robot_id in found]
+                    found[robot_of_set[set_id]] = set_id
+            sets_to_examine = {
+                robot_id: sets[1:]
+                for robot_id, sets in sets_to_examine.items()
+                if robot_id not in found and sets[1:]
+            }
+        return [found[robot_id] for robot_id in robot_ids if robot_id in found]
 
     def job_summaries(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
-        """Yield summaries of a robot's newest jobs, at most 1,000; `message` is their message class."""
+        """Yield the summaries of a robot's newest jobs, at most 1,000; `message` is the class of the jobs."""
         jobs, cursor = self.store.jobs(Resource(message.kind_name(), message.collection)), None
-        for _ in range(10):
+        for _ in range(10):  # 10 pages of 100 jobs
             page = jobs.page(limit=100, cursor=cursor, filters={"robot_id": robot_id})
             yield from ({"id": record.id, **record.summary} for record in page.records)
             if (cursor := page.next) is None:
                 return
 
     def run(self, run_id: str, where: str) -> MeasuredRun:
-        """Return a stored run with its measurement set; `where` is the field of the request that names it."""
+        """Return a stored run with its measurement set; `where` is the field of the request with its id."""
         with _refuse_at_field(where):
             run = load_job(self.store, Run, run_id)
             return MeasuredRun(run, self.sets.prepared(run.request.measurement_set_id))
@@ -438,21 +459,21 @@ def set_from_record(record: MeasurementSetRecord) -> MeasurementSet:
     """Return the API message of a stored measurement set, with its observations."""
     stored = messages.StoredMeasurementSet.model_validate_json(record.document)
     observations = ReadingArrays.unpack(record.arrays).observations()
-    parts = {name: getattr(stored, name) for name in messages.StoredMeasurementSet.model_fields}
-    parts |= {name: getattr(record, name) for name in _COLUMNS}
-    # Both parts were validated when they were stored.
-    return MeasurementSet.model_construct(**parts, observations=observations)
+    fields = {name: getattr(stored, name) for name in messages.StoredMeasurementSet.model_fields}
+    fields |= {name: getattr(record, name) for name in _COLUMNS}
+    # `model_construct` does not validate: fields and observations were validated when they were stored.
+    return MeasurementSet.model_construct(**fields, observations=observations)
 
 
 def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[ResolvedFrame | None, list[Finding]]:
-    """Return the transform from the frame of a set's readings to R0, and warnings about drift.
+    """Return (transform from the frame of a set's readings to R0, warnings about drift).
 
-    Returns:
-        The transform (None if the readings are in R0), and warnings about a drift that it corrects.
+    The transform is None if the readings are in R0. It corrects the drift of the tracker since the geometry,
+    which the warnings state, if base targets were read again.
 
     Raises:
         MeasurementError: the stated rotation is not a rotation, or base targets cannot be compared.
-        RequestError: there is no such geometry, or it has no result.
+        RequestError: no geometry has the stated id, or the geometry has no result.
     """
     frame = request.frame
     if frame is None:
@@ -472,7 +493,7 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
 
 
 def _to_rigid_motion(stated: Rigid) -> pin.SE3:
-    """Convert a rotation (3, 3) and a translation (3,) [m] of a message."""
+    """Convert the rotation (3, 3) and the translation (3,) [m] of a message to a motion of Pinocchio."""
     return pin.SE3(np.array(stated.rotation), np.array(stated.translation))
 
 
@@ -482,17 +503,18 @@ def _estimate_drift(
     request: MeasurementSetRequest,
     after: Mapping[str, Vector3],
 ) -> tuple[Drift, list[Finding]]:
-    """Return the drift of the tracker between a geometry and a set, and findings about it.
+    """Return (drift of the tracker between a geometry and a set, findings about the drift).
 
     `after` are the base targets read with the set: name → position in the set's unit of length.
 
     Raises:
         MeasurementError: the geometry has no base targets.
     """
+    # Positions of the set in the unit of length of the geometry.
     factor = LENGTH[request.units.length] / LENGTH[geometry.units.length]
-    later = {name: (factor * x, factor * y, factor * z) for name, (x, y, z) in after.items()}
-    read = to_base_targets(geometry, result.sigma, later)
-    if read is None:
+    converted = {name: (factor * x, factor * y, factor * z) for name, (x, y, z) in after.items()}
+    base_targets = to_base_targets(geometry, result.sigma, converted)
+    if base_targets is None:
         raise MeasurementError(
             "the geometry has no base targets for the comparison",
             where="frame.base_targets",
@@ -500,8 +522,9 @@ def _estimate_drift(
         )
     places = [r.unloaded for o in request.observations for r in o.readings if r.unloaded is not None]
     # The drift is stated at the middle of the readings, where it matters.
-    middle = LENGTH[request.units.length] * np.mean(places, axis=0) if places else read.after.mean(axis=0)
-    drift = read.fit_drift(result.sigma, middle)
+    unit = LENGTH[request.units.length]
+    middle = unit * np.mean(places, axis=0) if places else base_targets.after.mean(axis=0)  # (3,) [m]
+    drift = base_targets.fit_drift(result.sigma, middle)
     warnings = [
         finding.model_copy(
             update={
@@ -510,9 +533,9 @@ def _estimate_drift(
                 "rigidly",
             }
         )
-        if finding.code == "base_drifted"  # harmless here, as the transform corrects the drift
+        if finding.code == "base_drifted"  # no reason against the set, as its transform corrects the drift
         else finding
-        for finding in report_drift(drift, read)
+        for finding in report_drift(drift, base_targets)
     ]
     return drift, warnings
 
@@ -520,9 +543,9 @@ def _estimate_drift(
 def _targets_in_flange(
     store: Store, frame: Frame, robot_id: str, geometry: Geometry, result: GeometryResult
 ) -> dict[str, Vector3]:
-    """Return name → position [m] of a geometry's targets in the flange frame of the set's robot.
+    """Return name → position [m] of a geometry's targets in the flange frame of the robot of a set.
 
-    Empty if the geometry was not identified for that robot's flange.
+    Empty if the geometry was identified for another flange.
     """
     robot = robot_from_record(store.robots.get(robot_id))
     is_of_same_nominal_robot = result.flange == "nominal" and geometry.request.robot_id == robot_id

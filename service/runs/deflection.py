@@ -61,15 +61,15 @@ _VECTORS: Final[Mapping[str, tuple[str, Mapping[str, float], str]]] = {
     "direction": ("direction ", {"": 1.0, "1": 1.0}, ""),
 }
 """Field → beginning of its headers, unit → factor to SI, and name of its unit in `units` of a request."""
-_SI: Final = {"length": "m", "angle": "rad", "force": "N", "moment": "N.m"}
-_MILLI: Final = {
+_SI_UNITS: Final = {"length": "m", "angle": "rad", "force": "N", "moment": "N.m"}
+_SHOWN_UNITS: Final = {
     "m": (1e3, "mm"),
     "rad": (1e3, "mrad"),
     "N/m": (1e-3, "N/mm"),
     "m/N": (1e3, "mm/N"),
     "1": (1.0, ""),
 }
-_CSV: Final = {
+_CSV_COLUMNS: Final = {
     "label": "label",
     "displacement {x y z}": "displacement",
     "rotation {x y z}": "rotation",
@@ -103,11 +103,13 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
         None if run_model.error is None else run_model.error.bound(cases, deflections.leverage, confidence)
     )
     # Stiffness is reported along the stated direction, or along the force; without either it is NaN.
-    vectors = [case.direction or force for case, force in zip(request.cases, cases.force, strict=True)]
-    directions: FloatArray = np.array(vectors, dtype=np.float64)
-    size = np.linalg.norm(directions, axis=1, keepdims=True)
-    directions = np.where(size > 0.0, directions / np.where(size > 0.0, size, 1.0), np.nan)
-    labels = [case.label or str(i) for i, case in enumerate(request.cases, 1)]
+    direction_vectors = [
+        case.direction or force for case, force in zip(request.cases, cases.force, strict=True)
+    ]
+    directions: FloatArray = np.array(direction_vectors, dtype=np.float64)
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = np.where(lengths > 0.0, directions / np.where(lengths > 0.0, lengths, 1.0), np.nan)
+    labels = [case.label or str(number) for number, case in enumerate(request.cases, 1)]
     answers = build_case_results(deflections, bound, directions, confidence, labels, run_model.result.budget)
     return DeflectionResult(
         joint_kinds=joint_kinds_by_name(robot),
@@ -123,15 +125,15 @@ def predict_by_run(robot: Robot, run: Run, request: DeflectionOptions) -> Deflec
 
 def _find_reasons(answers: Sequence[CaseResult], cases: LoadCases, run: RunResult) -> list[Finding]:
     """Return reasons to doubt a prediction, in addition to those in the assessment of its run."""
-    lengths = [hypot(*each.displacement) for each in answers if each.displacement is not None]
-    bounds = [each.with_model_error for each in answers if each.with_model_error is not None]
-    beyond = sum(max(bound.load_ratio, bound.leverage_ratio) > EXTRAPOLATED for bound in bounds)
+    lengths = [hypot(*answer.displacement) for answer in answers if answer.displacement is not None]
+    bounds = [answer.with_model_error for answer in answers if answer.with_model_error is not None]
+    extrapolated_count = sum(max(bound.load_ratio, bound.leverage_ratio) > EXTRAPOLATED for bound in bounds)
     points = [*cases.load_point.tolist(), *cases.place.tolist()]
     return [
         *find_implausible_deflection(max(lengths, default=None), run),
         *find_missing_numbers(len(answers) - len(lengths), len(answers), "cases"),
         *find_far_points(points),
-        *find_beyond_campaign(beyond, len(answers), "cases"),
+        *find_beyond_campaign(extrapolated_count, len(answers), "cases"),
     ]
 
 
@@ -142,29 +144,29 @@ def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
         RequestError: the cases are too many for the joints, a case has not one position for each joint, a
             load point is missing, a point is farther than any tool reaches, or a moment has no unit.
     """
-    most = MAX_CASE_WORK // robot.n**2
-    if len(request.cases) > most:
+    max_cases = MAX_CASE_WORK // robot.n**2
+    if len(request.cases) > max_cases:
         raise RequestError(
             f"{len(request.cases)} cases for {robot.n} joints: cases times joints squared exceed "
             f"{MAX_CASE_WORK:,}",
             where="cases",
-            remedy=f"send at most {most} cases in a request",
+            remedy=f"send at most {max_cases} cases in a request",
         )
     units, length = request.units, LENGTH[request.units.length]
     refuse_far_point(request.load_point, "load_point", length=length)
     refuse_far_point(request.place, "place", length=length)
     points: list[Vector3] = []
     places: list[Vector3] = []
-    for i, case in enumerate(request.cases):
-        refuse_wrong_joint_count(robot, case.joints, f"cases[{i}].joints")
-        refuse_far_point(case.load_point, f"cases[{i}].load_point", length=length)
-        refuse_far_point(case.place, f"cases[{i}].place", length=length)
+    for index, case in enumerate(request.cases):
+        refuse_wrong_joint_count(robot, case.joints, f"cases[{index}].joints")
+        refuse_far_point(case.load_point, f"cases[{index}].load_point", length=length)
+        refuse_far_point(case.place, f"cases[{index}].place", length=length)
         point = case.load_point or request.load_point
         if point is None:
             raise RequestError(
                 "the load point is missing",
-                where=f"cases[{i}].load_point",
-                remedy="give load_point, in the flange frame, for all cases or for each",
+                where=f"cases[{index}].load_point",
+                remedy="give load_point, in the flange frame, for all cases together or for each case",
             )
         points.append(point)
         places.append(case.place or request.place or point)
@@ -200,17 +202,17 @@ def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) 
         raise RequestError(
             "the table has no load cases", where="line 1", remedy="give a header and one row per case"
         )
-    stated = options.get("units", {})
-    if isinstance(stated, Units):
-        stated = stated.model_dump()
-    if isinstance(stated, Mapping):  # units that are not stated are SI units
-        stated = _SI | {name: unit for name, unit in stated.items() if unit is not None}
-    units = _validate_message(Units, stated, "units")
+    stated_units = options.get("units", {})
+    if isinstance(stated_units, Units):
+        stated_units = stated_units.model_dump()
+    if isinstance(stated_units, Mapping):  # units that are not stated are SI units
+        stated_units = _SI_UNITS | {name: unit for name, unit in stated_units.items() if unit is not None}
+    units = _validate_message(Units, stated_units, "units")
     columns = [_parse_header(header, joints, units) for header in rows[0]]
     _refuse_missing_columns(columns, len(joints))
     cases = [
-        _read_case(row, columns, i, decimal_comma=not has_comma_separators)
-        for i, row in enumerate(rows[1:], 2)
+        _read_case(row, columns, line, decimal_comma=not has_comma_separators)
+        for line, row in enumerate(rows[1:], 2)
         if any(row)
     ]
     if len(cases) > MAX_CASES:
@@ -247,10 +249,11 @@ def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) ->
         return "label", 0, 1.0
     match = re.fullmatch(r"J(\d+)", name)
     if name in joint_names or (match and 1 <= int(match[1]) <= len(joints)):
-        place = joint_names.index(name) if name in joint_names else int(match[1]) - 1 if match else 0
-        if joints[joint_names[place]] == "prismatic":
-            return "joints", place, parse_unit_factor(header, LENGTH) / LENGTH[units.length]
-        return "joints", place, parse_unit_factor(header, ANGLE) / ANGLE[units.angle]
+        # The last `else` cannot happen: either the name or the pattern matches.
+        index = joint_names.index(name) if name in joint_names else int(match[1]) - 1 if match else 0
+        if joints[joint_names[index]] == "prismatic":
+            return "joints", index, parse_unit_factor(header, LENGTH) / LENGTH[units.length]
+        return "joints", index, parse_unit_factor(header, ANGLE) / ANGLE[units.angle]
     column = parse_vector_header(header, _VECTORS)
     if column is None:
         raise RequestError(
@@ -258,9 +261,9 @@ def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) ->
             where="line 1",
             remedy="use label, J1 [deg], Fx [N], Mx [N.m], load point x [mm], place x [mm], direction x, …",
         )
-    field, place, factor = column
+    field, index, factor = column
     _, factors, quantity = _VECTORS[field]
-    return field, place, factor / factors[getattr(units, quantity, "")]
+    return field, index, factor / factors[getattr(units, quantity, "")]
 
 
 def parse_vector_header(header: str, fields: Sequence[str] | Mapping[str, Any]) -> _Column | None:
@@ -307,16 +310,24 @@ def _refuse_missing_columns(columns: Sequence[_Column], joints: int) -> None:
         columns: columns of the table.
         joints: number of joints.
     """
-    present = [(field, k) for field, k, _ in columns]
+    present = [(field, index) for field, index, _ in columns]
     # The force is needed; other vectors may be left out, but only as a whole.
-    vectors = [field for field in _VECTORS if field == "force" or any(field == each for each, _ in present)]
-    needed = [*(("joints", k) for k in range(joints)), *((field, k) for field in vectors for k in range(3))]
-    repeated = [column for column in present if present.count(column) > 1]
-    for field, k in [*repeated, *(column for column in needed if column not in present)][:1]:
-        name = f"{_VECTORS[field][0]}{'xyz'[k]}" if field in _VECTORS else field
+    vector_fields = [
+        field
+        for field in _VECTORS
+        if field == "force" or any(field == present_field for present_field, _ in present)
+    ]
+    needed_columns = [
+        *(("joints", index) for index in range(joints)),
+        *((field, index) for field in vector_fields for index in range(3)),
+    ]
+    repeated_columns = [column for column in present if present.count(column) > 1]
+    missing_columns = [column for column in needed_columns if column not in present]
+    for field, index in [*repeated_columns, *missing_columns][:1]:  # only the first fault is reported
+        name = f"{_VECTORS[field][0]}{'xyz'[index]}" if field in _VECTORS else field
         raise RequestError(
-            f"the column {f'J{k + 1}' if field == 'joints' else name} "
-            f"{'occurs twice' if repeated else 'is missing'}",
+            f"the column {f'J{index + 1}' if field == 'joints' else name} "
+            f"{'occurs twice' if repeated_columns else 'is missing'}",
             where="line 1",
             remedy="give one column for each joint and three for each vector",
         )
@@ -326,12 +337,12 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
     """Parse a row; return field → value of a load case, vectors as lists in the request's units."""
     if len(row) != len(columns):
         raise RequestError(
-            f"{len(row)} cells under {len(columns)} headers",
+            f"the row has {len(row)} cells, but the table has {len(columns)} headers",
             where=f"line {line}",
             remedy="give a cell for each header",
         )
     case: dict[str, Any] = {}
-    for number, (text, (field, k, factor)) in enumerate(zip(row, columns, strict=True), 1):
+    for number, (text, (field, index, factor)) in enumerate(zip(row, columns, strict=True), 1):
         if field == "label":
             case["label"] = text or None
             continue
@@ -341,9 +352,9 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
             raise RequestError(
                 f"'{text[:40]}' is not a number", where=f"line {line}, column {number}", remedy="correct it"
             ) from None
-        case.setdefault(field, {})[k] = value
+        case.setdefault(field, {})[index] = value
     return {
-        field: [values[k] for k in sorted(values)] if isinstance(values, dict) else values
+        field: [values[index] for index in sorted(values)] if isinstance(values, dict) else values
         for field, values in case.items()
     }
 
@@ -351,11 +362,11 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
 def prediction_parts(result: DeflectionResult) -> list[Part]:
     """Lay out predictions for people: verdict, table with a row for each case (mm, N/mm), and remarks."""
     percent, cases = f"{100 * result.confidence:g} %", result.cases
-    along = [case.compliance and case.compliance.along for case in cases]
+    along_direction = [case.compliance and case.compliance.along for case in cases]
     bounds = [case.with_model_error and case.with_model_error.radius for case in cases]
     components = [
-        Column(f"{axis} ± U", [_component_with_interval(case, i) for case in cases], unit="mm")
-        for i, axis in enumerate("xyz")
+        Column(f"{axis} ± U", [_component_with_interval(case, index) for case in cases], unit="mm")
+        for index, axis in enumerate("xyz")
     ]
     table = Table(
         [
@@ -364,7 +375,7 @@ def prediction_parts(result: DeflectionResult) -> list[Part]:
             Column("model error", bounds, number_formatter(".3f", 1e3), "mm"),
             Column(
                 "stiffness",
-                [each and each.lateral_free for each in along],
+                [stiffness and stiffness.lateral_free for stiffness in along_direction],
                 number_formatter(".0f", 1e-3),
                 "N/mm",
             ),
@@ -391,11 +402,13 @@ def _component_with_interval(case: CaseResult, axis: int) -> str:
 
 def prediction_sheet(result: DeflectionResult) -> Sheet:
     """Return predictions as a sheet: a row for each load case, and a column with the overall verdict."""
-    return with_overall_verdict(Sheet.from_messages(result.cases, _CSV, _MILLI), result.assessment)
+    return with_overall_verdict(
+        Sheet.from_messages(result.cases, _CSV_COLUMNS, _SHOWN_UNITS), result.assessment
+    )
 
 
 def prediction_charts(result: DeflectionResult) -> list[Chart]:
-    """Return a chart of the displacement of each load case along x, y and z, with its interval."""
+    """Return a list of one chart: the displacement of each load case along x, y and z, with its interval."""
     series = {
         axis: [case.displacement and case.displacement[i] for case in result.cases]
         for i, axis in enumerate("xyz")

@@ -29,14 +29,14 @@ _OPTION_CHANGES: Final[Mapping[str, Mapping[str, str]]] = {
 
 _USUAL_DISTANCE, _USUAL_SIGMA = 0.2, 2e-5
 """Usual distance of a load point or target from the flange, and uncertainty of a tracker's reading [m]."""
-_LONGEST_NAME: Final = 200
+_MAX_NAME_LENGTH: Final = 200
 
 
 def find_advised_action(assessment: Assessment, kind: str) -> Action:
-    """Return the first action of a given kind that an assessment's reasons advise.
+    """Return the first action of a kind that the reasons of an assessment recommend.
 
     Raises:
-        RequestError: no reason advises an action of this kind that changes a campaign.
+        RequestError: no reason recommends an action of this kind that changes a campaign.
     """
     actions = [reason.action for reason in assessment.reasons if reason.action is not None]
     # `show_posture` only shows something: it cannot be applied to a campaign.
@@ -44,13 +44,13 @@ def find_advised_action(assessment: Assessment, kind: str) -> Action:
     advised_action = next((action for action in actions if action.kind == kind and kind in kinds), None)
     if advised_action is None:
         remedy = (
-            f"give one of: {', '.join(kinds)}" if kinds else "no reason offers an action: read the remedies"
+            f"give one of: {', '.join(kinds)}" if kinds else "no reason offers an action: follow the remedies"
         )
-        raise RequestError(f"the assessment does not advise '{kind}'", where="apply", remedy=remedy)
+        raise RequestError(f"the assessment does not recommend '{kind}'", where="apply", remedy=remedy)
     return advised_action
 
 
-def mend_campaign(campaign: Campaign, action: Action) -> Campaign:
+def apply_action_to_campaign(campaign: Campaign, action: Action) -> Campaign:
     """Return a campaign after an action; the name of the changed robot or set states the action.
 
     For `choose_robot` with a robot's id the campaign keeps its own robot: the caller reads the chosen robot
@@ -78,7 +78,7 @@ def mend_campaign(campaign: Campaign, action: Action) -> Campaign:
         return campaign.model_copy(update={"robot": robot, "measurement_set": measured})
     if action.kind == "exchange_columns":
         names = prepare_robot(campaign.robot).robot.joint_names
-        measured = _with_columns_exchanged(measured, [names.index(name) for name in action.joints])
+        measured = _exchange_joint_columns(measured, [names.index(name) for name in action.joints])
     elif action.kind in _SET_CHANGES:
         measured = _SET_CHANGES[action.kind](measured, action)
     else:
@@ -94,35 +94,37 @@ def mend_campaign(campaign: Campaign, action: Action) -> Campaign:
 
 def _append_label(name: str, label: str) -> str:
     """Return `NAME (LABEL)`, with the name cut so that the whole is not too long."""
-    return f"{name[: _LONGEST_NAME - len(label) - 3]} ({label})"
+    return f"{name[: _MAX_NAME_LENGTH - len(label) - 3]} ({label})"
 
 
 def _change_observations(
-    measured: _Set, change: Callable[[Observation], Mapping[str, object]]
+    measured: _Set, new_fields: Callable[[Observation], Mapping[str, object]]
 ) -> list[Observation]:
-    """Return the observations of a set, each with the fields that `change` returns for it."""
-    return [each.model_copy(update=dict(change(each))) for each in measured.observations]
+    """Return the observations of a set, with the fields changed that `new_fields` returns for each."""
+    return [
+        observation.model_copy(update=dict(new_fields(observation))) for observation in measured.observations
+    ]
 
 
-def _with_refuted_noise(measured: _Set, _action: Action) -> _Set:
+def _mark_noise_as_refuted(measured: _Set, _action: Action) -> _Set:
     """Return the set with its noise marked as refuted: it remains stored, but sigma is estimated."""
     noise = measured.noise or Noise(refuted=True)
     return measured.model_copy(update={"noise": noise.model_copy(update={"refuted": True})})
 
 
-def _with_columns_exchanged(measured: _Set, columns: Sequence[int]) -> _Set:
+def _exchange_joint_columns(measured: _Set, columns: Sequence[int]) -> _Set:
     """Return the set with the positions of two joints, given by their indices, exchanged."""
     first, second = columns
 
-    def exchange_positions(each: Observation) -> dict[str, object]:
-        joints = list(each.joints)
+    def exchange_positions(observation: Observation) -> dict[str, object]:
+        joints = list(observation.joints)
         joints[first], joints[second] = joints[second], joints[first]
         return {"joints": joints}
 
     return measured.model_copy(update={"observations": _change_observations(measured, exchange_positions)})
 
 
-def _with_target_exchanged(measured: _Set, action: Action) -> _Set:
+def _exchange_load_point_and_target(measured: _Set, action: Action) -> _Set:
     """Return the set with its load point and the place of the action's target exchanged."""
     target, places = action.target or "", measured.flange_targets
     if target not in places:
@@ -133,26 +135,29 @@ def _with_target_exchanged(measured: _Set, action: Action) -> _Set:
         )
     # Observations without a load point of their own use the load point of the set.
     point_of_set = measured.load_point or (0.0, 0.0, 0.0)
-    load, *others = dict.fromkeys(each.load_point or point_of_set for each in measured.observations)
-    if others:
+    load_point, *other_points = dict.fromkeys(
+        observation.load_point or point_of_set for observation in measured.observations
+    )
+    if other_points:
         raise RequestError(
-            f"the set has {1 + len(others)} different load points; only one can be exchanged with a target",
+            f"the set has {1 + len(other_points)} different load points; "
+            "only one can be exchanged with a target",
             where="measurement_set.observations",
             remedy="check the load points, and correct them in the set",
         )
     return measured.model_copy(
         update={
             "load_point": places[target],
-            "flange_targets": {**places, target: load},
+            "flange_targets": {**places, target: load_point},
             "observations": _change_observations(measured, lambda _: {"load_point": None}),
         }
     )
 
 
-def _with_readings_exchanged(measured: _Set, _action: Action) -> _Set:
+def _exchange_unloaded_and_loaded(measured: _Set, _action: Action) -> _Set:
     """Return the set with unloaded and loaded readings exchanged; deflections change their sign."""
 
-    def exchange_states(each: Observation) -> dict[str, object]:
+    def exchange_states(observation: Observation) -> dict[str, object]:
         return {
             "readings": [
                 reading.model_copy(
@@ -165,14 +170,14 @@ def _with_readings_exchanged(measured: _Set, _action: Action) -> _Set:
                         "displacement": None if reading.displacement is None else -reading.displacement,
                     }
                 )
-                for reading in each.readings
+                for reading in observation.readings
             ]
         }
 
     return measured.model_copy(update={"observations": _change_observations(measured, exchange_states)})
 
 
-def _with_units(measured: _Set, action: Action) -> _Set:
+def _declare_unit(measured: _Set, action: Action) -> _Set:
     """Return the set with the action's unit declared; the readings keep their numbers.
 
     Load points, places of targets and the noise are often typed by hand in the right unit. Where such a
@@ -189,19 +194,21 @@ def _with_units(measured: _Set, action: Action) -> _Set:
         return measured.model_copy(update={"units": units.model_copy(update=changed)})
     new_units = Units.model_validate({**units.model_dump(), "length": unit, "moment": moment})
     old, new = LENGTH[units.length], LENGTH[new_units.length]
-    return _with_lengths(measured.model_copy(update={"units": new_units}), old, new)
+    return _convert_typed_lengths(measured.model_copy(update={"units": new_units}), old, new)
 
 
-def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
+def _convert_typed_lengths(measured: _Set, old_metres: float, new_metres: float) -> _Set:
     """Return the set with those lengths converted that are more usual in the old unit than in the new one.
 
-    `old` and `new` are the sizes of the two units in metres.
+    `old_metres` and `new_metres` are the sizes of the two units in metres.
     """
 
-    def conversion_factor(number: float, usual: float) -> float:
-        """Return old / new for a number that is nearer to a usual size [m] in the old unit, else 1."""
-        is_in_old_unit = number == 0.0 or abs(log(old * number / usual)) <= abs(log(new * number / usual))
-        return old / new if is_in_old_unit else 1.0
+    def conversion_factor(number: float, usual_size: float) -> float:
+        """Return the factor from old to new unit; 1 if the number is more usual in the new unit."""
+        is_in_old_unit = number == 0.0 or abs(log(old_metres * number / usual_size)) <= abs(
+            log(new_metres * number / usual_size)
+        )
+        return old_metres / new_metres if is_in_old_unit else 1.0
 
     def convert_place(place: Vector3 | None) -> Vector3 | None:
         if place is None:
@@ -214,7 +221,7 @@ def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
         scale = conversion_factor(noise.sigma, _USUAL_SIGMA)
         lengths = {name: getattr(noise, name) for name in ("sigma", "load_point", "target_places")}
         noise = noise.model_copy(
-            update={name: None if size is None else scale * size for name, size in lengths.items()}
+            update={name: None if length is None else scale * length for name, length in lengths.items()}
         )
 
     def convert_sigma(reading: Reading) -> Reading:
@@ -227,9 +234,9 @@ def _with_lengths(measured: _Set, old: float, new: float) -> _Set:
         "flange_targets": {name: convert_place(place) for name, place in measured.flange_targets.items()},
         "observations": _change_observations(
             measured,
-            lambda each: {
-                "load_point": convert_place(each.load_point),
-                "readings": [convert_sigma(reading) for reading in each.readings],
+            lambda observation: {
+                "load_point": convert_place(observation.load_point),
+                "readings": [convert_sigma(reading) for reading in observation.readings],
             },
         ),
     }
@@ -240,9 +247,9 @@ _SET_CHANGES: Final[Mapping[str, Callable[[_Set, Action], _Set]]] = {
     "leave_out_readings": lambda measured, action: measured.model_copy(
         update={"observations": leave_out_observations(measured.observations, action.observations)}
     ),
-    "omit_noise": _with_refuted_noise,
-    "exchange_load_and_target": _with_target_exchanged,
-    "exchange_readings": _with_readings_exchanged,
-    "convert_units": _with_units,
+    "omit_noise": _mark_noise_as_refuted,
+    "exchange_load_and_target": _exchange_load_point_and_target,
+    "exchange_readings": _exchange_unloaded_and_loaded,
+    "convert_units": _declare_unit,
 }
 """Kind of an action → function that returns a measurement set after this action."""

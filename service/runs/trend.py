@@ -24,22 +24,22 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry, RobotEntry
 from jointstiff.solver.comparison.campaigns import CHANGED_LEVEL, Change, log_stiffness
 
-_MOST_RUNS: Final = 2_000
-_REMEMBERED: Final = 2_000
-_OPEN_INTERVAL = "the stiffness has no upper limit, or its uncertainty exceeds a quarter of it"
+_MAX_RUNS: Final = 2_000
+_MAX_CACHED_RUNS: Final = 2_000
+_OPEN_INTERVAL = "the stiffness has no upper limit, or its uncertainty exceeds a quarter of the stiffness"
 
 
 Stated = Annotated[bool, BeforeValidator(bool)]
-"""True if a field of a run has a value other than null, zero or empty; the value itself is not kept."""
+"""True if a field of a run has a value other than null, zero or empty; the value itself is not stored."""
 
 
-class _Part(BaseModel):
+class _StoredPart(BaseModel):
     """Base of the parts of a stored run that a trend reads; other fields are ignored."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, from_attributes=True)
 
 
-class _Options(_Part):
+class _StoredOptions(_StoredPart):
     method: Method = RunRequest.model_fields["method"].default
     weighting: Weighting = RunRequest.model_fields["weighting"].default
     positive: bool = RunRequest.model_fields["positive"].default
@@ -52,7 +52,7 @@ class _Options(_Part):
     stiffness_order: Stated = False
 
 
-class _Joint(_Part):
+class _StoredJoint(_StoredPart):
     name: str
     kind: StatedKind = "revolute"
     status: str = "identified"
@@ -64,16 +64,16 @@ class _Joint(_Part):
     reason: str | None = None
 
 
-class _Component(_Part):
+class _StoredComponent(_StoredPart):
     source: str
     included: bool = True
     degrees_of_freedom: float | None = None
     contributions: list[float]
 
 
-class _Budget(_Part):
+class _StoredBudget(_StoredPart):
     joints: list[str]
-    components: list[_Component]
+    components: list[_StoredComponent]
 
     def contributions_to(self, joint: str) -> dict[str, float]:
         """Return source → contribution to a joint's standard uncertainty; empty for an unknown joint."""
@@ -83,18 +83,18 @@ class _Budget(_Part):
         return {part.source: part.contributions[index] for part in self.components if part.included}
 
 
-class _Numbers(_Part):
-    joints: list[_Joint]
+class _StoredResult(_StoredPart):
+    joints: list[_StoredJoint]
     assessment: Assessment
     links: Stated = False
-    budget: _Budget | None = None
+    budget: _StoredBudget | None = None
 
 
-class ReadRun(_Part):
+class ReadRun(_StoredPart):
     """Part of a run that a trend reads, as stored in the run's row."""
 
-    request: _Options = _Options()
-    result: _Numbers
+    request: _StoredOptions = _StoredOptions()
+    result: _StoredResult
 
 
 def extract_trend_json(run: Run) -> str | None:
@@ -119,7 +119,7 @@ class Campaign:
         return self.measured.measured_at or self.measured.created_at
 
     @cached_property
-    def joints(self) -> Mapping[str, _Joint]:
+    def joints(self) -> Mapping[str, _StoredJoint]:
         """Joint's name → result of the run for this joint."""
         return {joint.name: joint for joint in self.run.result.joints}
 
@@ -151,19 +151,19 @@ def compare_campaigns(names: Sequence[str], campaigns: Sequence[Campaign]) -> di
     """
     changes = {name: _estimate_change(campaigns, name) for name in names}
     # The more joints are tested, the stricter each test has to be.
-    tested = sum(1 for change in changes.values() if change is not None)
-    joints = [_summarise_joint(campaigns, name, changes[name], tested) for name in names]
+    test_count = sum(1 for change in changes.values() if change is not None)
+    joints = [_summarise_joint(campaigns, name, changes[name], test_count) for name in names]
     return {
         "campaigns": [
             messages.TrendCampaign(
-                run_id=one.run_id,
-                measurement_set_id=one.measured.id,
-                name=one.measured.name,
-                at=one.at,
-                time_source="created_at" if one.measured.measured_at is None else "measured_at",
-                assessment=one.run.result.assessment,
+                run_id=campaign.run_id,
+                measurement_set_id=campaign.measured.id,
+                name=campaign.measured.name,
+                at=campaign.at,
+                time_source="created_at" if campaign.measured.measured_at is None else "measured_at",
+                assessment=campaign.run.result.assessment,
             )
-            for one in campaigns
+            for campaign in campaigns
         ],
         "joints": joints,
         "level": CHANGED_LEVEL,
@@ -176,37 +176,39 @@ def _estimate_change(campaigns: Sequence[Campaign], name: str) -> Change | None:
 
     None if fewer than two campaigns determine the stiffness.
     """
-    known = [one for one in campaigns if _comparable_log_stiffness(one, name) is not None]
-    if len(known) < 2:
+    with_stiffness = [
+        campaign for campaign in campaigns if _compute_log_stiffness(campaign, name) is not None
+    ]
+    if len(with_stiffness) < 2:
         return None
-    pair = known[0], known[-1]
-    instruments = {one.measured.instrument for one in pair}
+    first_and_last = with_stiffness[0], with_stiffness[-1]
+    instruments = {campaign.measured.instrument for campaign in first_and_last}
     # A budget with a single source says nothing about the load cell.
-    budgets = [sources for one in pair if len(sources := one.sources(name)) > 1]
+    budgets = [sources for campaign in first_and_last if len(sources := campaign.sources(name)) > 1]
     first, last = (
-        _comparable_log_stiffness(
-            one,
+        _compute_log_stiffness(
+            campaign,
             name,
             same_load_cell=len(instruments) == 1 and None not in instruments,
             # If neither campaign states the scale of its load cell, both are taken to use the same cell.
             assumed_cell=all(budget.get("assumed_force_scale", 0.0) > 0.0 for budget in budgets),
         )
-        for one in pair
+        for campaign in first_and_last
     )
     if first is None or last is None:
         return None
-    return Change.between(first, last, min(map(_fewest_degrees_of_freedom, pair)))
+    return Change.between(first, last, min(map(_find_fewest_degrees_of_freedom, first_and_last)))
 
 
-def _fewest_degrees_of_freedom(campaign: Campaign) -> float:
+def _find_fewest_degrees_of_freedom(campaign: Campaign) -> float:
     """Return the fewest degrees of freedom of the budget's included components; inf if none has a number."""
     budget = campaign.run.result.budget
     components = () if budget is None else budget.components
     degrees = (part.degrees_of_freedom for part in components if part.included)
-    return min((each for each in degrees if each is not None), default=inf)
+    return min((number for number in degrees if number is not None), default=inf)
 
 
-def _comparable_log_stiffness(
+def _compute_log_stiffness(
     campaign: Campaign,
     name: str,
     *,
@@ -215,8 +217,15 @@ def _comparable_log_stiffness(
 ) -> tuple[float, float] | None:
     """Return ln k of a joint's stiffness k, and the standard uncertainty of ln k.
 
-    Errors that the flags declare the same in both compared campaigns are left out of the uncertainty. None
-    if the joint has no stiffness to compare.
+    An error that is equal in both compared campaigns is left out of the uncertainty. Return None if the joint
+    has no stiffness to compare.
+
+    Args:
+        campaign: one of the two campaigns.
+        name: name of the joint.
+        same_load_cell: True to leave out the stated error of the load cell's scale.
+        same_hook: True to leave out the assumed error of the load point.
+        assumed_cell: True to leave out the assumed error of the load cell's scale.
     """
     joint = campaign.joints.get(name)
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
@@ -225,21 +234,29 @@ def _comparable_log_stiffness(
         "force_scale": same_load_cell,
         "assumed_force_scale": assumed_cell,
     }
-    shared = hypot(*(size for source, size in campaign.sources(name).items() if is_shared.get(source, False)))
-    return log_stiffness(joint.compliance, joint.standard_uncertainty, shared)
+    shared_uncertainty = hypot(
+        *(
+            contribution
+            for source, contribution in campaign.sources(name).items()
+            if is_shared.get(source, False)
+        )
+    )
+    return log_stiffness(joint.compliance, joint.standard_uncertainty, shared_uncertainty)
 
 
 def _summarise_joint(
-    campaigns: Sequence[Campaign], name: str, change: Change | None, tested: int
+    campaigns: Sequence[Campaign], name: str, change: Change | None, test_count: int
 ) -> messages.TrendJoint:
-    """Return a joint's points and its change; `tested` is the number of joints tested for a change."""
+    """Return a joint's points and its change; `test_count` is the number of joints tested."""
     return messages.TrendJoint(
         name=name,
-        kind=next((one.joints[name].kind for one in campaigns if name in one.joints), "revolute"),
+        kind=next(
+            (campaign.joints[name].kind for campaign in campaigns if name in campaign.joints), "revolute"
+        ),
         points=[_summarise_point(campaign, name) for campaign in campaigns],
-        change=None if change is None else _relative_change(change),
+        change=None if change is None else _make_estimate_of_change(change),
         p_value=None if change is None else change.p_value,
-        changed=change is not None and change.is_significant(tested),
+        changed=change is not None and change.is_significant(test_count),
     )
 
 
@@ -248,7 +265,7 @@ def _summarise_point(campaign: Campaign, name: str) -> messages.TrendPoint:
     joint = campaign.joints.get(name)
     if joint is None:
         return messages.TrendPoint(reason="the run has no joint of this name")
-    reason = None if _comparable_log_stiffness(campaign, name) else _OPEN_INTERVAL
+    reason = None if _compute_log_stiffness(campaign, name) else _OPEN_INTERVAL
     if joint.status != "identified":
         reason = joint.reason or f"the joint is {joint.status.replace('_', ' ')}"
     elif joint.verdict == "do_not_use":
@@ -256,8 +273,8 @@ def _summarise_point(campaign: Campaign, name: str) -> messages.TrendPoint:
     return messages.TrendPoint(stiffness=joint.stiffness, interval=joint.stiffness_interval, reason=reason)
 
 
-def _relative_change(change: Change) -> Estimate:
-    """Return the change as a share of the first stiffness, with its standard uncertainty."""
+def _make_estimate_of_change(change: Change) -> Estimate:
+    """Return the change relative to the first stiffness, with the standard uncertainty of the change."""
     return Estimate(value=change.relative, standard_uncertainty=change.relative_uncertainty)
 
 
@@ -269,10 +286,10 @@ def _write_note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJo
         return "only one campaign: a second one is needed to compare"
     signs = [joint.change.value > 0.0 for joint in joints if joint.changed and joint.change is not None]
     # Joints seldom soften together: if most of them changed in one direction, the load is probably wrong.
-    alike = max(signs.count(True), signs.count(False))
-    if alike > 2 and 2 * alike > len(joints):
+    agreeing = max(signs.count(True), signs.count(False))
+    if agreeing > 2 and 2 * agreeing > len(joints):
         return (
-            f"{alike} of {len(joints)} joints changed in one direction, which suggests an error of the "
+            f"{agreeing} of {len(joints)} joints changed in one direction, which suggests an error of the "
             "force: check the load of the first and of the latest campaign"
         )
     return None
@@ -290,11 +307,11 @@ def group_by_selection(
     groups: dict[messages.TrendSelection, list[Campaign]] = {}
     for runs_of_set in runs:
         newest_of_set: dict[messages.TrendSelection, Campaign] = {}
-        for one in runs_of_set:
-            if _reason_not_charted(one) is None:
-                newest_of_set.setdefault(one.selection, one)
-        for selection, one in newest_of_set.items():
-            groups.setdefault(selection, []).append(one)
+        for campaign in runs_of_set:
+            if _explain_unfit_for_any_trend(campaign) is None:
+                newest_of_set.setdefault(campaign.selection, campaign)
+        for selection, campaign in newest_of_set.items():
+            groups.setdefault(selection, []).append(campaign)
     return groups
 
 
@@ -312,36 +329,36 @@ def choose_selection(
         for selection, campaigns in group_by_selection(runs).items()
         if filters.items() <= selection.model_dump().items()
     }
-    newest = {selection: max(map(_time_order, campaigns)) for selection, campaigns in matching.items()}
+    newest_time = {selection: max(map(_sorting_time, campaigns)) for selection, campaigns in matching.items()}
     if not matching:
         return None
-    serial_number = max(matching, key=lambda each: newest[each]).serial_number
-    same_serial = [each for each in matching if each.serial_number == serial_number]
-    return max(same_serial, key=lambda each: (len(matching[each]), newest[each]))
+    serial_number = max(matching, key=lambda selection: newest_time[selection]).serial_number
+    same_serial = [selection for selection in matching if selection.serial_number == serial_number]
+    return max(same_serial, key=lambda selection: (len(matching[selection]), newest_time[selection]))
 
 
-def _time_order(campaign: Campaign) -> tuple[datetime, datetime]:
+def _sorting_time(campaign: Campaign) -> tuple[datetime, datetime]:
     """Return the key for sorting campaigns: time of measurement, then time of the run."""
     return campaign.at, campaign.created_at
 
 
-def _reason_not_charted(candidate: Campaign) -> str | None:
-    """Return why a run may not be part of any trend; None if the run may be part of one."""
-    request, result = candidate.run.request, candidate.run.result
-    verdict = result.assessment
-    if verdict.verdict == "do_not_use":
-        why = f" ({verdict.reasons[0].message})" if verdict.reasons else ""
-        return f"its assessment is: do not use{why}"
+def _explain_unfit_for_any_trend(campaign: Campaign) -> str | None:
+    """Return in words why a run cannot be part of any trend; None if the run can be part of a trend."""
+    request, result = campaign.run.request, campaign.run.result
+    assessment = result.assessment
+    if assessment.verdict == "do_not_use":
+        first_reason = f" ({assessment.reasons[0].message})" if assessment.reasons else ""
+        return f"its assessment is: do not use{first_reason}"
     if result.links:
         return "it has elastic links or coupling, so its joint stiffnesses are effective values"
     if request.weight:
         return "it was identified by own weight, so that an error of the masses shifts all stiffnesses"
-    for name, value in (
+    for name, is_used in (
         ("priors", request.priors),
         ("bounds of the stiffness", request.stiffness_bounds),
         ("an order of the joints", request.stiffness_order),
     ):
-        if value:
+        if is_used:
             return f"it was identified with {name}, which shift the stiffnesses"
     return None
 
@@ -358,32 +375,40 @@ def split_by_comparability(
         runs: set's id → campaigns made of this set, newest first.
         selection: serial number and options of the trend; None if no run matches the query.
     """
-    entering, left_out = [], []
-    for measured in sets:
-        candidates = runs.get(measured.id, ())
-        comparable = [run for run in candidates if _reason_not_comparable(run, selection) is None]
+    campaigns_of_trend, left_out = [], []
+    for measured_set in sets:
+        candidates = runs.get(measured_set.id, ())
+        comparable = [
+            candidate
+            for candidate in candidates
+            if _explain_unfit_for_selection(candidate, selection) is None
+        ]
         if comparable:
-            entering.append(comparable[0])
+            campaigns_of_trend.append(comparable[0])
         else:
             reason = (
-                _reason_not_comparable(candidates[0], selection)
+                _explain_unfit_for_selection(candidates[0], selection)
                 if candidates
                 else "it has no run with stiffnesses"
             )
             left_out.append(
-                messages.LeftOut(measurement_set_id=measured.id, name=measured.name, reason=reason or "")
+                messages.LeftOut(
+                    measurement_set_id=measured_set.id, name=measured_set.name, reason=reason or ""
+                )
             )
-    entering.sort(key=lambda candidate: (candidate.at, candidate.measured.created_at))
-    return entering, left_out
+    campaigns_of_trend.sort(key=lambda campaign: (campaign.at, campaign.measured.created_at))
+    return campaigns_of_trend, left_out
 
 
-def _reason_not_comparable(candidate: Campaign, selection: messages.TrendSelection | None) -> str | None:
-    """Return why a run does not belong to the trend of a selection; None if the run belongs to the trend."""
-    if (unfit := _reason_not_charted(candidate)) is not None or selection is None:
-        return unfit or "no run of this set matches the query"
-    own, required = candidate.selection.model_dump(), selection.model_dump()
-    differing = [name for name in required if own[name] != required[name]]
-    return ", ".join(f"{name.replace('_', ' ')}: {_show_value(own[name])}" for name in differing) or None
+def _explain_unfit_for_selection(campaign: Campaign, selection: messages.TrendSelection | None) -> str | None:
+    """Return in words why a run does not belong to the trend of a selection; None if it does."""
+    if (general_reason := _explain_unfit_for_any_trend(campaign)) is not None or selection is None:
+        return general_reason or "no run of this set matches the query"
+    own_values, trend_values = campaign.selection.model_dump(), selection.model_dump()
+    differing = [name for name in trend_values if own_values[name] != trend_values[name]]
+    return (
+        ", ".join(f"{name.replace('_', ' ')}: {_show_value(own_values[name])}" for name in differing) or None
+    )
 
 
 def _show_value(value: object) -> str:
@@ -399,7 +424,7 @@ class Trends:
     def __init__(self, store: Store) -> None:
         self._store = store
         # Parsed runs are cached: a run never changes once it has ended.
-        self._read_run = lru_cache(_REMEMBERED)(ReadRun.model_validate_json)
+        self._read_run = lru_cache(_MAX_CACHED_RUNS)(ReadRun.model_validate_json)
 
     def trend(self, robot_id: str, query: messages.TrendQuery) -> messages.Trend:
         """Return the trend of a robot.
@@ -409,15 +434,15 @@ class Trends:
         """
         names = [joint.name for joint in robot_from_record(self._store.robots.get(robot_id)).joints]
         sets = self._store.sets_of_robot(robot_id)
-        runs = self._runs_by_set(robot_id, sets)
+        runs = self._group_runs_by_set(robot_id, sets)
         selection = choose_selection(runs.values(), query)
-        entering, left_out = split_by_comparability(sets, runs, selection)
+        campaigns_of_trend, left_out = split_by_comparability(sets, runs, selection)
         return messages.Trend(
             robot_id=robot_id,
             selection=selection,
-            serial_numbers=sorted({one.serial_number for one in sets if one.serial_number is not None}),
+            serial_numbers=sorted({entry.serial_number for entry in sets if entry.serial_number is not None}),
             left_out=left_out,
-            **compare_campaigns(names, entering),
+            **compare_campaigns(names, campaigns_of_trend),
         )
 
     def last_campaign(self, entry: RobotEntry) -> LastCampaign | None:
@@ -427,26 +452,26 @@ class Trends:
         """
         if entry.is_current:
             return None if entry.campaign is None else LastCampaign.model_validate(entry.campaign)
-        found = self._summarise_last_campaign(entry.id)
+        summary = self._summarise_last_campaign(entry.id)
         # If the database cannot be written now, the summary is made again next time.
         with suppress(StoreUnavailableError):
             self._store.robots.store_last_campaign(
-                entry, None if found is None else found.model_dump(mode="json")
+                entry, None if summary is None else summary.model_dump(mode="json")
             )
-        return found
+        return summary
 
-    def renew_outdated_summaries(self, most: int) -> None:
-        """Renew the outdated summaries of at most `most` robots, so that listing the robots is fast."""
-        for entry in self._store.robots.list_outdated(most):
+    def renew_outdated_summaries(self, limit: int) -> None:
+        """Renew the outdated summaries of at most `limit` robots, so that listing the robots is fast."""
+        for entry in self._store.robots.list_outdated(limit):
             self.last_campaign(entry)
 
     def _summarise_last_campaign(self, robot_id: str) -> LastCampaign | None:
         """Return a robot's newest run with the joints that changed in any trend; None without runs."""
         sets = self._store.sets_of_robot(robot_id)
-        runs = self._runs_by_set(robot_id, sets)
+        runs = self._group_runs_by_set(robot_id, sets)
         if not runs:
             return None
-        newest = max((one for candidates in runs.values() for one in candidates), key=_time_order)
+        newest = max((campaign for candidates in runs.values() for campaign in candidates), key=_sorting_time)
         return LastCampaign(
             run_id=newest.run_id,
             at=newest.at,
@@ -460,35 +485,44 @@ class Trends:
         robot_id: str,
         sets: Sequence[MeasurementSetEntry],
         runs: Mapping[str, Sequence[Campaign]],
-        newest: str | None,
+        newest_serial_number: str | None,
     ) -> list[ChangedJoint]:
         """Return the joints that changed in any trend of the robot, at most once for each serial number.
 
-        Joints of the serial number `newest` come first. If a joint changed in several trends, its change in
-        the trend with most campaigns is returned.
+        Joints of the serial number `newest_serial_number` come first. If a joint changed in several trends,
+        the change in the trend with most campaigns is returned.
         """
         names = [joint.name for joint in robot_from_record(self._store.robots.get(robot_id)).joints]
-        found: dict[tuple[str | None, str], ChangedJoint] = {}
+        # Trends with most campaigns come first, so that `setdefault` keeps the change of these.
+        changed_joints: dict[tuple[str | None, str], ChangedJoint] = {}
         by_options = group_by_selection(runs.values())
         for selection in sorted(by_options, key=lambda each: len(by_options[each]), reverse=True):
-            entering, _ = split_by_comparability(sets, runs, selection)
-            for joint in compare_campaigns(names, entering)["joints"]:
+            campaigns_of_trend, _ = split_by_comparability(sets, runs, selection)
+            for joint in compare_campaigns(names, campaigns_of_trend)["joints"]:
                 if joint.changed and joint.change is not None:
-                    arm = selection.serial_number
-                    of_arm = ChangedJoint(joint=joint.name, serial_number=arm, change=joint.change)
-                    found.setdefault((arm, joint.name), of_arm)
-        order = {name: place for place, name in enumerate(names)}
+                    serial_number = selection.serial_number
+                    changed_joint = ChangedJoint(
+                        joint=joint.name, serial_number=serial_number, change=joint.change
+                    )
+                    changed_joints.setdefault((serial_number, joint.name), changed_joint)
+        order = {name: index for index, name in enumerate(names)}
         return sorted(
-            found.values(),
-            key=lambda each: (each.serial_number != newest, each.serial_number or "", order[each.joint]),
+            changed_joints.values(),
+            key=lambda each: (
+                each.serial_number != newest_serial_number,
+                each.serial_number or "",
+                order[each.joint],
+            ),
         )
 
-    def _runs_by_set(self, robot_id: str, sets: Iterable[MeasurementSetEntry]) -> dict[str, list[Campaign]]:
+    def _group_runs_by_set(
+        self, robot_id: str, sets: Iterable[MeasurementSetEntry]
+    ) -> dict[str, list[Campaign]]:
         """Return measurement set's id → campaigns made of this set that have a result, newest first."""
-        known = {one.id: one for one in sets}
-        candidates: dict[str, list[Campaign]] = {}
-        for entry in self._store.runs_with_numbers(robot_id, _MOST_RUNS):
-            if (measured := known.get(entry.measurement_set_id)) is not None:
-                one = Campaign(entry.id, entry.created_at, self._read_run(entry.trend), measured)
-                candidates.setdefault(measured.id, []).append(one)
-        return candidates
+        set_by_id = {campaign.id: campaign for campaign in sets}
+        campaigns_by_set: dict[str, list[Campaign]] = {}
+        for entry in self._store.runs_with_numbers(robot_id, _MAX_RUNS):
+            if (measured_set := set_by_id.get(entry.measurement_set_id)) is not None:
+                campaign = Campaign(entry.id, entry.created_at, self._read_run(entry.trend), measured_set)
+                campaigns_by_set.setdefault(measured_set.id, []).append(campaign)
+        return campaigns_by_set

@@ -46,7 +46,7 @@ def refuse_unaccepted(
     subject: str,
     where: str = "run_id",
     *,
-    passed_over: Collection[str] = (),
+    ignored_codes: Collection[str] = (),
 ) -> None:
     """Refuse a result with the verdict `do_not_use`, unless the request accepts this verdict.
 
@@ -55,7 +55,7 @@ def refuse_unaccepted(
         accept_verdict: verdict that the request accepts.
         subject: name of the result in the message.
         where: field of the request that names the result.
-        passed_over: codes of reasons that are ignored.
+        ignored_codes: codes of reasons that are ignored.
 
     Raises:
         VerdictError: the result is refused; the error lists the reasons.
@@ -63,7 +63,7 @@ def refuse_unaccepted(
     reasons = [
         (reason.where or "all readings", reason.message, reason.remedy)
         for reason in assessment.reasons
-        if reason.weight == "do_not_use" and reason.code not in passed_over
+        if reason.weight == "do_not_use" and reason.code not in ignored_codes
     ]
     if reasons and accept_verdict != assessment.verdict:
         raise VerdictError.for_result(subject, where, reasons)
@@ -86,12 +86,13 @@ def require_result(run: Run) -> RunResult:
 
 @dataclass(frozen=True, eq=False)
 class RunModel:
-    """The model of a run, which predicts the loaded robot."""
+    """The model of a run, which predicts the deflection of the loaded robot."""
 
     run: Run
     result: RunResult
     model: ForwardModel
-    error: ModelError | None  # calibrates the bound of the model error; None if no posture could be omitted
+    # calibrates the bound of the model error; None if no posture could be omitted from the identification
+    error: ModelError | None
 
     @classmethod
     def from_run(
@@ -108,7 +109,7 @@ class RunModel:
         Args:
             robot: robot of n joints.
             run: run that identified this robot.
-            absolute: whether predictions include the sag by the own weight that the run identified.
+            absolute: whether predictions include the sag due to the own weight that the run identified.
             masses: masses of the links; without any, own weight is left out.
             length: metres in one unit of the masses' centres (0.001 for mm).
 
@@ -132,11 +133,11 @@ class RunModel:
 
     @property
     def postures(self) -> int:
-        """Number of postures that the bound of the model error is based on."""
+        """Number of postures on which the bound of the model error is based."""
         return 0 if self.error is None else self.error.postures
 
     def remarks(self, confidence: float) -> list[str]:
-        """Return remarks that hold for all predictions: effects not modelled, and why the error has no bound.
+        """Return remarks on all predictions: effects that are not modelled, and why the error has no bound.
 
         Args:
             confidence: confidence level of the bound, such as 0.95.
@@ -144,31 +145,32 @@ class RunModel:
         remarks = []
         if not isinstance(self.model, JointModel):
             remarks.append(
-                "to first order in the load: links and joints bend linearly, own weight and complementary "
-                "stiffness are left out"
+                "the predictions are to first order in the load: links and joints bend linearly, own "
+                "weight and complementary stiffness are left out"
             )
         else:
             if self.model.weight is None:
-                by_loads = self.run.request.weight is None
-                why = "no masses are given" if by_loads else "`absolute` is not requested"
-                remarks.append(f"own weight is not included, because {why}")
+                run_used_loads = self.run.request.weight is None
+                explanation = "no masses are given" if run_used_loads else "`absolute` is not requested"
+                remarks.append(f"own weight is not included, because {explanation}")
             elif self.model.weight.absolute:
                 remarks.append(
-                    "absolute: relative to an arm that does not bend, so sag by own weight is included"
+                    "the predictions are absolute, that is relative to an arm that does not bend: they "
+                    "include the sag under own weight"
                 )
             if self.run.request.complementary_stiffness == "neglected" and self.run.request.weight is None:
                 remarks.append(
                     "the run neglects the complementary stiffness K_c, which the prediction includes: "
                     "identify with complementary_stiffness included"
                 )
-        level = f"no bound of the model error at {100 * confidence:g} %"
+        prefix = f"no bound of the model error at {100 * confidence:g} %"
         if self.error is None:
             reason = self.result.model.no_error if self.result.model else None
             remarks.append(f"no bound of the model error: {reason or 'no posture could be omitted'}")
         elif self.error.postures < (needed := self.error.count_needed_postures(confidence)):
-            remarks.append(f"{level}: {needed} postures are needed, and there are {self.error.postures}")
+            remarks.append(f"{prefix}: {needed} postures are needed, and there are {self.error.postures}")
         elif np.isinf(self.error.quantile(confidence)):
-            remarks.append(f"{level}: too many postures are needed to determine a joint")
+            remarks.append(f"{prefix}: too many postures are needed to determine a joint")
         return remarks
 
 
@@ -199,15 +201,15 @@ def _choose_own_weight(
     if not masses:
         return None
     mass, centre = np.zeros(robot.n), np.zeros((robot.n, 3))
-    for i, link in enumerate(masses):
-        j = robot.joint_index(link.joint, f"masses[{i}].joint")
-        if link.joint in (other.joint for other in masses[:i]):
+    for index, link in enumerate(masses):
+        joint_index = robot.joint_index(link.joint, f"masses[{index}].joint")
+        if link.joint in (other.joint for other in masses[:index]):
             raise RequestError(
                 f"joint '{link.joint}' has two masses in the request",
-                where=f"masses[{i}].joint",
+                where=f"masses[{index}].joint",
                 remedy="give each joint one mass: the sum of its masses, at their common centre",
             )
-        mass[j], centre[j] = link.mass, length * np.array(link.centre)
+        mass[joint_index], centre[joint_index] = link.mass, length * np.array(link.centre)
     return OwnWeight(mass, centre)
 
 
@@ -258,17 +260,17 @@ def assess_with_run(subject: str, reasons: Sequence[Finding], run: Assessment | 
         reasons: reasons of the result itself.
         run: assessment of the run or runs from which the result was made; None without a run.
     """
-    worst: Verdict = max((each.weight for each in reasons), key=list(_SUBJECT).index, default="use")
-    own = Assessment(verdict=worst, reasons=list(reasons))
-    whole = combine_assessments([own] if run is None else [own, run])
-    parts = [f"{format_count(len(reasons), 'reason')} of its own"] if reasons else []
+    own_verdict: Verdict = max((reason.weight for reason in reasons), key=list(_SUBJECT).index, default="use")
+    own_assessment = Assessment(verdict=own_verdict, reasons=list(reasons))
+    combined = combine_assessments([own_assessment] if run is None else [own_assessment, run])
+    headline_parts = [f"{format_count(len(reasons), 'reason')} of its own"] if reasons else []
     if run is not None and run.reasons:
-        parts.append(f"{format_count(len(run.reasons), 'reason')} of its run")
-    if not parts:
-        passed = "" if run is None else f"; {describe_passed_checks(run, ' of its run')}"
-        parts = [f"no fault was found{passed}"]
-    headline = f"{_SUBJECT[whole.verdict].format(subject)}: {', '.join(parts)}"
-    return whole.model_copy(update={"headline": headline})
+        headline_parts.append(f"{format_count(len(run.reasons), 'reason')} of its run")
+    if not headline_parts:
+        checks_of_run = "" if run is None else f"; {describe_passed_checks(run, ' of its run')}"
+        headline_parts = [f"no fault was found{checks_of_run}"]
+    headline = f"{_SUBJECT[combined.verdict].format(subject)}: {', '.join(headline_parts)}"
+    return combined.model_copy(update={"headline": headline})
 
 
 def find_implausible_deflection(greatest: float | None, run: RunResult) -> list[Finding]:
@@ -278,16 +280,16 @@ def find_implausible_deflection(greatest: float | None, run: RunResult) -> list[
     """
     if greatest is None or not isfinite(greatest):
         return []
-    measured = max((hypot(*each.deflection) for each in run.residuals), default=0.0)
-    ratio = greatest / measured if measured > 0.0 else 0.0
+    greatest_measured = max((hypot(*residual.deflection) for residual in run.residuals), default=0.0)
+    ratio = greatest / greatest_measured if greatest_measured > 0.0 else 0.0
     if greatest <= LARGEST_DEFLECTION and ratio <= LARGEST_RATIO:
         return []
-    compared = f", {figure(ratio, '.3g')} times the greatest of the campaign" if ratio > 1.0 else ""
+    comparison = f", {figure(ratio, '.3g')} times the greatest of the campaign" if ratio > 1.0 else ""
     return [
         make_reason(
             "prediction_implausible",
             "do_not_use",
-            f"the greatest deflection is {1e3 * greatest:.4g} mm{compared}",
+            f"the greatest deflection is {1e3 * greatest:.4g} mm{comparison}",
             "check the units of the load and of the points (N or kN, m or mm)",
         )
     ]
@@ -295,10 +297,10 @@ def find_implausible_deflection(greatest: float | None, run: RunResult) -> list[
 
 def find_far_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
     """Return a reason if a point on the tool [m, flange frame] is unusually far from the flange, else []."""
-    far = max((hypot(*point) for point in points if point is not None), default=0.0)
-    if far <= LONGEST_TOOL:
+    greatest_distance = max((hypot(*point) for point in points if point is not None), default=0.0)
+    if greatest_distance <= LONGEST_TOOL:
         return []
-    message = f"the load point or the place is {far:.3g} m from the flange"
+    message = f"the load point or the place is {greatest_distance:.3g} m from the flange"
     return [make_reason("point_implausible", "use_with_care", message, "check its unit and its frame")]
 
 
@@ -326,8 +328,8 @@ def find_missing_numbers(count: int, total: int, what: str, *, unseen: bool = Tr
     if not count:
         return []
     weight: Verdict = "do_not_use" if count == total else "use_with_care"
-    share = f"none of the {total}" if count == total else f"{total - count} of {total}"
-    message = f"{share} {what} {'have' if total != 1 else 'has'} a number"
-    measure = "measure with loads that twist the undetermined joints, or " if unseen else ""
-    remedy = f"read the reason why each of them has no number; {measure}move the places"
+    subject = f"none of the {total}" if count == total else f"{total - count} of {total}"
+    message = f"{subject} {what} {'have' if total != 1 else 'has'} a number"
+    measuring_advice = "measure with loads that twist the undetermined joints, or " if unseen else ""
+    remedy = f"read the reason why each of them has no number; {measuring_advice}move the places"
     return [make_reason("numbers_missing", weight, message, remedy)]

@@ -1,8 +1,8 @@
-"""Access: the requester, by a key or by the session of a browser; the role that each route needs; the audit.
+"""Access to the service: requesters, the roles that routes need, and the audit of requests.
 
-Each route declares the role that it needs. The requester is found before the body is read; then the route
-checks the role of the requester's key. A request that no route answers needs a key, too, unless it is for a
-file of the page.
+A requester is identified by a key, or by the session of a browser, before the body of the request is read.
+Each route declares the role that it needs, and checks the role of the requester's key. A request that no
+route answers needs a key, too, unless it is for a file of the page.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from starlette.types import Message, Receive, Scope, Send
 
 from jointstiff.schemas.access import Access, Role
 from jointstiff.service.problems import KeyRefusedError, RoleError, StoreError, WrongKeysError
-from jointstiff.service.security.keys import Keyring, digest, hide_secrets, mint_token
+from jointstiff.service.security.keys import Keyring, hash_secret, hide_secrets, make_secret_token
 from jointstiff.service.store.access import MINUTE
 from jointstiff.service.store.store import SESSION_LONGEST, Store
 from jointstiff.service.store.tables import AccessKey, AuditEntry, SessionRecord
@@ -96,12 +96,12 @@ _DECLARATIONS: Final = (VIEWER, OPERATOR, ADMIN, PUBLIC)
 class Requester:
     """The sender of a request: key and address."""
 
-    key: AccessKey | None  # valid key of the request; None without one
-    is_open: bool  # whether no key is demanded
+    key: AccessKey | None  # valid key of the request; None if it has no key
+    is_open: bool  # whether the service answers requests without a key
     address: str  # network address of the client
-    operation: str | None = None  # name of the API operation that answers it
+    operation: str | None = None  # name of the API operation that answers the request
 
-    def require(self, role: Role | None) -> None:
+    def require_role(self, role: Role | None) -> None:
         """Refuse the request if its key does not include the rights of `role`; None admits everyone.
 
         Raises:
@@ -111,6 +111,7 @@ class Requester:
         if role is None or (self.is_open and role != "admin"):
             return
         if self.is_open:
+            # A service without keys cannot tell whether the requester is an administrator.
             raise RoleError(
                 "keys and the audit need an admin key, but this service requires no keys",
                 "use `jointstiff keys` at the terminal, or start the service with --require-key",
@@ -119,23 +120,23 @@ class Requester:
             raise KeyRefusedError("the request has no key", _REMEDY)
         if ROLES.index(cast("Role", self.key.role)) < ROLES.index(role):
             raise RoleError(
-                f"the key's role is {self.key.role}, but this needs {role}",
+                f"the key's role is {self.key.role}, but the request needs the role {role}",
                 f"use a key with the role {role}; create one with `jointstiff keys create`",
             )
 
 
-def requester_of(connection: HTTPConnection) -> Requester:
+def get_requester(connection: HTTPConnection) -> Requester:
     """Return the requester of a connection, who was identified when the request arrived."""
     requester: Requester = connection.scope[REQUESTER]
     return requester
 
 
 async def _key_of_requester(connection: HTTPConnection) -> AccessKey | None:
-    """Return the key of a request; None without a key."""
-    return requester_of(connection).key
+    """Return the key of a request; None if the request has no key."""
+    return get_requester(connection).key
 
 
-KeyOf = Depends(_key_of_requester)
+RequesterKeyDependency = Depends(_key_of_requester)
 """Dependency of a route: the key of the request, or None."""
 
 
@@ -150,103 +151,112 @@ class AccessRoute(APIRoute):
             RoleError: the key lacks the role that the route needs.
         """
         if scope["method"] in (self.methods or ()):  # for other methods this route does not answer
-            role = role_of(self)
+            role = get_role(self)
+            # Routes that anyone may use also answer requests whose requester was not identified.
             requester: Requester = (
                 scope[REQUESTER] if role else scope.get(REQUESTER, Requester(None, True, ""))
             )
-            requester.operation = operation_id(self)
-            requester.require(role)
+            requester.operation = make_operation_id(self)
+            requester.require_role(role)
         await super().handle(scope, receive, send)
 
 
-def role_of(route: APIRoute) -> Role | None:
+def get_role(route: APIRoute) -> Role | None:
     """Return the role that a route needs; None if anyone may use it.
 
     Raises:
         UndeclaredRoleError: the route declares no role, or several.
     """
     # Dependencies are compared by identity: these four objects are the only declarations of a role.
-    declared = [each for each in route.dependencies if any(each is known for known in _DECLARATIONS)]
-    if len(declared) != 1:
+    declarations = [each for each in route.dependencies if any(each is known for known in _DECLARATIONS)]
+    if len(declarations) != 1:
         raise UndeclaredRoleError(
             f"{route.name} ({route.path}) must declare one role: "
             "dependencies=[VIEWER], [OPERATOR], [ADMIN] or [PUBLIC] of service/security/access.py"
         )
-    (declaration,) = declared
+    (declaration,) = declarations
     if isinstance(declaration, params.Security) and declaration.scopes:
         return cast("Role", declaration.scopes[0])
     return None
 
 
-def operation_id(route: APIRoute) -> str:
+def make_operation_id(route: APIRoute) -> str:
     """Return the operation's name in camel case for generated clients: `createRun` for `create_run`."""
-    first, *others = route.name.split("_")
-    return first + "".join(word.capitalize() for word in others)
+    first_word, *other_words = route.name.split("_")
+    return first_word + "".join(word.capitalize() for word in other_words)
 
 
-def public_paths(routes: Iterable[BaseRoute]) -> tuple[frozenset[str], tuple[str, ...]]:
-    """Return the paths of routes that need no key, and the prefixes of paths of public files.
+def find_public_paths(routes: Iterable[BaseRoute]) -> tuple[frozenset[str], tuple[str, ...]]:
+    """Return (paths of routes that need no key, prefixes of the paths of public files).
 
     Raises:
         UndeclaredRoleError: a route declares no role, or is not an `AccessRoute`, which checks the role.
     """
-    paths, mounts = set(), []
+    paths, prefixes = set(), []
     for context in iter_route_contexts(list(routes)):
         route = context.original_route
         if isinstance(route, AccessRoute):
-            if role_of(route) is None:
+            if get_role(route) is None:
                 paths.add(route.path)
         elif isinstance(route, Mount) and isinstance(route.app, StaticFiles):
-            mounts.append(f"{route.path}/")
+            prefixes.append(f"{route.path}/")
         else:
             raise UndeclaredRoleError(f"{context.path} must be an AccessRoute, which checks the role")
-    return frozenset(paths), tuple(mounts)
+    return frozenset(paths), tuple(prefixes)
 
 
 @dataclass(frozen=True)
 class SignedIn:
-    """A browser that signed in."""
+    """A new session of a browser that signed in."""
 
-    key: AccessKey  # key that it signed in with
-    token: str  # token of its cookie
-    ends_at: datetime  # latest time at which it has to sign in again
+    key: AccessKey  # key with which the browser signed in
+    token: str  # secret token of the session's cookie
+    ends_at: datetime  # time at which the session ends at the latest
 
 
 class Gate:
     """Check of the keys of requests, and sessions of browsers. A gate belongs to one event loop."""
 
     def __init__(
-        self, store: Store, keyring: Keyring, look: Callable[[], Awaitable[object]], access: Access
+        self,
+        store: Store,
+        keyring: Keyring,
+        await_recent_keys: Callable[[], Awaitable[object]],
+        access: Access,
     ) -> None:
         """Guard a service.
 
         Args:
             store: store of the service's keys and sessions.
             keyring: keys that open the service.
-            look: waits until the keys have been read recently; raises a `StoreError` if reading failed.
+            await_recent_keys: function that waits until the keys have been read recently, and raises a
+                `StoreError` if reading failed.
             access: kind of callers that the service answers.
         """
         self.access = access
         self.keyring = keyring
         self._store = store
-        self._look = look
-        self._delayed_answers = 0  # answers to wrong keys that are being delayed now
-        self._used_links: dict[str, datetime] = {}  # a second use within a minute counts as no wrong key
-        self._database_slots = CapacityLimiter(4)  # database calls at the same time
-        self._counting_slot = CapacityLimiter(1)  # separate, so that wrong keys delay no session
-        self._last_noted: dict[str, datetime] = {}  # last use that was written, by key id or session
-        self._note_tasks: set[asyncio.Task[None]] = set()  # tasks that write uses now
+        self._await_recent_keys = await_recent_keys
+        self._delayed_answers = 0  # number of answers to wrong keys that are being delayed at present
+        # Hash of a link → time of its first use: a second use within a minute does not count as a wrong key.
+        self._used_links: dict[str, datetime] = {}
+        self._database_slots = CapacityLimiter(4)  # limits database calls at the same time
+        self._counting_slot = CapacityLimiter(1)  # for counting wrong keys, so that they delay no session
+        self._stored_uses: dict[str, datetime] = {}  # id of a key, or hash of a session → last stored use
+        self._storing_tasks: set[asyncio.Task[None]] = set()  # tasks that store uses at present
 
     @property
     def is_open(self) -> bool:
         """Return whether the service answers requests without a key."""
         return self.access != "keys"
 
-    async def awaits_key(self) -> bool:
+    async def awaits_first_key(self) -> bool:
         """Return whether the service has no valid key, so that an operator has to create the first key."""
         if not self.keyring.has_keys():
-            with suppress(StoreError):  # then the keys that were read last are used
-                await self._look()
+            with suppress(
+                StoreError
+            ):  # if the database does not answer, the keys that were read last are used
+                await self._await_recent_keys()
         return not self.keyring.has_keys()
 
     async def find_key(self, connection: HTTPConnection, address: str) -> AccessKey | None:
@@ -258,16 +268,16 @@ class Gate:
         """
         scheme, _, text = connection.headers.get("authorization", "").partition(" ")
         if scheme.lower() == "bearer":
-            await self._look()
+            await self._await_recent_keys()
             key: AccessKey | None = await self._check_key(text.strip(), address)
         else:
-            key, _ = await self.session(connection)
-        if key is not None and not self.keyring.is_filed(key.id):
-            self._note_use(key.id, key.last_used_at, self._store.keys.mark_used)
+            key, _ = await self.find_session(connection)
+        if key is not None and not self.keyring.is_in_file(key.id):
+            self._store_use(key.id, key.last_used_at, self._store.keys.mark_used)
         return key
 
-    async def still_opens(self, connection: HTTPConnection, key: AccessKey | None) -> bool:
-        """Return whether a long answer to `key` may continue: key still valid, session not ended.
+    async def may_continue(self, connection: HTTPConnection, key: AccessKey | None) -> bool:
+        """Return whether a long answer may continue: its `key` is still valid, and its session not ended.
 
         Raises:
             StoreError: the database does not answer.
@@ -276,33 +286,33 @@ class Gate:
             return True
         if key is None or self.keyring.find(key.id) is None:
             return False
-        token = connection.cookies.get(cookie_name(connection), "")
+        token = connection.cookies.get(make_cookie_name(connection), "")
         if "authorization" in connection.headers or not _TOKEN.fullmatch(token):
-            return True
+            return True  # the request came with the key itself, not with a session
         now = datetime.now(UTC)
         return (
-            await run_sync(self._store.sessions.find, digest(token), now, limiter=self._database_slots)
+            await run_sync(self._store.sessions.find, hash_secret(token), now, limiter=self._database_slots)
             is not None
         )
 
-    async def session(self, connection: HTTPConnection) -> tuple[AccessKey | None, datetime | None]:
-        """Return the key of a browser's session and the session's end; (None, None) without a session."""
-        token = connection.cookies.get(cookie_name(connection), "")
+    async def find_session(self, connection: HTTPConnection) -> tuple[AccessKey | None, datetime | None]:
+        """Return (key of the session of a browser, end of the session); (None, None) without a session."""
+        token = connection.cookies.get(make_cookie_name(connection), "")
         if not _TOKEN.fullmatch(token):
             return None, None
-        await self._look()
-        hashed = digest(token)
+        await self._await_recent_keys()
+        token_hash = hash_secret(token)
         session = await run_sync(
-            self._store.sessions.find, hashed, datetime.now(UTC), limiter=self._database_slots
+            self._store.sessions.find, token_hash, datetime.now(UTC), limiter=self._database_slots
         )
         key = None if session is None else self.keyring.find(session.key_id)
         if session is None or key is None:
             return None, None
-        self._note_use(hashed, session.used_at, self._store.sessions.mark_used)
+        self._store_use(token_hash, session.used_at, self._store.sessions.mark_used)
         return key, session.created_at + SESSION_LONGEST
 
     async def sign_in(self, key: str | None, link: str | None, address: str) -> SignedIn:
-        """Begin the session of a browser, with a key or with a one-time link.
+        """Begin the session of a browser, with the text of a key or, if `key` is None, with a one-time link.
 
         Raises:
             RequestError: the service requires no keys.
@@ -314,25 +324,25 @@ class Gate:
                 "signing in is not needed: this service requires no key",
                 remedy="open the page; the link stays valid for a service that requires keys",
             )
-        await self._look()
+        await self._await_recent_keys()
         key_record = (
             await self._check_key(key, address) if key is not None else await self._redeem_link(link, address)
         )
-        token, now = mint_token("jss"), datetime.now(UTC)
-        record = SessionRecord(digest(token), key_record.id, now, now)
+        token, now = make_secret_token("jss"), datetime.now(UTC)
+        record = SessionRecord(hash_secret(token), key_record.id, now, now)
         await run_sync(self._store.sessions.begin, record, limiter=self._database_slots)
         return SignedIn(key_record, token, now + SESSION_LONGEST)
 
     async def sign_out(self, connection: HTTPConnection) -> None:
         """End the session of a browser, if it has one."""
-        token = connection.cookies.get(cookie_name(connection), "")
+        token = connection.cookies.get(make_cookie_name(connection), "")
         if _TOKEN.fullmatch(token):
-            await run_sync(self._store.sessions.end, digest(token), limiter=self._database_slots)
+            await run_sync(self._store.sessions.end, hash_secret(token), limiter=self._database_slots)
 
     async def _check_key(self, text: str, address: str) -> AccessKey:
-        """Return the key with a secret text.
+        """Return the valid key with a secret text.
 
-        A wrong key is counted; after many wrong keys of a network the refusal is delayed.
+        A wrong key is counted for the network of `address`; after many wrong keys the refusal is delayed.
 
         Raises:
             KeyRefusedError: the text is not a valid key of the service.
@@ -347,20 +357,21 @@ class Gate:
         raise WrongKeysError
 
     async def _redeem_link(self, link: str | None, address: str) -> AccessKey:
-        """Return the key of a one-time link, which becomes invalid; count a wrong link like a wrong key.
+        """Return the key of a one-time link, and make the link invalid; count a wrong link like a wrong key.
 
         Raises:
             KeyRefusedError: the link was used before, is too old, or its key is not valid any more.
             WrongKeysError: the network of the address has sent too many wrong keys or links.
         """
-        hashed, now = digest(link or ""), datetime.now(UTC)
-        key_id = await run_sync(self._store.sessions.redeem, hashed, now, limiter=self._database_slots)
-        record = None if key_id is None else self.keyring.find(key_id)
-        if record is not None:
-            self._used_links = {one: at for one, at in self._used_links.items() if now - at < MINUTE}
-            self._used_links[hashed] = now
-            return record
-        if hashed not in self._used_links and await self._count_wrong_key(address):
+        link_hash, now = hash_secret(link or ""), datetime.now(UTC)
+        key_id = await run_sync(self._store.sessions.redeem, link_hash, now, limiter=self._database_slots)
+        key = None if key_id is None else self.keyring.find(key_id)
+        if key is not None:
+            self._used_links = {used: time for used, time in self._used_links.items() if now - time < MINUTE}
+            self._used_links[link_hash] = now
+            return key
+        # A browser may send a link twice: a link that was used just now is refused, and not counted as wrong.
+        if link_hash not in self._used_links and await self._count_wrong_key(address):
             await self._delay_answer()
             raise WrongKeysError
         raise KeyRefusedError(
@@ -369,12 +380,12 @@ class Gate:
         )
 
     async def _count_wrong_key(self, address: str) -> bool:
-        """Count a wrong key of the address's network in the store; return whether there are too many."""
+        """Count a wrong key for the network of an address; return whether the network sent too many."""
         count = self._store.wrong_keys.count
-        return await run_sync(count, network_of(address), limiter=self._counting_slot) > FORGIVEN
+        return await run_sync(count, get_network(address), limiter=self._counting_slot) > FORGIVEN
 
     async def _delay_answer(self) -> None:
-        """Wait `SLOW_SECONDS` before an answer, unless `MOST_SLOW` answers are being delayed already."""
+        """Wait for `SLOW_SECONDS`, unless `MOST_SLOW` answers are being delayed already."""
         if self._delayed_answers >= MOST_SLOW:
             return
         self._delayed_answers += 1
@@ -383,10 +394,10 @@ class Gate:
         finally:
             self._delayed_answers -= 1
 
-    def _note_use(
+    def _store_use(
         self, name: str, last_used_at: datetime | None, write: Callable[[str, datetime], object]
     ) -> None:
-        """Store in the background that a key or session is in use, at most once a minute.
+        """Store in the background that a key or session is used now, at most once a minute.
 
         Args:
             name: id of the key, or hash of the session's token.
@@ -394,34 +405,37 @@ class Gate:
             write: function that stores the time of a use.
         """
         now = datetime.now(UTC)
-        last = self._last_noted.get(name, last_used_at)
-        if last is not None and now - last < MINUTE:
+        last_use = self._stored_uses.get(name, last_used_at)
+        if last_use is not None and now - last_use < MINUTE:
             return
-        self._last_noted = {one: at for one, at in self._last_noted.items() if now - at < MINUTE} | {
-            name: now
-        }
-        task = asyncio.get_running_loop().create_task(self._store_last_use(write, name, now))
-        self._note_tasks.add(task)
-        task.add_done_callback(self._note_tasks.discard)
+        recent_uses = {other: time for other, time in self._stored_uses.items() if now - time < MINUTE}
+        self._stored_uses = recent_uses | {name: now}
+        task = asyncio.get_running_loop().create_task(self._write_use(write, name, now))
+        self._storing_tasks.add(task)  # the event loop keeps no reference to its tasks
+        task.add_done_callback(self._storing_tasks.discard)
 
-    async def _store_last_use(self, write: Callable[[str, datetime], Any], name: str, now: datetime) -> None:
-        """Store that a key or session was used; if that fails, forget it, so that a later use is stored."""
+    async def _write_use(self, write: Callable[[str, datetime], Any], name: str, now: datetime) -> None:
+        """Call `write` to store the use of a key or session; after a failure the next use is stored again."""
         try:
             await run_sync(write, name, now, limiter=self._database_slots)
         except (StoreError, asyncio.CancelledError):
-            self._last_noted.pop(name, None)
+            self._stored_uses.pop(name, None)
 
 
-def cookie_name(connection: HTTPConnection) -> str:
-    """Return the session cookie's name, which has the port: browsers send a cookie to all ports of a host."""
+def make_cookie_name(connection: HTTPConnection) -> str:
+    """Return the name of the session's cookie, which contains the port of the service.
+
+    Browsers send a cookie to all ports of a host, so that two services of a host need different names.
+    """
     port = connection.headers.get("host", "").rpartition(":")[2]
     return f"jointstiff_{port}" if port.isascii() and port.isdecimal() else "jointstiff"
 
 
-def network_of(address: str) -> str:
-    """Return the network of an address, for which wrong keys are counted: IPv4 as given, of IPv6 the /64.
+def get_network(address: str) -> str:
+    """Return the network of an IP address, for which wrong keys are counted.
 
-    One machine may have all 2^64 addresses of a /64 network.
+    An IPv4 address is its own network. The network of an IPv6 address is its /64 network, as one machine may
+    have all 2^64 addresses of such a network.
     """
     try:
         parsed = ipaddress.ip_address(address)
@@ -437,31 +451,34 @@ class Audit:
         """Write the audit to a store."""
         self._store = store
         self._database_slots = CapacityLimiter(4)
-        self._minute = 0
-        self._anonymous = 0
+        self._minute = 0  # minute in which requests without a valid key are counted
+        self._anonymous_requests = 0  # number of requests without a valid key in this minute
 
-    async def follow(
+    async def answer_and_record(
         self, requester: Requester, scope: Scope, send: Send, answer: Callable[[Send], Awaitable[None]]
     ) -> None:
-        """Answer a request, and write its outcome to the audit before the client gets the answer."""
-        written = False
+        """Answer a request, and write its outcome to the audit before the client gets the answer.
+
+        `answer` answers the request; its argument is the function with which it sends the answer.
+        """
+        is_written = False
 
         async def write_then_send(message: Message) -> None:
             """Write the entry before the first message of the answer; then send the message."""
-            nonlocal written
-            if message["type"] == "http.response.start" and not written:
-                written = True
-                await self._write(requester, scope, message["status"])
+            nonlocal is_written
+            if message["type"] == "http.response.start" and not is_written:
+                is_written = True
+                await self._add_entry(requester, scope, message["status"])
             await send(message)
 
         try:
             await answer(write_then_send)
         finally:
-            if not written:  # answering failed, or the client disconnected
-                await self._write(requester, scope, 500)
+            if not is_written:  # answering failed, or the client disconnected
+                await self._add_entry(requester, scope, 500)
 
-    async def _write(self, requester: Requester, scope: Scope, status: int) -> None:
-        """Add an entry about a request; leave it out if this minute has too many without a valid key."""
+    async def _add_entry(self, requester: Requester, scope: Scope, status: int) -> None:
+        """Add an entry about a request; add none if too many requests of this minute have no valid key."""
         if requester.key is None and self._exceeds_anonymous_limit():
             return
         entry = AuditEntry(
@@ -480,18 +497,18 @@ class Audit:
             _logger.error("the audit lacks %s: %s", entry, error.reason)  # noqa: TRY400
 
     def _exceeds_anonymous_limit(self) -> bool:
-        """Count a request without a valid key; return whether there are too many in this minute."""
+        """Count a request without a valid key; return whether this minute has too many such requests."""
         minute = int(time.monotonic() // 60)
         if minute != self._minute:
-            self._minute, self._anonymous = minute, 0
-        self._anonymous += 1
-        if self._anonymous == ANONYMOUS_ENTRIES + 1:
+            self._minute, self._anonymous_requests = minute, 0
+        self._anonymous_requests += 1
+        if self._anonymous_requests == ANONYMOUS_ENTRIES + 1:  # warn once in a minute
             _logger.warning("more requests without a valid key than the audit records in a minute")
-        return self._anonymous > ANONYMOUS_ENTRIES
+        return self._anonymous_requests > ANONYMOUS_ENTRIES
 
 
-def address_of(scope: Scope) -> str:
-    """Return the client's IP address; `unknown` if its name is no IP address, as behind some proxies."""
+def get_client_address(scope: Scope) -> str:
+    """Return the client's IP address; `unknown` if the server knows no IP address, as behind some proxies."""
     try:
         return str(ipaddress.ip_address((scope.get("client") or ("",))[0]))
     except ValueError:

@@ -30,11 +30,11 @@ _HOST: Final = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+)(?::[0-9]{1,5})?")
 
 @dataclass(frozen=True)
 class AccessPolicy:
-    """Callers and host names that the service accepts."""
+    """Rules for the callers and host names that the service accepts."""
 
     # `loopback`: programs of this machine; `keys`: holders of a key; `none`: everyone who reaches the address
     access: Access = "loopback"
-    # names in the Host header that are answered, without port; None answers all
+    # names, without port, that the Host header of a request may have; None: any name
     hosts: frozenset[str] | None = LOOPBACK_NAMES
 
     @classmethod
@@ -46,25 +46,25 @@ class AccessPolicy:
         Args:
             address: address on which the service listens.
             allowed: additional host names of the service; `*` for any name.
-            access_control: whether the service itself controls access; false if a proxy does.
-            require_key: whether a key is required on a loopback address, too.
+            access_control: True if the service itself controls access, False if a proxy does.
+            require_key: True if a key is required on a loopback address, too.
 
         Raises:
             ValueError: a key is required without access control, or no host name is allowed.
         """
-        named = frozenset(name.strip().removesuffix(".").lower() for name in allowed)
-        names = LOOPBACK_NAMES | {_format_host(address)}
+        stated_names = frozenset(name.strip().removesuffix(".").lower() for name in allowed)
+        own_names = LOOPBACK_NAMES | {_format_host(address)}
         if require_key and not access_control:
             raise ValueError("the service cannot both require keys and leave access control to a proxy")
         if is_loopback(address):
-            return cls("keys" if require_key else "loopback", names | named)
+            return cls("keys" if require_key else "loopback", own_names | stated_names)
         if access_control:
             # Without `allowed`, all host names are accepted: an attacker's page whose name points here (DNS
             # rebinding) has neither the cookie nor the key.
-            return cls("keys", names | named if named - {"*"} else None)
-        if not named:
+            return cls("keys", own_names | stated_names if stated_names - {"*"} else None)
+        if not stated_names:
             raise ValueError("other machines can reach this address, but no host name is allowed")
-        return cls("none", None if "*" in named else LOOPBACK_NAMES | named)
+        return cls("none", None if "*" in stated_names else LOOPBACK_NAMES | stated_names)
 
 
 def is_loopback(address: str) -> bool:
@@ -76,17 +76,19 @@ def is_loopback(address: str) -> bool:
 
 
 def find_refusal(policy: AccessPolicy, scope: Scope) -> Problem | None:
-    """Check the host and the origin of a request; return the problem by which it is refused, or None.
+    """Check the host and the origin of a request; return the problem if it is refused, None if accepted.
 
     A request to an unknown host name (421) may come from a page of an attacker who lets this name point to
-    this machine (DNS rebinding). A change requested by another site's page (403) is known by the headers
-    `Origin` and `Sec-Fetch-Site`, which programs do not send.
+    this machine (DNS rebinding). A change requested by another site's page (403) is recognised from the
+    headers `Origin` and `Sec-Fetch-Site`, which browsers send and programs do not.
     """
     headers = Headers(scope=scope)
     hosts = headers.getlist("host")
-    parsed = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
-    known = policy.hosts
-    if parsed is None or (known is not None and parsed[1].removesuffix(".").lower() not in known):
+    match = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
+    allowed_names = policy.hosts
+    if match is None or (
+        allowed_names is not None and match[1].removesuffix(".").lower() not in allowed_names
+    ):
         return http_problem(
             421,
             "the request names a host that is not this service",
@@ -100,7 +102,7 @@ def find_refusal(policy: AccessPolicy, scope: Scope) -> Problem | None:
 
 
 def _is_own_page(headers: Headers, host: str) -> bool:
-    """Return whether a request comes from the service's own page, or from a program."""
+    """Return whether a request comes from a page of the service itself, or from a program."""
     if headers.get("sec-fetch-site", "none") not in _OWN_PAGES:
         return False
     origins = headers.getlist("origin")
@@ -116,7 +118,7 @@ def _format_host(address: str) -> str:
 
 
 SMALL_BYTES: Final = 64 * 1024
-"""Largest body for a path that is not in `MAX_BYTES`; parsed at once, in about a millisecond."""
+"""Largest body [bytes] for a path that is not in `MAX_BYTES`; it is parsed in about a millisecond."""
 MAX_ROBOT_BYTES: Final = 4 * 1024 * 1024
 MAX_DEFLECTION_BYTES: Final = 2 * 1024 * 1024
 MAX_BYTES: Final[Mapping[str, int]] = MappingProxyType(
@@ -130,7 +132,7 @@ MAX_BYTES: Final[Mapping[str, int]] = MappingProxyType(
     }
     | {f"/v1/{kind.collection}": kind.max_bytes for kind in KINDS}
 )
-"""Path → largest body, for paths that take more than `SMALL_BYTES`."""
+"""Path → largest body [bytes], for paths that accept more than `SMALL_BYTES`."""
 LARGE_BODIES: Final = 2
 """Maximum number of imports, predictions and maps worked on at the same time."""
 PARSERS: Final = 1
@@ -139,10 +141,13 @@ PARSERS: Final = 1
 MAX_STRUCTURE: Final[Mapping[bytes, int]] = MappingProxyType(
     {b"{": 60_000, b"[": 400_000, b":": 300_000, b",": 1_000_000}
 )
-"""Most objects, lists, members and values in a body. A parser spends up to 1 kB on an empty object (2 bytes):
-8 MiB of them would take gigabytes before the first fault is found."""
+"""Character → how often it may occur in a body: the limits of objects, lists, members and values.
+
+A parser needs up to 1 kB for an empty object of 2 bytes: 8 MiB of empty objects would take gigabytes before
+the first fault is found.
+"""
 MAX_KEYS: Final = 4_000
-"""Most different keys in a body. Each unknown key is a fault, and validation spends 1 kB on a fault."""
+"""Greatest number of different keys in a body: each unknown key is a fault, which needs 1 kB of memory."""
 _STRING: Final = re.compile(rb'"((?:[^"\\]++|\\.)*+)(?:"\s*+(:?))?', re.DOTALL)
 """A JSON string, whether it ends or not, and the colon that makes it a key. Linear in time."""
 
@@ -159,18 +164,19 @@ class BodyLimits:
             await self._app(scope, receive, send)
             return
         limit = MAX_BYTES.get(scope["path"], SMALL_BYTES)
-        declared = Headers(scope=scope).get("content-length", "0")
-        expected, received = int(declared) if declared.isdecimal() else 0, 0
+        content_length = Headers(scope=scope).get("content-length", "0")
+        declared_bytes = int(content_length) if content_length.isdecimal() else 0
+        received_bytes = 0
 
         async def receive_counted() -> Message:
-            """Receive the next message; raise a 413 if the body has become too large."""
-            nonlocal received
-            if max(expected, received) > limit:
-                raise _too_large(limit)
+            """Receive the next message; raise the error 413 if the body has become too large."""
+            nonlocal received_bytes
+            if max(declared_bytes, received_bytes) > limit:
+                raise _make_size_error(limit)
             message = await receive()
-            received += len(message.get("body", b""))
-            if received > limit:
-                raise _too_large(limit)
+            received_bytes += len(message.get("body", b""))
+            if received_bytes > limit:
+                raise _make_size_error(limit)
             return message
 
         await self._app(scope, receive_counted, send)
@@ -182,17 +188,19 @@ def refuse_structure(content: bytes) -> None:
     Raises:
         HTTPException: the text has too many objects, lists, members, values or different keys (413).
     """
-    for mark, most in MAX_STRUCTURE.items():
-        if content.count(mark) > most:
+    for character, greatest_count in MAX_STRUCTURE.items():
+        if content.count(character) > greatest_count:
             raise HTTPException(
-                413, f"the body has more than {most} '{mark.decode()}'; split it into several requests"
+                413,
+                f"the body has more than {greatest_count} '{character.decode()}'; split it into several "
+                "requests",
             )
     if content.count(b":") <= MAX_KEYS:
         return
-    # Only now are the different keys counted, which is slow: fewer colons mean fewer keys.
+    # A body with fewer colons cannot have too many keys, so that this slow count is seldom needed.
     keys = set()
     for string in _STRING.finditer(content):
-        if string[2]:
+        if string[2]:  # a colon follows, so that the string is a key
             keys.add(string[1])
             if len(keys) > MAX_KEYS:
                 raise HTTPException(
@@ -200,6 +208,6 @@ def refuse_structure(content: bytes) -> None:
                 )
 
 
-def _too_large(limit: int) -> HTTPException:
-    """Return the refusal (413) of a body larger than a limit in bytes."""
+def _make_size_error(limit: int) -> HTTPException:
+    """Return the error (413) that refuses a body larger than a limit in bytes."""
     return HTTPException(413, f"the body exceeds {limit // 1024} KiB; split it into several requests")

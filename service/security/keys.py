@@ -41,26 +41,26 @@ _ALPHABET: Final = string.ascii_letters + string.digits
 """62 characters: a double click selects the whole key."""
 _LENGTH: Final = 43
 """Number of random characters in a key: 62^43 > 2^256."""
-_KEY: Final = re.compile(r"(jst_([0-9a-f]{10})_[A-Za-z0-9]{43})_([0-9a-f]{8})", re.ASCII)
+_KEY_FORM: Final = re.compile(r"(jst_([0-9a-f]{10})_[A-Za-z0-9]{43})_([0-9a-f]{8})", re.ASCII)
 _SECRETS: Final = re.compile(r"(jst|jsl)_[A-Za-z0-9_%-]*", re.ASCII)
 _REMEDY: Final = "copy the whole key, from jst_ to its last character; it was shown once, when it was created"
 MAX_FILE_BYTES: Final = 1024 * 1024
-_STORED: Final = tuple(field.name for field in fields(AccessKey) if field.name != "last_used_at")
+_FIELDS_IN_FILE: Final = tuple(field.name for field in fields(AccessKey) if field.name != "last_used_at")
 _OTHER_KEY: Final = "use another key; create one with `jointstiff keys create NAME --role ROLE`"
-_NONE: Final[Mapping[str, AccessKey]] = MappingProxyType({})
+_NO_KEYS: Final[Mapping[str, AccessKey]] = MappingProxyType({})
 
 _logger = logging.getLogger(__name__)
 
 
-class Minted(NamedTuple):
+class NewKey(NamedTuple):
     """A new key."""
 
-    text: str  # secret text, which only the holder keeps
-    record: AccessKey  # record that is stored
+    text: str  # secret text of the key, which only its holder keeps
+    record: AccessKey  # record of the key for the store, which has only a hash of the text
 
 
-def mint(name: str, role: Role, now: datetime, expires_at: datetime | None) -> Minted:
-    """Make a new key: the secret text for its holder, and the record to be stored."""
+def make_key(name: str, role: Role, now: datetime, expires_at: datetime | None) -> NewKey:
+    """Make a new random key; return its secret text, for its holder, and its record, for the store."""
     key_id = secrets.token_hex(5)
     body = f"jst_{key_id}_{_random_text()}"
     text = f"{body}_{_checksum(body)}"
@@ -68,17 +68,17 @@ def mint(name: str, role: Role, now: datetime, expires_at: datetime | None) -> M
         id=key_id,
         name=name,
         role=role,
-        key_hash=digest(text),
+        key_hash=hash_secret(text),
         created_at=now,
         expires_at=expires_at,
         revoked_at=None,
         last_used_at=None,
     )
-    return Minted(text, record)
+    return NewKey(text, record)
 
 
-def mint_token(kind: str) -> str:
-    """Return a new secret of a session or of a link: `KIND_` followed by a random text of 256 bits."""
+def make_secret_token(kind: str) -> str:
+    """Return a new secret of a session or of a link: `kind`, an underscore, and 256 random bits as text."""
     return f"{kind}_{_random_text()}"
 
 
@@ -88,16 +88,17 @@ def parse_key_id(text: str) -> str:
     Raises:
         KeyRefusedError: the text has not the form of a key, or its check sum does not fit.
     """
-    match = _KEY.fullmatch(text)
+    match = _KEY_FORM.fullmatch(text)
     if match is None:
         raise KeyRefusedError("the text sent is not a key", _REMEDY)
-    if _checksum(match[1]) != match[3]:
+    body, key_id, checksum = match.groups()
+    if _checksum(body) != checksum:
         raise KeyRefusedError("the key is mistyped: its check sum does not fit", _REMEDY)
-    return match[2]
+    return key_id
 
 
-def digest(text: str) -> str:
-    """Return the SHA-256 of a key or token; only this hash is stored.
+def hash_secret(text: str) -> str:
+    """Return the SHA-256 of a secret text (key, session or link) in hexadecimal; only this hash is stored.
 
     A fast hash is enough: unlike a password that a person chooses, 256 random bits cannot be guessed.
     """
@@ -119,8 +120,9 @@ def _checksum(body: str) -> str:
     return f"{zlib.crc32(body.encode()):08x}"
 
 
-_NOBODY: Final = digest(mint_token("jst"))
-"""Hash that a key of unknown id is compared with, so that refusing it takes as long as a wrong secret."""
+_HASH_OF_NO_KEY: Final = hash_secret(make_secret_token("jst"))
+"""Hash with which a key of unknown id is compared, so that refusing the key takes as long as if the id were
+known."""
 
 
 class KeysFileError(ServiceError):
@@ -134,6 +136,8 @@ class KeysFileError(ServiceError):
 
 
 class _Entry(Message):
+    """A key in a file of keys."""
+
     id: KeyId
     name: Name
     role: Role
@@ -144,6 +148,8 @@ class _Entry(Message):
 
 
 class _Document(Message):
+    """Content of a file of keys."""
+
     format: Literal["jointstiff-keys-1"] = "jointstiff-keys-1"
     keys: list[_Entry]
 
@@ -184,7 +190,7 @@ class KeysFile:
             KeysFileError: the file cannot be read or written.
         """
         with self._file_lock():
-            self._write([*(self.all() if self._path.exists() else []), key])
+            self._replace_keys([*(self.all() if self._path.exists() else []), key])
 
     def revoke(self, key_id: str, now: datetime) -> AccessKey:
         """Revoke a key for good; return the revoked key.
@@ -199,7 +205,7 @@ class KeysFile:
                 raise NotFoundError(KEY, key_id)
             # A key that was revoked before keeps the time of its first revocation.
             keys[key_id] = replace(keys[key_id], revoked_at=keys[key_id].revoked_at or now)
-            self._write(list(keys.values()))
+            self._replace_keys(list(keys.values()))
         return keys[key_id]
 
     @contextmanager
@@ -215,9 +221,12 @@ class KeysFile:
         finally:
             os.close(folder)
 
-    def _write(self, keys: list[AccessKey]) -> None:
-        """Replace the content of the file by keys, in one step: readers get the old or the new content."""
-        entries = [{name: asdict(key)[name] for name in _STORED} for key in keys]
+    def _replace_keys(self, keys: list[AccessKey]) -> None:
+        """Write keys to the file in place of its content, in one step.
+
+        Another process reads either the old or the new content, never a part.
+        """
+        entries = [{name: asdict(key)[name] for name in _FIELDS_IN_FILE} for key in keys]
         text = json.dumps(
             _Document.model_validate({"keys": entries}).model_dump(mode="json"), indent=1, ensure_ascii=False
         )
@@ -226,22 +235,22 @@ class KeysFile:
             mode = path.stat().st_mode & 0o777 if path.exists() else 0o600
             descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
             os.close(descriptor)
-            written = Path(name)
+            new_file = Path(name)
             try:
-                written.write_text(text + "\n", encoding="utf-8")
-                written.chmod(mode)
-                written.replace(path)
+                new_file.write_text(text + "\n", encoding="utf-8")
+                new_file.chmod(mode)
+                new_file.replace(path)
             finally:
-                written.unlink(missing_ok=True)
+                new_file.unlink(missing_ok=True)
         except OSError as error:
             raise KeysFileError(path, error.strerror) from error
 
 
 class Keyring:
-    """Keys that open the service, read from the database and from a file by the last call of `look`."""
+    """Keys that open the service, read from the database and from a file by the last call of `read_keys`."""
 
     def __init__(self, store: Store, file: Path | None = None) -> None:
-        """Begin without keys; `look` reads them.
+        """Begin without keys; `read_keys` reads them.
 
         Args:
             store: store whose keys open the service.
@@ -249,13 +258,14 @@ class Keyring:
         """
         self._store = store
         self._file = None if file is None else KeysFile(file)
-        self._stored = _NONE
-        self._filed = _NONE
-        self._gone: set[str] = set()  # ids removed from the file, whose sessions have still to be ended
-        self._is_broken = False  # whether the last look could not read the file
-        self._looking = threading.Lock()
+        self._keys_in_store = _NO_KEYS  # id → key
+        self._keys_in_file = _NO_KEYS  # id → key
+        # Ids that were removed from the file, and whose sessions are still to be ended.
+        self._removed_ids: set[str] = set()
+        self._is_file_broken = False  # True if the file could not be read the last time
+        self._reading = threading.Lock()
 
-    def look(self) -> None:
+    def read_keys(self) -> None:
         """Read the keys again, and end the sessions of keys that were removed from the file.
 
         A file that is missing or cannot be read is treated as a file without keys.
@@ -263,45 +273,48 @@ class Keyring:
         Raises:
             StoreError: the database does not answer.
         """
-        with self._looking:  # a look that began earlier must not overwrite the keys of a later look
+        with self._reading:  # a call that began earlier must not overwrite the keys of a later call
             if self._file is not None:
-                ids_before, self._filed = self._valid_ids_in_file(), self._read_file(self._file)
-                self._gone |= ids_before - self._valid_ids_in_file()
-                if self._gone:  # otherwise their sessions would be valid again if the file came back
-                    self._store.sessions.end_sessions_of_keys(sorted(self._gone))
-                    self._gone.clear()
-            self._stored = {key.id: key for key in self._store.keys.all()}
+                earlier_ids = self._valid_ids_in_file()
+                self._keys_in_file = self._read_file(self._file)
+                self._removed_ids |= earlier_ids - self._valid_ids_in_file()
+                if self._removed_ids:  # otherwise their sessions would be valid again if the file came back
+                    self._store.sessions.end_sessions_of_keys(sorted(self._removed_ids))
+                    self._removed_ids.clear()
+            self._keys_in_store = {key.id: key for key in self._store.keys.all()}
 
     def _valid_ids_in_file(self) -> set[str]:
         """Return the ids of the keys in the file that are valid now."""
         now = datetime.now(UTC)
-        return {key.id for key in self._filed.values() if key.is_live(now)}
+        return {key.id for key in self._keys_in_file.values() if key.is_live(now)}
 
     def _read_file(self, file: KeysFile) -> Mapping[str, AccessKey]:
-        """Return id → key in the file; if the file cannot be read, log this once and return no keys."""
+        """Return id → key of the file; if the file cannot be read, log this once and return no keys."""
         try:
-            filed = {key.id: key for key in file.all()}
-            self._is_broken = False
+            keys = {key.id: key for key in file.all()}
+            self._is_file_broken = False
         except KeysFileError as error:
-            filed = {}  # removing the file revokes its keys
-            if not self._is_broken:
+            keys = {}  # removing the file revokes its keys
+            if not self._is_file_broken:
                 _logger.error("%s", error.reason)  # noqa: TRY400 - the reason is all there is
-            self._is_broken = True
-        return filed
+            self._is_file_broken = True
+        return keys
 
     def open_file(self) -> None:
-        """Read the file of keys for the first time.
+        """Read the file of keys when the service starts; do nothing without a file.
+
+        Unlike `read_keys`, this call fails if the file cannot be read.
 
         Raises:
             KeysFileError: the file is missing, or is not a file of keys.
         """
         if self._file is not None:
-            self._filed = {key.id: key for key in self._file.all()}
+            self._keys_in_file = {key.id: key for key in self._file.all()}
 
     def has_keys(self) -> bool:
         """Return whether any key opens the service now."""
         now = datetime.now(UTC)
-        return any(key.is_live(now) for key in (*self._stored.values(), *self._filed.values()))
+        return any(key.is_live(now) for key in (*self._keys_in_store.values(), *self._keys_in_file.values()))
 
     def find(self, key_id: str) -> AccessKey | None:
         """Return the key with an id if it is valid now; None if it is unknown, revoked or expired."""
@@ -315,7 +328,8 @@ class Keyring:
             KeyRefusedError: the key is mistyped, unknown, revoked or expired.
         """
         key = self._key_by_id(parse_key_id(text))
-        is_right = hmac.compare_digest(digest(text), _NOBODY if key is None else key.key_hash)
+        stored_hash = _HASH_OF_NO_KEY if key is None else key.key_hash
+        is_right = hmac.compare_digest(hash_secret(text), stored_hash)  # takes the same time for any text
         if key is None or not is_right:
             raise KeyRefusedError("the key is not one of this service", _OTHER_KEY)
         if key.revoked_at is not None:
@@ -326,19 +340,22 @@ class Keyring:
 
     def list_keys(self) -> list[Key]:
         """Return the API messages about all keys, revoked keys included, without secrets."""
-        filed = [describe_key(key, is_filed=True) for key in self._filed.values()]
-        return [*(describe_key(key) for key in self._stored.values()), *filed]
+        keys_in_file = [describe_key(key, is_in_file=True) for key in self._keys_in_file.values()]
+        return [*(describe_key(key) for key in self._keys_in_store.values()), *keys_in_file]
 
-    def is_filed(self, key_id: str) -> bool:
+    def is_in_file(self, key_id: str) -> bool:
         """Return whether the key with an id is in the file, not in the database."""
-        return key_id in self._filed
+        return key_id in self._keys_in_file
 
     def _key_by_id(self, key_id: str) -> AccessKey | None:
         """Return the key with an id, from the file or else from the database; None if the id is unknown."""
-        return self._filed.get(key_id) or self._stored.get(key_id)
+        return self._keys_in_file.get(key_id) or self._keys_in_store.get(key_id)
 
 
-def describe_key(key: AccessKey, *, is_filed: bool = False) -> Key:
-    """Return the API message about a key, without its secret; `is_filed`: the key is kept in the file."""
+def describe_key(key: AccessKey, *, is_in_file: bool = False) -> Key:
+    """Return the API message about a key, without its secret.
+
+    `is_in_file` is True for a key in the file of keys, False for a key in the database.
+    """
     fields = {name: getattr(key, name) for name in Key.model_fields.keys() - {"source", "key"}}
-    return Key(**fields, source="file" if is_filed else "database")
+    return Key(**fields, source="file" if is_in_file else "database")

@@ -63,7 +63,7 @@ class AccessKeys:
         revoking = (
             sa.update(access_keys).where(is_key, access_keys.c.revoked_at.is_(None)).values(revoked_at=now)
         )
-        self._database.change(revoking, *_end_sessions([key_id]))
+        self._database.change(revoking, *_make_session_deletions([key_id]))
         for row in self._database.rows(_KEYS.where(is_key)):
             return AccessKey(*row)
         raise NotFoundError(KEY, key_id)
@@ -93,7 +93,7 @@ class Sessions:
     def begin(self, session: SessionRecord) -> None:
         """Store a new session; remove ended sessions, and the key's sessions beyond `MOST_SESSIONS`."""
         columns = access_sessions.c
-        kept = (
+        kept_sessions = (
             sa.select(columns.token_hash)
             .where(columns.key_id == session.key_id)
             .order_by(columns.used_at.desc(), columns.token_hash)
@@ -102,7 +102,7 @@ class Sessions:
         self._database.change(
             sa.delete(access_sessions).where(~self._alive_condition(session.created_at)),
             sa.delete(access_sessions).where(
-                columns.key_id == session.key_id, columns.token_hash.not_in(kept)
+                columns.key_id == session.key_id, columns.token_hash.not_in(kept_sessions)
             ),
             sa.insert(access_sessions).values(asdict(session)),
         )
@@ -124,7 +124,7 @@ class Sessions:
 
     def end_sessions_of_keys(self, key_ids: Sequence[str]) -> None:
         """End all sessions of some keys, and remove the links that can begin sessions of these keys."""
-        self._database.change(*_end_sessions(key_ids))
+        self._database.change(*_make_session_deletions(key_ids))
 
     def offer(self, token_hash: str, key_id: str, now: datetime, ends_at: datetime) -> None:
         """Store a link that can begin one session of a key until a time; remove links that have ended."""
@@ -151,7 +151,7 @@ class Sessions:
         return sa.and_(columns.used_at > now - self._idle, columns.created_at > now - self._longest)
 
 
-def _end_sessions(key_ids: Sequence[str]) -> list[sa.Delete]:
+def _make_session_deletions(key_ids: Sequence[str]) -> list[sa.Delete]:
     """Return the statements that delete all sessions of some keys, and their links."""
     return [sa.delete(table).where(table.c.key_id.in_(key_ids)) for table in (access_sessions, access_links)]
 
@@ -167,31 +167,30 @@ class WrongKeys:
     def count(self, network: str) -> float:
         """Add one to the count of wrong keys of a network; return the count before.
 
-        A count falls by one in each time `FORGET`.
+        A count falls by one in every period `FORGET`.
         """
-        counted = sa.select(wrong_keys).where(wrong_keys.c.network == network)
-        with (
-            self._database.reading() as connection
-        ):  # beyond the greatest count a wrong key costs only a read
-            before = self._read_present_count(connection, counted)
-        if before > MOST_WRONG - 1:
-            return before
+        count_query = sa.select(wrong_keys).where(wrong_keys.c.network == network)
+        # Beyond the greatest count a wrong key costs only a read.
+        with self._database.reading() as connection:
+            count_before = self._read_present_count(connection, count_query)
+        if count_before > MOST_WRONG - 1:
+            return count_before
         with self._database.writing() as connection:
             now = self._now(connection)
-            first = insert_unless_present(connection, wrong_keys).values(
+            new_row = insert_unless_present(connection, wrong_keys).values(
                 network=network, number=0.0, counted_at=now
             )
-            if connection.execute(first).rowcount == 1:
-                newest = sa.select(wrong_keys.c.network).order_by(wrong_keys.c.counted_at.desc())
-                kept = wrong_keys.c.network.in_(newest.limit(MOST_NETWORKS))
-                connection.execute(sa.delete(wrong_keys).where(~kept))
-            before = self._read_present_count(connection, counted.with_for_update())
+            if connection.execute(new_row).rowcount == 1:
+                newest_networks = sa.select(wrong_keys.c.network).order_by(wrong_keys.c.counted_at.desc())
+                is_kept = wrong_keys.c.network.in_(newest_networks.limit(MOST_NETWORKS))
+                connection.execute(sa.delete(wrong_keys).where(~is_kept))
+            count_before = self._read_present_count(connection, count_query.with_for_update())
             update = sa.update(wrong_keys).where(wrong_keys.c.network == network)
-            connection.execute(update.values(number=before + 1.0, counted_at=now))
-        return before
+            connection.execute(update.values(number=count_before + 1.0, counted_at=now))
+        return count_before
 
     def _read_present_count(self, connection: sa.Connection, query: sa.Select[Any]) -> float:
-        """Return the count that a query finds, less one for each `FORGET` since then; 0 without a row."""
+        """Return the count that a query finds, less one for each period `FORGET` since; 0 without a row."""
         row = connection.execute(query).one_or_none()
         if row is None:
             return 0.0

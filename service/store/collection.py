@@ -15,7 +15,7 @@ from sqlalchemy.exc import IntegrityError
 
 from jointstiff.service import problems
 from jointstiff.service.store.database import Database, Quota
-from jointstiff.service.store.listing import Order, is_indexable, read_page, search_text_of
+from jointstiff.service.store.listing import Order, is_indexable, make_search_text, read_page
 from jointstiff.service.store.tables import (
     DUE,
     AuditEntry,
@@ -49,20 +49,20 @@ PARENTS: Final[Mapping[sa.Table, problems.Resource]] = MappingProxyType(
 
 _NO_FILTERS: Final[Mapping[str, str]] = MappingProxyType({})
 _NO_SPANS: Final[Mapping[str, tuple[datetime | None, datetime | None]]] = MappingProxyType({})
-_KEY: Final = sa.insert(idempotency_keys)
+_INSERT_KEY: Final = sa.insert(idempotency_keys)
 KEEP_DELETED: Final = timedelta(days=30)
 """Time for which a deleted resource can be restored."""
 _PORTION: Final = 500  # greatest number of ids in one statement
-_NAMED: Final = 5  # greatest number of resources that a refusal to delete names
+_MAX_NAMED: Final = 5  # greatest number of resources that a refusal to delete names
 
 
 class Collection(Generic[Record, Entry]):
     """The records of one kind. Safe to use from several threads."""
 
-    _ended: ClassVar[Sequence[sa.ColumnElement[bool]]] = ()
-    """Conditions that a record must meet to be deleted."""
-    _listed: ClassVar[Sequence[sa.ColumnElement[bool]]] = ()
-    """Further conditions that a record must meet to be listed."""
+    _deletion_conditions: ClassVar[Sequence[sa.ColumnElement[bool]]] = ()
+    """SQL conditions that a record must meet to be deleted."""
+    _listing_conditions: ClassVar[Sequence[sa.ColumnElement[bool]]] = ()
+    """Further SQL conditions that a record must meet to be listed."""
 
     def __init__(
         self,
@@ -80,43 +80,51 @@ class Collection(Generic[Record, Entry]):
         self._database, self._table = database, table
         self._record: type[Record] = record
         self._entry: type[Entry] = entry
-        shown, keys = table.c, idempotency_keys.c
+        columns_of_table, columns_of_keys = table.c, idempotency_keys.c
         self._insert = sa.insert(table)
         self._own_conditions = conditions
         # References: (own column, table to which it refers). Children: other tables' columns that refer here.
         self._references: list[tuple[sa.Column[Any], sa.Table]] = [
-            (each, reference.column.table) for each in shown for reference in each.foreign_keys
+            (column, reference.column.table)
+            for column in columns_of_table
+            for reference in column.foreign_keys
         ]
         self._children: list[sa.Column[Any]] = [
-            each
-            for child in (measurement_sets, open_sets, jobs)
-            for each in child.c
-            if each.references(shown.id)
+            column
+            for child_table in (measurement_sets, open_sets, jobs)
+            for column in child_table.c
+            if column.references(columns_of_table.id)
         ]
         columns = select_fields_of(table, record).selected_columns
-        self._entries = self._listing_query()
-        self._visible, self._hidden = shown.deleted_at.is_(None), shown.deleted_at.is_not(None)
-        self._exists = sa.select(shown.id).where(shown.id == sa.bindparam("id"), *self._own_conditions)
-        self._by_id_or_hidden = self._exists.with_only_columns(*columns)
-        self._by_id = self._by_id_or_hidden.where(self._visible)
-        self._by_key: sa.Select[Any] = (
-            sa.select(keys.body_hash, *columns)
-            .join_from(idempotency_keys, table, keys.resource_id == shown.id)
-            .where(keys.resource == resource.collection, keys.key_hash == sa.bindparam("key_hash"))
+        self._entry_query = self._listing_query()
+        self._is_visible = columns_of_table.deleted_at.is_(None)
+        self._is_deleted = columns_of_table.deleted_at.is_not(None)
+        self._id_query = sa.select(columns_of_table.id).where(
+            columns_of_table.id == sa.bindparam("id"), *self._own_conditions
+        )
+        self._by_id_with_deleted = self._id_query.with_only_columns(*columns)
+        self._by_id = self._by_id_with_deleted.where(self._is_visible)
+        self._record_by_key: sa.Select[Any] = (
+            sa.select(columns_of_keys.body_hash, *columns)
+            .join_from(idempotency_keys, table, columns_of_keys.resource_id == columns_of_table.id)
+            .where(
+                columns_of_keys.resource == resource.collection,
+                columns_of_keys.key_hash == sa.bindparam("key_hash"),
+            )
         )
 
     def add(
         self,
         record: Record,
         key: IdempotencyKey | None = None,
-        also: Callable[[sa.Connection], object] | None = None,
+        write_more: Callable[[sa.Connection], object] | None = None,
     ) -> Record:
         """Store a record and its idempotency key in one transaction.
 
         Args:
             record: record to store.
             key: idempotency key of the request; None if the request has none.
-            also: function that writes more in the same transaction, such as an entry in the queue of jobs.
+            write_more: function that writes more in the same transaction, such as an entry in the job queue.
 
         Returns:
             The stored record; if the key came before with the same body, the record created then, even if it
@@ -129,21 +137,24 @@ class Collection(Generic[Record, Entry]):
         """
         self._quota.refuse_full()
         for _, table, identifier in self._list_parents(record):
+            # The database cannot store such an id, so that no record has it.
             if not is_indexable(identifier):
                 raise problems.NotFoundError(PARENTS[table], identifier)
         try:
             with self._database.writing() as connection:
                 if key is not None:  # first: the second of two equal posts waits here for the first one
-                    key_columns = {"resource": self.resource.collection, "key_hash": _hash(key.key)}
+                    key_columns = {"resource": self.resource.collection, "key_hash": _hash_key(key.key)}
                     record_columns = {"resource_id": record.id, "created_at": record.created_at}
-                    connection.execute(_KEY, {**key_columns, **record_columns, "body_hash": key.body_hash})
+                    connection.execute(
+                        _INSERT_KEY, {**key_columns, **record_columns, "body_hash": key.body_hash}
+                    )
                 parents = self._lock_parents(connection, record)
                 connection.execute(self._insert, asdict(record) | self._copied_names(record, parents))
-                if also is not None:
-                    also(connection)
+                if write_more is not None:
+                    write_more(connection)
                 self._mark_campaign_outdated(connection, record.id)
         except IntegrityError as error:
-            return self._explain_failed_insert(record, key, error)
+            return self._return_earlier_record_or_raise(record, key, error)
         return record
 
     def find(self, key: IdempotencyKey) -> Record | None:
@@ -152,7 +163,7 @@ class Collection(Generic[Record, Entry]):
         Raises:
             IdempotencyConflictError: the key came before with another body.
         """
-        rows = self._database.rows(self._by_key, {"key_hash": _hash(key.key)})
+        rows = self._database.rows(self._record_by_key, {"key_hash": _hash_key(key.key)})
         if not rows:
             return None
         (row,) = rows
@@ -172,10 +183,10 @@ class Collection(Generic[Record, Entry]):
             DeletedError: the record was deleted.
         """
         self._refuse_unindexable(identifier)
-        by_id = self._by_id_or_hidden if hidden else self._by_id
+        by_id = self._by_id_with_deleted if hidden else self._by_id
         for row in self._database.rows(by_id, {"id": identifier}):
             return self._record(**row._mapping)
-        was_deleted = self._has_row(self._exists, identifier)
+        was_deleted = self._has_row(self._id_query, identifier)
         raise (problems.DeletedError if was_deleted else problems.NotFoundError)(self.resource, identifier)
 
     def change(self, identifier: str, values: Mapping[str, object], *, hidden: bool = False) -> Record:
@@ -191,10 +202,10 @@ class Collection(Generic[Record, Entry]):
             DeletedError: the record was deleted.
         """
         if values and is_indexable(identifier):
-            is_record = [self._table.c.id == identifier, sa.true() if hidden else self._visible]
+            is_record = [self._table.c.id == identifier, sa.true() if hidden else self._is_visible]
             with self._database.writing() as connection:
                 if connection.execute(sa.update(self._table).where(*is_record).values(**values)).rowcount:
-                    self._rename(connection, identifier)
+                    self._update_name_copies(connection, identifier)
                     self._mark_campaign_outdated(connection, identifier)
         return self.get(identifier, hidden=hidden)
 
@@ -226,16 +237,21 @@ class Collection(Generic[Record, Entry]):
             CursorError: no page gave this cursor.
         """
         if limit < 1 or not all(map(self._can_filter_by, [*filters, *spans])):
-            raise ValueError(f"no page of {limit} {self.resource.collection} by {', '.join(filters)}")
+            names = ", ".join([*filters, *spans]) or "nothing"
+            raise ValueError(f"cannot list {limit} {self.resource.collection} filtered by {names}")
         if not all(map(is_indexable, [*filters.values(), q or ""])):
             return RecordPage((), None, 0)
         columns = self._table.c
-        where = [*self._own_conditions, *self._listed, self._hidden if deleted else self._visible]
+        where = [
+            *self._own_conditions,
+            *self._listing_conditions,
+            self._is_deleted if deleted else self._is_visible,
+        ]
         where += [columns[name] == value for name, value in sorted(filters.items())]
-        where += [columns[name] >= first for name, (first, _) in spans.items() if first is not None]
+        where += [columns[name] >= begin for name, (begin, _) in spans.items() if begin is not None]
         where += [columns[name] < end for name, (_, end) in spans.items() if end is not None]
         order = Order(limit, cursor, q, sort, counted)
-        return read_page(self._database, self._table, self._entries, self._entry, where, order)
+        return read_page(self._database, self._table, self._entry_query, self._entry, where, order)
 
     def delete(self, identifier: str, now: datetime | None = None) -> None:
         """Hide a resource, which can be restored for `KEEP_DELETED`; a repeated call changes nothing.
@@ -250,21 +266,22 @@ class Collection(Generic[Record, Entry]):
             ReferencedError: other resources refer to it.
         """
         self._refuse_unindexable(identifier)
-        hide = sa.update(self._table).where(*self._id_conditions(identifier), *self._ended, self._visible)
+        hide = sa.update(self._table).where(
+            *self._id_conditions(identifier), *self._deletion_conditions, self._is_visible
+        )
         now = now or datetime.now(UTC)
         with self._database.writing() as connection:
             if connection.execute(hide.values(deleted_at=now)).rowcount == 1:
-                self._refuse_referenced(
-                    connection, identifier
-                )  # its row is locked: no reference comes from now on
+                # The row is locked by the update, so that no new reference can come before the commit.
+                self._refuse_referenced(connection, identifier)
                 self._hide_or_restore_related(connection, identifier, now)
                 self._mark_campaign_outdated(connection, identifier)
                 return
-            hidden = sa.select(self._hidden).where(*self._id_conditions(identifier))
-            record = connection.execute(hidden).scalar_one_or_none()
-        if record is None:
+            deleted_query = sa.select(self._is_deleted).where(*self._id_conditions(identifier))
+            is_deleted = connection.execute(deleted_query).scalar_one_or_none()
+        if is_deleted is None:
             raise problems.NotFoundError(self.resource, identifier)
-        if not record:
+        if not is_deleted:
             raise problems.NotEndedError(self.resource, identifier)
 
     def restore(self, identifier: str) -> None:
@@ -275,15 +292,16 @@ class Collection(Generic[Record, Entry]):
             DeletedError: the resource refers to a deleted robot or measurement set.
         """
         self._refuse_unindexable(identifier)
-        back = sa.update(self._table).where(*self._id_conditions(identifier)).values(deleted_at=None)
-        named = [self._table.c.id, *(column for column, _ in self._references)]
+        show = sa.update(self._table).where(*self._id_conditions(identifier)).values(deleted_at=None)
+        own_columns = [self._table.c.id, *(column for column, _ in self._references)]
         with self._database.writing() as connection:
-            row = connection.execute(sa.select(*named).where(*self._id_conditions(identifier))).one_or_none()
+            row = connection.execute(
+                sa.select(*own_columns).where(*self._id_conditions(identifier))
+            ).one_or_none()
             if row is not None:
-                self._lock_parents(
-                    connection, row
-                )  # locked before the own row, in the order of renaming: no deadlock
-            if row is None or connection.execute(back).rowcount == 0:
+                # Parents are locked before the own row, as in renaming: another order could deadlock.
+                self._lock_parents(connection, row)
+            if row is None or connection.execute(show).rowcount == 0:
                 raise problems.NotFoundError(self.resource, identifier)
             self._hide_or_restore_related(connection, identifier, None)
             self._mark_campaign_outdated(connection, identifier)
@@ -294,7 +312,7 @@ class Collection(Generic[Record, Entry]):
         Raises:
             DeletedError: the resource is deleted.
         """
-        if self._has_row(self._exists.where(self._hidden), identifier):
+        if self._has_row(self._id_query.where(self._is_deleted), identifier):
             raise problems.DeletedError(self.resource, identifier)
 
     def purge(self, before: datetime, limit: int) -> list[str]:
@@ -310,22 +328,24 @@ class Collection(Generic[Record, Entry]):
             Ids of the removed resources.
         """
         keys, columns = idempotency_keys.c, self._table.c
-        free: list[sa.ColumnElement[bool]] = [
+        unreferenced: list[sa.ColumnElement[bool]] = [
             ~sa.exists().where(column == columns.id) for column in self._children
         ]
-        old = [*self._own_conditions, columns.deleted_at < before, *free]
-        first = sa.select(columns.id).where(*old).order_by(columns.deleted_at).limit(limit)
-        expired = [str(row.id) for row in self._database.rows(first)]
-        if not expired:
+        removable = [*self._own_conditions, columns.deleted_at < before, *unreferenced]
+        oldest = sa.select(columns.id).where(*removable).order_by(columns.deleted_at).limit(limit)
+        candidate_ids = [str(row.id) for row in self._database.rows(oldest)]
+        if not candidate_ids:
             return []
         with self._database.writing() as connection:
             # Conditions are checked again in the transaction: a resource may have been restored meanwhile.
-            remove = sa.delete(self._table).where(columns.id.in_(expired), *old).returning(columns.id)
-            gone = [str(row.id) for row in connection.execute(remove).all()]
-            named = [keys.resource == self.resource.collection, keys.resource_id.in_(gone)]
-            connection.execute(sa.delete(idempotency_keys).where(*named))
-            self._delete_related(connection, gone)
-        return gone
+            removal = (
+                sa.delete(self._table).where(columns.id.in_(candidate_ids), *removable).returning(columns.id)
+            )
+            removed_ids = [str(row.id) for row in connection.execute(removal).all()]
+            of_removed = [keys.resource == self.resource.collection, keys.resource_id.in_(removed_ids)]
+            connection.execute(sa.delete(idempotency_keys).where(*of_removed))
+            self._delete_related(connection, removed_ids)
+        return removed_ids
 
     def _hide_or_restore_related(
         self, connection: sa.Connection, identifier: str, deleted_at: datetime | None
@@ -336,22 +356,22 @@ class Collection(Generic[Record, Entry]):
         """Return the query of the columns that a listing shows."""
         return select_fields_of(self._table, self._entry)
 
-    def _copied_names(self, record: Record, named: Mapping[str, Any]) -> dict[str, str | None]:  # noqa: ARG002 - subclasses use it
-        """Return columns for listings that hold copies of names, also of the records it refers to.
+    def _copied_names(self, record: Record, parent_rows: Mapping[str, Any]) -> dict[str, str | None]:  # noqa: ARG002 - subclasses use it
+        """Return column → text for the columns that hold copies of the names of a record and of its parents.
 
         Args:
             record: record that is about to be stored.
-            named: column → row of the record to which the column refers.
+            parent_rows: column → row of the record to which the column refers.
         """
         return _robot_name_columns(record.name or "")
 
-    def _rename(self, connection: sa.Connection, identifier: str) -> None:
+    def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a record's name in other rows after a change; a hook for subclasses."""
 
     def _mark_campaign_outdated(self, connection: sa.Connection, identifier: str) -> None:
         """Mark the last campaign of the record's robot as outdated; a hook, called last in a transaction."""
 
-    def _delete_related(self, connection: sa.Connection, gone: Sequence[str]) -> None:
+    def _delete_related(self, connection: sa.Connection, removed_ids: Sequence[str]) -> None:
         """Delete rows of other tables that belong to removed records; a hook for subclasses."""
 
     def _can_filter_by(self, name: str) -> bool:
@@ -373,18 +393,18 @@ class Collection(Generic[Record, Entry]):
         Raises:
             DeletedError: a record to which the record refers was deleted.
         """
-        named = {}
+        parent_rows = {}
         for column, table, identifier in self._list_parents(record):
-            row = connection.execute(_lock_parent_query(table), {"id": identifier}).one_or_none()
+            row = connection.execute(_make_parent_locking_query(table), {"id": identifier}).one_or_none()
             if row is not None and row.deleted_at is not None:
                 raise problems.DeletedError(PARENTS[table], identifier)
-            named[column.name] = row
-        return named
+            parent_rows[column.name] = row
+        return parent_rows
 
-    def _explain_failed_insert(
+    def _return_earlier_record_or_raise(
         self, record: Record, key: IdempotencyKey | None, error: IntegrityError
     ) -> Record:
-        """Explain an insert that broke a constraint: return the record that `key` created before, or raise.
+        """Return the record that `key` created before; without such a record, raise the cause of the failure.
 
         Raises:
             NotFoundError: a record to which the record refers does not exist.
@@ -407,10 +427,10 @@ class Collection(Generic[Record, Entry]):
             table = column.table
             kind = table.c.kind if table is jobs else sa.literal(MEASUREMENT_SET.name)
             visible = sa.select(table.c.id, kind).where(column == identifier, table.c.deleted_at.is_(None))
-            users |= {row[0]: row[1] for row in connection.execute(visible.limit(_NAMED + 1))}
+            users |= {row[0]: row[1] for row in connection.execute(visible.limit(_MAX_NAMED + 1))}
         if users:
-            named = [f"{kind} {user}" for user, kind in list(users.items())[:_NAMED]]
-            raise problems.ReferencedError(self.resource, identifier, named, more=len(users) > _NAMED)
+            named = [f"{kind} {user}" for user, kind in list(users.items())[:_MAX_NAMED]]
+            raise problems.ReferencedError(self.resource, identifier, named, more=len(users) > _MAX_NAMED)
 
     def _id_conditions(self, identifier: str) -> list[sa.ColumnElement[bool]]:
         """Return the conditions of the row with an id in this collection."""
@@ -438,14 +458,14 @@ class Robots(Collection[RobotRecord, RobotEntry]):
         Raises:
             NotFoundError: there is no such robot.
         """
-        for row in self._database.rows(self._entries.where(robots.c.id == identifier)):
+        for row in self._database.rows(self._entry_query.where(robots.c.id == identifier)):
             return RobotEntry(**row._mapping)
         raise problems.NotFoundError(ROBOT, identifier)
 
-    def list_outdated(self, most: int) -> list[RobotEntry]:
-        """Return robots whose last campaign is outdated, at most `most`."""
-        named = sa.select(last_campaigns.c.robot_id).where(sa.text(DUE)).limit(most)
-        rows = self._database.rows(self._entries.where(robots.c.id.in_(named)))
+    def list_outdated(self, limit: int) -> list[RobotEntry]:
+        """Return robots whose last campaign is outdated, at most `limit`."""
+        outdated_ids = sa.select(last_campaigns.c.robot_id).where(sa.text(DUE)).limit(limit)
+        rows = self._database.rows(self._entry_query.where(robots.c.id.in_(outdated_ids)))
         return [RobotEntry(**row._mapping) for row in rows]
 
     def store_last_campaign(self, entry: RobotEntry, campaign: dict[str, Any] | None) -> None:
@@ -454,38 +474,38 @@ class Robots(Collection[RobotRecord, RobotEntry]):
         If runs or sets of the robot changed meanwhile, the campaign stays marked as outdated.
         """
         is_outdated = [last_campaigns.c.robot_id == entry.id, last_campaigns.c.changes >= entry.changes]
-        older = sa.func.coalesce(last_campaigns.c.derived, 0) < entry.changes
-        keep = sa.update(last_campaigns).where(*is_outdated, older)
-        self._database.change(keep.values(derived=entry.changes, campaign=campaign))
+        is_older = sa.func.coalesce(last_campaigns.c.derived, 0) < entry.changes
+        update = sa.update(last_campaigns).where(*is_outdated, is_older)
+        self._database.change(update.values(derived=entry.changes, campaign=campaign))
 
     def _listing_query(self) -> sa.Select[Any]:
         """Return the query of robots with their last campaigns."""
-        derived = last_campaigns.c
+        campaign_columns = last_campaigns.c
         return (
             select_fields_of(robots, RobotRow)
-            .add_columns(derived.changes, derived.derived, derived.campaign)
-            .outerjoin_from(robots, last_campaigns, derived.robot_id == robots.c.id)
+            .add_columns(campaign_columns.changes, campaign_columns.derived, campaign_columns.campaign)
+            .outerjoin_from(robots, last_campaigns, campaign_columns.robot_id == robots.c.id)
         )
 
-    def _rename(self, connection: sa.Connection, identifier: str) -> None:
+    def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a robot's name in its sets and jobs."""
         _copy_names(connection, robots.c.id, identifier)
         # Sets before jobs, as when a set is renamed: in another order two transactions could deadlock.
         for table in (measurement_sets, open_sets, jobs):
             _copy_names(connection, table.c.robot_id, identifier)
 
-    def _delete_related(self, connection: sa.Connection, gone: Sequence[str]) -> None:
+    def _delete_related(self, connection: sa.Connection, removed_ids: Sequence[str]) -> None:
         """Delete the last campaigns of removed robots."""
-        connection.execute(sa.delete(last_campaigns).where(last_campaigns.c.robot_id.in_(gone)))
+        connection.execute(sa.delete(last_campaigns).where(last_campaigns.c.robot_id.in_(removed_ids)))
 
 
 class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
     """The ordinary measurement sets; a set that was measured live is deleted together with its open set."""
 
-    def named(self, set_ids: Sequence[str]) -> list[Any]:
+    def rows_with_names(self, set_ids: Sequence[str]) -> list[Any]:
         """Return rows with names and content hashes of some sets and their robots; sets may be deleted."""
         sets = measurement_sets.c
-        names = sa.select(
+        query = sa.select(
             sets.id,
             sets.name,
             sets.robot_id,
@@ -494,7 +514,9 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
             robots.c.content_hash.label("robot_hash"),
         ).join_from(measurement_sets, robots, robots.c.id == sets.robot_id)
         return [
-            row for ids in _portions(set_ids) for row in self._database.rows(names.where(sets.id.in_(ids)))
+            row
+            for ids in _iterate_portions(set_ids)
+            for row in self._database.rows(query.where(sets.id.in_(ids)))
         ]
 
     def list_by_robot(self) -> dict[str, list[str]]:
@@ -512,10 +534,10 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
             found.setdefault(str(row.robot_id), []).append(str(row.id))
         return found
 
-    def arrays(self, set_ids: Sequence[str]) -> Iterator[tuple[str, bytes]]:
+    def iterate_arrays(self, set_ids: Sequence[str]) -> Iterator[tuple[str, bytes]]:
         """Yield (id, packed readings in npz format) of some sets."""
         query = sa.select(measurement_sets.c.id, measurement_sets.c.arrays)
-        for ids in _portions(set_ids):
+        for ids in _iterate_portions(set_ids):
             for row in self._database.rows(query.where(measurement_sets.c.id.in_(ids))):
                 yield str(row.id), row.arrays
 
@@ -526,11 +548,13 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
         own = sa.update(open_sets).where(open_sets.c.id == identifier)
         connection.execute(own.values(deleted_at=deleted_at))
 
-    def _copied_names(self, record: MeasurementSetRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
+    def _copied_names(
+        self, record: MeasurementSetRecord, parent_rows: Mapping[str, Any]
+    ) -> dict[str, str | None]:
         """Return the robot's name and the text for searches, for a new set."""
-        return _set_name_columns(record.name, value_of_parent(named, "robot_id"), record.serial_number)
+        return _set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"), record.serial_number)
 
-    def _rename(self, connection: sa.Connection, identifier: str) -> None:
+    def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a set's name in its own row and in its jobs."""
         _copy_names(connection, measurement_sets.c.id, identifier)
         _copy_names(connection, jobs.c.measurement_set_id, identifier)
@@ -544,43 +568,43 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
 class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
     """The sets that are or were measured live; a listing shows only sets that are not closed."""
 
-    _listed = (
+    _listing_conditions = (
         ~sa.exists().where(live_entries.c.set_id == open_sets.c.id, live_entries.c.change == "closed"),
     )
 
-    def _copied_names(self, record: OpenSetRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
+    def _copied_names(self, record: OpenSetRecord, parent_rows: Mapping[str, Any]) -> dict[str, str | None]:
         """Return the robot's name and the text for searches, for a new open set."""
-        return _set_name_columns(record.name, value_of_parent(named, "robot_id"), None)
+        return _set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"), None)
 
-    def _delete_related(self, connection: sa.Connection, gone: Sequence[str]) -> None:
+    def _delete_related(self, connection: sa.Connection, removed_ids: Sequence[str]) -> None:
         """Delete the entries of removed open sets."""
-        connection.execute(sa.delete(live_entries).where(live_entries.c.set_id.in_(gone)))
+        connection.execute(sa.delete(live_entries).where(live_entries.c.set_id.in_(removed_ids)))
 
 
-def _portions(identifiers: Sequence[str]) -> Iterator[Sequence[str]]:
+def _iterate_portions(identifiers: Sequence[str]) -> Iterator[Sequence[str]]:
     """Yield ids in portions of at most `_PORTION`: databases limit the parameters of a statement."""
-    known = [each for each in identifiers if is_indexable(each)]
-    for first in range(0, len(known), _PORTION):
-        yield known[first : first + _PORTION]
+    valid_ids = [identifier for identifier in identifiers if is_indexable(identifier)]
+    for start in range(0, len(valid_ids), _PORTION):
+        yield valid_ids[start : start + _PORTION]
 
 
-def value_of_parent(named: Mapping[str, Any], column: str, name: str = "name") -> str | None:
+def value_of_parent(parent_rows: Mapping[str, Any], column: str, name: str = "name") -> str | None:
     """Return the field `name` of the row to which a column refers; None if there is no such row.
 
-    `named` is: column → row to which the column refers.
+    `parent_rows` is: column → row to which the column refers.
     """
-    row = named.get(column)
+    row = parent_rows.get(column)
     return None if row is None else getattr(row, name)
 
 
 def _robot_name_columns(name: str) -> dict[str, str | None]:
     """Return column → text for the columns of a robot's row that hold copies of names."""
-    return {"words": search_text_of(name)}
+    return {"words": make_search_text(name)}
 
 
 def _set_name_columns(name: str, robot: str | None, serial_number: str | None) -> dict[str, str | None]:
     """Return column → text for the columns of a set's row that hold copies of names; `robot` is a name."""
-    return {"robot_name": robot, "words": search_text_of(name, robot, serial_number)}
+    return {"robot_name": robot, "words": make_search_text(name, robot, serial_number)}
 
 
 def job_name_columns(
@@ -588,31 +612,31 @@ def job_name_columns(
 ) -> dict[str, str | None]:
     """Return column → text for the columns of a job's row that hold copies of names.
 
-    `robot` and `measurement_set` are names. In the order of names a job without name has that of its set.
+    `robot` and `measurement_set` are names. A job without name is sorted by the name of its set.
     """
     return {
         "robot_name": robot,
         "measurement_set_name": measurement_set,
         "serial_number": serial_number,
-        "words": search_text_of(name or measurement_set, robot, serial_number, name and measurement_set),
+        "words": make_search_text(name or measurement_set, robot, serial_number, name and measurement_set),
     }
 
 
-def _set_names_query(table: sa.Table, serial_number: sa.ColumnElement[Any]) -> sa.Select[Any]:
+def _make_set_names_query(table: sa.Table, serial_number: sa.ColumnElement[Any]) -> sa.Select[Any]:
     """Return the query of sequence, name, robot's name and serial number of the sets in a table."""
     names = sa.select(table.c.sequence, table.c.name, robots.c.name, serial_number)
     return names.join_from(table, robots, robots.c.id == table.c.robot_id)
 
 
-_NAMES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, str | None]]]]] = (
+_NAME_QUERIES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, str | None]]]]] = (
     MappingProxyType(
         {
             robots: (sa.select(robots.c.sequence, robots.c.name), _robot_name_columns),
             measurement_sets: (
-                _set_names_query(measurement_sets, measurement_sets.c.serial_number),
+                _make_set_names_query(measurement_sets, measurement_sets.c.serial_number),
                 _set_name_columns,
             ),
-            open_sets: (_set_names_query(open_sets, sa.null()), _set_name_columns),
+            open_sets: (_make_set_names_query(open_sets, sa.null()), _set_name_columns),
             jobs: (
                 sa.select(
                     jobs.c.sequence,
@@ -634,10 +658,10 @@ _NAMES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, st
 def _copy_names(connection: sa.Connection, column: sa.Column[Any], identifier: str) -> None:
     """Update the copies of names, after a name changed, in all rows whose `column` has the id."""
     table = column.table
-    names, make_copies = _NAMES[table]
+    query, make_copies = _NAME_QUERIES[table]
     # Rows are changed in one order: otherwise two transactions that rename could deadlock.
-    found = connection.execute(names.where(column == identifier).order_by(table.c.sequence)).all()
-    if changes := [{"own": number, **make_copies(*row)} for number, *row in found]:
+    rows = connection.execute(query.where(column == identifier).order_by(table.c.sequence)).all()
+    if changes := [{"own": sequence, **make_copies(*names)} for sequence, *names in rows]:
         connection.execute(sa.update(table).where(table.c.sequence == sa.bindparam("own")), changes)
 
 
@@ -646,35 +670,37 @@ def mark_campaigns_outdated(connection: sa.Connection, where: sa.ColumnElement[b
 
     Call it last in a transaction: other transactions on runs of the robot wait until the transaction ends.
     """
-    more = sa.update(last_campaigns).where(where).values(changes=last_campaigns.c.changes + 1)
-    return connection.execute(more).rowcount > 0
+    count_up = sa.update(last_campaigns).where(where).values(changes=last_campaigns.c.changes + 1)
+    return connection.execute(count_up).rowcount > 0
 
 
 @cache
-def _lock_parent_query(table: sa.Table) -> sa.Select[Any]:
+def _make_parent_locking_query(table: sa.Table) -> sa.Select[Any]:
     """Return the query that locks a row, given its id, and reads its names and its time of deletion."""
-    named = [table.c[name] for name in ("deleted_at", "name", "serial_number") if name in table.c]
-    return sa.select(*named).where(table.c.id == sa.bindparam("id")).with_for_update(read=True)
+    columns = [table.c[name] for name in ("deleted_at", "name", "serial_number") if name in table.c]
+    return sa.select(*columns).where(table.c.id == sa.bindparam("id")).with_for_update(read=True)
 
 
-def _hash(key: str) -> str:
+def _hash_key(key: str) -> str:
     """Return the SHA-256 of an idempotency key, which may be any text."""
     return hashlib.sha256(key.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-Noted = TypeVar("Noted", AuditEntry, LiveEntry)
+JournalRecord = TypeVar("JournalRecord", AuditEntry, LiveEntry)
 
 
-class Journal(Generic[Noted]):
+class Journal(Generic[JournalRecord]):
     """Records of one table that are only added, in the order of their arrival. Safe for several threads."""
 
-    def __init__(self, database: Database, table: sa.Table, record: type[Noted], quota: Quota | None) -> None:
+    def __init__(
+        self, database: Database, table: sa.Table, record: type[JournalRecord], quota: Quota | None
+    ) -> None:
         """Keep records in a table; with `quota` None records are added even to a full database."""
         self._database, self._table, self._quota = database, table, quota
-        self._record: type[Noted] = record
-        self._all = select_fields_of(table, record)
+        self._record: type[JournalRecord] = record
+        self._select_all = select_fields_of(table, record)
 
-    def add(self, record: Noted) -> Noted:
+    def add(self, record: JournalRecord) -> JournalRecord:
         """Add a record and return it.
 
         Raises:
@@ -685,22 +711,22 @@ class Journal(Generic[Noted]):
         with self._database.writing() as connection:
             return self._insert(connection, record)
 
-    def find(self, **values: str) -> list[Noted]:
+    def find(self, **values: str) -> list[JournalRecord]:
         """Return the records that have these values in these columns, oldest first."""
         if not all(map(is_indexable, values.values())):
             return []
-        query = self._all.filter_by(**values).order_by(self._table.c.sequence)
+        query = self._select_all.filter_by(**values).order_by(self._table.c.sequence)
         return [self._record(*row) for row in self._database.rows(query)]
 
     def page(
         self, limit: int, cursor: str | None = None, *, counted: bool = False, **values: str | None
-    ) -> RecordPage[Noted]:
+    ) -> RecordPage[JournalRecord]:
         """Return one page of the records with these values in these columns; None allows any value."""
         where = [self._table.c[name] == value for name, value in values.items() if value is not None]
         order = Order(limit, cursor, counted=counted)
-        return read_page(self._database, self._table, self._all, self._record, where, order)
+        return read_page(self._database, self._table, self._select_all, self._record, where, order)
 
-    def _insert(self, connection: sa.Connection, record: Noted) -> Noted:
+    def _insert(self, connection: sa.Connection, record: JournalRecord) -> JournalRecord:
         """Insert a record and return it."""
         connection.execute(sa.insert(self._table).values(asdict(record)))
         return record
@@ -724,10 +750,10 @@ class LiveEntries(Journal[LiveEntry]):
         if row is None or row.deleted_at is not None:
             raise problems.NotFoundError(MEASUREMENT_SET, record.set_id)
         columns = live_entries.c
-        of_set = self._all.where(columns.set_id == record.set_id)
-        same = of_set.where(columns.change == record.change, columns.label == record.label)
-        for found in connection.execute(same):
-            return self._record(*found)
+        of_set = self._select_all.where(columns.set_id == record.set_id)
+        same_entry = of_set.where(columns.change == record.change, columns.label == record.label)
+        for stored_row in connection.execute(same_entry):
+            return self._record(*stored_row)
         for _ in connection.execute(of_set.where(columns.change == "closed")):
             raise problems.ClosedError(record.set_id)
         return super()._insert(connection, record)

@@ -42,7 +42,7 @@ BUSY_SECONDS = 20.0
 LOCKED_SECONDS = 1.0
 """Time that a transaction waits if the one before timed out, until one gets the lock [s]."""
 _CONNECTIONS = 16
-_SESSION: Final = MappingProxyType(
+_SERVER_TIMEOUTS: Final = MappingProxyType(
     {
         "lock_timeout": 3_000,
         "statement_timeout": 5_000,
@@ -51,7 +51,7 @@ _SESSION: Final = MappingProxyType(
     }
 )
 """Times after which the PostgreSQL server ends waits and statements [ms]; the URL can override them."""
-_LINK: Final = MappingProxyType(
+_CONNECTION_PARAMETERS: Final = MappingProxyType(
     {
         "connect_timeout": 3,  # s
         "keepalives_idle": 10,  # s
@@ -62,7 +62,7 @@ _LINK: Final = MappingProxyType(
 )
 """Parameters that decide when a connection to PostgreSQL is lost; the URL can override them."""
 _AWAY_SECONDS: Final = 2.0  # time for which a server that gave no answer is not tried again
-_MENDABLE: Final = frozenset({"42501", "3F000"})  # SQLSTATE: a privilege, or a schema, is missing
+_CORRECTABLE_STATES: Final = frozenset({"42501", "3F000"})  # SQLSTATE: a privilege, or a schema, is missing
 _NO_VALUES: Mapping[str, object] = MappingProxyType({})
 
 
@@ -78,13 +78,13 @@ class Database:
         self.dialect = dialect
         self._reader = reader
         self._writer = writer
-        # SQLite has one writer at a time, and those who wait for it poll: threads queue here,
-        # which halves the time and takes the long waits away.
-        self._turns = threading.BoundedSemaphore(1 if dialect == "sqlite" else _CONNECTIONS)
-        self._is_locked = False  # the last writer waited in vain: the next need not wait as long
+        # SQLite has one writer at a time and lets the others poll. Threads wait for this semaphore instead,
+        # which halves the waiting time and avoids very long waits.
+        self._writer_slots = threading.BoundedSemaphore(1 if dialect == "sqlite" else _CONNECTIONS)
+        self._last_wait_failed = False  # True after a writer waited in vain: the next one waits less long
         self._is_read_only = self._is_closed = False
         self._away_until = 0.0  # monotonic time before which a silent server is not tried again
-        sa.event.listen(reader, "checkin", self._keep_or_close)
+        sa.event.listen(reader, "checkin", self._close_if_unusable)
 
     @classmethod
     def open(cls, url: str) -> Database:
@@ -119,7 +119,7 @@ class Database:
         self._is_closed = True
         self._reader.dispose()
 
-    def _keep_or_close(self, _: object, record: sa.pool.ConnectionPoolEntry) -> None:
+    def _close_if_unusable(self, _: object, record: sa.pool.ConnectionPoolEntry) -> None:
         """Close a connection that returns to the pool if the database is closed or was found read-only.
 
         If an SQLite file was read-only when a connection was opened, new connections of this process are
@@ -144,28 +144,32 @@ class Database:
         Raises:
             StoreUnavailableError: the database does not answer, or others keep it locked.
         """
-        patience = min(at_most, LOCKED_SECONDS if self._is_locked else BUSY_SECONDS)
-        deadline = time.monotonic() + patience
+        longest_wait = min(at_most, LOCKED_SECONDS if self._last_wait_failed else BUSY_SECONDS)
+        deadline = time.monotonic() + longest_wait
         with self._translate_errors():
-            if not self._turns.acquire(timeout=patience):
-                self._is_locked |= at_most >= BUSY_SECONDS
-                raise PoolTimeoutError(f"the database has been locked by other writers for {patience:.0f} s")
+            if not self._writer_slots.acquire(timeout=longest_wait):
+                self._last_wait_failed |= at_most >= BUSY_SECONDS
+                raise PoolTimeoutError(
+                    f"the database has been locked by other writers for {longest_wait:.0f} s"
+                )
             try:
-                left = max(0.0, deadline - time.monotonic())
-                with self._writer.connect().execution_options(busy_seconds=left) as connection:
+                remaining_wait = max(0.0, deadline - time.monotonic())
+                with self._writer.connect().execution_options(busy_seconds=remaining_wait) as connection:
                     try:
                         transaction = connection.begin()
                     except OperationalError as error:
-                        is_locked = _sqlite_code(error) == sqlite3.SQLITE_BUSY
-                        self._is_locked = is_locked and (self._is_locked or at_most >= BUSY_SECONDS)
+                        was_locked = _sqlite_code(error) == sqlite3.SQLITE_BUSY
+                        self._last_wait_failed = was_locked and (
+                            self._last_wait_failed or at_most >= BUSY_SECONDS
+                        )
                         raise
-                    self._is_locked = self._is_read_only = False
+                    self._last_wait_failed = self._is_read_only = False
                     with transaction:
                         if self.dialect == "postgresql" and at_most < BUSY_SECONDS:
                             connection.exec_driver_sql(f"SET LOCAL lock_timeout = {1000.0 * at_most:.0f}")
                         yield connection
             finally:
-                self._turns.release()
+                self._writer_slots.release()
 
     def rows(self, query: sa.Executable, values: Mapping[str, object] = _NO_VALUES) -> Sequence[Any]:
         """Return the rows that a query finds."""
@@ -190,14 +194,14 @@ class Database:
 
         Broken constraints and wrong statements of this program are raised unchanged.
         """
-        if time.monotonic() < self._away_until:
+        if time.monotonic() < self._away_until:  # set only for a PostgreSQL server
             raise StoreUnavailableError(
                 "the postgresql database does not answer", "check that the server runs, and its address"
             )
         try:
             yield
         except (IntegrityError, DataError, NotSupportedError):
-            raise
+            raise  # the caller handles broken constraints; the other two are mistakes of this program
         except (DBAPIError, PoolTimeoutError) as error:
             cause = error.orig if isinstance(error, DBAPIError) else error
             if _is_wrong_statement(error):
@@ -335,10 +339,10 @@ def _configure_transactions(connection: sqlite3.Connection, _record: object) -> 
 
 def _begin_immediate(connection: sa.Connection) -> None:
     """Begin a transaction with the write lock; wait for the lock at most the connection's `busy_seconds`."""
-    left = connection.get_execution_options()["busy_seconds"]
-    is_shorter = left < 0.9 * BUSY_SECONDS
+    longest_wait = connection.get_execution_options()["busy_seconds"]
+    is_shorter = longest_wait < 0.9 * BUSY_SECONDS
     if is_shorter:
-        connection.exec_driver_sql(f"PRAGMA busy_timeout={1000.0 * left:.0f}")
+        connection.exec_driver_sql(f"PRAGMA busy_timeout={1000.0 * longest_wait:.0f}")
     try:
         connection.exec_driver_sql("BEGIN IMMEDIATE")
     finally:
@@ -374,7 +378,8 @@ def _switch_to_wal(connection: sa.Connection) -> None:
 def _is_wrong_statement(error: Exception) -> bool:
     """Return whether an error comes from a wrong statement of this program, not from the database's state."""
     if isinstance(error, ProgrammingError):
-        return getattr(error.orig, "sqlstate", None) not in {None, *_MENDABLE}  # None: the URL is wrong
+        # Without a state the URL is wrong.
+        return getattr(error.orig, "sqlstate", None) not in {None, *_CORRECTABLE_STATES}
     return _sqlite_code(error) == sqlite3.SQLITE_ERROR
 
 
@@ -392,8 +397,10 @@ def _postgresql_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
 
 def _postgresql_engine(url: sa.URL, connections: int) -> sa.Engine:
     """Return an engine for PostgreSQL with deadlines; `connections` is the size of its pool."""
-    options = " ".join(f"-c {name}={value}" for name, value in _SESSION.items())
-    connect_args: dict[str, Any] = {name: value for name, value in _LINK.items() if name not in url.query}
+    options = " ".join(f"-c {name}={value}" for name, value in _SERVER_TIMEOUTS.items())
+    connect_args: dict[str, Any] = {
+        name: value for name, value in _CONNECTION_PARAMETERS.items() if name not in url.query
+    }
     connect_args |= {"client_encoding": "utf8", "options": f"{options} {_server_options(url)}"}
     engine = sa.create_engine(
         url.set(drivername="postgresql+psycopg"),
@@ -426,7 +433,7 @@ def _check_encoding(connection: sa.Connection) -> None:
     if encoding != "UTF8":
         raise StoreError(
             f"the PostgreSQL database has the encoding {encoding}",
-            "create one with ENCODING 'UTF8'",
+            "create a database with ENCODING 'UTF8'",
         )
 
 

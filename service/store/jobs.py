@@ -35,7 +35,7 @@ JOB: Final = Resource("job", "jobs")
 JobChanges = Mapping[str, Any]
 """Columns of a job that change until it ends: `state`, `summary` and `document`."""
 
-_done_units: Final = (
+_finished_units: Final = (
     sa.select(sa.func.coalesce(sa.func.sum(job_steps.c.units), 0))
     .where(job_steps.c.job_id == jobs.c.id)
     .scalar_subquery()
@@ -61,12 +61,12 @@ class JobStatus:
 class JobRecords(Collection[JobRecord, JobEntry]):
     """The jobs of one kind, or of all kinds. Every change of a job is safe to repeat until the job ends."""
 
-    _ended = (~is_open,)
+    _deletion_conditions = (~is_open,)
 
     def __init__(self, database: Database, resource: Resource, quota: Quota) -> None:
         self._kind = sa.true() if resource == JOB else jobs.c.kind == resource.name
         super().__init__(database, resource, jobs, JobRecord, JobEntry, quota, self._kind)
-        self._status_query = sa.select(jobs.c.id, jobs.c.state, _done_units).where(
+        self._status_query = sa.select(jobs.c.id, jobs.c.state, _finished_units).where(
             self._kind, jobs.c.id.in_(sa.bindparam("ids", expanding=True))
         )
 
@@ -115,26 +115,29 @@ class JobRecords(Collection[JobRecord, JobEntry]):
             StoreUnavailableError: the job is locked, or the database does not answer.
         """
         is_job = self._id_conditions(job_id)
-        last = select_fields_of(jobs, JobRecord).add_columns(_done_units).where(*is_job)
+        record_query = select_fields_of(jobs, JobRecord).add_columns(_finished_units).where(*is_job)
         with self._database.writing(at_most) as connection:
             end = sa.update(jobs).where(*is_job, is_open).values(state=state)
             ended = connection.execute(end).rowcount == 1
             if ended:  # the row is locked now: nobody else can change it
                 with suppress(DamagedError):  # a damaged job ends, too, so that no worker tries it again
-                    before = dict(connection.execute(last).one()._mapping)
-                    done = int(before.pop("done"))
-                    final = changes(JobRecord(**before), done)
+                    columns = dict(connection.execute(record_query).one()._mapping)
+                    finished_units = int(columns.pop("done"))
+                    final = changes(JobRecord(**columns), finished_units)
                     connection.execute(sa.update(jobs).where(*is_job).values(**final))
                 connection.execute(sa.delete(job_steps).where(job_steps.c.job_id == job_id))
                 self._mark_campaign_outdated(connection, job_id)
         return ended
 
-    def _copied_names(self, record: JobRecord, named: Mapping[str, Any]) -> dict[str, str | None]:
+    def _copied_names(self, record: JobRecord, parent_rows: Mapping[str, Any]) -> dict[str, str | None]:
         """Return the columns with copies of names of the job's robot and set, and the search text."""
-        measured = "measurement_set_id"
-        serial_number = value_of_parent(named, measured, "serial_number")
+        set_column = "measurement_set_id"
+        serial_number = value_of_parent(parent_rows, set_column, "serial_number")
         return job_name_columns(
-            record.name, value_of_parent(named, "robot_id"), value_of_parent(named, measured), serial_number
+            record.name,
+            value_of_parent(parent_rows, "robot_id"),
+            value_of_parent(parent_rows, set_column),
+            serial_number,
         )
 
     def _mark_campaign_outdated(self, connection: sa.Connection, identifier: str) -> None:
@@ -145,8 +148,11 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         for (robot_id,) in connection.execute(robot_of_run):
             is_robot = last_campaigns.c.robot_id == robot_id
             if not mark_campaigns_outdated(connection, is_robot):
-                first = insert_unless_present(connection, last_campaigns).values(robot_id=robot_id, changes=1)
-                if connection.execute(first).rowcount == 0:  # another process has inserted the row meanwhile
+                new_row = insert_unless_present(connection, last_campaigns).values(
+                    robot_id=robot_id, changes=1
+                )
+                # Another process may have inserted the row meanwhile.
+                if connection.execute(new_row).rowcount == 0:
                     mark_campaigns_outdated(connection, is_robot)
 
 
@@ -160,7 +166,7 @@ class Steps:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def keep(self, job_id: str, span: tuple[int, int], result: bytes) -> bool:
+    def store_result(self, job_id: str, span: tuple[int, int], result: bytes) -> bool:
         """Store the result of a step, unless the step has a result already or the job has ended.
 
         Args:
@@ -190,10 +196,10 @@ class Steps:
         query = sa.select(job_steps.c.result).where(job_steps.c.job_id == job_id)
         return [bytes(row.result) for row in self._database.rows(query.order_by(job_steps.c.start))]
 
-    def others_begun(self, job_id: str) -> int:
+    def count_other_begun_jobs(self, job_id: str) -> int:
         """Return the number of other jobs that have begun and not ended: only they have results of steps."""
-        begun = sa.select(sa.func.count(sa.distinct(job_steps.c.job_id))).where(job_steps.c.job_id != job_id)
-        return int(self._database.rows(begun)[0][0])
+        query = sa.select(sa.func.count(sa.distinct(job_steps.c.job_id))).where(job_steps.c.job_id != job_id)
+        return int(self._database.rows(query)[0][0])
 
 
 SILENT: Final = timedelta(seconds=30)

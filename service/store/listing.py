@@ -66,28 +66,33 @@ def read_page(
     sequence, conditions = table.c.sequence, [*where]
     if order.q is not None:
         conditions += _search_conditions(database, table.c.words, order.q)
-    ordered = [table.c.words, sequence] if order.is_by_name else [sequence]
-    page = sa.select(sequence).where(*conditions)
+    sorted_by = [table.c.words, sequence] if order.is_by_name else [sequence]
+    page_query = sa.select(sequence).where(*conditions)
     if order.cursor is not None:
-        page = page.where(_after_record(order, ordered, _values_at_cursor(database, table, order)))
-    directed = [column.desc() if order.is_descending else column for column in ordered]
+        page_query = page_query.where(
+            _after_record(order, sorted_by, _values_at_cursor(database, table, order))
+        )
+    sorting = [column.desc() if order.is_descending else column for column in sorted_by]
     # One row more than the limit shows whether another page follows.
-    page = page.order_by(*directed).limit(sa.bindparam("limit", order.limit + 1, type_=sa.Integer))
-    places = [column.label(f"place_{number}") for number, column in enumerate(ordered)]
-    query = rows.add_columns(*places).where(sequence.in_(page)).order_by(*directed)
-    shown = [dict(row._mapping) for row in database.rows(query)]
-    positions = [tuple(row.pop(place.name) for place in places) for row in shown]
-    is_last = len(shown) <= order.limit
+    page_query = page_query.order_by(*sorting).limit(sa.bindparam("limit", order.limit + 1, type_=sa.Integer))
+    # These columns are read with each row, to count the rows behind the page and to make the next cursor.
+    order_columns = [column.label(f"place_{number}") for number, column in enumerate(sorted_by)]
+    query = rows.add_columns(*order_columns).where(sequence.in_(page_query)).order_by(*sorting)
+    rows_read = [dict(row._mapping) for row in database.rows(query)]
+    order_values = [tuple(row.pop(place.name) for place in order_columns) for row in rows_read]
+    is_last = len(rows_read) <= order.limit
     total = None
     if order.counted and order.cursor is None:
-        total = len(shown)
+        total = len(rows_read)
         if not is_last:  # only the rows after those read must be counted
             # With `sequence` itself SQLite would read whole rows; with a sum it uses the index.
-            summed = [*ordered[:-1], sequence + 0]
-            rest = sa.select(sa.func.count()).select_from(table).where(*conditions)
-            total += int(database.rows(rest.where(_after_record(order, summed, positions[-1])))[0][0])
-    records = tuple(record(**row) for row in shown[: order.limit])
-    return RecordPage(records, None if is_last else str(positions[order.limit - 1][-1]), total)
+            index_columns = [*sorted_by[:-1], sequence + 0]
+            count_query = sa.select(sa.func.count()).select_from(table).where(*conditions)
+            total += int(
+                database.rows(count_query.where(_after_record(order, index_columns, order_values[-1])))[0][0]
+            )
+    records = tuple(record(**row) for row in rows_read[: order.limit])
+    return RecordPage(records, None if is_last else str(order_values[order.limit - 1][-1]), total)
 
 
 def _search_conditions(database: Database, words: sa.Column[Any], q: str) -> list[sa.ColumnElement[bool]]:
@@ -97,7 +102,7 @@ def _search_conditions(database: Database, words: sa.Column[Any], q: str) -> lis
     return [find(words, word) > 0 for word in wanted]
 
 
-def search_text_of(*names: str | None) -> str:
+def make_search_text(*names: str | None) -> str:
     """Join names, with case folded, to a text for searches; its first name decides the order by name."""
     return _SEPARATOR.join(_fold_case(name or "")[:_MAX_WORD] for name in names)
 
@@ -107,11 +112,11 @@ def _fold_case(text: str) -> str:
 
 
 def _after_record(
-    order: Order, ordered: Sequence[sa.ColumnElement[Any]], last: tuple[object, ...]
+    order: Order, sorted_by: Sequence[sa.ColumnElement[Any]], last_values: tuple[object, ...]
 ) -> sa.ColumnElement[bool]:
-    """Return the condition of the records after a record with the values `last` in the columns `ordered`."""
-    columns, place = sa.tuple_(*ordered), sa.tuple_(*last)
-    return columns < place if order.is_descending else columns > place
+    """Return the condition of the records after the one with `last_values` in the columns `sorted_by`."""
+    columns, values = sa.tuple_(*sorted_by), sa.tuple_(*last_values)
+    return columns < values if order.is_descending else columns > values
 
 
 def _values_at_cursor(database: Database, table: sa.Table, order: Order) -> tuple[object, ...]:
@@ -139,7 +144,7 @@ def parse_cursor(cursor: str) -> int:
 
 
 def is_indexable(text: str) -> bool:
-    """Return whether both databases can hold a text in an index; no stored id or name is another text."""
+    """Return whether both databases can hold a text in an index, as they do with all ids and names."""
     if len(text) > _MAX_INDEXED or "\x00" in text:
         return False
     try:

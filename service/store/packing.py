@@ -17,7 +17,7 @@ from jointstiff.service.problems import DamagedError
 MOST_BYTES: Final = 512 * 1024 * 1024
 """Greatest size of an unpacked document [bytes]; no request is half as large."""
 _NUMBER: Final = re.compile(r"(?<=[\[,:])(-?\d+(?:\.\d+(?:e-?\d+)?|e-?\d+))(?=[\],}])", re.ASCII)
-_PLACE: Final = "\x00"  # replaces a number; JSON texts have no such character
+_NUMBER_PLACE: Final = "\x00"  # replaces a number; JSON texts have no such character
 _LEVEL: Final = 6  # level of compression
 
 
@@ -29,10 +29,10 @@ def pack_text(text: str) -> bytes:
     """
     pieces = _NUMBER.split(text)  # texts and numbers in turn: every second piece is a number
     numbers = list(map(float, pieces[1::2]))
-    if _PLACE in text or _format_numbers(numbers) != pieces[1::2]:
+    if _NUMBER_PLACE in text or _format_numbers(numbers) != pieces[1::2]:
         return _pack_words(text)
     doubles = struct.pack(f"<{len(numbers)}d", *numbers)
-    return _pack_words(_PLACE.join(pieces[::2])) + zlib.compress(doubles, _LEVEL)
+    return _pack_words(_NUMBER_PLACE.join(pieces[::2])) + zlib.compress(doubles, _LEVEL)
 
 
 def unpack_text(packed: bytes) -> str:
@@ -44,7 +44,7 @@ def unpack_text(packed: bytes) -> str:
     words, packed_doubles = _decompress_first_stream(packed)
     if not packed_doubles:
         return words.decode()
-    pieces, doubles = words.decode().split(_PLACE), unpack_bytes(packed_doubles)
+    pieces, doubles = words.decode().split(_NUMBER_PLACE), unpack_bytes(packed_doubles)
     if len(doubles) != 8 * (len(pieces) - 1):
         raise DamagedError
     numbers = _format_numbers(list(struct.unpack(f"<{len(pieces) - 1}d", doubles)))
@@ -62,15 +62,15 @@ def unpack_bytes(packed: bytes) -> bytes:
 
 def _pack_words(words: str) -> bytes:
     """Compress a text with the dictionary of frequent words."""
-    stream = zlib.compressobj(_LEVEL, zdict=_dictionary())
+    stream = zlib.compressobj(_LEVEL, zdict=_read_dictionary())
     return stream.compress(words.encode()) + stream.flush()
 
 
 @cache
-def _dictionary() -> bytes:
+def _read_dictionary() -> bytes:
     """Return the dictionary of zlib: frequent words. With another dictionary stored texts cannot be read."""
     lines = Path(__file__).with_name("dictionary.txt").read_text(encoding="utf-8").splitlines()
-    return "".join(lines).replace("#", _PLACE).encode()
+    return "".join(lines).replace("#", _NUMBER_PLACE).encode()
 
 
 def _decompress_first_stream(packed: bytes) -> tuple[bytes, bytes]:
@@ -79,7 +79,7 @@ def _decompress_first_stream(packed: bytes) -> tuple[bytes, bytes]:
     Raises:
         DamagedError: the stream is damaged, or its content larger than `MOST_BYTES`.
     """
-    stream = zlib.decompressobj(zdict=_dictionary())
+    stream = zlib.decompressobj(zdict=_read_dictionary())
     try:
         content = stream.decompress(packed, MOST_BYTES)
     except zlib.error as error:

@@ -121,16 +121,19 @@ class Store:
         unfinished = sa.select(jobs.c.id, jobs.c.kind).where(jobs.c.kind.in_(kinds), is_open)
         return {str(row.id): str(row.kind) for row in self._database.rows(unfinished)}
 
-    def unfinished_among(self, job_ids: Ids[str]) -> set[str]:
-        """Return those of the ids `job_ids` whose jobs have not ended."""
+    def find_unfinished_jobs(self, job_ids: Ids[str]) -> set[str]:
+        """Return the ids among `job_ids` whose jobs have not ended."""
         unfinished = sa.select(jobs.c.id).where(jobs.c.id.in_(job_ids), is_open)
         return {str(row.id) for row in self._database.rows(unfinished)}
 
-    def runs_with_numbers(self, robot_id: str, most: int) -> list[TrendEntry]:
+    def runs_with_numbers(self, robot_id: str, limit: int) -> list[TrendEntry]:
         """Return the newest runs of a robot that have numbers for a trend, newest first."""
         conditions = [jobs.c.robot_id == robot_id, jobs.c.trend.is_not(None), jobs.c.deleted_at.is_(None)]
         newest = (
-            select_fields_of(jobs, TrendEntry).where(*conditions).order_by(jobs.c.sequence.desc()).limit(most)
+            select_fields_of(jobs, TrendEntry)
+            .where(*conditions)
+            .order_by(jobs.c.sequence.desc())
+            .limit(limit)
         )
         return [TrendEntry(*row) for row in self._database.rows(newest)]
 

@@ -183,7 +183,7 @@ class AccessKey:
     """An access key. The store has only its hash; the key itself is known to its holder alone."""
 
     id: str
-    name: str  # holder of the key, for people
+    name: str  # name of the key's holder
     role: str  # `viewer`, `operator` or `admin`
     key_hash: str
     """SHA-256 of the key. A slow hash is not needed: unlike a password, the key has 256 random bits."""
@@ -246,8 +246,8 @@ LAYOUT: Final = "0013_year"
 
 Before the first release only this layout is created and read; databases of other layouts are refused.
 """
-_ADVISORY_LOCK: Final = 0x4A6F696E74  # any number that no other program takes: "Joint"
-_TURN_SECONDS: Final = 60.0  # time to wait for another process that creates the tables
+_ADVISORY_LOCK: Final = 0x4A6F696E74  # "Joint" in ASCII: any number that no other program uses
+_LOCK_SECONDS: Final = 60.0  # time to wait for another process that creates the tables
 
 metadata = sa.MetaData(
     naming_convention={
@@ -355,14 +355,14 @@ def _make_numbered_table(
     )
 
 
-def _index(name: str, *columns: str, where: str | None = None) -> sa.Index:
+def _make_index(name: str, *columns: str, where: str | None = None) -> sa.Index:
     """Return an index of some columns, then `sequence`; with `where` only of rows that meet it."""
     condition = None if where is None else sa.text(where)
     ordered = columns if "sequence" in columns else (*columns, "sequence")
     return sa.Index(f"ix_{name}", *ordered, sqlite_where=condition, postgresql_where=condition)
 
 
-def _listing_indexes(name: str, *columns: str, covering: Iterable[str] = ()) -> list[sa.Index]:
+def _make_listing_indexes(name: str, *columns: str, covering: Iterable[str] = ()) -> list[sa.Index]:
     """Return two indexes, in order of time and of name, from which a page is found without reading rows.
 
     Args:
@@ -373,17 +373,17 @@ def _listing_indexes(name: str, *columns: str, covering: Iterable[str] = ()) -> 
     # For a column of a condition that is not in the index SQLite would read the row.
     covered = [*covering, "deleted_at"]
     return [
-        _index(f"{name}_listed", *columns, "sequence", *covered, "words", where=VISIBLE),
-        _index(f"{name}_words", *columns, "words", "sequence", *covered, where=VISIBLE),
+        _make_index(f"{name}_listed", *columns, "sequence", *covered, "words", where=VISIBLE),
+        _make_index(f"{name}_words", *columns, "words", "sequence", *covered, where=VISIBLE),
     ]
 
 
-def _deletion_index(name: str) -> sa.Index:
+def _make_deletion_index(name: str) -> sa.Index:
     """Return the index of deleted rows, in order of the time of deletion."""
-    return _index(f"{name}_deleted_at", "deleted_at", where="deleted_at IS NOT NULL")
+    return _make_index(f"{name}_deleted_at", "deleted_at", where="deleted_at IS NOT NULL")
 
 
-def _with_listing_columns(*columns: sa.Column[Any]) -> list[sa.Column[Any]]:
+def _add_listing_columns(*columns: sa.Column[Any]) -> list[sa.Column[Any]]:
     """Return the given columns and those that every listed table has: `words` and `deleted_at`."""
     return [
         *columns,
@@ -402,12 +402,12 @@ NAMES: Final = sa.String().with_variant(sa.String(collation="C"), "postgresql")
 robots = _make_numbered_table(
     "robots",
     RobotRecord,
-    *_with_listing_columns(),
+    *_add_listing_columns(),
     indexes=[
-        *_listing_indexes("robots"),
-        _deletion_index("robots"),
-        _index("robots_name", "name", where=VISIBLE),
-        _index("robots_content_hash", "content_hash", where=VISIBLE),
+        *_make_listing_indexes("robots"),
+        _make_deletion_index("robots"),
+        _make_index("robots_name", "name", where=VISIBLE),
+        _make_index("robots_content_hash", "content_hash", where=VISIBLE),
     ],
 )
 
@@ -425,14 +425,14 @@ sa.Index(
 measurement_sets = _make_numbered_table(
     "measurement_sets",
     MeasurementSetRecord,
-    *_with_listing_columns(sa.Column("robot_name", sa.String)),
+    *_add_listing_columns(sa.Column("robot_name", sa.String)),
     references={"robot_id": "robots.id"},
     indexes=[
-        *_listing_indexes("measurement_sets", covering=["encoders"]),
-        _deletion_index("measurement_sets"),
-        _index("measurement_sets_robot_id", "robot_id"),
+        *_make_listing_indexes("measurement_sets", covering=["encoders"]),
+        _make_deletion_index("measurement_sets"),
+        _make_index("measurement_sets_robot_id", "robot_id"),
         *(
-            _index(f"measurement_sets_{column}", column, where=VISIBLE)
+            _make_index(f"measurement_sets_{column}", column, where=VISIBLE)
             for column in ("name", "content_hash", "serial_number", "operator", "instrument", "measured_at")
         ),
     ],
@@ -441,22 +441,22 @@ measurement_sets = _make_numbered_table(
 open_sets = _make_numbered_table(
     "open_sets",
     OpenSetRecord,
-    *_with_listing_columns(sa.Column("robot_name", sa.String)),
+    *_add_listing_columns(sa.Column("robot_name", sa.String)),
     references={"robot_id": "robots.id"},
     indexes=[
-        *_listing_indexes("open_sets"),
-        _deletion_index("open_sets"),
-        _index("open_sets_robot_id", "robot_id"),
+        *_make_listing_indexes("open_sets"),
+        _make_deletion_index("open_sets"),
+        _make_index("open_sets_robot_id", "robot_id"),
     ],
 )
 
-_OF_JOBS: Final = ("state", "verdict", "method", "weighting", "elasticity")
+_JOB_FILTER_COLUMNS: Final = ("state", "verdict", "method", "weighting", "elasticity")
 """Columns with few different values that filter listings of jobs."""
 
 jobs = _make_numbered_table(
     "jobs",
     JobRecord,
-    *_with_listing_columns(
+    *_add_listing_columns(
         *(sa.Column(name, sa.String) for name in ("robot_name", "measurement_set_name", "serial_number"))
     ),
     references={
@@ -465,15 +465,15 @@ jobs = _make_numbered_table(
         "robot_id": "robots.id",
     },
     indexes=[
-        *_listing_indexes("jobs", covering=["kind", *_OF_JOBS]),
+        *_make_listing_indexes("jobs", covering=["kind", *_JOB_FILTER_COLUMNS]),
         # Indexes for each kind, so that listing a kind with few jobs is faster than listing all jobs.
-        *_listing_indexes("jobs_kind", "kind", covering=_OF_JOBS),
-        _deletion_index("jobs"),
-        _index("jobs_open", "kind", where=OPEN),
-        _index("jobs_robot_id", "robot_id", "kind"),
-        _index("jobs_measurement_set_id", "measurement_set_id"),
-        _index("jobs_second_set_id", "second_set_id"),
-        _index("jobs_name", "kind", "name", where=VISIBLE),
+        *_make_listing_indexes("jobs_kind", "kind", covering=_JOB_FILTER_COLUMNS),
+        _make_deletion_index("jobs"),
+        _make_index("jobs_open", "kind", where=OPEN),
+        _make_index("jobs_robot_id", "robot_id", "kind"),
+        _make_index("jobs_measurement_set_id", "measurement_set_id"),
+        _make_index("jobs_second_set_id", "second_set_id"),
+        _make_index("jobs_name", "kind", "name", where=VISIBLE),
     ],
 )
 
@@ -525,12 +525,12 @@ access_links = sa.Table(
 )
 
 # Journals refer to nothing: they outlive the robots and the runs that they name.
-audit = _make_numbered_table("audit", AuditEntry, indexes=[_index("audit_key_id", "key_id")])
+audit = _make_numbered_table("audit", AuditEntry, indexes=[_make_index("audit_key_id", "key_id")])
 live_entries = _make_numbered_table(
-    "live_entries", LiveEntry, indexes=[_index("live_entries_set_id", "set_id")]
+    "live_entries", LiveEntry, indexes=[_make_index("live_entries_set_id", "set_id")]
 )
-_once = [live_entries.c[name] for name in ("set_id", "change", "label")]
-sa.Index("ix_live_entries_once", *_once, unique=True)
+_unique_columns = [live_entries.c[name] for name in ("set_id", "change", "label")]
+sa.Index("ix_live_entries_once", *_unique_columns, unique=True)
 
 
 def select_fields_of(table: sa.Table, record: type) -> sa.Select[Any]:
@@ -576,8 +576,8 @@ def indexes_of(table: sa.Table) -> list[sa.Index]:
     return sorted(table.indexes, key=lambda index: str(index.name))
 
 
-_ROWS: Final = 100_000  # assumed number of rows of each table
-_VALUES: Final[Mapping[str, int]] = MappingProxyType(
+_ASSUMED_ROWS: Final = 100_000  # assumed number of rows of each table
+_ASSUMED_DISTINCT_VALUES: Final[Mapping[str, int]] = MappingProxyType(
     {
         **dict.fromkeys(("kind", "state", "verdict", "method", "weighting", "elasticity", "encoders"), 4),
         **dict.fromkeys(("operator", "instrument", "key_id"), 30),
@@ -604,11 +604,11 @@ def _write_assumed_statistics(connection: sa.Connection) -> None:
     connection.exec_driver_sql("ANALYZE")  # creates the table of statistics
     for table in metadata.sorted_tables:
         for index in indexes_of(table):
-            rows = _ROWS_OF_SMALL_INDEXES.get(str(index.name), _ROWS)
+            rows = _ROWS_OF_SMALL_INDEXES.get(str(index.name), _ASSUMED_ROWS)
             # `stat`: the number of rows, then of rows equal in the first column, in the first two, …
             equal_counts, equal_rows = [], float(rows)
             for column in index.columns:
-                equal_rows = max(1.0, equal_rows / _VALUES.get(column.name, rows))
+                equal_rows = max(1.0, equal_rows / _ASSUMED_DISTINCT_VALUES.get(column.name, rows))
                 equal_counts.append(round(equal_rows))
             statistics = " ".join(map(str, [rows, *equal_counts]))
             connection.exec_driver_sql(
@@ -624,12 +624,12 @@ def _lock_creation(connection: sa.Connection) -> None:
     Raises:
         StoreUnavailableError: another process has had the lock for a minute.
     """
-    deadline = time.monotonic() + _TURN_SECONDS
+    deadline = time.monotonic() + _LOCK_SECONDS
     lock = sa.text("SELECT pg_try_advisory_xact_lock(:n)")
     while not connection.execute(lock, {"n": _ADVISORY_LOCK}).scalar_one():
         if time.monotonic() > deadline:
             raise StoreUnavailableError(
-                f"another process has been creating the tables for {_TURN_SECONDS:.0f} s",
+                f"another process has been creating the tables for {_LOCK_SECONDS:.0f} s",
                 "end the other process if it hangs, and start again",
             )
         time.sleep(0.05)
@@ -645,7 +645,7 @@ def has_tables(connection: sa.Connection) -> bool:
         return False
     found = connection.execute(sa.select(layouts.c.version_num)).scalar()
     if found not in {LAYOUT, None}:
-        save = _SAVE[connection.dialect.name]
+        save = _SAVE_COMMANDS[connection.dialect.name]
         raise StoreError(
             f"the database has tables of another version of Jointstiff: layout {found}, not {LAYOUT}",
             f"save it with `{save}` and open it with the version that wrote it, or give a new database and "
@@ -654,7 +654,7 @@ def has_tables(connection: sa.Connection) -> bool:
     return found is not None
 
 
-_SAVE: Final = {
+_SAVE_COMMANDS: Final = {
     "sqlite": "sqlite3 FILE '.backup SAVED'",
     "postgresql": "pg_dump --format=custom --file=SAVED DATABASE",
 }

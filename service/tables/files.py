@@ -17,18 +17,18 @@ from jointstiff.service.tables.table import Sheet, Value
 if TYPE_CHECKING:
     import numpy as np
 
-_FORMULA: Final = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20", "\t", "\r")
+_FORMULA_STARTS: Final = ("=", "+", "-", "@", "\uff1d", "\uff0b", "\uff0d", "\uff20", "\t", "\r")
 """First characters of texts that a spreadsheet takes for formulas; some languages have full-width ones."""
-_MAX_WIDTH: Final = 40
-_BLOCK: Final = 4096
+_MAX_COLUMN_WIDTH: Final = 40
+_ROWS_PER_BLOCK: Final = 4096
 """Number of rows that are formatted at a time."""
 _SINGLE_DIGITS: Final = 7
 """Digits of a number in single precision."""
 
 
 _SEPARATORS: Final = r";\t\n\r\v\f\x1c-\x1e\x85\u2028\u2029"
-_FORMULA_BEHIND: Final = re.compile(
-    rf"(?<=[{_SEPARATORS}])(?=(?:[^\S{_SEPARATORS}]|[\"'])*[{re.escape(''.join(_FORMULA))}])"
+_FORMULA_AFTER_SEPARATOR: Final = re.compile(
+    rf"(?<=[{_SEPARATORS}])(?=(?:[^\S{_SEPARATORS}]|[\"'])*[{re.escape(''.join(_FORMULA_STARTS))}])"
 )
 """Position before a formula that follows a character at which some spreadsheets separate cells or rows.
 
@@ -40,8 +40,8 @@ def escape_formula(value: Value) -> Value:
     """Return a cell with an apostrophe before each text that a spreadsheet would run as a formula."""
     if not isinstance(value, str):
         return value
-    text = _FORMULA_BEHIND.sub("'", value)
-    return f"'{text}" if text.startswith(_FORMULA) else text
+    text = _FORMULA_AFTER_SEPARATOR.sub("'", value)
+    return f"'{text}" if text.startswith(_FORMULA_STARTS) else text
 
 
 def csv_text(sheet: Sheet) -> str:
@@ -53,8 +53,10 @@ def csv_parts(sheet: Sheet) -> Iterator[str]:
     """Yield a sheet as CSV in parts, so that a large sheet needs little memory."""
     columns = list(sheet.columns.values())
     yield csv_rows([[escape_formula(header) for header in sheet.columns]])
-    for begin in range(0, len(columns[0]) if columns else 0, _BLOCK):
-        cells = [_format_csv_cells(column[begin : begin + _BLOCK], sheet.digits) for column in columns]
+    for begin in range(0, len(columns[0]) if columns else 0, _ROWS_PER_BLOCK):
+        cells = [
+            _format_csv_cells(column[begin : begin + _ROWS_PER_BLOCK], sheet.digits) for column in columns
+        ]
         yield csv_rows(zip(*cells, strict=True))
 
 
@@ -107,20 +109,20 @@ def xlsx_bytes(sheets: Mapping[str, Sheet]) -> bytes:
     except ImportError as error:
         raise explain_missing_library("an Excel workbook", error) from None
 
-    book = Workbook(write_only=False)
-    book.remove(book.worksheets[0])
+    workbook = Workbook(write_only=False)
+    workbook.remove(workbook.worksheets[0])
     for name, sheet in sheets.items():
-        page: Any = book.create_sheet(name)
-        page.append([escape_formula(header) for header in sheet.columns])
+        worksheet: Any = workbook.create_sheet(name)
+        worksheet.append([escape_formula(header) for header in sheet.columns])
         for row in zip(*sheet.columns.values(), strict=True):
-            page.append([escape_formula(cell) for cell in row])
-        for place, cell in enumerate(page[1], 1):
+            worksheet.append([escape_formula(cell) for cell in row])
+        for number, cell in enumerate(worksheet[1], 1):
             cell.font = Font(bold=True)
-            width = min(len(str(cell.value)) + 2, _MAX_WIDTH)
-            page.column_dimensions[get_column_letter(place)].width = width
-        page.freeze_panes = "B2"
+            width = min(len(str(cell.value)) + 2, _MAX_COLUMN_WIDTH)
+            worksheet.column_dimensions[get_column_letter(number)].width = width
+        worksheet.freeze_panes = "B2"
     content = io.BytesIO()
-    book.save(content)
+    workbook.save(content)
     return content.getvalue()
 
 
@@ -159,7 +161,10 @@ def json_text(sheet: Sheet) -> str:
         {
             "name": name,
             "unit": unit,
-            "values": [None if isinstance(v, float) and not isfinite(v) else v for v in _to_list(column)],
+            "values": [
+                None if isinstance(value, float) and not isfinite(value) else value
+                for value in _to_list(column)
+            ],
         }
         for header, column in sheet.columns.items()
         for name, unit in [split_header(header)]
@@ -196,9 +201,9 @@ def make_data_frame(sheet: Sheet) -> Any:  # noqa: ANN401 - of pandas or polars,
         except ImportError as error:
             raise explain_missing_library("to_frame", error) from None
         return polars.DataFrame(columns, strict=False)
-    first = next(iter(columns), None)
-    names = columns[first] if first is not None else []
-    are_texts = all(isinstance(name, str) for name in names)
-    has_names = bool(names) and are_texts and len(set(names)) == len(names)
+    first_header = next(iter(columns), None)
+    first_column = columns[first_header] if first_header is not None else []
+    are_texts = all(isinstance(value, str) for value in first_column)
+    has_names = bool(first_column) and are_texts and len(set(first_column)) == len(first_column)
     frame = pandas.DataFrame(columns)
-    return frame.set_index(first) if has_names else frame
+    return frame.set_index(first_header) if has_names else frame

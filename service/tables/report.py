@@ -58,11 +58,11 @@ _HEAD_STYLES: Final[Mapping[Verdict, Style]] = MappingProxyType(
 )
 """Verdict → style of the first line of a report."""
 _STYLES: Final[Mapping[str, Style]] = {"use_with_care": "care", "do_not_use": "bad"}
-_UNEXPLAINED: Final = frozenset({"deflections_unexplained", "residual_outlier"})
+_UNEXPLAINED_CODES: Final = frozenset({"deflections_unexplained", "residual_outlier"})
 _COVERED_WARNINGS: Final[Mapping[str, frozenset[str]]] = MappingProxyType(
     {
-        "deflection_unexplained": _UNEXPLAINED,
-        "alternative_explains_better": _UNEXPLAINED | {"joint_sign_suspect", "joints_swapped"},
+        "deflection_unexplained": _UNEXPLAINED_CODES,
+        "alternative_explains_better": _UNEXPLAINED_CODES | {"joint_sign_suspect", "joints_swapped"},
     }
 )
 """Code of a reason → codes of warnings that say the same as the reason, and are therefore not shown."""
@@ -84,18 +84,18 @@ def verdict_line(assessment: Assessment) -> Line:
     verdict, count = assessment.verdict, len(assessment.reasons)
     identified, joints = assessment.joints_identified, assessment.joint_count
     if not count and identified is not None and identified != joints:
-        rest = "the others have no number that passed the checks"
-        return Line(f"Use {identified} of {joints} joints: {rest}", _HEAD_STYLES[verdict])
-    why = format_count(count, "reason") if count else describe_passed_checks(assessment)
-    return Line(f"{VERDICTS[verdict].capitalize()}: {why}", _HEAD_STYLES[verdict])
+        rest_words = "the others have no number that passed the checks"
+        return Line(f"Use {identified} of {joints} joints: {rest_words}", _HEAD_STYLES[verdict])
+    explanation = format_count(count, "reason") if count else describe_passed_checks(assessment)
+    return Line(f"{VERDICTS[verdict].capitalize()}: {explanation}", _HEAD_STYLES[verdict])
 
 
-def describe_passed_checks(assessment: Assessment, of: str = "") -> str:
-    """Return in words how many joints passed the checks; `of` says whose joints, such as ` of its run`."""
+def describe_passed_checks(assessment: Assessment, owner: str = "") -> str:
+    """Return in words how many joints passed the checks; `owner` says whose joints, such as ` of its run`."""
     identified, count = assessment.joints_identified, assessment.joint_count
     if identified is None:
         return "the checks found no fault"
-    return f"{'all' if identified == count else f'{identified} of'} {count} joints{of} passed the checks"
+    return f"{'all' if identified == count else f'{identified} of'} {count} joints{owner} passed the checks"
 
 
 def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
@@ -114,9 +114,9 @@ def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
 def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
     """Return the remedies of an assessment's reasons, without repetitions.
 
-    If `applies`, a remedy that a program can carry out names the option `--apply`.
+    If `applies` is set, a remedy that a program can carry out names the option `--apply`.
     """
-    kinds = [None if each.action is None else each.action.kind for each in assessment.reasons]
+    kinds = [None if reason.action is None else reason.action.kind for reason in assessment.reasons]
     # `--apply KIND` applies the first action of a kind, so only the remedy of that action names the option.
     suffixes = [
         f", or repeat the command with `--apply {kind}`"
@@ -124,13 +124,13 @@ def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
         else ""
         for number, kind in enumerate(kinds)
     ]
-    return list(dict.fromkeys(map(str.__add__, (each.remedy for each in assessment.reasons), suffixes)))
+    return list(dict.fromkeys(map(str.__add__, (reason.remedy for reason in assessment.reasons), suffixes)))
 
 
 def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:
     """Return a titled and numbered list of things to do; without details only the first `MOST_SHOWN`."""
     shown = things if details else things[:MOST_SHOWN]
-    lines: list[Line] = [Line(f"  {number}. {each}") for number, each in enumerate(shown, 1)]
+    lines: list[Line] = [Line(f"  {number}. {thing}") for number, thing in enumerate(shown, 1)]
     return [Line("To do", "title"), *lines] if lines else []
 
 
@@ -161,7 +161,7 @@ def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
     for name, reason in reasons:
         if reason:
             names.setdefault(reason, []).append(name)
-    return [Line(f"  {', '.join(same)}: {reason}", "dim") for reason, same in names.items()]
+    return [Line(f"  {', '.join(joint_names)}: {reason}", "dim") for reason, joint_names in names.items()]
 
 
 def format_count(count: int, noun: str) -> str:
@@ -207,31 +207,30 @@ NOT_STATED: Final = "not stated"
 
 
 @dataclass(frozen=True)
-class _Units:
+class _RequestUnits:
     """Units that a request states, and the kinds of the joints to which its numbers belong."""
 
     stated: object  # field `units` of the request; None if the request has none
-    kinds: Mapping[
-        str, JointKind
-    ]  # joint's name → kind, in the order of the robot; empty if all are revolute
+    # joint's name → kind, in the order of the robot; empty if all joints are revolute
+    kinds: Mapping[str, JointKind]
 
     def unit_of_field(self, field: FieldInfo) -> _Unit:
         """Return the unit of a field: from its schema, or from the request if its description says so."""
         text = field.description or ""
-        stated = [str(getattr(self.stated, name, None) or "") for name in _STATED_UNIT.findall(text)]
-        if stated:
-            return _Unit(stated[0], stated[-1])
+        stated_units = [str(getattr(self.stated, name, None) or "") for name in _STATED_UNIT.findall(text)]
+        if stated_units:  # the first is of revolute joints; the last, of prismatic joints, may be equal
+            return _Unit(stated_units[0], stated_units[-1])
         return _Unit(field_unit(field), field_unit(field, "unit_of_prismatic") or field_unit(field))
 
     def units_of_joints(self, values: Sequence[float], unit: _Unit) -> list[str] | None:
-        """Return the unit of each value if a field has a value per joint in different units, else None."""
-        by_joint = unit.prismatic != unit.revolute and len(values) == len(self.kinds)
-        return [unit.for_kind(kind) for kind in self.kinds.values()] if by_joint else None
+        """Return the unit of each value if a field has one value per joint, in different units; else None."""
+        have_joint_units = unit.prismatic != unit.revolute and len(values) == len(self.kinds)
+        return [unit.for_kind(kind) for kind in self.kinds.values()] if have_joint_units else None
 
 
 @dataclass(frozen=True)
 class _Unit:
-    """Unit of a number of a revolute joint, and of a prismatic joint; the same if no joint is concerned."""
+    """Unit of a number for revolute and for prismatic joints; both are equal for other numbers."""
 
     revolute: str
     prismatic: str
@@ -250,41 +249,43 @@ def list_request_fields(
     are prismatic. For long values, such as readings and files, the text states the number of entries and the
     SHA-256 of their JSON.
     """
-    entries = list(_list_fields(request, _Units(getattr(request, "units", None), kinds), ""))
-    absent = [label for label, text in entries if not text]
+    entries = list(_list_fields(request, _RequestUnits(getattr(request, "units", None), kinds), ""))
+    labels_without_value = [label for label, text in entries if not text]
     facts = [(label[:1].upper() + label[1:], text) for label, text in entries if text]
-    return [*facts, *([("Not stated", ", ".join(absent))] if absent else [])]
+    return [*facts, *([("Not stated", ", ".join(labels_without_value))] if labels_without_value else [])]
 
 
-def _list_fields(message: Message, units: _Units, within: str) -> Iterator[tuple[str, str]]:
+def _list_fields(message: Message, units: _RequestUnits, label_prefix: str) -> Iterator[tuple[str, str]]:
     """Yield label and text of each field of a message; the text is empty if the field has no value.
 
     Args:
         message: message whose fields are listed, those of inner messages included.
         units: units of the request.
-        within: beginning of the labels: the label of the outer field.
+        label_prefix: beginning of the labels: the label of the outer field.
     """
     for name, field in type(message).model_fields.items():
-        label, value = f"{within}{name.replace('_', ' ')}", getattr(message, name)
+        label, value = f"{label_prefix}{name.replace('_', ' ')}", getattr(message, name)
         unit = units.unit_of_field(field)
         if isinstance(value, Message):
             yield from _list_fields(value, units, f"{label}: ")
         elif isinstance(value, Sequence) and value and isinstance(value[0], Message):
-            lines = [_format_short(each, unit, units) for each in value]
+            lines = [_format_or_summarise(item, unit, units) for item in value]
             yield label, "\n".join(lines) if len(lines) <= _MAX_LINES else _summarise(value)
         elif value is None or value in ("", [], (), {}):
             yield label, ""
         else:
-            yield label, _format_short(value, unit, units)
+            yield label, _format_or_summarise(value, unit, units)
 
 
-def _format_short(value: object, unit: _Unit, units: _Units, kind: JointKind | None = None) -> str:
+def _format_or_summarise(
+    value: object, unit: _Unit, units: _RequestUnits, kind: JointKind | None = None
+) -> str:
     """Return a value as text; a text that is too long is replaced by its length and hash."""
     text = _format_value(value, unit, units, kind)
     return text if len(text) <= _MAX_CHARACTERS else _summarise(value)
 
 
-def _format_value(value: object, unit: _Unit, units: _Units, kind: JointKind | None = None) -> str:
+def _format_value(value: object, unit: _Unit, units: _RequestUnits, kind: JointKind | None = None) -> str:
     """Return a value of any type as text, numbers with their unit.
 
     Args:
@@ -294,34 +295,41 @@ def _format_value(value: object, unit: _Unit, units: _Units, kind: JointKind | N
         kind: kind of the joint to which the value belongs; None if unknown.
     """
     if isinstance(value, Message):
-        parts = (
-            (
-                name.replace("_", " "),
-                _format_short(part, units.unit_of_field(type(value).model_fields[name]), units, kind),
-            )
-            for name, part in ((name, getattr(value, name)) for name in type(value).model_fields)
-            if part is not None
+        return ", ".join(
+            f"{name.replace('_', ' ')} {_format_or_summarise(part, units.unit_of_field(field), units, kind)}"
+            for name, field in type(value).model_fields.items()
+            if (part := getattr(value, name)) is not None
         )
-        return ", ".join(f"{name} {text}" for name, text in parts)
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
         factor, name = _SHOWN_UNITS.get(unit.for_kind(kind), (1.0, unit.for_kind(kind)))
         return f"{_format_number(factor * value)}{'' if name in ('', '°') else ' '}{name}"
     if isinstance(value, Mapping):
-        named = ((key, part, units.kinds.get(key)) for key, part in value.items())
-        return "; ".join(f"{key} {_format_value(part, unit, units, of)}" for key, part, of in named)
+        parts_with_kind = ((key, part, units.kinds.get(key)) for key, part in value.items())
+        return "; ".join(
+            f"{key} {_format_value(part, unit, units, joint_kind)}"
+            for key, part, joint_kind in parts_with_kind
+        )
     if isinstance(value, Sequence) and not isinstance(value, str):
         if value and all(isinstance(part, int | float) and not isinstance(part, bool) for part in value):
-            if own := units.units_of_joints(value, unit):
-                with_units = (
-                    _format_value(part, _Unit(one, one), units) for part, one in zip(value, own, strict=True)
-                )
-                return f"({', '.join(with_units)})"
-            factor, name = _SHOWN_UNITS.get(unit.for_kind(kind), (1.0, unit.for_kind(kind)))
-            return f"({', '.join(_format_number(factor * part) for part in value)}) {name}".strip()
+            return _format_numbers(value, unit, units, kind)
         return "; ".join(_format_value(part, unit, units, kind) for part in value)
     return str(value)
+
+
+def _format_numbers(
+    values: Sequence[float], unit: _Unit, units: _RequestUnits, kind: JointKind | None
+) -> str:
+    """Return a list of numbers in brackets, with their common unit behind, or each with its joint's unit."""
+    if joint_units := units.units_of_joints(values, unit):
+        texts = (
+            _format_value(value, _Unit(joint_unit, joint_unit), units)
+            for value, joint_unit in zip(values, joint_units, strict=True)
+        )
+        return f"({', '.join(texts)})"
+    factor, name = _SHOWN_UNITS.get(unit.for_kind(kind), (1.0, unit.for_kind(kind)))
+    return f"({', '.join(_format_number(factor * value) for value in values)}) {name}".strip()
 
 
 def _format_number(value: float) -> str:
@@ -332,6 +340,6 @@ def _summarise(value: object) -> str:
     """Return the length and the SHA-256 of a value that is too long to be shown."""
     if isinstance(value, str):
         return f"{len(value):,} characters, SHA-256 {hashlib.sha256(value.encode()).hexdigest()}"
-    plain = json.dumps(to_jsonable_python(value), separators=(",", ":"))
+    json_text = json.dumps(to_jsonable_python(value), separators=(",", ":"))
     count = len(value) if isinstance(value, Sequence | Mapping) else 1
-    return f"{count} entries, SHA-256 {hashlib.sha256(plain.encode()).hexdigest()}"
+    return f"{count} entries, SHA-256 {hashlib.sha256(json_text.encode()).hexdigest()}"

@@ -40,7 +40,7 @@ class StiffnessUnit:
     factor: float  # factor from SI units to this unit, of a stiffness, or of a compliance if `inverse`
     label: str  # name as printed
     inverse: bool = False  # whether compliances are shown instead of stiffnesses
-    sliding: StiffnessUnit | None = None  # the unit for prismatic joints; None if it is this unit
+    sliding: StiffnessUnit | None = None  # unit for prismatic joints; None if this unit is for all joints
 
     def for_kind(self, kind: JointKind) -> StiffnessUnit:
         """Return the unit for joints of a kind: `sliding` for prismatic joints, else this unit."""
@@ -57,7 +57,7 @@ class StiffnessUnit:
         """Name of the quantity that has this unit."""
         return "compliance" if self.inverse else "stiffness"
 
-    def value(self, compliance: float) -> float | None:
+    def convert_compliance(self, compliance: float) -> float | None:
         """Convert a compliance in SI units to this unit; None for a rigid joint (infinite stiffness)."""
         if self.inverse:
             return self.factor * compliance
@@ -66,7 +66,8 @@ class StiffnessUnit:
     def uncertainty(self, joint: JointResult) -> float | None:
         """Return a joint's standard uncertainty in this unit; None if it is unknown.
 
-        That of a stiffness k = 1/c follows from that of the compliance c to first order: u(k) = u(c) k².
+        The uncertainty of a stiffness k = 1/c follows from that of the compliance c to first order:
+        u(k) = u(c) k².
         """
         if joint.standard_uncertainty is None:
             return None
@@ -87,7 +88,7 @@ class StiffnessUnit:
         if joint.compliance is None:
             return "—", "—", "—"
         uncertainty = self.uncertainty(joint)
-        value = self.value(joint.compliance)
+        value = self.convert_compliance(joint.compliance)
         return (
             "rigid" if value is None else format_rounded(value, uncertainty),
             "—" if uncertainty is None else format_rounded(uncertainty, uncertainty),
@@ -96,14 +97,14 @@ class StiffnessUnit:
 
     def _interval(self, joint: JointResult, uncertainty: float | None) -> str:
         """Return a joint's interval as text: `low … high`, a one-sided bound such as `> 3.1`, or a dash."""
-        ends = joint.compliance_interval if self.inverse else joint.stiffness_interval
-        if ends is not None and ends[1] is not None and joint.stiffness is not None:
-            low, high = (format_rounded(self.factor * end, uncertainty) for end in (ends[0], ends[1]))
+        interval = joint.compliance_interval if self.inverse else joint.stiffness_interval
+        if interval is not None and interval[1] is not None and joint.stiffness is not None:
+            low, high = (format_rounded(self.factor * end, uncertainty) for end in (interval[0], interval[1]))
             return f"{low} … {high}"
-        # Without an upper end the one-sided bound is shown, which is tighter than the interval's lower end.
-        if (least := lower_limit(joint)) is None:
+        # Without an upper end the one-sided bound is shown: it is tighter than the lower end of the interval.
+        if (lower_stiffness := lower_limit(joint)) is None:
             return "—"
-        bound = round_down(least)
+        bound = round_down(lower_stiffness)
         return (
             f"< {figure(self.factor / bound, '.3g')}"
             if self.inverse
@@ -115,7 +116,7 @@ class StiffnessUnit:
         if (unit := self.for_kind(joint.kind)) is not self:
             line = unit.format_concise(joint)
             return line if joint.compliance is None else Line(f"{line.text} {unit.label}", line.style)
-        value = None if joint.compliance is None else self.value(joint.compliance)
+        value = None if joint.compliance is None else self.convert_compliance(joint.compliance)
         if value is None:
             return Line(NO_NUMBER if joint.compliance is None else "rigid", "dim")
         return Line(format_concise(value, self.uncertainty(joint)), "bad" if value < 0 else "")
@@ -126,17 +127,17 @@ class StiffnessUnit:
             return "—"
         if (unit := self.for_kind(kind)) is not self:
             return f"{unit.format_compliance(compliance)} {unit.label}"
-        value = self.value(compliance)
+        value = self.convert_compliance(compliance)
         return "rigid" if value is None else figure(value, ".3g")
 
-    def format_compliance_interval(self, ends: tuple[float, float] | None) -> str:
-        """Format an interval of compliances in SI units; stiffness has no limit if the lower end is zero."""
-        if ends is None or ends[1] <= 0:
+    def format_compliance_interval(self, interval: tuple[float, float] | None) -> str:
+        """Format an interval of compliances in SI units; a lower end of 0 gives a stiffness without limit."""
+        if interval is None or interval[1] <= 0:
             return "—"
         if self.inverse:
-            return f"{figure(self.factor * ends[0], '.3g')} … {figure(self.factor * ends[1], '.3g')}"
-        return f"{figure(self.factor / ends[1], '.3g')} … " + (
-            f"{figure(self.factor / ends[0], '.3g')}" if ends[0] > 0 else "no limit"
+            return f"{figure(self.factor * interval[0], '.3g')} … {figure(self.factor * interval[1], '.3g')}"
+        return f"{figure(self.factor / interval[1], '.3g')} … " + (
+            f"{figure(self.factor / interval[0], '.3g')}" if interval[0] > 0 else "no limit"
         )
 
 

@@ -111,7 +111,7 @@ class Table:
         """Return the indices of the columns, as shown, with text; in an upright table only 0, the headers."""
         if self.upright:
             return [0]
-        return [place for place, column in enumerate(self.columns) if column.text]
+        return [index for index, column in enumerate(self.columns) if column.text]
 
     def shown(self) -> dict[str, object]:
         """Return the table as an object for JSON, with all cells as texts."""
@@ -129,7 +129,7 @@ class Chart:
     series: Mapping[str, Sequence[float | None]]  # one number for each place, in SI units; None for none
     factor: float  # factor from SI units to `unit`
     unit: str  # unit as shown
-    axis: str = "configurations"  # what the places are
+    axis: str = "configurations"  # plural noun for the places along the axis
     # name of a series → interval at each place; None for no interval, an end of None for no limit
     intervals: Mapping[str, Sequence[tuple[float | None, float | None] | None]] = field(default_factory=dict)
     logarithmic: bool = False  # whether the axis is logarithmic, for numbers of different magnitudes
@@ -143,7 +143,7 @@ class Area:
     x: Sequence[float]  # in SI units
     y: Sequence[float]
     values: Sequence[float]  # in SI units; NaN where there is no number
-    names: tuple[str, str, str]  # of x, y and the values, with the units that are shown
+    names: tuple[str, str, str]  # names of x, y and the values, with the units that are shown
     factor: float  # factor of the values from SI units to the unit that is shown
 
 
@@ -179,8 +179,10 @@ class Sheet:
     @classmethod
     def from_rows(cls, rows: Iterable[Mapping[str, Value]]) -> Sheet:
         """Build a sheet from rows that all map the same headers to values."""
-        listed = list(rows)
-        return cls({header: [row[header] for row in listed] for header in (listed[0] if listed else ())})
+        row_list = list(rows)
+        return cls(
+            {header: [row[header] for row in row_list] for header in (row_list[0] if row_list else ())}
+        )
 
     @classmethod
     def from_messages(
@@ -199,33 +201,36 @@ class Sheet:
         sheet: dict[str, list[Value]] = {}
         for header, path in columns.items() if rows else ():
             values, unit = [_value_at(row, path) for row in rows], _unit_at(type(rows[0]), path)
-            factor, shown = units.get(unit, (1.0, unit))
-            for name, place in _expand_header(f"{header} [{shown}]" if shown else header):
-                parts = [_component_at(value, place) for value in values]
-                sheet[name] = [factor * part if isinstance(part, float) else part for part in parts]
+            factor, shown_unit = units.get(unit, (1.0, unit))
+            for full_header, indices in _expand_header(f"{header} [{shown_unit}]" if shown_unit else header):
+                components = [_component_at(value, indices) for value in values]
+                sheet[full_header] = [
+                    factor * component if isinstance(component, float) else component
+                    for component in components
+                ]
         return cls(sheet)
 
 
 def _add_prismatic_unit(header: str) -> str:
     """Return a header with the unit for prismatic joints added to the unit for revolute joints."""
-    turning, sliding = JOINT_UNITS["revolute"], JOINT_UNITS["prismatic"]
+    revolute, prismatic = JOINT_UNITS["revolute"], JOINT_UNITS["prismatic"]
     for name in ("position", "effort", "stiffness", "compliance"):
-        unit = f"[{getattr(turning, name)}]"
+        unit = f"[{getattr(revolute, name)}]"
         if header.endswith(unit):
-            return f"{header.removesuffix(unit)}{unit[:-1]}, prismatic {getattr(sliding, name)}]"
+            return f"{header.removesuffix(unit)}{unit[:-1]}, prismatic {getattr(prismatic, name)}]"
     return header
 
 
 def _expand_header(header: str) -> Iterator[tuple[str, tuple[int, ...]]]:
     """Yield, for each component of a header such as `force {x y z} [N]`, its own header and its indices."""
-    before, brace, rest = header.partition("{")
+    before, brace, after_brace = header.partition("{")
     if not brace:
         yield header, ()
         return
-    words, _, after = rest.partition("}")
-    for k, word in enumerate(words.split()):
-        for name, place in _expand_header(after):
-            yield f"{before}{word}{name}", (k, *place)
+    component_names, _, after = after_brace.partition("}")
+    for index, component in enumerate(component_names.split()):
+        for header_of_rest, indices in _expand_header(after):
+            yield f"{before}{component}{header_of_rest}", (index, *indices)
 
 
 def _value_at(row: Message | None, path: str) -> Any:  # noqa: ANN401 - of any field
@@ -235,10 +240,10 @@ def _value_at(row: Message | None, path: str) -> Any:  # noqa: ANN401 - of any f
     return _value_at(value, rest) if rest else value
 
 
-def _component_at(value: Any, place: Sequence[int]) -> Value:  # noqa: ANN401 - of any field
-    """Return the component of a nested list at `place`, an index per level; a list of texts is joined."""
-    for k in place:
-        value = None if value is None else value[k]
+def _component_at(value: Any, indices: Sequence[int]) -> Value:  # noqa: ANN401 - of any field
+    """Return the component of a nested list at `indices`, one per level; a list of texts is joined."""
+    for index in indices:
+        value = None if value is None else value[index]
     return "; ".join(value) or None if isinstance(value, list) else value
 
 
@@ -282,7 +287,7 @@ def text_table(
 ) -> Table:
     """Build a table from headers and rows of ready texts; `texts` are the columns aligned to the left."""
     columns = [
-        Column(name, [row[place] for row in rows], text=place in texts) for place, name in enumerate(head)
+        Column(name, [row[index] for row in rows], text=index in texts) for index, name in enumerate(head)
     ]
     return Table(columns, caption=caption)
 
@@ -292,16 +297,18 @@ def as_line(shown: str | Line) -> Line:
     return shown if isinstance(shown, Line) else Line(shown)
 
 
-def number_formatter(form: str, scale: float = 1.0) -> Show:
-    """Return a function that formats a number times a scale: `number(".3f", 1e3)` shows metres in mm."""
-    return lambda value: figure(scale * value, form)
+def number_formatter(format_spec: str, scale: float = 1.0) -> Show:
+    """Return a function that formats a number times a scale; `.3f` and 1e3 show metres in mm."""
+    return lambda value: figure(scale * value, format_spec)
 
 
-def vector_formatter(form: str, scale: float = 1.0, between: str = "  ") -> Show:
+def vector_formatter(format_spec: str, scale: float = 1.0, between: str = "  ") -> Show:
     """Return a function that formats the components of a vector times a scale."""
-    return lambda values: between.join(figure(scale * value, form) for value in values)
+    return lambda values: between.join(figure(scale * value, format_spec) for value in values)
 
 
-def interval_formatter(form: str, scale: float = 1.0, between: str = " to ") -> Show:
+def interval_formatter(format_spec: str, scale: float = 1.0, between: str = " to ") -> Show:
     """Return a function that formats the two ends of an interval times a scale; None means no limit."""
-    return lambda pair: between.join("no limit" if end is None else figure(scale * end, form) for end in pair)
+    return lambda interval: between.join(
+        "no limit" if end is None else figure(scale * end, format_spec) for end in interval
+    )

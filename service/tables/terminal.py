@@ -22,8 +22,8 @@ from jointstiff.schemas.job import Progress
 from jointstiff.service.tables.report import problem_line
 from jointstiff.service.tables.table import Chart, Line, Part, Table
 
-_NARROWEST = 80
-_NARROW: Final = 16
+_MIN_TERMINAL_WIDTH = 80
+_MIN_TEXT_WIDTH: Final = 16
 """Least width of a column of text on a narrow terminal, in characters."""
 _INDENT: Final = re.compile(r"^ *(?:\d+\. )?")
 _STYLES: Final = {
@@ -43,7 +43,7 @@ def console(*, stderr: bool = False) -> Console:
     """Return a console at least 80 characters wide, which does not highlight numbers."""
     output = Console(stderr=stderr, highlight=False)
     # Numbers cut short by a narrow terminal mislead; wrapped lines do not.
-    return Console(stderr=stderr, highlight=False, width=max(output.width, _NARROWEST))
+    return Console(stderr=stderr, highlight=False, width=max(output.width, _MIN_TERMINAL_WIDTH))
 
 
 @contextmanager
@@ -86,11 +86,11 @@ def _lay_out_indented(line: Line) -> RenderableType:
     indent = len(line.text) - len(_INDENT.sub("", line.text))
     if not indent:
         return _style_line(line)
-    row = RichTable.grid()
-    row.add_column(no_wrap=True)
-    row.add_column(overflow="fold")
-    row.add_row(*(_style_line(Line(text, line.style)) for text in (line.text[:indent], line.text[indent:])))
-    return row
+    grid = RichTable.grid()
+    grid.add_column(no_wrap=True)
+    grid.add_column(overflow="fold")
+    grid.add_row(*(_style_line(Line(text, line.style)) for text in (line.text[:indent], line.text[indent:])))
+    return grid
 
 
 @dataclass(frozen=True)
@@ -106,59 +106,73 @@ class _FittedTable:
     def __rich_console__(self, _: Console, options: ConsoleOptions) -> Iterator[RichTable]:
         """Yield the table in one piece, or in parts with some of the columns each."""
         head, width = self.table.head(), options.max_width
-        places = range(len(head))
+        column_indices = range(len(head))
         rows = self.table.rows()
-        cells = [max((_text_width(row[place].text) for row in rows), default=0) for place in places]
-        folded = [_fold_header(header, cells[place]) for place, header in enumerate(head)]
-        texts = self.table.text_columns()
-        most = [_NARROW if place in texts else width - _NARROW - 1 for place in places]
+        cell_widths = [
+            max((_text_width(row[index].text) for row in rows), default=0) for index in column_indices
+        ]
+        folded_headers = [_fold_header(header, cell_widths[index]) for index, header in enumerate(head)]
+        text_columns = self.table.text_columns()
+        max_widths = [
+            _MIN_TEXT_WIDTH if index in text_columns else width - _MIN_TEXT_WIDTH - 1
+            for index in column_indices
+        ]
 
         def least_widths(headers: Sequence[str]) -> list[int]:
             """Return the least width of each column under these headers, in characters."""
-            return [min(most[place], max(cells[place], _text_width(headers[place]))) for place in places]
+            return [
+                min(max_widths[index], max(cell_widths[index], _text_width(headers[index])))
+                for index in column_indices
+            ]
 
         # With lines a table needs three more characters for each column, and one; without lines, one blank
         # between two columns.
         if not self.table.plain and sum(least_widths(head)) + 3 * len(head) + 1 <= width:
-            yield self._build_table(head, places, plain=False)
+            yield self._build_table(head, column_indices, plain=False)
         elif sum(least_widths(head)) + len(head) - 1 <= width:
-            yield self._build_table(head, places, plain=True)
+            yield self._build_table(head, column_indices, plain=True)
         else:
-            parts = _distribute_columns(least_widths(folded), width)
-            for part in parts:
+            groups = _distribute_columns(least_widths(folded_headers), width)
+            for indices in groups:
                 yield self._build_table(
-                    folded, part, plain=True, first=part is parts[0], last=part is parts[-1]
+                    folded_headers,
+                    indices,
+                    plain=True,
+                    has_title=indices is groups[0],
+                    has_caption=indices is groups[-1],
                 )
 
     def _build_table(
         self,
         head: Sequence[str],
-        places: Sequence[int],
+        indices: Sequence[int],
         *,
         plain: bool,
-        first: bool = True,
-        last: bool = True,
+        has_title: bool = True,
+        has_caption: bool = True,
     ) -> RichTable:
-        """Return a table of the columns with indices `places`; `first` has the title, `last` the caption."""
-        table, texts = self.table, self.table.text_columns()
-        layout: dict[str, Any] = {"box": SIMPLE_HEAD, "padding": 0, "show_edge": False} if plain else {}
-        rich: RichTable = RichTable(
-            title=Text(table.title) if table.title and first else None,
-            caption=Text(table.caption) if table.caption and last else None,
-            caption_justify="left",
-            **layout,
+        """Return a table of the columns with these indices, with title and caption if the flags say so."""
+        table, text_columns = self.table, self.table.text_columns()
+        layout_options: dict[str, Any] = (
+            {"box": SIMPLE_HEAD, "padding": 0, "show_edge": False} if plain else {}
         )
-        for place in places:
-            rich.add_column(
-                Text(head[place]),
-                justify="left" if place in texts else "right",
+        rich_table: RichTable = RichTable(
+            title=Text(table.title) if table.title and has_title else None,
+            caption=Text(table.caption) if table.caption and has_caption else None,
+            caption_justify="left",
+            **layout_options,
+        )
+        for index in indices:
+            rich_table.add_column(
+                Text(head[index]),
+                justify="left" if index in text_columns else "right",
                 overflow="fold",
-                max_width=None if table.upright else table.columns[place].widest,
-                no_wrap=place not in texts,
+                max_width=None if table.upright else table.columns[index].widest,
+                no_wrap=index not in text_columns,
             )
         for row in table.rows():
-            rich.add_row(*(_style_line(row[place]) for place in places))
-        return rich
+            rich_table.add_row(*(_style_line(row[index]) for index in indices))
+        return rich_table
 
 
 def _style_line(line: Line) -> Text:
@@ -179,14 +193,14 @@ def _fold_header(header: str, width: int) -> str:
     return "\n".join([*lines, f"[{unit}"] if bracket else lines)
 
 
-def _distribute_columns(widths: Sequence[int], width: int) -> list[list[int]]:
-    """Distribute columns to parts that fit a width; return the indices of the columns of each part.
+def _distribute_columns(widths: Sequence[int], max_width: int) -> list[list[int]]:
+    """Distribute columns to groups that fit a width; return the indices of the columns of each group.
 
-    Each part begins with column 0, which names the rows.
+    Each group begins with column 0, which names the rows.
     """
-    parts = [[0]]
-    for place in range(1, len(widths)):
-        if sum(widths[i] + 1 for i in parts[-1]) + widths[place] > width:
-            parts.append([0])
-        parts[-1].append(place)
-    return parts
+    groups = [[0]]
+    for index in range(1, len(widths)):
+        if sum(widths[column] + 1 for column in groups[-1]) + widths[index] > max_width:
+            groups.append([0])
+        groups[-1].append(index)
+    return groups

@@ -13,6 +13,6 @@ if __name__ == "__main__":
     from jointstiff.service.workers.worker import run_worker
 
     set_log_format(LogFormat(os.environ.get(FORMAT_VARIABLE, LogFormat.TEXT)))
-    signs = sys.stdout.fileno()
-    os.set_blocking(signs, False)  # the service may be stopped, and not read them
-    run_worker(os.environ[DATABASE_VARIABLE], sys.argv[1], sys.stdin.fileno(), signs)
+    output = sys.stdout.fileno()
+    os.set_blocking(output, False)  # the service may be stopped, and not read them
+    run_worker(os.environ[DATABASE_VARIABLE], sys.argv[1], sys.stdin.fileno(), output)

@@ -27,7 +27,7 @@ from jointstiff.service.store.database import make_engine
 from jointstiff.service.store.store import Store
 
 ATTEMPTS: Final = 5
-"""Deaths of workers over one part of a job, without a finished step, after which the job is given up."""
+"""Number of workers that die over one part of a job, without a finished step, before the job is given up."""
 LATER_SECONDS: Final = 60.0
 """Time until a part is offered again if only another version of the program knows its kind of job [s]."""
 _APPLICATION: Final = "jointstiff"
@@ -39,7 +39,7 @@ _EPOCH: Final = 1_760_000_000  # Unix time of priority 0 [s]: DBOS takes priorit
 _CONNECTIONS: Final = 6
 _PAGE_SIZE: Final = 1_000  # rows of DBOS in one query
 _MAX_PAGES: Final = 20  # most pages in one call: parts of unfinished jobs remain, and may fill some pages
-_GIVEN_UP: Final = ["MAX_RECOVERY_ATTEMPTS_EXCEEDED", "ERROR", "CANCELLED"]
+_GIVEN_UP_STATES: Final = ["MAX_RECOVERY_ATTEMPTS_EXCEEDED", "ERROR", "CANCELLED"]
 
 
 def _refuse_pickle(cls: DefaultSerializer, serialized_data: str) -> NoReturn:  # noqa: ARG001 - DBOS's names
@@ -96,7 +96,7 @@ class Queue:
 
     def enqueue(self, connection: Connection, job_id: str) -> None:
         """Add the first part of a new job, in the transaction that stores the job."""
-        self._add_part(connection, Part(job_id, 0, 0), turn=_priority_now())
+        self._add_part(connection, Part(job_id, 0, 0), priority=_priority_now())
 
     def add_following_parts(self, job_id: str, parts: Iterable[Part]) -> None:
         """Add parts of a job that has begun; a part that was added before is not added again.
@@ -104,76 +104,89 @@ class Queue:
         Newer jobs take precedence for a time that is proportional to the number of jobs that have begun. So
         small jobs do not wait for large jobs, and large jobs continue however many small jobs arrive.
         """
-        turn = _priority_now() + _PATIENCE_SECONDS * (1 + self._store.steps.others_begun(job_id))
+        priority = _priority_now() + _PATIENCE_SECONDS * (
+            1 + self._store.steps.count_other_begun_jobs(job_id)
+        )
         with self._store.transaction() as connection:
             for part in parts:
-                self._add_part(connection, part, turn=turn)
+                self._add_part(connection, part, priority=priority)
 
     def offer_later(self, part: Part) -> None:
         """Offer a part to all workers again after `LATER_SECONDS`."""
         with self._store.transaction() as connection:
-            self._add_part(connection, part, turn=_priority_now(), later=LATER_SECONDS)
+            self._add_part(connection, part, priority=_priority_now(), delay_seconds=LATER_SECONDS)
 
     def others_wait(self, job_id: str) -> bool:
         """Return whether parts of jobs other than `job_id` wait for a worker; true if the database fails."""
         try:
-            waiting = self._list_rows(limit=PARTS_AT_ONCE + 1, status="ENQUEUED")
+            waiting_rows = self._list_rows(limit=PARTS_AT_ONCE + 1, status="ENQUEUED")
         except SQLAlchemyError:
             return True
-        return any(job_of(each.workflow_id) != job_id for each in waiting)
+        return any(job_of(row.workflow_id) != job_id for row in waiting_rows)
 
-    def pending(self) -> dict[str, str]:
-        """Return part's id → worker's name for the parts that workers have claimed and not finished."""
-        return {each.workflow_id: str(each.executor_id) for each in self._list_rows(status="PENDING")}
+    def claimed_parts(self) -> dict[str, str]:
+        """Return part's id → name of its worker, for the parts that workers have claimed and not finished."""
+        return {row.workflow_id: str(row.executor_id) for row in self._list_rows(status="PENDING")}
 
-    def hand_over(self, parts: Iterable[str]) -> None:
-        """Offer claimed parts, given by ids, to all workers again, without counting a worker's death."""
+    def put_back(self, parts: Iterable[str]) -> None:
+        """Put claimed parts back into the queue, for any worker to take; DBOS counts no failed attempt.
+
+        `parts` are the ids of the parts.
+        """
         if part_ids := list(parts):
             self._client.resume_workflows(part_ids, queue_name=_QUEUE)
 
     def find_given_up_jobs(self) -> dict[str, bool]:
-        """Return job's id → whether too many workers died over a part, for jobs with a part given up."""
-        found = self._list_pages(status=_GIVEN_UP)
-        return {job_of(each.workflow_id): each.status == _GIVEN_UP[0] for page in found for each in page}
+        """Return job's id → True if too many workers died over a part of the job, False for another failure.
+
+        Only jobs with a part that DBOS has given up are in the dict.
+        """
+        pages = self._list_pages(status=_GIVEN_UP_STATES)
+        return {job_of(row.workflow_id): row.status == _GIVEN_UP_STATES[0] for page in pages for row in page}
 
     def find_unknown_jobs(self, job_ids: Collection[str]) -> set[str]:
         """Return those of `job_ids` whose first part is not in the queue: never added, or removed by hand."""
         if not job_ids:
             return set()
-        firsts = [_part_id(Part(job_id, 0, 0)) for job_id in job_ids]
-        known = self._list_rows(workflow_ids=firsts, limit=len(firsts))
-        return set(job_ids) - {job_of(each.workflow_id) for each in known}
+        first_part_ids = [_part_id(Part(job_id, 0, 0)) for job_id in job_ids]
+        rows = self._list_rows(workflow_ids=first_part_ids, limit=len(first_part_ids))
+        return set(job_ids) - {job_of(row.workflow_id) for row in rows}
 
-    def remove_ended_parts(self, going_on: Callable[[Collection[str]], set[str]]) -> None:
+    def remove_ended_parts(self, find_unfinished: Callable[[Collection[str]], set[str]]) -> None:
         """Remove the finished parts of finished jobs from the queue.
 
         Args:
-            going_on: function that takes ids of jobs, and returns the ids of the unfinished jobs among them.
+            find_unfinished: function that takes ids of jobs, and returns the ids of the unfinished jobs.
         """
-        for page in list(self._list_pages(status=["SUCCESS", *_GIVEN_UP])):
-            ended = [each.workflow_id for each in page]
-            open_jobs = going_on({job_of(part) for part in ended})
-            if removable := [part for part in ended if job_of(part) not in open_jobs]:
-                self._client.delete_workflows(removable)
+        # All pages are read first, because a removal shifts the rows of the pages behind.
+        for page in list(self._list_pages(status=["SUCCESS", *_GIVEN_UP_STATES])):
+            ended_part_ids = [row.workflow_id for row in page]
+            unfinished_jobs = find_unfinished({job_of(part_id) for part_id in ended_part_ids})
+            if removable_part_ids := [
+                part_id for part_id in ended_part_ids if job_of(part_id) not in unfinished_jobs
+            ]:
+                self._client.delete_workflows(removable_part_ids)
 
-    def _add_part(self, connection: Connection, part: Part, *, turn: int, later: float | None = None) -> None:
+    def _add_part(
+        self, connection: Connection, part: Part, *, priority: int, delay_seconds: float | None = None
+    ) -> None:
         """Add a part to the queue.
 
         Args:
             connection: connection of a transaction of the store.
             part: part to add; DBOS ignores a part whose id is already in the queue.
-            turn: priority: the least number comes first; of parts with equal numbers the one added first.
-            later: time until the part is offered [s], under a new id; None to offer it at once.
+            priority: the part with the least number comes first; of equal numbers, the part added first.
+            delay_seconds: time until the part is offered [s], under a new id; None to offer it at once.
         """
         options: EnqueueOptions = {
             "queue_name": _QUEUE,
             "workflow_name": "carry_out",
             "workflow_id": _part_id(part),
             "app_version": _VERSION,
-            "priority": turn,
+            "priority": priority,
         }
-        if later is not None:
-            options |= {"workflow_id": f"{_part_id(part)}-{time.time_ns()}", "delay_seconds": later}
+        if delay_seconds is not None:
+            options |= {"workflow_id": f"{_part_id(part)}-{time.time_ns()}", "delay_seconds": delay_seconds}
         self._client.enqueue_in_transaction(connection, options, part.job_id, part.number, part.kept)
 
     def _list_pages(self, **filters: Any) -> Iterator[list[Any]]:  # noqa: ANN401 - what DBOS takes
@@ -200,7 +213,7 @@ class Engine(Queue):
         Args:
             store: store of the jobs; the caller closes it.
             database: URL of the store.
-            executor: name of this worker, which no other process has or had.
+            executor: name of this worker process; no other process has or had this name.
             carry_out: function that carries out a part, and handles all errors itself.
 
         Raises:
@@ -229,10 +242,10 @@ class Engine(Queue):
             """Carry out a part that DBOS has claimed for this process."""
             name, part = str(DBOS.workflow_id), Part(job_id, number, kept)
             if self._is_stopping.is_set():
-                # `stop` offers this part to other workers. While this thread waits, DBOS claims no other.
+                # `stop` offers this part to other workers. While this thread waits, DBOS claims no part.
                 self._is_closed.wait()
                 return
-            self._clocks[name] = _clock_of_thread()
+            self._clocks[name] = _find_thread_clock()
             try:
                 carry_out(part)
             except Exception:
@@ -254,8 +267,8 @@ class Engine(Queue):
         """
         self._is_stopping.set()
         for _ in range(2):  # a part may be claimed while others are being offered
-            pending = self.pending().items()
-            self.hand_over(part for part, executor in pending if executor == self._executor)
+            pending = self.claimed_parts().items()
+            self.put_back(part for part, executor in pending if executor == self._executor)
             self._is_closed.wait(2.0 * _POLL_SECONDS)
 
     def close(self) -> None:
@@ -264,25 +277,28 @@ class Engine(Queue):
         self._is_closed.set()
         super().close()
 
-    def active(self) -> dict[str, float]:
+    def running_parts(self) -> dict[str, float]:
         """Return part's id → processor time of its thread [s], for the parts running in this process."""
-        used = {}
-        for name, clock in list(self._clocks.items()):
+        seconds_by_part = {}
+        for part_id, clock in list(self._clocks.items()):
             with suppress(OSError):  # the thread has ended meanwhile
-                used[name] = time.monotonic() if clock is None else time.clock_gettime(clock)
-        return used
+                seconds_by_part[part_id] = time.monotonic() if clock is None else time.clock_gettime(clock)
+        return seconds_by_part
 
-    def recover(self, executors: Iterable[str]) -> None:
-        """Offer the parts that dead workers had claimed to all workers; count a death for each part.
+    def recover(self, dead_workers: Iterable[str]) -> None:
+        """Put the parts of jobs that dead workers had claimed back into the queue, for any worker to take.
+
+        DBOS counts one failed attempt for each of these parts.
 
         Args:
-            executors: names of the dead workers.
+            dead_workers: names of the dead workers.
         """
-        if dead := list(executors):
-            DBOS._recover_pending_workflows(dead)  # DBOS's own cloud service makes this call
+        if worker_names := list(dead_workers):
+            # This function is not public; the cloud service of DBOS itself calls it.
+            DBOS._recover_pending_workflows(worker_names)
 
 
-def _clock_of_thread() -> int | None:
+def _find_thread_clock() -> int | None:
     """Return the id of the clock of this thread's processor time; None if the system has no such clock."""
     clock = getattr(time, "pthread_getcpuclockid", None)
     return None if clock is None else int(clock(threading.get_ident()))

@@ -17,11 +17,12 @@ from jointstiff.service.process import ONE_THREAD
 
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
 """Environment variable in which a worker finds the URL of the store."""
-_SHORT_LIFE_SECONDS: Final = 60.0  # on a busy machine, loading the libraries alone takes ten seconds
+_SHORT_LIFE_SECONDS: Final = 60.0
+"""Time after the start before which an end is early: loading the libraries alone may take ten seconds."""
 _PAUSE_SECONDS: Final = 2.0
 _LONGEST_PAUSE_SECONDS: Final = 60.0
-_FAILING: Final = 2
-"""Number of short lives in succession after which a worker is regarded as failing."""
+_MIN_SHORT_LIVES: Final = 2
+"""Number of early ends in succession after which a worker is regarded as failing."""
 _END_SECONDS: Final = 10.0
 _START_SECONDS: Final = 120.0
 _SILENCE_SECONDS: Final = 45.0
@@ -69,7 +70,7 @@ class Supervisor:
             silence: time between two signs of life after which a worker is ended [s].
         """
         self._forget = forget
-        self._start, self._silence = start, silence
+        self._start_seconds, self._silence_seconds = start, silence
         self._short_lives: dict[str, int] = {}
         self._alive_since: dict[str, float] = {}
         self._stopping = threading.Event()
@@ -103,20 +104,20 @@ class Supervisor:
         """Number of workers that repeatedly end soon after their start."""
         now, alive_since = time.monotonic(), dict(self._alive_since)
         return sum(
-            lives >= _FAILING and now - alive_since.get(name, now) < _SHORT_LIFE_SECONDS
+            lives >= _MIN_SHORT_LIVES and now - alive_since.get(name, now) < _SHORT_LIFE_SECONDS
             for name, lives in list(self._short_lives.items())
         )
 
     def _keep_worker_running(self, database: str, name: str) -> None:
         """Start a worker of this name again whenever it ends, until the supervisor stops."""
         while not self._stopping.is_set():
-            began = self._alive_since[name] = time.monotonic()
+            started_at = self._alive_since[name] = time.monotonic()
             try:
                 self._run_worker(database, name)
             except Exception:  # such as a lack of memory: the worker is needed nevertheless
                 _logger.warning("cannot start worker %s; trying again", name, exc_info=True)
             self._alive_since.pop(name)
-            if time.monotonic() - began >= _SHORT_LIFE_SECONDS:
+            if time.monotonic() - started_at >= _SHORT_LIFE_SECONDS:
                 self._short_lives.pop(name, 0)
             else:
                 self._short_lives[name] = self._short_lives.get(name, 0) + 1
@@ -138,8 +139,8 @@ class Supervisor:
                 process.terminate()
             status = self._wait_for_end(process, executor)
         if not self._stopping.is_set():
-            how = f"signal {-status}" if status < 0 else f"status {status}"
-            _logger.warning("worker %s ended with %s; starting another one", executor, how)
+            exit_words = f"signal {-status}" if status < 0 else f"status {status}"
+            _logger.warning("worker %s ended with %s; starting another one", executor, exit_words)
             self._forget(executor)
 
     def _wait_for_end(self, process: subprocess.Popen[bytes], executor: str) -> int:
@@ -147,11 +148,11 @@ class Supervisor:
 
         Signs of life come through a pipe, not the database, which a suspended worker may have locked.
         """
-        signs, pause = process.stdout, self._start
-        while signs is not None and select.select([signs], [], [], pause)[0]:
-            if not os.read(signs.fileno(), 4096):  # the output ends with the process
+        sign_pipe, longest_wait = process.stdout, self._start_seconds
+        while sign_pipe is not None and select.select([sign_pipe], [], [], longest_wait)[0]:
+            if not os.read(sign_pipe.fileno(), 4096):  # the output ends with the process
                 return process.wait()
-            pause = self._silence
+            longest_wait = self._silence_seconds
         _logger.warning("worker %s is silent; ending it", executor)
         process.kill()
         return process.wait()

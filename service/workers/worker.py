@@ -28,13 +28,16 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.tables.terminal import console
 from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue
 
-_KNOWN: Final = [kind.name for kind in KINDS]  # jobs of other kinds are left to workers of other versions
-_REMOVED: Final = 20  # most deleted records of each kind removed in one call of `Recovery.look`
-_DERIVED: Final = 20  # most robots whose summary is renewed in one call of `Recovery.look`
+# Jobs of other kinds are left to workers of other versions.
+_KNOWN_KINDS: Final = [kind.name for kind in KINDS]
+_MAX_REMOVED: Final = (
+    20  # most deleted records of each kind removed in one call of `Recovery.check_and_recover`
+)
+_MAX_RENEWED: Final = 20  # most robots whose summary is renewed in one call of `Recovery.check_and_recover`
 _FIRST_PAUSE: Final = 0.1
 _LONGEST_PAUSE: Final = 5.0
-_MAX_STALLED_LOOKS: Final = 4
-"""Successive looks without processor time of a part after which its thread is regarded as frozen."""
+_MAX_STALLED_CHECKS: Final = 4
+"""Successive checks without processor time of a part after which its thread is regarded as frozen."""
 
 
 class FrozenError(Exception):
@@ -68,51 +71,52 @@ class Recovery:
         self._heartbeats = heartbeats or store.heartbeats
         self._now = now
         self._trends = Trends(store)
-        # State at the last look: silent workers → time of their last heartbeat, processor times of parts by
-        # id, and ids of parts that are claimed by this worker but not being carried out.
-        self._silent: dict[str, datetime] = {}
-        self._active: dict[str, float] = {}
-        self._idle: set[str] = set()
-        self._stalled_looks = 0
-        self._looked_at = time.monotonic()
+        # State at the last check: silent worker → time of its last heartbeat; id of a part that runs in this
+        # process → its processor time [s]; ids of parts that this worker has claimed but that do not run.
+        self._silent_before: dict[str, datetime] = {}
+        self._seconds_by_part: dict[str, float] = {}
+        self._idle_before: set[str] = set()
+        self._stalled_checks = 0
+        self._checked_at = time.monotonic()
 
-    def seconds_since_look(self) -> float:
-        """Return the time since the last look began [s]."""
-        return time.monotonic() - self._looked_at
+    def seconds_since_check(self) -> float:
+        """Return the time since the last check began [s]."""
+        return time.monotonic() - self._checked_at
 
-    def look(self) -> None:
+    def check_and_recover(self) -> None:
         """Store a heartbeat if the running part makes progress, and recover jobs of dead workers.
 
         Raises:
-            FrozenError: the running part has made no progress for `_MAX_STALLED_LOOKS` looks.
-            StoreUnavailableError: the database does not answer; look again later.
+            FrozenError: the running part has made no progress for `_MAX_STALLED_CHECKS` checks.
+            StoreUnavailableError: the database does not answer; check again later.
         """
-        self._looked_at = time.monotonic()
+        self._checked_at = time.monotonic()
         if self._is_stalled():
             return
         # Claims are read before the heartbeats: a worker stores a heartbeat before it claims a part.
-        pending = self._engine.pending()
-        living = self._heartbeats.beat(self._executor)
-        self._offer_idle_parts(pending)
-        if not living or living[0] != self._executor:  # only the first living worker recovers; one is enough
+        worker_by_part = self._engine.claimed_parts()
+        living_workers = self._heartbeats.beat(self._executor)
+        self._offer_idle_parts(worker_by_part)
+        # Only the first living worker recovers jobs, because one is enough.
+        if not living_workers or living_workers[0] != self._executor:
             return
-        # After an outage of the database all other workers seem silent at the first look. Only workers that
-        # are silent at two looks are regarded as lost.
-        before, self._silent = self._silent, self._heartbeats.silent(SILENT)
-        lost = dict(self._silent.items() & before.items())
-        alive = {*living, *(self._silent.keys() - lost.keys())}
+        # After an outage of the database all other workers seem silent at the first check. Only workers
+        # that are silent at two checks are regarded as lost.
+        silent_at_last_check, self._silent_before = self._silent_before, self._heartbeats.silent(SILENT)
+        dead_workers = dict(self._silent_before.items() & silent_at_last_check.items())
+        workers_not_dead = {*living_workers, *(self._silent_before.keys() - dead_workers.keys())}
         failures = list[Exception]()
-        duties: list[Callable[[], object]] = [
-            lambda: self._engine.recover(set(pending.values()) - alive),
-            self._fail_given_up,
-            lambda: self._engine.remove_ended_parts(self._store.unfinished_among),
+        tasks: list[Callable[[], object]] = [
+            lambda: self._engine.recover(set(worker_by_part.values()) - workers_not_dead),
+            self._fail_given_up_jobs,
+            lambda: self._engine.remove_ended_parts(self._store.find_unfinished_jobs),
             lambda: purge(self._store, self._now() - KEEP_DELETED),
-            lambda: self._trends.renew_outdated_summaries(_DERIVED),
+            lambda: self._trends.renew_outdated_summaries(_MAX_RENEWED),
         ]
-        for duty in duties:
+        for task in tasks:
             try:
-                duty()
-            except Exception as failure:  # noqa: BLE001 - the other duties must be done nevertheless
+                task()
+            except Exception as failure:  # noqa: BLE001 - the other tasks must be done nevertheless
                 failures.append(failure)
         if failures:
             raise failures[0]
@@ -123,49 +127,52 @@ class Recovery:
         self._heartbeats.forget(self._executor)
 
     def _is_stalled(self) -> bool:
-        """Return whether the running part has used no processor time since the last look.
+        """Return whether the running part has used no processor time since the last check.
 
         Raises:
-            FrozenError: the part used no processor time at `_MAX_STALLED_LOOKS` looks in succession.
+            FrozenError: the part used no processor time at `_MAX_STALLED_CHECKS` checks in succession.
         """
-        before, self._active = self._active, self._engine.active()
-        is_stalled = bool(before.items() & self._active.items())
-        self._stalled_looks = self._stalled_looks + 1 if is_stalled else 0
-        if self._stalled_looks >= _MAX_STALLED_LOOKS:
-            raise FrozenError(f"no progress with the part {', '.join(self._active)}")
+        seconds_at_last_check, self._seconds_by_part = self._seconds_by_part, self._engine.running_parts()
+        # A part with the same processor time at two checks has computed nothing between them.
+        is_stalled = bool(seconds_at_last_check.items() & self._seconds_by_part.items())
+        self._stalled_checks = self._stalled_checks + 1 if is_stalled else 0
+        if self._stalled_checks >= _MAX_STALLED_CHECKS:
+            raise FrozenError(f"no progress with the part {', '.join(self._seconds_by_part)}")
         return is_stalled
 
-    def _offer_idle_parts(self, pending: Mapping[str, str]) -> None:
-        """Offer to all workers the parts that this worker has claimed, but that did not run at two looks.
+    def _offer_idle_parts(self, worker_by_part: Mapping[str, str]) -> None:
+        """Offer to all workers the parts that this worker has claimed, but that did not run at two checks.
 
         Args:
-            pending: part's id → name of the worker that claimed it.
+            worker_by_part: part's id → name of the worker that claimed the part.
         """
-        mine = {part for part, executor in pending.items() if executor == self._executor}
-        idle = mine - self._engine.active().keys()
-        self._engine.hand_over(idle & self._idle)
-        self._idle = idle
+        own_parts = {part for part, worker in worker_by_part.items() if worker == self._executor}
+        idle_parts = own_parts - self._engine.running_parts().keys()
+        self._engine.put_back(idle_parts & self._idle_before)
+        self._idle_before = idle_parts
 
-    def _fail_given_up(self) -> None:
-        """Fail unfinished jobs that no worker can finish: a part was given up, or is missing in the queue."""
-        going = self._store.open_jobs(_KNOWN)
-        lost = dict.fromkeys(
-            self._engine.find_unknown_jobs(going), "job {} has no part in the queue any more"
+    def _fail_given_up_jobs(self) -> None:
+        """Mark unfinished jobs as failed if a part was given up, or is missing in the queue."""
+        kind_by_open_job = self._store.open_jobs(_KNOWN_KINDS)
+        reason_by_job = dict.fromkeys(
+            self._engine.find_unknown_jobs(kind_by_open_job), "job {} has no part in the queue any more"
         )
         for job_id, is_deadly in self._engine.find_given_up_jobs().items():
-            died = f"{ATTEMPTS} workers died over one step of job {{}}"
-            lost[job_id] = died if is_deadly else "a part of job {} cannot be carried out"
-        for job_id in lost.keys() & going.keys():
-            self._jobs(job_id).fail(job_id, WorkerLostError(lost[job_id].format(job_id)))
+            reason_of_deaths = f"{ATTEMPTS} workers died over one step of job {{}}"
+            reason_by_job[job_id] = (
+                reason_of_deaths if is_deadly else "a part of job {} cannot be carried out"
+            )
+        for job_id in reason_by_job.keys() & kind_by_open_job.keys():
+            self._jobs(job_id).fail(job_id, WorkerLostError(reason_by_job[job_id].format(job_id)))
 
 
 def purge(store: Store, before: datetime) -> None:
-    """Remove for good the records that were deleted before a time, at most `_REMOVED` of each kind."""
+    """Remove for good the records that were deleted before a time, at most `_MAX_REMOVED` of each kind."""
     for kind in KINDS:
-        store.jobs(kind.resource).purge(before, _REMOVED)
-    store.sets.purge(before, _REMOVED)  # sets are removed before the robots to which they refer
-    store.open_sets.purge(before, _REMOVED)
-    store.robots.purge(before, _REMOVED)
+        store.jobs(kind.resource).purge(before, _MAX_REMOVED)
+    store.sets.purge(before, _MAX_REMOVED)  # sets are removed before the robots to which they refer
+    store.open_sets.purge(before, _MAX_REMOVED)
+    store.robots.purge(before, _MAX_REMOVED)
 
 
 def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: Queue) -> None:
@@ -185,7 +192,7 @@ def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: Queu
     kind = store.kind_of_job(part.job_id)
     if kind is None:  # the job was removed
         return
-    if kind not in _KNOWN:
+    if kind not in _KNOWN_KINDS:
         queue.offer_later(part)
         return
     jobs_of_kind = jobs(part.job_id)
@@ -201,7 +208,7 @@ def retry_until_available(act: Callable[[], object]) -> None:
     """Call `act` repeatedly until the database answers, as an outage must not fail a job.
 
     A process that lacks memory kills itself, as the system would: another worker continues its part, and
-    counts the death.
+    DBOS counts a failed attempt.
     """
     pause = _FIRST_PAUSE
     while True:
@@ -223,7 +230,7 @@ _FAULT: Final = 70  # exit status of a worker that cannot go on
 _SPARE_BYTES: Final = 64 * 1024 * 1024  # memory that must be free for a worker; some steps need more
 _LOOK_SECONDS: Final = 1.0  # between two checks of memory and of the parent process
 _BEGIN_SECONDS: Final = 60.0  # time for the worker's threads to begin
-_KEEPER_SECONDS: Final = 60.0  # longest look of the recovery thread; a locked database takes half of it
+_KEEPER_SECONDS: Final = 60.0  # longest check of the recovery thread; a locked database takes half of it
 
 _logger = logging.getLogger(__name__)
 
@@ -266,7 +273,7 @@ def run_worker(database: str, executor: str, parent: int | None = None, signs: i
         while not stop.wait(_LOOK_SECONDS):
             if not _has_memory():
                 _end_process()
-            if signs is not None and recovery.seconds_since_look() < _KEEPER_SECONDS:
+            if signs is not None and recovery.seconds_since_check() < _KEEPER_SECONDS:
                 _show_sign(signs)
             if _parent_has_ended(parent):  # end in order: the running part is offered to other workers
                 stop.set()
@@ -281,7 +288,7 @@ def run_worker(database: str, executor: str, parent: int | None = None, signs: i
 def _run_recovery(recovery: Recovery, stop: threading.Event) -> None:
     """Run the recovery every `_BEAT_SECONDS` until `stop`; then offer this worker's parts to others."""
     while not stop.is_set():
-        _act_despite_outage(recovery.look)
+        _act_despite_outage(recovery.check_and_recover)
         stop.wait(_BEAT_SECONDS)
     _act_despite_outage(recovery.hand_over)
 

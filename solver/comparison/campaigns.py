@@ -1,11 +1,12 @@
 """Estimates compared with each other: of two campaigns, such as before and after.
 
-All comes from the campaigns' estimates. For each joint the ratio of two stiffnesses comes with Fieller's
-interval and the p-value that it has not changed; on request both are fitted in one problem in which no joint
-is softer in the second; and the share of the deflection that the second avoids is measured where the
-configurations match, and predicted for all. For Gaussian ĉ₁, ĉ₂ the variable ``ĉ₁ − ρ ĉ₂`` has mean zero at
-the true ratio ρ = c₁/c₂ = k₂/k₁, so that ``|ĉ₁ − ρ ĉ₂| ≤ t √(s₁² + ρ² s₂²)`` holds with exactly the
-probability of t (E. C. Fieller, *Some problems in interval estimation*, J. R. Stat. Soc. B 16, 1954).
+All results follow from the campaigns' estimates. For each joint the ratio of the two stiffnesses has
+Fieller's interval, and a p-value of the hypothesis that the stiffness has not changed. On request both
+campaigns are fitted in one problem, in which no joint is softer in the second campaign. The share of the
+deflection that the second campaign avoids is measured where observations match, and predicted for all
+observations. For Gaussian ĉ₁, ĉ₂ the variable ``ĉ₁ − ρ ĉ₂`` has mean zero at the true ratio ρ = c₁/c₂ =
+k₂/k₁, so that ``|ĉ₁ − ρ ĉ₂| ≤ t √(s₁² + ρ² s₂²)`` holds with exactly the probability of t (E. C. Fieller,
+*Some problems in interval estimation*, J. R. Stat. Soc. B 16, 1954).
 
 A change over time is the difference of ``ln k = -ln c`` of two campaigns; it has the variance of the errors
 that they do not share, and Student's distribution where their sigmas come from residuals.
@@ -46,20 +47,22 @@ from jointstiff.solver.messages import build_messages
 from jointstiff.solver.text import figure
 
 POSTURE_TOLERANCE: Final = 1e-3
-"""Tolerance of each joint angle [rad]: it changes a lever of 3 m by a thousandth."""
+"""Greatest difference of a joint angle [rad] between matching postures: it moves the end of 3 m by 3 mm."""
 LOAD_TOLERANCE: Final = 5e-3
-"""Tolerance of the load, relative to its magnitude."""
+"""Greatest difference of matching loads, relative to their magnitude."""
 LOAD_POINT_TOLERANCE: Final = 1e-3
-"""Tolerance of the load point [m]."""
+"""Greatest distance of matching load points [m]."""
 _MODEL_TOLERANCE: Final = 1e-9
 _NO_EFFECT: Final = 1e-9
 """Norm of a joint's column, relative to the largest, that counts as rounding."""
 _QUARTER: Final = pi / 2
 _ALIKE: Final = 0.5
-"""Share by which deflections may differ where only the stated unit of force is suspected to differ."""
+"""Greatest relative difference of the deflections at which forces that differ are taken for a wrong unit."""
 _FORCE_UNITS: Final = {"N": 1.0, "kgf": float(-STANDARD_GRAVITY[2]), "kN": 1e3}
-"""Units of force that are confused [N]."""
-_UNKNOWN: Final = "its uncertainty is unknown in one of the sets: state `noise`, or add observations"
+"""Size [N] of units of force that people confuse."""
+_UNKNOWN: Final = (
+    "the uncertainty of the joint is unknown in one of the sets: state `noise`, or add observations"
+)
 _NEGATIVE: Final = "the readings give a negative compliance in one of the sets"
 
 
@@ -68,51 +71,53 @@ class FreeEstimate:
     """Estimate of n compliances without constraints, which is Gaussian [rad/(N·m)]."""
 
     compliance: FloatArray  #: (n,) NaN without an estimate
-    covariance: FloatArray  #: (n, n) by all errors
-    readings: FloatArray | None  #: (n, n) part of it by the noise of the readings; None if sigma is unknown
-    assumed: Mapping[str, FloatArray]  #: (n, n) parts of it by terms that are assumed, not stated
+    covariance: FloatArray  #: (n, n) covariance due to all errors
+    readings: FloatArray | None  #: (n, n) part due to the noise of the readings; None if sigma is unknown
+    #: error term → (n, n) part due to this term, for terms whose uncertainty is assumed, not stated
+    assumed: Mapping[str, FloatArray]
     sigma: float | None  #: standard uncertainty of one coordinate of one reading [m]
     degrees_of_freedom: float  #: degrees of freedom of sigma; inf if it was given
-    reasons: Sequence[str | None]  #: (n,) why there is no estimate
-    unseen: BoolArray  #: (n,) joints that the readings do not show, not even in combination
+    reasons: Sequence[str | None]  #: (n,) why the joint has no estimate; None if it has one
+    unseen: BoolArray  #: (n,) mask of joints that the readings do not show, not even in combination
 
 
 @dataclass(frozen=True, eq=False)
 class Side:
-    """One of the two campaigns, identified by itself."""
+    """One of the two campaigns, with the estimate from its own readings."""
 
     robot: Robot  #: n joints
     measurements: Measurements  #: N observations of T targets
-    compliance: FloatArray  #: (n,) its optimum, as predictions use it [rad/(N·m)]
-    constraints: Constraints  #: constraints of that optimum
-    complementary_stiffness: bool  #: whether K_c is part of its model
+    compliance: FloatArray  #: (n,) constrained estimate, used for predictions [rad/(N·m)]
+    constraints: Constraints  #: constraints of this estimate
+    complementary_stiffness: bool  #: whether the model includes the complementary stiffness K_c
     free: FreeEstimate  #: estimate without constraints
 
 
 class Comparison(NamedTuple):
-    """Two campaigns side by side."""
+    """Result of the comparison of two campaigns."""
 
-    joints: list[JointRatio]  #: the n ratios
-    ordered: OrderedResult | None  #: both in one problem; None if that was not requested
-    avoided: AvoidedDeflection  #: share of the deflection that the second avoids
-    unlike: tuple[str, ...]  #: labels that both have, with another posture or load, or no shared target
-    unit_mistake: Finding | None  #: forces of most observations that differ by a ratio of units
+    joints: list[JointRatio]  #: ratio of the stiffnesses of each of the n joints
+    ordered: OrderedResult | None  #: fit of both campaigns in one problem; None if not requested
+    avoided: AvoidedDeflection  #: share of the deflection that the second campaign avoids
+    #: labels of both campaigns whose observations differ in posture or load, or share no target
+    unlike: tuple[str, ...]
+    unit_mistake: Finding | None  #: finding of a wrong unit of force; None if none is suspected
 
 
 class GaussianEstimate(NamedTuple):
     """An unconstrained estimate of a compliance."""
 
     value: float  #: [rad/(N·m)]
-    standard_uncertainty: float  #: positive, in the same unit
-    degrees_of_freedom: float = inf  #: degrees of freedom of that uncertainty; inf where sigma was given
+    standard_uncertainty: float  #: positive [rad/(N·m)]
+    degrees_of_freedom: float = inf  #: degrees of freedom of the uncertainty; inf where sigma was given
 
 
 class RatioInterval(NamedTuple):
-    """All ratios that the estimates do not exclude, or the least interval that holds them."""
+    """Interval of the ratios that the estimates do not exclude."""
 
     lower: float | None  #: None where there is no lower limit
     upper: float | None  #: None where there is no upper limit
-    #: where the ratios are those outside an interval, that interval; else None
+    #: if exactly the ratios in an interval are excluded: this interval; else None
     excluded: tuple[float, float] | None = None
 
 
@@ -120,10 +125,11 @@ class RatioInterval(NamedTuple):
 class Matches:
     """Observations of the same posture under the same load, in both campaigns."""
 
-    observations: IndexArray  #: (2, K) their indices in the first and in the second campaign
+    observations: IndexArray  #: (2, K) indices of the observations in the first and in the second campaign
     targets: IndexArray  #: (2, T) indices of the shared targets in both campaigns
-    present: BoolArray  #: (K, T) shared targets read in both
-    unlike: tuple[str, ...]  #: labels that both have, with another posture or load, or no shared target
+    present: BoolArray  #: (K, T) mask of the shared targets that both campaigns read
+    #: labels of both campaigns whose observations differ in posture or load, or share no target
+    unlike: tuple[str, ...]
 
 
 def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool = False) -> Comparison:
@@ -131,7 +137,7 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
 
     Args:
         first: campaign of the softer state, such as before a repair, or with motor encoders in the loop.
-        second: campaign of the other state, such as after it, or with secondary encoders in the loop.
+        second: campaign of the stiffer state, such as after a repair, or with secondary encoders in the loop.
         confidence: level of the intervals, between 0 and 1.
         ordered: whether to fit both in one problem with c_second ≤ c_first for every joint.
 
@@ -149,14 +155,14 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
     covariances = _compute_independent_covariances(sides := (first, second))
     positive = all(bool((side.constraints.bounds.lower >= 0).all()) for side in sides)
     compliances = np.stack([side.compliance for side in sides])
-    together = None
+    ordered_result = None
     if ordered:
-        together, optimum = fit_ordered(sides, covariances, confidence)
+        ordered_result, optimum = fit_ordered(sides, covariances, confidence)
         compliances = np.where(np.isnan(optimum), compliances, optimum)
     matches = match_observations(first.measurements, second.measurements)
     return Comparison(
         [_compare_joint(j, sides, covariances, confidence, positive=positive) for j in range(len(names))],
-        together,
+        ordered_result,
         compute_avoided_deflection(sides, matches, compliances),
         matches.unlike,
         find_force_unit_mistake(first.measurements, second.measurements, matches),
@@ -168,7 +174,7 @@ def models_differ(first: Robot, second: Robot) -> bool:
     if first is second:
         return False
     postures = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])
-    kinematics = []  # angles, Jacobian and flange pose of both robots
+    kinematics = []  # of each robot: angles, Jacobian and flange pose
     for robot in (first, second):
         at = Postures(robot, robot.joint_map.model_angles(postures))
         kinematics.append((at.q, at.jacobian, at.flange_rotation, at.flange_translation))
@@ -182,10 +188,10 @@ def _compute_independent_covariances(sides: Sequence[Side]) -> list[FloatArray |
     own load point: a load that is hung anew hangs elsewhere. The covariance is None where sigma is unknown.
     """
     common = [side.measurements.common_uncertainty for side in sides]
-    same = frozenset.intersection(*(each.assumed for each in common)) - {"load_point"}
+    shared_terms = frozenset.intersection(*(each.assumed for each in common)) - {"load_point"}
     covariances = []
     for free in (side.free for side in sides):
-        shared = sum(free.assumed[term] for term in same if term in free.assumed)
+        shared = sum(free.assumed[term] for term in shared_terms if term in free.assumed)
         covariances.append(None if free.readings is None else free.covariance - shared)
     return covariances
 
@@ -208,26 +214,26 @@ def _compare_joint(
         positive: whether compliances are known to be zero or positive.
     """
     name, gaussian = sides[0].robot.joint_names[j], []
-    for which, side, covariance in zip(("first", "second"), sides, covariances, strict=True):
+    for ordinal, side, covariance in zip(("first", "second"), sides, covariances, strict=True):
         value = float(side.free.compliance[j])
         if not isfinite(value):
-            return JointRatio(name=name, reason=f"in the {which} set: {side.free.reasons[j]}")
+            return JointRatio(name=name, reason=f"in the {ordinal} set: {side.free.reasons[j]}")
         if covariance is not None and covariance[j, j] > 0.0:
             freedom = side.free.degrees_of_freedom
             gaussian.append(GaussianEstimate(value, sqrt(covariance[j, j]), freedom))
     if len(gaussian) < len(sides):
         return JointRatio(name=name, reason=_UNKNOWN)
-    one, two = gaussian
-    are_positive = one.value > 0 and two.value > 0
-    spread = hypot(one.standard_uncertainty, two.standard_uncertainty)
-    freedom = min(one.degrees_of_freedom, two.degrees_of_freedom)
-    interval = compute_ratio_interval(one, two, confidence, positive=positive)
+    first, second = gaussian
+    are_positive = first.value > 0 and second.value > 0
+    spread = hypot(first.standard_uncertainty, second.standard_uncertainty)
+    freedom = min(first.degrees_of_freedom, second.degrees_of_freedom)
+    interval = compute_ratio_interval(first, second, confidence, positive=positive)
     return JointRatio(
         name=name,
-        ratio=one.value / two.value if are_positive else None,
+        ratio=first.value / second.value if are_positive else None,
         ratio_interval=None if interval is None else (interval.lower, interval.upper),
         ratio_excluded=None if interval is None else interval.excluded,
-        p_value=float(2.0 * special.stdtr(freedom, -abs(one.value - two.value) / spread)),
+        p_value=float(2.0 * special.stdtr(freedom, -abs(first.value - second.value) / spread)),
         reason=None if are_positive else _NEGATIVE,
     )
 
@@ -241,8 +247,8 @@ def compute_ratio_interval(
     is ``|sin(θ − φ)| ≤ t/r`` for ``tan φ = ρ s₂/s₁``: an arc of directions, repeated every half turn. If the
     arc passes through the vertical, where the ratio is infinite, the interval has no upper limit.
 
-    The interval is exact where both uncertainties come from one sigma, or sigma is given. Otherwise the fewer
-    degrees of freedom are taken, so that the interval covers the true ratio at least as often.
+    The interval is exact if both uncertainties come from one sigma, or sigma is given. Otherwise the fewer
+    degrees of freedom are used, so that the interval covers the true ratio at least as often as `confidence`.
 
     Args:
         first: estimate of the first compliance.
@@ -258,7 +264,7 @@ def compute_ratio_interval(
     x = second.value / second.standard_uncertainty
     scale = first.standard_uncertainty / second.standard_uncertainty
     r = hypot(x, y)
-    if r <= t:
+    if r <= t:  # the point is so near the origin that every direction is allowed
         return RatioInterval(0.0 if positive else None, None)
     angle = atan2(y, x)
     if angle > _QUARTER or angle <= -_QUARTER:  # the ratio stays the same if both signs change
@@ -269,7 +275,7 @@ def compute_ratio_interval(
         if positive and upper < 0.0:
             return None
         return RatioInterval(max(0.0, lower) if positive else lower, upper)
-    # The arc passes through the vertical: all ratios are allowed but those between its ends.
+    # The arc passes through the vertical: all ratios are allowed but those between `upper` and `lower`.
     if positive and upper < 0.0:
         return RatioInterval(max(0.0, lower), None)
     return RatioInterval(0.0 if positive else None, None, (upper, lower))
@@ -280,12 +286,13 @@ def fit_ordered(
 ) -> tuple[OrderedResult, FloatArray]:
     """Fit both campaigns in one problem subject to ``c_second ≤ c_first`` for every joint (method.md §5).
 
-    The unknowns are the 2 n compliances; their likelihood is that of both Gaussian estimates. The optimum is
-    weighted by the noise of the readings alone. The intervals use all errors, and are widened to contain the
-    optimum. Joints that a campaign does not show get no interval, and do not constrain the other campaign.
+    The unknowns are the 2 n compliances, with the likelihood of both Gaussian estimates. The optimum weights
+    the estimates with the noise of the readings alone. The intervals use all errors, and are widened to
+    contain the optimum. A joint that a campaign does not show has no interval, and does not constrain the
+    other campaign.
 
     Args:
-        sides: the softer campaign, such as with the motors' encoders in the loop, and the stiffer one.
+        sides: the softer campaign, such as with motor encoders in the loop, and the stiffer campaign.
         covariances: (n, n) covariance of each campaign's estimate; None where sigma is unknown.
         confidence: level of the intervals.
 
@@ -299,35 +306,39 @@ def fit_ordered(
     """
     free, n = [side.free for side in sides], sides[0].robot.n
     noise = [each.readings for each in free if each.readings is not None]
-    both = [each for each in covariances if each is not None]
+    all_errors = [each for each in covariances if each is not None]
     if len(noise) < len(sides):
         raise RequestError(
             "sigma is neither given nor determined by the residuals, so the two sets cannot be weighted",
             where="ordered",
             remedy="state `noise.sigma`, or add observations",
         )
-    own = [side.constraints for side in sides]
+    first_constraints, second_constraints = (side.constraints for side in sides)
     bounds = Bounds(
-        np.concatenate([each.bounds.lower for each in own]),
-        np.concatenate([each.bounds.upper for each in own]),
+        np.concatenate([first_constraints.bounds.lower, second_constraints.bounds.lower]),
+        np.concatenate([first_constraints.bounds.upper, second_constraints.bounds.upper]),
     )
-    order: Order = (*own[0].order, *((n + i, n + j) for i, j in own[1].order))
+    # In an order, (i, j) states c_i ≤ c_j; the compliances of the second campaign have the numbers n to 2 n −
+    # 1.
+    order: Order = (*first_constraints.order, *((n + i, n + j) for i, j in second_constraints.order))
     separate = Constraints(bounds, order)
     together = Constraints(bounds, (*((n + j, j) for j in range(n)), *order))
     centre = np.concatenate([each.compliance for each in free])
     known = np.flatnonzero(np.isfinite(centre))
     c, ends = np.full(2 * n, np.nan), np.full((2 * n, 2), np.nan)
-    seen = [np.flatnonzero(np.isfinite(each.compliance)) for each in free]
-    blocks = [part[np.ix_(own, own)] for part, own in zip(noise, seen, strict=True) if len(own)]
+    estimated = [np.flatnonzero(np.isfinite(each.compliance)) for each in free]
+    blocks = [part[np.ix_(j, j)] for part, j in zip(noise, estimated, strict=True) if len(j)]
     R = block_diag(*map(invert_to_root, blocks))
     fits = [
-        StageFit.from_rows(R, R @ centre[known], known, each.select(known)).solution
-        for each in (together, separate)
+        StageFit.from_rows(R, R @ centre[known], known, constraints.select(known)).solution
+        for constraints in (together, separate)
     ]
     c[known] = fits[0].compliance
     squares = [float(np.square(R @ (fit.compliance - centre[known])).sum()) for fit in fits]
     quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free))
-    likelihood = Likelihood(np.arange(len(known)), centre[known], block_diag(*both)[np.ix_(known, known)])
+    likelihood = Likelihood(
+        np.arange(len(known)), centre[known], block_diag(*all_errors)[np.ix_(known, known)]
+    )
     every = np.eye(len(known))
     low, high = compute_profile_ends(likelihood, together.select(known), every, np.array([quantile]))[0].T
     ends[known] = np.stack([np.minimum(low, c[known]), np.maximum(high, c[known])], axis=1)
@@ -353,7 +364,7 @@ def fit_ordered(
 
 
 def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Matches) -> Finding | None:
-    """Check whether one of two campaigns states its forces in a wrong unit, such as kgf read as N.
+    """Find out whether one of two campaigns states its forces in a wrong unit, such as kgf read as N.
 
     The unit is suspect if the forces of most matching postures differ by the ratio of two units, such as N
     and kgf, while the deflections hardly differ.
@@ -364,23 +375,25 @@ def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Match
         matches: observations that match with the forces as stated.
 
     Returns:
-        The finding; None if no mistake is seen.
+        The finding; None if no mistake is suspected.
     """
     for (unit, size), (other, other_size) in permutations(_FORCE_UNITS.items(), 2):
         ratio = size / other_size
         scaled = match_observations(one, two, ratio)
-        more = np.setdiff1d(scaled.observations[0], matches.observations[0])
-        if 2 * len(more) <= len(matches.present) + len(matches.unlike):
+        # The ratio has to make most observations with a common label match that did not match as stated.
+        new_matches = np.setdiff1d(scaled.observations[0], matches.observations[0])
+        if 2 * len(new_matches) <= len(matches.present) + len(matches.unlike):
             continue
         share = compute_measured_shares((one, two), scaled, (None, None))[1]
         if share is not None and abs(share.value) < _ALIKE:
             return Finding(
                 code="force_unit_suspect",
                 weight="do_not_use",
-                message=f"the forces of the second side are {figure(ratio, '.3g')} times those of the first "
-                f"in the same postures, the deflections {figure(1.0 - share.value, '.3g')} times: probably "
-                f"{other} read as {unit} on the second side, or {unit} as {other} on the first",
-                remedy="correct `units.force` of the side that states it wrongly",
+                message="in the same postures, the forces of the second campaign are "
+                f"{figure(ratio, '.3g')} times those of the first, but the deflections "
+                f"{figure(1.0 - share.value, '.3g')} times: probably {other} were read as {unit} in the "
+                f"second campaign, or {unit} as {other} in the first",
+                remedy="correct `units.force` of the campaign that states it wrongly",
             )
     return None
 
@@ -394,27 +407,30 @@ def match_observations(one: Measurements, two: Measurements, force_ratio: float 
         force_ratio: factor on the forces of the first campaign before they are compared.
     """
     shared = [name for name in one.targets if name in two.targets]
-    targets = np.array([[own.targets.index(name) for name in shared] for own in (one, two)], np.intp)
-    place = {label: i for i, label in enumerate(two.labels)}
-    both = [(i, place[label]) for i, label in enumerate(one.labels) if label in place]
-    places = np.array(both, dtype=np.intp).reshape(-1, 2).T
-    sides = []
-    for m, at, target in zip((one, two), places[..., None], targets, strict=True):
+    targets = np.array([[m.targets.index(name) for name in shared] for m in (one, two)], np.intp)
+    index_in_two = {label: i for i, label in enumerate(two.labels)}
+    pairs = [(i, index_in_two[label]) for i, label in enumerate(one.labels) if label in index_in_two]
+    observations = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+    readings = []
+    for m, rows, target in zip((one, two), observations[..., None], targets, strict=True):
         direction = np.zeros(m.position.shape) if m.direction is None else m.direction
-        sides.append((direction[at, target], m.present[at, target]))
-    (along, read), (other, also_read) = sides
-    cosine = np.abs((along * other).sum(axis=-1))  # a gauge on the flange turns with the postures
-    alike = (cosine > np.cos(2.0 * POSTURE_TOLERANCE)) | ~(along.any(axis=-1) | other.any(axis=-1))
-    present = read & also_read & alike
-    i, k = places
+        readings.append((direction[rows, target], m.present[rows, target]))
+    # Readings along one direction match if their directions agree; a zero vector reads all coordinates.
+    (along_one, read_in_one), (along_two, read_in_two) = readings
+    cosine = np.abs((along_one * along_two).sum(axis=-1))  # a gauge on the flange turns with the postures
+    both_full = ~(along_one.any(axis=-1) | along_two.any(axis=-1))
+    present = read_in_one & read_in_two & ((cosine > np.cos(2.0 * POSTURE_TOLERANCE)) | both_full)
+    i, k = observations
     same = np.abs(one.joints[i] - two.joints[k]).max(axis=1) <= POSTURE_TOLERANCE
+    # The load point does not matter where no force acts.
     near = np.linalg.norm(one.load_point[i] - two.load_point[k], axis=1) <= LOAD_POINT_TOLERANCE
     same &= near | ~one.force[i].any(axis=1)
     for a, b in ((force_ratio * one.force[i], two.force[k]), (one.moment[i], two.moment[k])):
         size = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
         same &= np.linalg.norm(a - b, axis=1) <= LOAD_TOLERANCE * size
-    kept = same & present.any(axis=1)
-    return Matches(places[:, kept], targets, present[kept], tuple(one.labels[j] for j in i[~kept]))
+    matching = same & present.any(axis=1)
+    unlike = tuple(one.labels[j] for j in i[~matching])
+    return Matches(observations[:, matching], targets, present[matching], unlike)
 
 
 def compute_avoided_deflection(
@@ -427,35 +443,39 @@ def compute_avoided_deflection(
         matches: observations that both campaigns have.
         compliances: (2, n) compliances of the joints in the first and in the second campaign [rad/(N·m)].
     """
-    each, measured = compute_measured_shares(
+    measured_shares, total_share = compute_measured_shares(
         [side.measurements for side in sides], matches, [side.free.sigma for side in sides]
     )
     unknown = sides[0].free.unseen | sides[1].free.unseen
-    of_first, of_second = (_predict_mean_lengths(side, compliances, unknown) for side in sides)
-    first, second = (side.measurements.labels for side in sides)
-    only_second = np.setdiff1d(np.arange(len(second)), matches.observations[1]).tolist()
-    total = np.nansum(np.vstack([of_first, of_second[only_second]]), axis=0)
-    by_row = dict(zip(matches.observations[0].tolist(), each, strict=True))
+    # Mean deflections (N, 2) in the observations of each campaign, with the compliances of both campaigns
+    in_first, in_second = (_predict_mean_lengths(side, compliances, unknown) for side in sides)
+    first_labels, second_labels = (side.measurements.labels for side in sides)
+    only_second = np.setdiff1d(np.arange(len(second_labels)), matches.observations[1]).tolist()
+    total = np.nansum(np.vstack([in_first, in_second[only_second]]), axis=0)
+    share_of_row = dict(zip(matches.observations[0].tolist(), measured_shares, strict=True))
     shares = [
         ConfigurationShare(
             observation=label,
-            side="both" if i in by_row else "first",
-            measured=by_row.get(i),
-            predicted=_compute_avoided_share(*of_first[i]),
+            side="both" if i in share_of_row else "first",
+            measured=share_of_row.get(i),
+            predicted=_compute_avoided_share(*in_first[i]),
         )
-        for i, label in enumerate(first)
+        for i, label in enumerate(first_labels)
     ]
     shares += [
         ConfigurationShare(
-            observation=second[i],
+            observation=second_labels[i],
             side="second",
             measured=None,
-            predicted=_compute_avoided_share(*of_second[i]),
+            predicted=_compute_avoided_share(*in_second[i]),
         )
         for i in only_second
     ]
     return AvoidedDeflection(
-        matching=len(each), measured=measured, predicted=_compute_avoided_share(*total), configurations=shares
+        matching=len(measured_shares),
+        measured=total_share,
+        predicted=_compute_avoided_share(*total),
+        configurations=shares,
     )
 
 
@@ -473,27 +493,28 @@ def compute_measured_shares(
         sigmas: standard uncertainty of one coordinate of one reading in each campaign [m], or None.
 
     Returns:
-        Avoided share of the mean deflection of the shared targets: a list of K by observation, and one value
-        over all observations. A share is None where the first campaign shows no deflection.
+        Avoided shares of the mean deflection of the shared targets: a list with the share in each of the K
+        observations, and the share over all observations. A share is None if the first campaign shows no
+        deflection; the share over all is None, too, if no observation matches.
     """
     means, uncertainties, count = [], [], matches.present.sum(axis=1)
-    for own, at, targets, sigma in zip(
+    for measurements, rows, targets, sigma in zip(
         readings, matches.observations[..., None], matches.targets, sigmas, strict=True
     ):
-        deflection, covariance = own.deflection[at, targets], own.covariance
-        if covariance.ndim == 4:
-            covariance = covariance[at, targets]
+        deflection, covariance = measurements.deflection[rows, targets], measurements.covariance
+        if covariance.ndim == 4:  # (N, T, 3, 3); otherwise all readings have one covariance (3, 3)
+            covariance = covariance[rows, targets]
         length = np.linalg.norm(deflection, axis=2)
         direction = deflection / np.where(length > 0, length, 1.0)[..., None]
         variance = np.sum(direction * (covariance @ direction[..., None])[..., 0], axis=2)
         means.append((length * matches.present).sum(axis=1) / count)
         scale = np.nan if sigma is None else sigma
         uncertainties.append(scale * np.sqrt((variance * matches.present).sum(axis=1)) / count)
-    each = [_estimate_avoided_share(*numbers) for numbers in zip(*means, *uncertainties, strict=True)]
-    if not each:
-        return each, None
+    shares = [_estimate_avoided_share(*numbers) for numbers in zip(*means, *uncertainties, strict=True)]
+    if not shares:
+        return shares, None
     totals = [float(mean.sum()) for mean in means]
-    return each, _estimate_avoided_share(*totals, *(float(np.sqrt((u**2).sum())) for u in uncertainties))
+    return shares, _estimate_avoided_share(*totals, *(float(np.sqrt((u**2).sum())) for u in uncertainties))
 
 
 def _predict_mean_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) -> FloatArray:
@@ -505,7 +526,8 @@ def _predict_mean_lengths(side: Side, compliances: FloatArray, unknown: BoolArra
         unknown: (n,) joints that one of the campaigns does not show.
 
     Returns:
-        (N, 2) mean lengths [m], by observation and campaign; NaN where an unknown joint is twisted.
+        (N, 2) mean length [m] in each observation, with the compliances of the first and of the second
+        campaign; NaN where an unknown joint is twisted.
     """
     robot, measurements, means = side.robot, side.measurements, []
     count = measurements.present.sum(axis=1)
@@ -520,12 +542,14 @@ def _predict_mean_lengths(side: Side, compliances: FloatArray, unknown: BoolArra
 
 
 def _compute_avoided_share(first: float, second: float) -> float | None:
-    """Return the share ``1 − second/first`` of a deflection that is avoided; None if the first is zero."""
+    """Return the avoided share ``1 − second/first`` of a deflection; None if the first deflection is zero."""
     return 1.0 - float(second / first) if first > 0 else None
 
 
 def _estimate_avoided_share(first: float, second: float, u_first: float, u_second: float) -> Estimate | None:
-    """Return the share ``1 − second/first`` of mean deflections with its standard uncertainty (GUM, 5.1.2).
+    """Estimate the avoided share ``1 − second/first`` of a mean deflection (GUM, 5.1.2).
+
+    The result is None if the first deflection is zero.
 
     Args:
         first: mean deflection of the first campaign [m].
@@ -541,20 +565,21 @@ def _estimate_avoided_share(first: float, second: float, u_first: float, u_secon
 
 
 MOST_RELATIVE: Final = 0.25
-"""Largest u(c) / c compared over time: beyond it, ln c is neither normal nor free of bias (u² / 2)."""
+"""Greatest u(c) / c of estimates that are compared over time: above, ln c is neither normal nor free of
+bias."""
 _MOST_SHARED: Final = 0.999999
-"""Largest share of an uncertainty that may be the same in all campaigns: readings always have their own."""
+"""Greatest share of an uncertainty that errors common to all campaigns may have: readings have own errors."""
 CHANGED_LEVEL: Final = 0.05
-"""Probability, at most, that any joint of a robot is reported as changed if none has."""
+"""Greatest probability that any joint of a robot is reported as changed if no joint has changed."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """Change of ln k, with its standard uncertainty."""
+    """Change of ln k, the logarithm of a joint's stiffness, between two campaigns."""
 
     difference: float  #: difference of ln k
     standard_uncertainty: float  #: standard uncertainty of the difference
-    degrees_of_freedom: float = inf  #: degrees of freedom of that uncertainty; inf where it is known
+    degrees_of_freedom: float = inf  #: degrees of freedom of the uncertainty; inf where sigma was given
 
     @classmethod
     def between(
@@ -563,10 +588,11 @@ class Change:
         """Return the change of ln k from the first to the second campaign.
 
         Args:
-            first: ln k of the first campaign, and its standard uncertainty from errors of this campaign.
-            second: ln k and its standard uncertainty of the second campaign.
+            first: ln k of the first campaign, and the standard uncertainty from errors of this campaign
+                alone.
+            second: ln k and standard uncertainty of the second campaign.
             degrees_of_freedom: the fewer degrees of freedom of the two uncertainties, so that a change is
-                significant by chance at most as often as the level says.
+                found significant by chance at most as often as the level says.
         """
         return cls(second[0] - first[0], hypot(first[1], second[1]), degrees_of_freedom)
 
@@ -605,8 +631,8 @@ def log_stiffness(
             one load cell [rad/(N·m)]; they cancel in a difference and are subtracted.
 
     Returns:
-        ln k and its uncertainty from the campaign's own errors; None for a joint without a number, for a
-        rigid joint, and where this uncertainty exceeds `MOST_RELATIVE`.
+        ln k, and its standard uncertainty from errors of this campaign alone; None if the joint has no
+        compliance or uncertainty, if it is rigid, or if the uncertainty of ln k exceeds `MOST_RELATIVE`.
     """
     if compliance is None or standard_uncertainty is None or not compliance > 0:
         return None

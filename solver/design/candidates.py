@@ -32,28 +32,30 @@ from jointstiff.solver.mechanics.terms import TERMS
 LoadKind = Literal["dead_weight", "any_direction", "cable"]
 
 _SAMPLES: Final = np.linspace(0.0, 1.0, 5)
-"""Places along a link that are compared with boxes."""
+"""Fractions of a link's length at which points of the link are compared with boxes and planes."""
 _FIRST_MOVING: Final = 2
 """Number of origins that do not move, those of the base and the first joint; they are usually on the
 floor."""
 _NEAR_FLANGE: Final = 3
-"""Last segments, which carry the reflectors: they hide none."""
+"""Number of last segments that are taken to hide no reflector, as they carry the reflectors."""
 _RELATIVE_RADIUS: Final = 0.04
-"""Radius of the links over the length of the stretched arm, where none is given."""
+"""Radius of the links, relative to the length of the stretched arm, if the request states no radius."""
 _SHORTEST_CABLE: Final = 0.1
 """Length of a cable [m] below which it cannot be fastened."""
 _LARGEST_POSITION: Final = (np.pi, 1.0)
-"""Range of a joint without limits [rad, m of a prismatic one]."""
+"""Greatest position of a joint without limits [rad; m for a prismatic joint]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Loads:
     """Forces that can be applied."""
 
-    kind: LoadKind  #: a weight pulls along −z of R0, a cable towards one of the anchors, or in any direction
-    force: float  #: magnitude [N]; for any direction the greatest
-    torque_limit: FloatArray  #: (n,) greatest torque of the load about each joint [N·m]; inf for none
-    anchors: FloatArray = field(default_factory=lambda: np.empty((0, 3)))  #: (A, 3) of the cable, in R0 [m]
+    kind: LoadKind  #: a weight along −z of R0, a cable towards one of the anchors, or forces of any direction
+    force: float  #: magnitude [N]; for loads of any direction, the greatest magnitude
+    torque_limit: FloatArray  #: (n,) greatest torque of the load about each joint [N·m]; inf for no limit
+    anchors: FloatArray = field(
+        default_factory=lambda: np.empty((0, 3))
+    )  #: (A, 3) where the cable can be fastened, in R0 [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +68,10 @@ class Equipment:
     sigma: float  #: standard uncertainty of one coordinate of one reading [m]
     instrument: Instrument | None = None  #: the tracker at its station; isotropic noise of sigma if None
 
-    def measurements(
+    def build_measurements(
         self, robot: Robot, joints: FloatArray, force: FloatArray, along: FloatArray | None = None
     ) -> Measurements:
-        """Build measurements from planned readings, with zero deflections and the expected covariance.
+        """Build the measurements of N planned readings, with zero deflections and the expected covariance.
 
         Args:
             robot: n joints.
@@ -93,10 +95,10 @@ class Equipment:
         if self.instrument is None:
             return plain
         noise = DifferenceNoise.from_instrument(self.instrument, robot, plain)
-        # The instrument's covariance has a sigma of its own as unit: convert it to the sigma stated here.
+        # The instrument's covariance is in units of `noise.sigma`²: convert it to units of `self.sigma`².
         return replace(plain, covariance=noise.covariance * (noise.sigma / self.sigma) ** 2)
 
-    def direction(self, robot: Robot, joints: FloatArray, anchor: IndexArray) -> FloatArray | None:
+    def force_directions(self, robot: Robot, joints: FloatArray, anchor: IndexArray) -> FloatArray | None:
         """Return the directions (N, 3) of the forces in R0; None if a force may have any direction.
 
         Args:
@@ -108,28 +110,34 @@ class Equipment:
             return None
         if self.loads.kind == "dead_weight":
             return np.broadcast_to([0.0, 0.0, -1.0], (len(joints), 3))
-        towards = self.loads.anchors[anchor] - self.load_place(robot, joints)
+        towards = self.loads.anchors[anchor] - self.load_positions(robot, joints)
         return np.asarray(towards / np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), 1e-9))
 
-    def load_place(self, robot: Robot, joints: FloatArray) -> FloatArray:
-        """Return the places (N, 3) in R0 [m] where the load acts, in postures (N, n) [rad or m]."""
-        at = Postures(robot, robot.joint_map.model_angles(joints))
-        return np.asarray(at.to_base(np.broadcast_to(self.load_point, (len(joints), 1, 3)))[:, 0])
-
-    def strength(self, robot: Robot, joints: FloatArray) -> FloatArray:
-        """Return the greatest force (N,) [N] whose torques stay within the limits in any direction.
+    def load_positions(self, robot: Robot, joints: FloatArray) -> FloatArray:
+        """Return the positions (N, 3) of the load point in R0 [m].
 
         Args:
             robot: n joints.
             joints: (N, n) positions as the controller shows them [rad or m].
         """
         at = Postures(robot, robot.joint_map.model_angles(joints))
-        jacobian = at.jacobian_at(self.load_place(robot, joints)[:, None])[:, 0]
+        return np.asarray(at.to_base(np.broadcast_to(self.load_point, (len(joints), 1, 3)))[:, 0])
+
+    def greatest_forces(self, robot: Robot, joints: FloatArray) -> FloatArray:
+        """Return the magnitude (N,) [N] of the greatest force that obeys all torque limits in any direction.
+
+        Args:
+            robot: n joints.
+            joints: (N, n) positions as the controller shows them [rad or m].
+        """
+        at = Postures(robot, robot.joint_map.model_angles(joints))
+        jacobian = at.jacobian_at(self.load_positions(robot, joints)[:, None])[:, 0]
+        # The longest lever of each joint, at least 1e-9 m so that no division is by zero.
         lever = np.maximum(np.linalg.norm(jacobian, axis=1), 1e-9)
         return np.asarray(np.minimum(self.loads.force, (self.loads.torque_limit / lever).min(axis=1)))
 
 
-def find_feasible(
+def find_feasible_readings(
     robot: Robot, equipment: Equipment, cell: Surroundings, joints: FloatArray, direction: FloatArray | None
 ) -> tuple[BoolArray, dict[str, int]]:
     """Find the readings that can be taken with the equipment in the surroundings.
@@ -137,17 +145,18 @@ def find_feasible(
     Args:
         robot: n joints.
         equipment: targets, load and tracker.
-        cell: surroundings; directions of reflectors are in the order of the targets.
+        cell: surroundings; its directions `facing` of the reflectors are in the order of the targets.
         joints: (N, n) positions as the controller shows them [rad or m].
-        direction: (N, 3) direction of the force, axes of R0; None if the direction is free.
+        direction: (N, 3) unit vectors along the forces, axes of R0; None if the direction is free.
 
     Returns:
-        Mask (N,) of feasible readings; and the number of infeasible readings by the first reason.
+        Mask (N,) of feasible readings; and reason → number of readings. A reading that several reasons
+        exclude counts for the first of them.
     """
     count, model = len(joints), robot.joint_map.model_angles(joints)
     at = Postures(robot, model)
     targets = at.to_base(np.broadcast_to(equipment.targets, (count, *equipment.targets.shape)))
-    load = equipment.load_place(robot, joints)
+    load = equipment.load_positions(robot, joints)
     # Links run from the base through the origins of the joint frames to the flange and the load point
     base, flange = np.zeros((count, 1, 3)), at.flange_translation[:, None]
     points = np.concatenate([base, at.joint_frames[1], flange, load[:, None]], axis=1)
@@ -167,31 +176,54 @@ def find_feasible(
     lengths = np.linalg.norm(np.diff(points, axis=1), axis=2).max(axis=0)
     for i, j in combinations(range(len(lengths)), 2):
         if lengths[i + 1 : j].sum() > 4.0 * radius:
-            apart = segment_distance(points[:, i], points[:, i + 1], points[:, j], points[:, j + 1])
+            apart = compute_segment_distances(points[:, i], points[:, i + 1], points[:, j], points[:, j + 1])
             excluded["self_collision"] |= apart < 2.0 * radius
     if equipment.instrument is not None:
-        station = np.array(equipment.instrument.station)
-        hidden = [
-            _is_crossed_by_link(points, radius, station, targets[:, t]) for t in range(targets.shape[1])
-        ]
-        excluded["line_of_sight"] = np.any(hidden, axis=0)
-        if cell.facing:
-            facing = np.array(list(cell.facing.values()))
-            sight, look = station - targets, facing @ at.flange_rotation.transpose(0, 2, 1)
-            norms = np.linalg.norm(sight, axis=2) * np.linalg.norm(look, axis=2)
-            away = (sight * look).sum(axis=2) / norms < np.cos(cell.acceptance)
-            excluded["reflector_acceptance"] = away.any(axis=1)
+        excluded |= _check_sight(equipment.instrument, cell, at, points, targets, radius)
     if direction is not None and equipment.loads.kind == "cable":
-        # The anchor of each reading is that towards which its force points
+        # Each reading's cable leads to the anchor whose direction is nearest to the force.
         towards = equipment.loads.anchors - load[:, None]
         length = np.linalg.norm(towards, axis=2)
-        own = np.argmax(np.einsum("nai,ni->na", towards, direction) / np.maximum(length, 1e-9), axis=1)
-        excluded["cable"] = length[np.arange(count), own] < _SHORTEST_CABLE
-        excluded["cable"] |= _is_crossed_by_link(points, radius, load, equipment.loads.anchors[own])
-    first = np.argmax(list(excluded.values()), axis=0)
-    kept = ~np.any(list(excluded.values()), axis=0)
-    counts = {reason: int(((first == i) & ~kept).sum()) for i, reason in enumerate(excluded)}
-    return kept, {reason: number for reason, number in counts.items() if number}
+        anchor = np.argmax(np.einsum("nai,ni->na", towards, direction) / np.maximum(length, 1e-9), axis=1)
+        excluded["cable"] = length[np.arange(count), anchor] < _SHORTEST_CABLE
+        excluded["cable"] |= _is_crossed_by_link(points, radius, load, equipment.loads.anchors[anchor])
+    first_reason = np.argmax(list(excluded.values()), axis=0)
+    feasible = ~np.any(list(excluded.values()), axis=0)
+    counts = {reason: int(((first_reason == i) & ~feasible).sum()) for i, reason in enumerate(excluded)}
+    return feasible, {reason: number for reason, number in counts.items() if number}
+
+
+def _check_sight(
+    instrument: Instrument,
+    cell: Surroundings,
+    at: Postures,
+    points: FloatArray,
+    targets: FloatArray,
+    radius: float,
+) -> dict[str, BoolArray]:
+    """Find the postures in which the instrument does not see every target.
+
+    Args:
+        instrument: instrument at its station.
+        cell: surroundings, with the directions and the acceptance angle of the reflectors.
+        at: kinematics of N postures.
+        points: (N, P, 3) ends of the links in R0 [m].
+        targets: (N, T, 3) in R0 [m].
+        radius: radius of the links [m].
+
+    Returns:
+        Reason → mask (N,) of the postures that the reason excludes.
+    """
+    station = np.array(instrument.station)
+    hidden = [_is_crossed_by_link(points, radius, station, targets[:, t]) for t in range(targets.shape[1])]
+    excluded = {"line_of_sight": np.any(hidden, axis=0)}
+    if cell.facing:
+        facing = np.array(list(cell.facing.values()))
+        sight, look = station - targets, facing @ at.flange_rotation.transpose(0, 2, 1)
+        norms = np.linalg.norm(sight, axis=2) * np.linalg.norm(look, axis=2)
+        turned_away = (sight * look).sum(axis=2) / norms < np.cos(cell.acceptance)
+        excluded["reflector_acceptance"] = turned_away.any(axis=1)
+    return excluded
 
 
 def _find_out_of_bounds(
@@ -205,18 +237,18 @@ def _find_out_of_bounds(
         targets: (N, T, 3) in R0 [m].
         radius: radius of the links [m].
     """
-    # Points along the links are tested in place of whole links.
+    # Points along the links are tested in place of whole links; the first links never move.
     start, end = points[:, _FIRST_MOVING:-1, None], points[:, _FIRST_MOVING + 1 :, None]
     along = start + _SAMPLES[:, None] * (end - start)
     places = np.concatenate([along.reshape(len(along), -1, 3), targets], axis=1)
-    bad = np.zeros(len(places), dtype=np.bool_)
+    collides = np.zeros(len(places), dtype=np.bool_)
     if cell.floor is not None:
-        bad |= (places[..., 2] < cell.floor).any(axis=1)
+        collides |= (places[..., 2] < cell.floor).any(axis=1)
     if cell.inside is not None:
-        bad |= ((places < cell.inside[0]) | (places > cell.inside[1])).any(axis=(1, 2))
+        collides |= ((places < cell.inside[0]) | (places > cell.inside[1])).any(axis=(1, 2))
     for low, high in np.array(cell.obstacles):
-        bad |= ((places > low - radius) & (places < high + radius)).all(axis=2).any(axis=1)
-    return bad
+        collides |= ((places > low - radius) & (places < high + radius)).all(axis=2).any(axis=1)
+    return collides
 
 
 def _is_crossed_by_link(points: FloatArray, radius: float, start: FloatArray, end: FloatArray) -> BoolArray:
@@ -228,13 +260,14 @@ def _is_crossed_by_link(points: FloatArray, radius: float, start: FloatArray, en
         start: (3,) or (N, 3) in R0 [m].
         end: (3,) or (N, 3) in R0 [m].
     """
-    bad = np.zeros(len(points), dtype=np.bool_)
+    # The last segments carry the reflectors and the load, so they are left out.
+    crossed = np.zeros(len(points), dtype=np.bool_)
     for i in range(points.shape[1] - 1 - _NEAR_FLANGE):
-        bad |= segment_distance(points[:, i], points[:, i + 1], start, end) < radius
-    return bad
+        crossed |= compute_segment_distances(points[:, i], points[:, i + 1], start, end) < radius
+    return crossed
 
 
-def segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> FloatArray:
+def compute_segment_distances(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> FloatArray:
     """Return the least distances (N,) [m] between segments from p to q and from r to s (Ericson 2005, 5.1.9).
 
     Args:
@@ -249,11 +282,13 @@ def segment_distance(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray)
     tiny = 1e-18
     denominator = a * e - b * b
     x = np.where(denominator > tiny, (b * f - c * e) / np.where(denominator > tiny, denominator, 1.0), 0.0)
+    # x and y are the fractions of the way along the two segments at which these are nearest.
     x = np.clip(x, 0.0, 1.0)
     y = np.where(e > tiny, (b * x + f) / np.where(e > tiny, e, 1.0), 0.0)
     clipped = np.clip(y, 0.0, 1.0)
-    again = np.where(a > tiny, (b * clipped - c) / np.where(a > tiny, a, 1.0), 0.0)
-    x = np.where((clipped == y) & (e > tiny), x, np.clip(again, 0.0, 1.0))
+    # Where y had to be clipped, or the second segment is a point, x is computed again for this y.
+    x_again = np.where(a > tiny, (b * clipped - c) / np.where(a > tiny, a, 1.0), 0.0)
+    x = np.where((clipped == y) & (e > tiny), x, np.clip(x_again, 0.0, 1.0))
     return np.asarray(np.linalg.norm(w + x[:, None] * u - clipped[:, None] * v, axis=1))
 
 
@@ -266,7 +301,7 @@ def draw_postures(robot: Robot, count: int, seed: int) -> FloatArray:
         seed: seed of the draw.
 
     Returns:
-        (N, n) [rad or m], N at most `count`.
+        Controller's positions (N, n) [rad or m], with N at most `count`.
 
     Raises:
         RequestError: the limits leave no whole degree or millimetre.
@@ -288,21 +323,23 @@ def draw_postures(robot: Robot, count: int, seed: int) -> FloatArray:
     return joints
 
 
-LEFT_OUT: Final = 0.01
-"""Greatest share of the prior variance of what is to be predicted that left-out combinations of link
-compliances have: readings in directions that a plan leaves out are noise to it."""
+LEFT_OUT_SHARE: Final = 0.01
+"""Greatest share of the prior variance of the predictions that is due to combinations of link compliances
+that a plan leaves out; a plan treats their effect on readings as noise."""
 _NOT_EXCITED: Final = 1e-9
-"""Root mean square of a joint's rows, relative to the greatest, below which nothing excites it."""
-_WITH_NUISANCE: Final = 600
-"""Candidates where elastic links or the geometry are a nuisance, those in the work area first: each costs
-fifty times as much."""
-_PLACES: Final = 60
-"""Postures in the work area at which predictions are judged."""
+"""Root mean square of a joint's rows, relative to the greatest of all joints, below which no load twists
+it."""
+_MOST_WITH_NUISANCE: Final = 600
+"""Greatest number of candidates if elastic links or the geometry are a nuisance, as each candidate then costs
+fifty times as much; candidates in the work area come first."""
+_MOST_PLACES: Final = 60
+"""Greatest number of postures in the work area at which predictions are evaluated."""
 _FEWEST_PLACES: Final = 3
+"""Least number of candidates in a work area."""
 _BLOCK: Final = 2_048
-"""Candidates whose rows are computed at a time."""
+"""Number of candidates whose rows are computed at a time."""
 _SAMPLED: Final = 500
-"""Candidates from whose rows the parameters are chosen."""
+"""Greatest number of candidates from whose rows the parameters are chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,16 +347,16 @@ class PlanRequest:
     """Request of a plan: robot's equipment, what is known beforehand, and the rules of the choice."""
 
     equipment: Equipment  #: instrument, targets and loads
-    readings: int  #: how many, those for validation included; without a goal
+    readings: int  #: number of readings, with those for validation; used if there is no goal
     nominal: FloatArray  #: (n,) compliance [rad/(N·m)]; nan where it is not known
-    #: (n,) standard uncertainty of the compliance known beforehand [rad/(N·m)]; inf for none
+    #: (n,) standard uncertainty of the compliance known beforehand [rad/(N·m)]; inf if nothing is known
     prior: FloatArray
     cell: Surroundings = field(default_factory=Surroundings)  #: surroundings of the robot
-    criterion: PlanCriterion = "relative_a"  #: criterion to minimise
+    criterion: PlanCriterion = "relative_a"  #: criterion of the choice
     postures: FloatArray | None = None  #: (N, n) to choose from, controller's angles [rad]; drawn if None
-    candidates: int = 5_000  #: how many to draw
-    joints: IndexArray | None = None  #: to be determined; all if None
-    #: (2, 3) corners of the box in which predictions matter, in R0 [m]; None for none
+    candidates: int = 5_000  #: number of postures to draw
+    joints: IndexArray | None = None  #: indices of the joints to be determined; all if None
+    #: (2, 3) corners of the box in which predictions matter, in R0 [m]; None without a work area
     work_area: FloatArray | None = None
     #: (D, 3) unit vectors in R0 along which readings may be taken; None if all coordinates are read
     directions: FloatArray | None = None
@@ -327,19 +364,20 @@ class PlanRequest:
     link_share: float = 0.3  #: deflection by links, relative to that by joints, before any reading
     angle: float = float(np.radians(10.0))  #: two postures differ by at least this in a joint [rad or m]
     validation: float = 0.2  #: share of the readings that are held out
-    so_far: Measurements | None = None  #: readings of the campaign at hand; None to begin
-    #: rows (N, 3 T, P) of unloaded positions in postures (N, n) [m], joints first, then a nuisance in units
-    #: of what is known of it beforehand; None where loads bend the arm
-    by_weight: Callable[[FloatArray], FloatArray] | None = None
+    so_far: Measurements | None = None  #: readings already taken in this campaign; None if it begins
+    #: function from postures (N, n) to rows (N, 3 T, P) of unloaded positions [m], if the own weight bends
+    #: the arm: columns of the joints, then of a nuisance in units of its prior uncertainty; None for applied
+    #: loads
+    own_weight_rows: Callable[[FloatArray], FloatArray] | None = None
     seed: int = 0  #: seed of drawn postures, validation and random plans
-    goal: JointsGoal | DeflectionGoal | None = None  #: in place of a number of readings
+    goal: JointsGoal | DeflectionGoal | None = None  #: uncertainty to reach, in place of a number of readings
 
 
 def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measurements) -> Stack:
     """Build the whitened rows of readings: columns of the joints, then of the nuisance.
 
-    The nuisance is elastic links, or other terms in units of their prior uncertainty. The columns of causes
-    that were fitted with the readings are projected out.
+    The nuisance is the compliances of links, or other terms in units of their prior uncertainty. The columns
+    of systematic errors that were fitted to the readings are projected out.
 
     Args:
         robot: n joints.
@@ -347,8 +385,9 @@ def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measur
         measurements: N readings of T targets.
 
     Returns:
-        Stack of rows with P columns, followed by the column of the reading.
+        Stack of rows with P columns of parameters, and a last column with the reading.
     """
+    # A hedged term has a prior uncertainty, by which its columns are scaled below.
     hedged = [term for term in TERMS.values() if term.hedged]
     terms = [JOINTS, *([build_links_term(tuple(range(robot.n)))] if request.links else hedged)]
     fitted = fitted_errors(measurements).terms
@@ -359,21 +398,22 @@ def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measur
 
 
 def build_known_rows(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:
-    """Build the rows (3 N T, P) of readings already taken, in units of sigma."""
-    if request.by_weight is None:
+    """Build the rows (3 N T, P) of N readings already taken of T targets, in units of sigma."""
+    if request.own_weight_rows is None:
         return build_reading_stack(robot, request, so_far).flat[:, :-1]
+    # With own weight only targets read in R0 count; rows of targets that were not read are set to zero.
     is_read = np.repeat(so_far.present & ~so_far.in_flange, 3, axis=1)[..., None]
-    rows = request.by_weight(so_far.joints) * is_read
+    rows = request.own_weight_rows(so_far.joints) * is_read
     return rows.reshape(-1, rows.shape[-1])
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Readings that could be taken: N postures with the loads under which each is judged."""
+    """N readings that could be taken: postures with the loads under which each could be read."""
 
     joints: FloatArray  #: (N, n) controller's angles [rad]
     anchor: IndexArray  #: (N,) anchor of the cable; -1 without one
-    #: (N, 1, 3) the load [N], or where its direction is free (N, 3, 3) the greatest along each axis of R0
+    #: (N, 1, 3) load [N]; if the direction is free, (N, 3, 3) greatest forces along x, y and z of R0
     forces: FloatArray
     along: FloatArray | None = None  #: (N, 3) directions along which to read; None if all coordinates are
 
@@ -382,12 +422,15 @@ class Readings:
         along = None if self.along is None else self.along[part]
         return Readings(self.joints[part], self.anchor[part], self.forces[part], along)
 
-    def rows(self, robot: Robot, request: PlanRequest, equipment: Equipment) -> FloatArray:
-        """Build the rows (N, L, 3 T, P) of N readings of T targets under L loads, in units of sigma."""
-        if request.by_weight is not None:
-            return request.by_weight(self.joints)[:, None]
+    def build_rows(self, robot: Robot, request: PlanRequest, equipment: Equipment) -> FloatArray:
+        """Build the rows (N, L, 3 T, P) of N readings of T targets under L loads, in units of sigma.
+
+        L is 1, or 3 if the direction of the force is free.
+        """
+        if request.own_weight_rows is not None:
+            return request.own_weight_rows(self.joints)[:, None]
         loaded = [
-            equipment.measurements(robot, self.joints, self.forces[:, a], self.along)
+            equipment.build_measurements(robot, self.joints, self.forces[:, a], self.along)
             for a in range(self.forces.shape[1])
         ]
         return np.stack([build_reading_stack(robot, request, each).rows[..., :-1] for each in loaded], axis=1)
@@ -398,11 +441,12 @@ class Parameters:
     """Linear map from the columns of rows to the p parameters of a plan."""
 
     joints: IndexArray  #: (s,) joints to be determined: their relative compliances are the first parameters
-    nominal: FloatArray  #: (n,) compliance that a relative one refers to [rad/(N·m)]
-    #: (n,) whether the nominal compliance is known; otherwise each joint is taken to move the targets alike
+    nominal: FloatArray  #: (n,) compliance to which a relative compliance refers [rad/(N·m)]
+    #: (n,) whether the nominal compliance is known. Where it is not, it is assumed so large that the joint
+    #: moves the targets as much as a typical joint
     known: BoolArray
     basis: FloatArray  #: (P, p) columns of the parameters
-    prior: FloatArray  #: (p, p) information known beforehand, in units of 1/variance of a parameter
+    prior: FloatArray  #: (p, p) prior information on the parameters: inverse of their covariance
 
 
 def choose_parameters(
@@ -415,19 +459,21 @@ def choose_parameters(
 ) -> Parameters:
     """Choose the parameters of a plan: relative compliances of joints, then the nuisance.
 
-    Link compliances are a nuisance. Before any reading, all links together are assumed to move the places by
-    `link_share` of the deflection by the joints, each matrix entry equally. Combinations of link compliances
-    are kept that explain all but a share `LEFT_OUT` of the prior variance of the predictions.
+    Link compliances are a nuisance. Before any reading, the links together are assumed to cause a deflection
+    of `link_share` times that of the joints, to which each matrix entry contributes equally. The combinations
+    of link compliances that cause all but a share `LEFT_OUT_SHARE` of the prior variance of predictions are
+    kept.
 
     Args:
         rows: (K, n) or (K, P) whitened rows of candidates; the first n columns belong to the joints.
-        predicted: (L, n) or (L, P) rows of the deflections to predict; without a work area, those of `rows`.
+        predicted: (L, n) or (L, P) rows of the deflections to predict; without a work area, the same as
+            `rows`.
         names: names of the n joints.
         wanted: indices of the joints to be determined; None for all joints that the loads twist. Other joints
             that the loads twist are a nuisance.
         nominal: (n,) compliance [rad/(N·m)]; nan where it is not known.
-        link_share: root mean square deflection by links over that by joints; None if the nuisance is not
-            links, so that its columns are already in units of their prior uncertainty.
+        link_share: root mean square deflection due to links over that due to joints; None if the nuisance is
+            not links: then the columns are already in units of their prior uncertainty.
 
     Raises:
         RequestError: no candidate load twists a wanted joint.
@@ -437,50 +483,70 @@ def choose_parameters(
     excited = size > _NOT_EXCITED * size.max()
     chosen = np.flatnonzero(excited) if wanted is None and excited.any() else wanted
     chosen = np.arange(n) if chosen is None else chosen
-    missing = chosen[~excited[chosen]]
-    if len(missing):
-        joints = ", ".join(names[j] for j in missing)
+    not_excited = chosen[~excited[chosen]]
+    if len(not_excited):
+        joints = ", ".join(names[j] for j in not_excited)
         raise RequestError(
             f"no candidate load twists {joints}, or no target moves with it",
             where="joints",
-            remedy="allow loads in other directions, or name the joints to be determined, without these",
+            remedy="allow loads in other directions, "
+            "or list the joints to be determined without these joints",
         )
     known = np.isfinite(nominal) & (np.nan_to_num(nominal) > 0.0)
-    alike = float(np.median(size[known] * nominal[known])) if known.any() else 1.0
-    unit = np.where(known, np.nan_to_num(nominal), alike / np.where(excited, size, 1.0))
+    # A joint of unknown compliance is assumed to move the targets as much as a typical joint (the median).
+    typical_motion = float(np.median(size[known] * nominal[known])) if known.any() else 1.0
+    unit = np.where(known, np.nan_to_num(nominal), typical_motion / np.where(excited, size, 1.0))
     columns = np.concatenate([chosen, np.setdiff1d(np.flatnonzero(excited), chosen)])
     relative = np.zeros((rows.shape[1], len(columns)))
     relative[columns, np.arange(len(columns))] = unit[columns]
     nuisance = np.eye(rows.shape[1])[:, n:]
     if link_share is not None and nuisance.size:
-        # Keep the combinations of link compliances that matter, scaled to unit prior variance.
-        links = predicted[:, n:]
-        size = np.sqrt(np.square(links).mean(axis=0))
-        seen = size > _NOT_EXCITED * size.max()
-        by_joints = np.sqrt(np.square(predicted[:, :n] * unit * excited).sum(axis=1).mean())
-        each = link_share * by_joints / np.sqrt(seen.sum())
-        deviation = np.where(seen, each / np.where(seen, size, 1.0), 0.0)
-        variances, directions = np.linalg.eigh((links.T @ links) * np.outer(deviation, deviation))
-        kept = np.cumsum(np.maximum(variances, 0.0)) > LEFT_OUT * variances.sum()
-        nuisance = nuisance @ (deviation[:, None] * directions[:, kept])
+        joint_deflection = np.sqrt(np.square(predicted[:, :n] * unit * excited).sum(axis=1).mean())
+        nuisance = nuisance @ _combine_link_compliances(predicted[:, n:], link_share * joint_deflection)
     prior = np.diag(np.r_[np.zeros(len(columns)), np.ones(nuisance.shape[1])])
     return Parameters(chosen, unit, known, np.hstack([relative, nuisance]), prior)
 
 
+def _combine_link_compliances(links: FloatArray, deflection: float) -> FloatArray:
+    """Return the combinations of link compliances that matter to predictions, with unit prior variance.
+
+    Each entry of the compliance matrices is assumed to contribute equally to the deflection by links. The
+    combinations with the least prior variance of predictions, together a share `LEFT_OUT_SHARE`, are left
+    out.
+
+    Args:
+        links: (L, P) rows of the deflections to predict, columns of the link compliances.
+        deflection: root mean square deflection by all links together [unit of the rows].
+
+    Returns:
+        (P, m) combinations as columns.
+    """
+    size = np.sqrt(np.square(links).mean(axis=0))
+    effective = size > _NOT_EXCITED * size.max()
+    entry_deflection = deflection / np.sqrt(effective.sum())
+    deviation = np.where(effective, entry_deflection / np.where(effective, size, 1.0), 0.0)
+    variances, directions = np.linalg.eigh((links.T @ links) * np.outer(deviation, deviation))
+    # The variances ascend: leave out the first, as long as their sum is at most the share left out.
+    kept = np.cumsum(np.maximum(variances, 0.0)) > LEFT_OUT_SHARE * variances.sum()
+    return np.asarray(deviation[:, None] * directions[:, kept])
+
+
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Feasible readings of a plan, with the information that each adds in absolute units."""
+    """Feasible readings among which a plan chooses, with the information that each adds."""
 
     readings: Readings  #: N candidates
-    candidates: Candidates  #: information of each
-    parameters: Parameters  #: what is to be determined, and the nuisance
-    base: FloatArray  #: (p, p) information of the readings so far and of priors
-    #: (R, p, p) AᵀA of the deflection at places of the work area [m²], mean over axes; None without one
+    candidates: Candidates  #: information of each of the N candidates
+    parameters: Parameters  #: parameters to be determined, and the nuisance
+    base: FloatArray  #: (p, p) information of the readings already taken and of priors
+    #: (R, p, p) AᵀA of the deflection at R places of the work area [m²], mean over axes; None without a work
+    #: area
     places: FloatArray | None
-    #: (R, 9, P) deflection at these places by forces along the axes of R0 [m]; None without a work area
+    #: (R, 9, P) rows A of the deflection at these places under forces along the axes of R0 [m]; None without
+    #: a work area
     predicted: FloatArray | None
-    feasible: int  #: number of feasible readings, from which the candidates may be selected
-    struck_out: dict[str, int]  #: number of infeasible readings by reason
+    feasible: int  #: number of feasible readings; the candidates may be a part of them
+    struck_out: dict[str, int]  #: reason → number of infeasible readings
 
     @classmethod
     def from_request(cls, robot: Robot, request: PlanRequest) -> Pool:
@@ -492,45 +558,41 @@ class Pool:
         equipment, sigma = request.equipment, request.equipment.sigma
         readings, inside, struck_out = _select_feasible_readings(robot, request)
         count = len(readings.joints)
-        if request.links or request.by_weight is not None:
-            # Keep at most `_WITH_NUISANCE` readings, evenly spread, those in the work area first.
-            thinned = np.zeros(count, dtype=np.bool_)
-            for index in (np.flatnonzero(inside), np.flatnonzero(~inside)):
-                room = _WITH_NUISANCE - int(thinned.sum())
-                if room > 0:
-                    thinned[index[:: max(1, -(-len(index) // room))]] = True
-            readings, inside = readings[thinned], inside[thinned]
+        if request.links or request.own_weight_rows is not None:
+            kept = _thin_out_readings(inside)
+            readings, inside = readings[kept], inside[kept]
         predicted = (
             None
             if request.work_area is None
             else _build_predicted_rows(robot, request, readings.joints[inside])
         )
-        if request.directions is not None:
+        if request.directions is not None:  # each reading becomes one candidate for each direction
             along = np.tile(request.directions, (len(readings.joints), 1))
             repeated = readings[np.repeat(np.arange(len(readings.joints)), len(request.directions))]
             readings = Readings(repeated.joints, repeated.anchor, repeated.forces, along)
         total = len(readings.joints)
         sample = np.linspace(0, total - 1, min(total, _SAMPLED)).astype(np.intp)
-        sampled = readings[sample].rows(robot, request, equipment)
-        seen = sampled.reshape(-1, sampled.shape[-1])
+        sampled = readings[sample].build_rows(robot, request, equipment)
+        sampled = sampled.reshape(-1, sampled.shape[-1])
         so_far = request.so_far
-        known = seen[:0] if so_far is None else build_known_rows(robot, request, so_far)
-        seen = np.concatenate([seen, known]) / sigma
+        known_rows = sampled[:0] if so_far is None else build_known_rows(robot, request, so_far)
+        typical_rows = np.concatenate([sampled, known_rows]) / sigma
         parameters = choose_parameters(
-            seen,
-            seen if predicted is None else predicted.reshape(-1, seen.shape[1]),
+            typical_rows,
+            typical_rows if predicted is None else predicted.reshape(-1, typical_rows.shape[1]),
             robot.joint_names,
             request.joints,
             request.nominal,
             request.link_share if request.links else None,
         )
         basis, s = parameters.basis, len(parameters.joints)
-        known = known @ basis / ((so_far and so_far.sigma) or sigma)
-        base = parameters.prior + known.T @ known
+        known_rows = known_rows @ basis / ((so_far and so_far.sigma) or sigma)
+        base = parameters.prior + known_rows.T @ known_rows
+        # Prior uncertainty of each joint's relative compliance; inf adds no information.
         relative = request.prior[parameters.joints] / parameters.nominal[parameters.joints]
         base[np.arange(s), np.arange(s)] += 1.0 / np.square(relative)
         parts = [
-            readings[start : start + _BLOCK].rows(robot, request, equipment) @ basis / sigma
+            readings[start : start + _BLOCK].build_rows(robot, request, equipment) @ basis / sigma
             for start in range(0, total, _BLOCK)
         ]
         rows, places = np.concatenate(parts), None
@@ -540,7 +602,7 @@ class Pool:
         candidates = Candidates.from_rows(rows if rows.shape[1] > 1 else rows[:, 0])
         return cls(readings, candidates, parameters, base, places, predicted, count, struck_out)
 
-    def force(self, unit: FloatArray, index: IndexArray) -> FloatArray:
+    def candidate_forces(self, unit: FloatArray, index: IndexArray) -> FloatArray:
         """Return the forces (k, 3) [N] of candidates.
 
         Args:
@@ -551,14 +613,28 @@ class Pool:
         return (unit[:, None] @ forces)[:, 0] if self.candidates.free else forces[:, 0]
 
 
+def _thin_out_readings(inside: BoolArray) -> BoolArray:
+    """Return a mask (N,) of at most `_MOST_WITH_NUISANCE` readings, those in the work area first.
+
+    Args:
+        inside: (N,) mask of the readings in the work area.
+    """
+    kept = np.zeros(len(inside), dtype=np.bool_)
+    for index in (np.flatnonzero(inside), np.flatnonzero(~inside)):
+        still_free = _MOST_WITH_NUISANCE - int(kept.sum())
+        if still_free > 0:
+            kept[index[:: max(1, -(-len(index) // still_free))]] = True  # evenly spread
+    return kept
+
+
 def _select_feasible_readings(
     robot: Robot, request: PlanRequest
 ) -> tuple[Readings, BoolArray, dict[str, int]]:
-    """Select the feasible readings of all postures and loads.
+    """Select the feasible readings among all postures and loads.
 
     Returns:
-        The N feasible readings; a mask (N,) of those in the work area; and the number of infeasible readings
-        by reason.
+        The N feasible readings; a mask (N,) of those whose load point is in the work area; and reason →
+        number of infeasible readings.
 
     Raises:
         RequestError: no reading is feasible, or too few are in the work area.
@@ -570,8 +646,8 @@ def _select_feasible_readings(
     choices = len(loads.anchors) if loads.kind == "cable" else 1
     joints = np.repeat(postures, choices, axis=0)
     anchor = np.tile(np.arange(choices), len(postures))
-    direction = equipment.direction(robot, joints, anchor)
-    kept, struck_out = find_feasible(robot, equipment, request.cell, joints, direction)
+    direction = equipment.force_directions(robot, joints, anchor)
+    kept, struck_out = find_feasible_readings(robot, equipment, request.cell, joints, direction)
     if not kept.any():
         counts = ", ".join(f"{name} {count}" for name, count in struck_out.items())
         raise RequestError(
@@ -582,13 +658,14 @@ def _select_feasible_readings(
     joints = joints[kept]
     anchor = anchor[kept] if loads.kind == "cable" else np.full(len(joints), -1)
     if direction is None:
-        forces = equipment.strength(robot, joints)[:, None, None] * np.eye(3)
+        forces = equipment.greatest_forces(robot, joints)[:, None, None] * np.eye(3)
     else:
         forces = loads.force * direction[kept][:, None]
     inside = np.zeros(len(joints), dtype=np.bool_)
     if request.work_area is not None:
-        at = equipment.load_place(robot, joints)
-        inside = ((at >= request.work_area[0]) & (at <= request.work_area[1])).all(axis=1)
+        load_points = equipment.load_positions(robot, joints)
+        low, high = request.work_area
+        inside = ((load_points >= low) & (load_points <= high)).all(axis=1)
         if inside.sum() < _FEWEST_PLACES:
             raise RequestError(
                 f"{inside.sum()} of {len(joints)} candidates have their load point in the work area",
@@ -599,18 +676,20 @@ def _select_feasible_readings(
 
 
 def _build_predicted_rows(robot: Robot, request: PlanRequest, inside: FloatArray) -> FloatArray:
-    """Build rows (R, 9, P) of the deflection [m] at R places of the work area.
+    """Build the rows (R, 9, P) of the deflection [m] at R places of the work area.
 
     The 9 rows of a place are three coordinates under a force along each of the three axes of R0.
 
     Args:
         robot: n joints.
         request: request with the load.
-        inside: (M, n) postures of candidates in the work area; at most `_PLACES` are used.
+        inside: (M, n) postures of candidates in the work area; at most `_MOST_PLACES` are used.
     """
-    joints, point = inside[:: max(1, len(inside) // _PLACES)][:_PLACES], request.equipment.load_point
+    joints = inside[:: max(1, len(inside) // _MOST_PLACES)][:_MOST_PLACES]
+    point = request.equipment.load_point
+    # The load point itself is the only target, and sigma is 1.
     equipment = Equipment(point[None], point, request.equipment.loads, 1.0)
     forces = np.broadcast_to(request.equipment.loads.force * np.eye(3), (len(joints), 3, 3))
-    rows = Readings(joints, np.full(len(joints), -1), forces).rows(robot, request, equipment)
-    # Rows are whitened as differences of two readings of sigma 1, whose variance is 2: undo this.
+    rows = Readings(joints, np.full(len(joints), -1), forces).build_rows(robot, request, equipment)
+    # Rows are whitened for differences of two readings of sigma 1, whose variance is 2: undo this.
     return np.asarray(np.sqrt(2.0) * rows.reshape(len(joints), 9, -1))

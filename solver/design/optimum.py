@@ -2,12 +2,14 @@
 
     maximise φ(M0 + n Σ w_i K_i)  subject to  Σ w_i = 1,  w_i ≥ 0
 
-A few candidates are held and their weights are optimal. One sweep prices all candidates; the best ones join,
-those of weight zero leave. The same sweep bounds what any weights can reach, and ends the search.
+The weights of a few active candidates are optimised. One sweep computes the prices of all candidates; those
+of the greatest prices become active, and active candidates of weight zero are dropped. The same sweep bounds
+what any weights can reach, and so ends the search.
 
 Candidate i is a posture with its load; reading it adds ``K_i = A_iᵀ Σ⁻¹ A_i``, p × p. Where a force may act
 in any direction, A_i is linear in the force, ``A_i(F) = Σ_a F_a A_ia``, and so the price of the candidate,
-``⟨G, K_i(F)⟩``, is a quadratic form of F: its greatest value over all directions is an eigenvalue of a 3 × 3.
+``⟨G, K_i(F)⟩``, is a quadratic form of F: its greatest value over all directions is the greatest eigenvalue
+of a 3 × 3 matrix.
 
 Criteria say how much a set of readings tells, as one number.
 
@@ -24,10 +26,11 @@ Hence any supporting matrix G ⪰ 0 bounds it everywhere, ``φ(M′) ≤ ⟨G, M
 L selects the s parameters of interest, which are the first; the others are a nuisance. Each class has
 
 * ``information(M)``, φ(M) (...) of matrices (..., p, p), zero where M is singular;
-* ``support(M, dual)``, G at a positive definite M. For E the dual is Z, for G it is π; it is brought to what
-  the proof asks of it, so that any is valid;
+* ``support(M, dual)``, G at a positive definite M. For E the dual is Z, for G it is π; any dual is valid, as
+  it is first made positive with trace (or sum) 1;
 * ``scaled(unit)``, the same criterion of parameters measured in other units, M → diag(u) M diag(u);
-* if Newton's method takes it, ``slope(M, K)``, −log φ at M with its derivatives along K (k, p, p).
+* if the criterion is smooth (D, A, I), for Newton's method ``slope(M, K)``, −log φ at M with its derivatives
+  along K (k, p, p).
 """
 
 from __future__ import annotations
@@ -43,7 +46,7 @@ from jointstiff.solver.errors import RequestError, SolverError
 
 
 class Slope(NamedTuple):
-    """Value and derivatives of −log φ along the weights of k atoms."""
+    """Value of −log φ, and its derivatives with respect to the weights of k candidates."""
 
     value: float  #: −log φ; inf where M is singular
     gradient: FloatArray  #: (k,)
@@ -58,15 +61,16 @@ class DOptimality:
 
     def information(self, M: FloatArray) -> FloatArray:
         """Return the information det(C)^(1/s) (...) of matrices M (..., p, p); zero where M is singular."""
+        # The determinant of M over that of its nuisance block is det(C).
         s = self.interest
-        rest = _log_det(M[..., s:, s:])
-        regular = np.isfinite(rest)
-        return np.asarray(regular * np.exp((_log_det(M) - np.where(regular, rest, 0.0)) / s))
+        nuisance = _log_det(M[..., s:, s:])
+        regular = np.isfinite(nuisance)
+        return np.asarray(regular * np.exp((_log_det(M) - np.where(regular, nuisance, 0.0)) / s))
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
         """Return the supporting matrix G = φ/s · (M⁻¹ − M₂₂⁻¹) at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
-        `dual` is ignored: the criterion is smooth.
+        M₂₂ is the block of the nuisance parameters. `dual` is ignored, as the criterion is smooth.
         """
         s = self.interest
         G = np.linalg.inv(M)
@@ -78,8 +82,10 @@ class DOptimality:
         """Return −log φ = −log det(C)/s, and its derivatives when M moves along each of K (k, p, p)."""
         s = self.interest
         value, gradient, hessian = _log_det_slope(M, K)
-        rest, rest_gradient, rest_hessian = _log_det_slope(M[s:, s:], K[:, s:, s:])
-        return Slope(-(value - rest) / s, -(gradient - rest_gradient) / s, (hessian - rest_hessian) / s)
+        of_nuisance = _log_det_slope(M[s:, s:], K[:, s:, s:])
+        return Slope(
+            -(value - of_nuisance[0]) / s, -(gradient - of_nuisance[1]) / s, (hessian - of_nuisance[2]) / s
+        )
 
     def scaled(self, unit: FloatArray) -> DOptimality:  # noqa: ARG002
         """Return this criterion unchanged: other units of the parameters (p,) change φ by a factor only."""
@@ -104,7 +110,7 @@ class AOptimality:
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
         """Return the supporting matrix G = φ² · M⁻¹ W M⁻¹ at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
-        `dual` is ignored: the criterion is smooth.
+        `dual` is ignored, as the criterion is smooth.
         """
         inverse = np.linalg.inv(M)
         G = inverse @ self.W @ inverse / float((self.W * inverse).sum()) ** 2
@@ -119,21 +125,21 @@ class AOptimality:
         S = inverse @ self.W @ inverse
         trace = float((self.W * inverse).sum())
         gradient = -(K.reshape(k, -1) @ S.ravel()) / trace
+        # Second derivatives are tr(S K_i M⁻¹ K_j), made symmetric in i and j below.
         second = (S @ K).transpose(0, 2, 1).reshape(k, -1) @ (K @ inverse).transpose(0, 2, 1).reshape(k, -1).T
-        # tr(S K_i M⁻¹ K_j), symmetrised
         hessian = (second + second.T) / trace - np.outer(gradient, gradient)
         return Slope(float(np.log(trace)), gradient, hessian)
 
     def scaled(self, unit: FloatArray) -> AOptimality:
-        """Return the criterion for parameters in units (p,), relative to the present ones."""
+        """Return the criterion for parameters in new units; `unit` (p,) are the new units in the old."""
         return AOptimality(self.W * np.outer(unit, unit))
 
 
 @dataclass(frozen=True, eq=False)
 class EOptimality:
-    """E-optimality: variance of the worst combination of the first s parameters."""
+    """E-optimality: greatest variance of any combination of the first s parameters."""
 
-    #: (s,) V, by which C is multiplied on both sides, as the criterion depends on the units
+    #: (s,) diagonal of V in V C V: scales of the parameters, as the criterion depends on their units
     metric: FloatArray
 
     def information(self, M: FloatArray) -> FloatArray:
@@ -149,8 +155,8 @@ class EOptimality:
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
         """Return the supporting matrix G = X V Z V Xᵀ at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
-        Z is the dual (s, s), made positive semidefinite with trace 1; without a dual, Z = v vᵀ of the worst
-        combination v.
+        Z is the dual (s, s), made positive semidefinite with trace 1. Without a dual, Z = v vᵀ with v the
+        unit vector of the combination of parameters that has the greatest variance.
         """
         s = len(self.metric)
         inverse = np.linalg.inv(M)[:, :s]
@@ -166,18 +172,18 @@ class EOptimality:
         return 0.5 * (G + G.T)
 
     def scaled(self, unit: FloatArray) -> EOptimality:
-        """Return the criterion for parameters in units (p,), relative to the present ones."""
+        """Return the criterion for parameters in new units; `unit` (p,) are the new units in the old."""
         return EOptimality(self.metric / unit[: len(self.metric)])
 
 
 @dataclass(frozen=True, eq=False)
 class GOptimality:
-    """G-optimality: variance of the deflection at the worst place."""
+    """G-optimality: greatest variance of the deflection among the places of a work area."""
 
     places: FloatArray  #: (R, p, p) W_r of each place, positive semidefinite
 
     def information(self, M: FloatArray) -> FloatArray:
-        """Return the information 1 / max_r tr(W_r M⁻¹) (...) of matrices M (..., p, p); zero if singular."""
+        """Return the information 1 / max_r tr(W_r M⁻¹) (...) of M (..., p, p); zero where M is singular."""
         inverse, regular = _invert_regular(M)
         return np.asarray(regular / np.einsum("rij,...ij->...r", self.places, inverse).max(axis=-1))
 
@@ -186,7 +192,7 @@ class GOptimality:
         return np.asarray(np.einsum("rij,ij->r", self.places, np.linalg.inv(M)))
 
     def build_mean_criterion(self, shares: FloatArray) -> AOptimality:
-        """Return the criterion of the mean variance over the places, weighted by shares (R,)."""
+        """Return the criterion of the mean variance over the places, weighted with shares (R,)."""
         return AOptimality(np.tensordot(shares, self.places, axes=1))
 
     def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
@@ -198,11 +204,11 @@ class GOptimality:
         if dual is None:
             dual = np.zeros(len(self.places))
             dual[int(np.argmax(self.variances(M)))] = 1.0
-        weights = np.maximum(dual, 0.0)
-        return self.build_mean_criterion(weights / weights.sum()).support(M)
+        shares = np.maximum(dual, 0.0)
+        return self.build_mean_criterion(shares / shares.sum()).support(M)
 
     def scaled(self, unit: FloatArray) -> GOptimality:
-        """Return the criterion for parameters in units (p,), relative to the present ones."""
+        """Return the criterion for parameters in new units; `unit` (p,) are the new units in the old."""
         return GOptimality(self.places * np.outer(unit, unit))
 
 
@@ -221,9 +227,11 @@ def compute_uncertainties(M: FloatArray, s: int) -> FloatArray:
     unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = M * (unit[..., :, None] * unit[..., None, :])
     variance = _invert_diagonals(scaled)
-    if ((variance > 0.0) & (variance < _REGULAR)).all():  # no matrix is near-singular: ten times faster
+    # If no matrix is near-singular, eigenvalues are not needed, and the result comes ten times faster.
+    if ((variance > 0.0) & (variance < _REGULAR)).all():
         return np.asarray((unit * np.sqrt(variance))[..., :s])
     values, vectors = np.linalg.eigh(scaled)
+    # Eigenvalues at rounding count as zero; a parameter with a part along their eigenvectors is undetermined.
     null = values <= 1e-12 * np.maximum(values[..., -1:], 1e-300)
     squares = np.square(vectors[..., :s, :])
     undetermined = (squares * null[..., None, :]).sum(axis=-1) > 1e-9
@@ -279,59 +287,62 @@ def _log_det_slope(M: FloatArray, K: FloatArray) -> tuple[float, FloatArray, Flo
 
 
 GAP: Final = 1e-9
-"""Gap at which the search ends where the criterion is smooth and loads are given."""
+"""Gap (1 − efficiency) at which the search ends if the criterion is smooth and every force has a
+direction."""
 LOOSE_GAP: Final = 1e-5
-"""The same for E and G, whose optima have a kink, and for forces whose direction is free."""
+"""Gap at which the search ends for E and G, whose optima have a kink, and for forces of free direction."""
 
 _REGULAR: Final = 1e6
-"""Diagonal entry of the inverse of a matrix whose diagonal is 1, up to which rounding hides no rank."""
+"""Greatest diagonal entry of the inverse of a matrix with diagonal 1 for which the matrix surely is
+regular."""
 _NO_INFORMATION: Final = 1e-12
-"""Least eigenvalue of the information of everything, with columns of unit norm, that is not rounding."""
-_START: Final = 12
-"""Readings chosen greedily to begin with."""
-_SAMPLE: Final = 2_000
-"""Candidates among which these are sought."""
+"""Least ratio of eigenvalues of the information of all candidates and priors that is not due to rounding."""
+_START_READINGS: Final = 12
+"""Number of readings that are chosen greedily to start the search."""
+_START_SAMPLE: Final = 2_000
+"""Number of candidates among which the readings of the start are chosen."""
 _BLOCK: Final = 1024
 """Candidates whose information is computed at once."""
-_ADDED: Final = 20
-"""Candidates that join in a round."""
+_MOST_ENTERING: Final = 20
+"""Greatest number of candidates that become active in a round."""
 _ROUNDS: Final = 200
 _PROGRESS: Final = 0.9
-"""Ratio of gaps of two rounds that is progress."""
+"""Ratio of the gap to the previous best gap below which a round counts as progress."""
 _STALLED: Final = 4
-"""Rounds without progress after which rounding is taken to keep the gap open."""
+"""Number of rounds without progress after which rounding is assumed to keep the gap from closing."""
 _STALLED_GAP: Final = 1e-3
-"""Gap that is then accepted; the bound says what it is."""
+"""Gap that is accepted after rounds without progress; the bound states the gap that was reached."""
 _NO_WEIGHT: Final = 1e-13
 _SINGULAR: Final = 1e-11
-"""Ratio of eigenvalues below which information is taken to determine fewer parameters."""
-_PROMISING: Final = 0.999
-"""Share of the least price among those held at which a candidate may join."""
+"""Ratio of eigenvalues below which a combination of parameters counts as undetermined."""
+_PROMISING_SHARE: Final = 0.999
+"""Least price of a candidate that may become active, relative to the least price of the active candidates."""
 _STEPS: Final = 60
 _CONVERGED: Final = 1e-24
 """Newton's decrement of −log φ that is rounding; the gap of a design is of the order of its root."""
 _ROUNDING: Final = 1e-13
-"""Share of a diagonal entry that its pivot leaves where rounding alone makes a matrix positive definite."""
+"""Ratio of a pivot to its diagonal entry below which only rounding makes the matrix positive definite."""
 _QUADRATIC: Final = 1e-8
-"""Decrement below which a full step is taken: values of −log φ no longer tell the points apart."""
+"""Decrement below which a full step is taken, as values of −log φ then differ by rounding only."""
 _RIDGE: Final = 1e-11
-"""Of the Hessian's mean diagonal: more weights than entries of M leave directions without curvature."""
-_HEAVY: Final = 1e3
-"""Row for the sum of the weights, over the greatest entry of the Hessian's root."""
+"""Ridge relative to the Hessian's mean diagonal: with more weights than entries of M, some directions have no
+curvature."""
+_SUM_ROW_WEIGHT: Final = 1e3
+"""Weight of the row that states the sum of the weights, over the greatest entry of the Hessian's root."""
 _DECREASE: Final = 1e-4
 _HALVINGS: Final = 34
-"""Times that a step is halved before the line search gives in."""
+"""Number of times that a step is halved before the line search accepts the step as it is."""
 _LEAST_SHARE: Final = 1e-9
-"""Least share of a place in the dual of the worst one."""
+"""Least share of a place in the dual problem of the worst place."""
 
 
 @dataclass(frozen=True, eq=False)
 class Atoms:
-    """Some candidates, each under one load."""
+    """Candidate readings (k), each under one load; a design gives weights to these atoms."""
 
-    index: IndexArray  #: (k,) candidates
-    force: FloatArray  #: (k, 3) unit direction of the force where it is free
-    information: FloatArray  #: (k, p, p)
+    index: IndexArray  #: (k,) indices of the candidates
+    force: FloatArray  #: (k, 3) unit vectors along the forces; used only where the direction is free
+    information: FloatArray  #: (k, p, p) information K_i of each reading
 
     def __len__(self) -> int:
         """Return the number k of atoms."""
@@ -360,9 +371,10 @@ class Atoms:
 
 
 class Candidates:
-    """N candidate readings of p parameters, by their information.
+    """N candidate readings of p parameters, with the information that each adds.
 
-    Where the force is free there are six matrices, of all pairs of axes: K(F) = Σ_ab F_a F_b K_ab.
+    Where the direction of the force F is free, a candidate has six matrices K_ab, one for each pair of axes:
+    K(F) = Σ_ab F_a F_b K_ab.
     """
 
     def __init__(self, information: FloatArray, unit: FloatArray) -> None:
@@ -396,9 +408,8 @@ class Candidates:
         for start in range(0, len(stack), _BLOCK):
             part, block = stack[start : start + _BLOCK], information[start : start + _BLOCK]
             for k, (a, b) in enumerate(pairs):
-                K = (
-                    np.ascontiguousarray(part[:, a].transpose(0, 2, 1)) @ part[:, b]
-                )  # contiguous: half the time
+                # A contiguous left factor halves the time of the product.
+                K = np.ascontiguousarray(part[:, a].transpose(0, 2, 1)) @ part[:, b]
                 block[:, k] = 0.5 * (K + K.transpose(0, 2, 1))
             if not np.isfinite(block).all():
                 raise RequestError(
@@ -409,7 +420,7 @@ class Candidates:
         return cls(information, np.ones(rows.shape[-1]))
 
     def scaled(self, unit: FloatArray) -> Candidates:
-        """Return the candidates for parameters in other units (p,), relative to the present units."""
+        """Return the candidates for parameters in new units; `unit` (p,) are the new units in the old."""
         return Candidates(self._information, self._unit * unit)
 
     def __len__(self) -> int:
@@ -421,24 +432,37 @@ class Candidates:
         return Candidates(self._information[rows], self._unit)
 
     def prices(self, G: FloatArray) -> FloatArray:
-        """Return the greatest ``⟨G, K_i⟩`` (N,) of each candidate over the loads that it may take.
+        """Return the price (N,) of each candidate: the greatest ``⟨G, K_i⟩`` over its possible loads.
 
         Args:
             G: (p, p) symmetric supporting matrix of a criterion.
         """
-        products = self._price_by_axes(slice(None), G)
-        return greatest_eigenvalue(_arrange_force_forms(products)) if self.free else products[:, 0]
+        products = self._price_pairs_of_axes(slice(None), G)
+        return greatest_eigenvalue(_arrange_symmetric(products)) if self.free else products[:, 0]
 
-    def atoms(self, index: IndexArray, G: FloatArray) -> Atoms:
-        """Return candidates by index, each under the load by which its price ``⟨G, K_i⟩`` is greatest."""
+    def build_atoms(self, index: IndexArray, G: FloatArray) -> Atoms:
+        """Return candidates as atoms, each under the load with the greatest price ``⟨G, K_i⟩``.
+
+        Args:
+            index: (k,) indices of the candidates.
+            G: (p, p) symmetric supporting matrix of a criterion.
+        """
         force = np.zeros((len(index), 3))
         if self.free:
-            force = np.linalg.eigh(_arrange_force_forms(self._price_by_axes(index, G)).T)[1][:, :, -1]
+            # The eigenvector of the greatest eigenvalue, the last one, is the direction of the greatest
+            # price.
+            forms = _arrange_symmetric(self._price_pairs_of_axes(index, G)).T
+            force = np.linalg.eigh(forms)[1][:, :, -1]
         return self.build_atoms_under(index, force)
 
-    def best(self, G: FloatArray, allowed: BoolArray | bool = True) -> Atoms:
-        """Return the candidate of the greatest price ``⟨G, K_i⟩`` among those allowed (N,), as one atom."""
-        return self.atoms(np.array([np.argmax(np.where(allowed, self.prices(G), -np.inf))]), G)
+    def find_highest_priced(self, G: FloatArray, allowed: BoolArray | bool = True) -> Atoms:
+        """Return the candidate with the greatest price ``⟨G, K_i⟩`` as one atom.
+
+        Args:
+            G: (p, p) symmetric supporting matrix of a criterion.
+            allowed: (N,) mask of the candidates to choose from; True for all.
+        """
+        return self.build_atoms(np.array([np.argmax(np.where(allowed, self.prices(G), -np.inf))]), G)
 
     def build_atoms_under(self, index: IndexArray, force: FloatArray) -> Atoms:
         """Return candidates (k,) as atoms, under forces along unit vectors (k, 3).
@@ -447,24 +471,28 @@ class Candidates:
         """
         if not self.free:
             return Atoms(index, force, self._information[index, 0] * self._squares)
+        # The six pairs of axes a ≤ b; a pair of different axes counts twice in the sum over all a and b.
         a, b = np.triu_indices(3)
         squares = force[:, a] * force[:, b] * np.where(a == b, 1.0, 2.0)
         K = np.einsum("ie,iepq->ipq", squares, self._information[index])
         return Atoms(index, force, K * self._squares)
 
-    def total(self) -> FloatArray:
-        """Return the summed information (p, p) of all candidates; free forces count along all three axes."""
-        axes = [0, 3, 5] if self.free else [0]
+    def sum_information(self) -> FloatArray:
+        """Return the summed information (p, p) of all candidates.
+
+        A candidate whose force has a free direction counts three times, under a force along each axis.
+        """
+        axes = [0, 3, 5] if self.free else [0]  # the pairs xx, yy and zz
         return np.asarray(self._information[:, axes].sum(axis=(0, 1)) * self._squares)
 
-    def _price_by_axes(self, index: IndexArray | slice, G: FloatArray) -> FloatArray:
-        """Return the prices ``⟨G, K⟩`` of candidates (n, 1), or of pairs of axes of a free force (n, 6)."""
+    def _price_pairs_of_axes(self, index: IndexArray | slice, G: FloatArray) -> FloatArray:
+        """Return ``⟨G, K⟩`` of each candidate (n, 1), or for free directions of each pair of axes (n, 6)."""
         K = self._information[index]
         return np.asarray(K.reshape(*K.shape[:2], -1) @ (self._squares * G).ravel())
 
 
-def _arrange_force_forms(products: FloatArray) -> FloatArray:
-    """Arrange prices (N, 6) of the pairs xx, xy, xz, yy, yz, zz as symmetric matrices (3, 3, N)."""
+def _arrange_symmetric(products: FloatArray) -> FloatArray:
+    """Arrange the prices (N, 6) of pairs of axes xx, xy, xz, yy, yz, zz as symmetric matrices (3, 3, N)."""
     return products.T[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
 
 
@@ -472,13 +500,13 @@ def _arrange_force_forms(products: FloatArray) -> FloatArray:
 class Bound:
     """Bound on the information of every design of a problem."""
 
-    efficiency: float  #: φ of the design at hand over the bound: its share of the greatest possible, at least
+    efficiency: float  #: φ of the design at hand over the bound on φ of any design
     support: FloatArray  #: (p, p) G, with ``φ(M′) ≤ ⟨G, M′⟩`` for all M′, in the problem's units
     prices: FloatArray  #: (N,) greatest ``⟨G, K_i⟩`` of each candidate
 
 
 class DesignProblem:
-    """Choice of n readings among candidates, in units that bring the columns to comparable norms."""
+    """Problem to choose n readings among candidates, in units that bring the columns to comparable norms."""
 
     def __init__(self, candidates: Candidates, criterion: Criterion, readings: int, base: FloatArray) -> None:
         """Scale candidates, criterion and earlier information to comparable columns.
@@ -487,39 +515,41 @@ class DesignProblem:
             candidates: N candidate readings of p parameters.
             criterion: criterion that compares designs.
             readings: number n of readings to take.
-            base: M0 (p, p), information of earlier readings and of priors; zero for none.
+            base: M0 (p, p), information of earlier readings and of priors; zeros if there are none.
 
         Raises:
             RequestError: candidates and priors together do not determine the parameters.
         """
-        total = base + readings / len(candidates) * candidates.total()
+        total = base + readings / len(candidates) * candidates.sum_information()
         diagonal = np.diagonal(total)
         unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
         #: (p, p) factors of an information matrix: M * squares is in the problem's units
         self.squares = np.outer(unit, unit)
         values = np.linalg.eigvalsh(total * self.squares)
         if values[0] < _NO_INFORMATION * values[-1]:
-            missing = np.flatnonzero(diagonal <= 0.0).tolist()
+            unchanged = np.flatnonzero(diagonal <= 0.0).tolist()
             raise RequestError(
                 f"all candidates together determine {int((values > _NO_INFORMATION * values[-1]).sum())} of "
-                f"{len(values)} parameters" + (f"; no load changes parameter {missing}" if missing else ""),
+                f"{len(values)} parameters"
+                + (f"; no load changes parameter {unchanged}" if unchanged else ""),
                 where="candidates",
-                remedy="add loads or postures that change the missing parameters, or leave these out",
+                remedy="add loads or postures that change the missing parameters, "
+                "or leave these parameters out",
             )
         self.readings = readings
         self.candidates = candidates.scaled(unit)
         self.criterion = criterion.scaled(unit)
         self.base = base * self.squares
 
-    def matrix(self, atoms: Atoms, weights: FloatArray) -> FloatArray:
+    def information_matrix(self, atoms: Atoms, weights: FloatArray) -> FloatArray:
         """Return M0 + n Σ w_i K_i (p, p) in the problem's units."""
         return np.asarray(self.base + self.readings * np.tensordot(weights, atoms.information, axes=1))
 
     def bound(self, M: FloatArray, dual: FloatArray | None = None) -> Bound:
         """Bound the information φ that any weights of the candidates can reach.
 
-        ``φ(M′) ≤ ⟨G, M0⟩ + n Σ w′_i ⟨G, K_i⟩``, and the mean price Σ w′_i ⟨G, K_i⟩ is at most the greatest
-        price. The bound holds for any M, and is sharper for a better M.
+        For any weights w′ with information M′, ``φ(M′) ≤ ⟨G, M0⟩ + n Σ w′_i ⟨G, K_i⟩``, and the mean price
+        Σ w′_i ⟨G, K_i⟩ is at most the greatest price. The bound holds for any M; a better M sharpens it.
 
         Args:
             M: (p, p) positive definite, information of a design.
@@ -531,18 +561,23 @@ class DesignProblem:
         return Bound(min(1.0, float(self.criterion.information(M)) / upper), support, prices)
 
     def upper_bound(self, support: FloatArray, mean_price: float) -> float:
-        """Return the upper bound ⟨G, M0⟩ + n d on φ; d is the greatest possible mean price of n readings."""
+        """Return the upper bound ⟨G, M0⟩ + n d on φ, with d the greatest possible mean price of n readings.
+
+        Args:
+            support: (p, p) supporting matrix G.
+            mean_price: d.
+        """
         return float((support * self.base).sum()) + self.readings * mean_price
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """Weights of candidates, with a bound on what any others could reach."""
+    """Weights of candidates, with a bound on φ of any other weights."""
 
     atoms: Atoms  #: (k,) candidates with a weight, and their loads, in the problem's units
     weights: FloatArray  #: (k,) shares of the readings; they sum to 1
     matrix: FloatArray  #: (p, p) information M of all readings, in the units of the parameters
-    bound: Bound  #: from one sweep over all candidates
+    bound: Bound  #: bound on φ of any weights, from one sweep over all candidates
 
 
 def optimise_design(problem: DesignProblem, tolerance: float | None = None) -> Design:
@@ -558,73 +593,75 @@ def optimise_design(problem: DesignProblem, tolerance: float | None = None) -> D
     if tolerance is None:
         smooth = isinstance(problem.criterion, SmoothCriterion) and not problem.candidates.free
         tolerance = GAP if smooth else LOOSE_GAP
-    held = _choose_start(problem)
-    weights = np.full(len(held), 1.0 / len(held))
-    efficiency, stalled = 0.0, 0
+    active = _choose_start_atoms(problem)
+    weights = np.full(len(active), 1.0 / len(active))
+    efficiency, stalled = 0.0, 0  # best efficiency so far, and number of rounds without progress
     best: tuple[Atoms, FloatArray, Bound] | None = None
     for _ in range(_ROUNDS):
-        weights, dual = _optimise_held_weights(problem, held, weights)
-        bound = problem.bound(problem.matrix(held, weights), dual)
-        held, weights = held[weights > _NO_WEIGHT], weights[weights > _NO_WEIGHT]
+        weights, dual = _optimise_active_weights(problem, active, weights)
+        bound = problem.bound(problem.information_matrix(active, weights), dual)
+        active, weights = active[weights > _NO_WEIGHT], weights[weights > _NO_WEIGHT]
         stalled += 1
         if best is None or bound.efficiency > efficiency:
             stalled = 0 if 1.0 - bound.efficiency < _PROGRESS * (1.0 - efficiency) else stalled
-            best, efficiency = (held, weights, bound), bound.efficiency
+            best, efficiency = (active, weights, bound), bound.efficiency
         if 1.0 - efficiency <= (tolerance if stalled < _STALLED else _STALLED_GAP):
-            held, weights, bound = best
+            active, weights, bound = best
             M = problem.base / problem.squares
-            M = M + problem.readings * np.tensordot(weights, held.information / problem.squares, axes=1)
-            return Design(held, weights, M, bound)
-        # Candidates of the best prices join; with free forces, also held ones under another force.
-        promising = np.flatnonzero(bound.prices >= _PROMISING * bound.prices[held.index].min())
+            M = M + problem.readings * np.tensordot(weights, active.information / problem.squares, axes=1)
+            return Design(active, weights, M, bound)
+        # Candidates of the greatest prices become active. With free directions, an active candidate may enter
+        # once more under another force.
+        promising = np.flatnonzero(bound.prices >= _PROMISING_SHARE * bound.prices[active.index].min())
         if not problem.candidates.free:
-            promising = np.setdiff1d(promising, held.index)
-        entering = promising[np.argsort(-bound.prices[promising])[:_ADDED]]
-        held = held.join(problem.candidates.atoms(entering, bound.support))
+            promising = np.setdiff1d(promising, active.index)
+        entering = promising[np.argsort(-bound.prices[promising])[:_MOST_ENTERING]]
+        active = active.join(problem.candidates.build_atoms(entering, bound.support))
         weights = np.concatenate([weights, np.zeros(len(entering))])
     raise SolverError(f"the design did not converge: its gap is {1.0 - efficiency:.1e}")
 
 
-def _choose_start(problem: DesignProblem) -> Atoms:
-    """Choose candidates to start from: one by one by greatest price, from an evenly spread sample."""
+def _choose_start_atoms(problem: DesignProblem) -> Atoms:
+    """Choose the candidates to start from, one by one the greatest price in an evenly spread sample."""
     every = np.arange(len(problem.candidates))
-    count = max(_START, len(problem.base))
-    step = max(1, len(every) // _SAMPLE)
+    count = max(_START_READINGS, len(problem.base))
+    step = max(1, len(every) // _START_SAMPLE)
     sample = problem.candidates[::step]
-    M = problem.base + 0.01 * problem.readings / len(sample) * sample.total()
+    # A little of all information and of the unit matrix makes M regular before any reading is chosen.
+    M = problem.base + 0.01 * problem.readings / len(sample) * sample.sum_information()
     M = M + 1e-6 * np.trace(M) / len(M) * np.eye(len(M))
     allowed = np.ones(len(sample), dtype=np.bool_)
     chosen: list[Atoms] = []
     for _ in range(min(count, len(sample))):
-        chosen.append(sample.best(problem.criterion.support(M), allowed))
+        chosen.append(sample.find_highest_priced(problem.criterion.support(M), allowed))
         allowed[chosen[-1].index] = False
         M = M + problem.readings / count * chosen[-1].information[0]
-    held = chosen[0].join(*chosen[1:]).map_indices(every[::step])
-    # The sample may lack the rare candidate that determines a parameter: add from all until none is missing.
+    active = chosen[0].join(*chosen[1:]).map_indices(every[::step])
+    # The sample may lack the rare candidates that determine a parameter: add these until M is regular.
     for _ in range(len(problem.base)):
-        M = problem.matrix(held, np.full(len(held), 1.0 / len(held)))
+        M = problem.information_matrix(active, np.full(len(active), 1.0 / len(active)))
         values = np.linalg.eigvalsh(M)
         if values[0] > _SINGULAR * values[-1]:
             break
-        unseen = np.linalg.eigh(M)[1][:, 0]
-        held = held.join(problem.candidates.best(np.outer(unseen, unseen)))
-    return held
+        undetermined = np.linalg.eigh(M)[1][:, 0]
+        active = active.join(problem.candidates.find_highest_priced(np.outer(undetermined, undetermined)))
+    return active
 
 
-def _optimise_held_weights(
-    problem: DesignProblem, held: Atoms, weights: FloatArray
+def _optimise_active_weights(
+    problem: DesignProblem, active: Atoms, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray | None]:
-    """Optimise the weights of the candidates held so far.
+    """Optimise the weights of the active candidates.
 
     Args:
         problem: choice of readings.
-        held: k candidates that may have a weight.
+        active: k candidates that may have a weight.
         weights: (k,) weights to start from.
 
     Returns:
         (k,) optimal weights; and the dual variable of a criterion with a kink (E or G), else None.
     """
-    criterion, K = problem.criterion, problem.readings * held.information
+    criterion, K = problem.criterion, problem.readings * active.information
     if isinstance(criterion, SmoothCriterion):
         return optimise_weights(criterion, problem.base, K, weights), None
     if isinstance(criterion, GOptimality):
@@ -656,28 +693,28 @@ def optimise_weights(
         """Return −log φ at weights w (k,), and its derivatives with respect to w."""
         return criterion.slope(base + (w @ K.reshape(len(K), -1)).reshape(base.shape), K)
 
-    w, at, last = weights, compute_slope(weights), np.inf
+    w, at, last_decrement = weights, compute_slope(weights), np.inf
     for _ in range(_STEPS):
         step = _compute_newton_step(at, w)
         # The step sums to zero, so the weighted mean of the gradient is subtracted to lessen rounding.
         decrement = -float((at.gradient - at.gradient @ w) @ step)
         if decrement <= _CONVERGED:
             break
-        # The first of the points w + step, w + step/2, … that decreases −log φ enough
+        # Take the first of the points w + step, w + step/2, … that decreases −log φ enough.
         for size in 0.5 ** np.arange(_HALVINGS + 1):
             moved = np.maximum(w + size * step, 0.0)
             moved /= moved.sum()
             after = compute_slope(moved)
             if decrement < _QUADRATIC or after.value <= at.value - _DECREASE * size * decrement:
                 break
-        if decrement < _QUADRATIC and last <= decrement:
+        if decrement < _QUADRATIC and last_decrement <= decrement:  # rounding keeps it from getting smaller
             break
-        w, at, last = moved, after, decrement
+        w, at, last_decrement = moved, after, decrement
     return w
 
 
 def _compute_newton_step(at: Slope, w: FloatArray) -> FloatArray:
-    """Return the step (k,) from weights w to the minimum of the quadratic model on the simplex.
+    """Return the step (k,) from weights w to the minimum of the quadratic model subject to Σ w = 1, w ≥ 0.
 
     The step is solved by non-negative least squares with a heavy row for Σ x = 1 (Lawson & Hanson 1974,
     chapter 23). The weighted mean is subtracted from the gradient, so that at the optimum the heavy
@@ -693,7 +730,7 @@ def _compute_newton_step(at: Slope, w: FloatArray) -> FloatArray:
             where="candidates",
         ) from None
     downhill = np.linalg.solve(root.T, at.gradient @ w - at.gradient)
-    heavy = _HEAVY * float(np.abs(root).max())
+    heavy = _SUM_ROW_WEIGHT * float(np.abs(root).max())
     x = nnls(np.vstack([root, np.full(len(w), heavy)]), np.append(root @ w + downhill, heavy))[0]
     return np.asarray(x / x.sum() - w)
 
@@ -701,10 +738,10 @@ def _compute_newton_step(at: Slope, w: FloatArray) -> FloatArray:
 def optimise_worst_place(
     criterion: GOptimality, base: FloatArray, K: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Minimise the variance at the worst place, by the dual problem over shares π of the places.
+    """Minimise the variance of the deflection at the worst place, from the dual problem over shares π.
 
-    The dual is ``max_π min_w Σ π_r tr(W_r M(w)⁻¹)``, concave in π; its gradient is the variances at the
-    best weights.
+    The dual problem, in which place r has the share π_r, is ``max_π min_w Σ π_r tr(W_r M(w)⁻¹)``, concave in
+    π; the gradient is the vector of variances at the best weights for π.
 
     Args:
         criterion: φ.
@@ -713,12 +750,12 @@ def optimise_worst_place(
         weights: (k,) feasible weights to start from.
 
     Returns:
-        (k,) weights; and (R,) the shares π of the places.
+        The optimal weights (k,), and the shares π (R,) of the places.
     """
-    count, best = len(criterion.places), weights
+    count, best = len(criterion.places), weights  # `best` are the best weights for the last shares
 
     def negative_log_dual(shares: FloatArray) -> tuple[float, FloatArray]:
-        """Return −log of the dual function at shares (R,), and its gradient; update `best` (the weights)."""
+        """Return −log of the dual function at shares (R,), and its gradient; update the weights `best`."""
         nonlocal best
         best = optimise_weights(criterion.build_mean_criterion(np.maximum(shares, 0.0)), base, K, best)
         variances = criterion.variances(base + np.tensordot(best, K, axes=1))

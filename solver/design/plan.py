@@ -1,12 +1,12 @@
-"""Choice of readings: a whole campaign with its certificate, or the next one for joints that need it.
+"""Choice of readings: the plan of a whole campaign with its certificate, or advice on the next reading.
 
 Plan: candidates → optimal weights → list of distinct postures → validation → order → comparison with other
     plans.
 
 Advice: each candidate is one more reading of all targets under the strongest force of the set. It adds
 ``K = AᵀΣ⁻¹A`` to the information ``G = RᵀR`` of the readings at hand, so that the standard uncertainty of
-c_j after it is known before it is taken: ``u_j = σ √[(G + K)⁻¹]_jj``, that of the partial pose weighted by
-covariance. Candidates are compared by it, and nothing else.
+c_j after the reading is known beforehand: ``u_j = σ √[(G + K)⁻¹]_jj``, the uncertainty by method
+partial_pose. Candidates are compared by u_j alone.
 """
 
 from __future__ import annotations
@@ -52,48 +52,56 @@ from jointstiff.solver.mechanics.springs import TURNS
 from jointstiff.solver.text import figure, posture_text, stiffness_text
 
 _LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4
-"""Gaps at which the search ends where elastic links are a nuisance, and for criteria that were not
-requested."""
+"""Gaps (1 − efficiency) at which the search ends: if elastic links are a nuisance, and for criteria that were
+not requested."""
 _WORST_PLACES: Final = 12
-"""Places of the work area for the criterion of the worst place, whose dual has a share for each."""
+"""Greatest number of places for the criterion of the worst place; its dual problem has a share of each
+place."""
 _RANDOM_PLANS: Final = 20
 _PARTITIONS: Final = 8
-"""Partitions of the postures into cells that are tried; each gives a bound, and the sharpest counts."""
-_LOOKED_AT: Final = 4_000
-"""Candidates of the best prices whose cells are compared; the others are bounded by the last of them."""
-_INSIDE: Final = 1.0 - 1e-9
-"""Share of the angle that a cell is wide, so that rounding puts no two distinct postures into one."""
+"""Number of partitions of the postures into cells that are tried; each gives a bound, and the sharpest
+counts."""
+_COMPARED_CANDIDATES: Final = 4_000
+"""Number of candidates of the greatest prices whose cells are compared. The least of these prices bounds the
+prices of all other candidates."""
+_RELATIVE_CELL_WIDTH: Final = 1.0 - 1e-9
+"""Width of a cell relative to the angle, so that rounding puts no two distinct postures into one cell."""
 _MIXTURES: Final = (0.5, 0.75, 0.9, 1.0)
-"""Shares of a list's information in the matrices at which its bound is sought."""
+"""Weights of a list's information, mixed with that of the optimum, in the matrices at which bounds are
+computed."""
 _POOL: Final = 4_000
-"""Candidates of the best prices among which readings are exchanged."""
-_TRIED: Final = 8
-"""Best-priced candidates whose exchange is evaluated exactly."""
+"""Number of candidates of the greatest prices for which readings may be exchanged."""
+_EVALUATED_EXCHANGES: Final = 8
+"""Number of candidates of the greatest prices whose exchange for a reading is evaluated exactly."""
 _EXCHANGES: Final = 600
-"""Exchanges tried in one search: 30 passes over a list of 20. A long list is near its optimum at once."""
-_RESTARTED: Final = 160
-"""Readings of all restarts; each draws a third of the list anew, and short lists need most."""
+"""Number of exchanges tried in one search: 30 passes over a list of 20. A long list is soon near its
+optimum."""
+_RESTARTED_READINGS: Final = 160
+"""Total length of the lists of all restarts, so that short lists get most restarts. Each restart chooses a
+third of the list anew."""
 _MOST_RESTARTS: Final = 16
-_LONG: Final = 60
-"""Readings of a list for which that gains nothing."""
-_MANY: Final = 30
-"""Parameters above which restarts cost more than a plan gains: elastic links as a nuisance."""
+_LONG_LIST: Final = 60
+"""Number of readings of a list from which on restarts gain nothing."""
+_MANY_PARAMETERS: Final = 30
+"""Number of parameters above which restarts cost more than they gain, as with elastic links as a nuisance."""
 _BLOCK: Final = 4
-"""Fitted readings of a block, which are a good plan by themselves."""
+"""Number of fitted readings in a block, which is a good plan by itself."""
 _SWAPS: Final = 600
-"""Exchanges between blocks that are tried."""
-_SHARE_BEFORE: Final = 1e-6
-"""Information, relative to that of the whole list, that a block is compared with."""
+"""Number of exchanges between blocks that are tried."""
+_REGULARISING_SHARE: Final = 1e-6
+"""Small information, relative to that of the whole list, that is added so that a few readings are not
+singular."""
 _COVERAGE: Final = 1.959963984540054
-"""Half-width of an interval of 95 % over the standard uncertainty, which the stated noise gives."""
-_IMPROVES: Final = 1.0 + 1e-10
+"""Half-width of an interval of 95 % over the standard uncertainty, for a normal distribution."""
+_IMPROVEMENT_FACTOR: Final = 1.0 + 1e-10
+"""Least factor on φ that counts as an improvement, not as rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class OtherPlan:
     """Plan of the same number of readings, chosen in another way, for comparison."""
 
-    efficiency: float  #: φ relative to the plan's
+    efficiency: float  #: φ of this plan over φ of the campaign plan
     uncertainty: FloatArray  #: (s,) standard uncertainty of each joint's relative compliance
 
 
@@ -101,28 +109,29 @@ class OtherPlan:
 class CampaignPlan:
     """Plan of a campaign: an ordered list of n readings of a robot with q joints."""
 
-    joints: FloatArray  #: (n, q) controller's angles [rad], in the order in which to take them
-    force: FloatArray  #: (n, 3) on the robot, axes of R0 [N]
-    anchor: IndexArray  #: (n,) anchor of the cable; -1 without one
+    joints: FloatArray  #: (n, q) controller's angles [rad], in the order in which to take the readings
+    force: FloatArray  #: (n, 3) force on the robot, axes of R0 [N]
+    anchor: IndexArray  #: (n,) index of the cable's anchor; -1 without a cable
     along: FloatArray | None  #: (n, 3) unit vectors in R0 along which to read; None if all coordinates are
-    validation: BoolArray  #: (n,) which readings are held out from the fit
-    block: IndexArray  #: (n,) blocks in order, each a good plan by itself; all 0 if there is one
-    efficiency: float  #: least share of the greatest φ of all lists that obey the same rules
+    validation: BoolArray  #: (n,) mask of the readings that are held out from the fit
+    block: IndexArray  #: (n,) number of each reading's block, a good plan by itself; ascending from 0
+    efficiency: float  #: lower bound on φ of the list over the greatest φ of any list that obeys the rules
     weights_gap: float  #: 1 − efficiency of the optimal weights that lead to the list
-    efficiencies: Mapping[PlanCriterion, float]  #: the same by each criterion that applies
-    pool: Pool  #: the candidates, the parameters to determine, and what cannot be read
+    efficiencies: Mapping[PlanCriterion, float]  #: efficiency of the list for each criterion that applies
+    pool: Pool  #: the candidates, the parameters to determine, and the numbers of infeasible readings
     uncertainty: FloatArray  #: (s,) standard uncertainty of each joint's relative compliance after the list
-    before: FloatArray  #: (s,) the same before it; inf where it is not determined
+    #: (s,) the uncertainty before the list; inf where the joint is not determined
+    uncertainty_before: FloatArray
     #: standard uncertainty of the predicted deflection in the work area under the load [m]: root mean
     #: square and greatest; None without a work area
     deflection: tuple[float, float] | None
-    random: OtherPlan  #: mean of random plans
-    one_at_a_time: OtherPlan  #: each reading the best next one
-    goal_share: float | None = None  #: expanded uncertainty over that of the goal; None without one
+    random_plans: OtherPlan  #: mean of random plans
+    one_at_a_time: OtherPlan  #: plan in which each reading is the best next one
+    goal_share: float | None = None  #: expanded uncertainty over the goal's uncertainty; None without a goal
 
 
 def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
-    """Plan a campaign: choose the readings, hold some of them out for validation, and order all.
+    """Plan a campaign: choose the readings, add readings for validation, and put all in order.
 
     Args:
         robot: q joints.
@@ -134,16 +143,16 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     """
     pool = Pool.from_request(robot, request)
     s = len(pool.parameters.joints)
-    distinct = Distinct(pool.readings.joints, request.angle)
-    criteria, worst = _build_criteria(pool, request)
+    distinct = DistinctPostures(pool.readings.joints, request.angle)
+    criteria, worst_place = _build_criteria(pool, request)
     if request.goal is not None:
         request = replace(
             request, readings=find_least_readings(pool, request, criteria[request.criterion], distinct)
         )
     held_out = round(request.validation * request.readings)
     fitted = request.readings - held_out
-    rows = (3 if request.directions is None else 1) * len(request.equipment.targets) * fitted
-    if fitted < 1 or (request.so_far is None and rows < s):
+    coordinates = (3 if request.directions is None else 1) * len(request.equipment.targets) * fitted
+    if fitted < 1 or (request.so_far is None and coordinates < s):
         raise RequestError(
             f"{fitted} readings without those held out do not determine {s} joints",
             where="readings",
@@ -159,27 +168,31 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         if name == request.criterion:
             efficiencies[name] = exact.efficiency
         elif isinstance(criterion, SmoothCriterion):
-            other = DesignProblem(pool.candidates, criterion, fitted, pool.base)
-            best = optimise_design(other, _LINKS_GAP if request.links else _OTHERS_GAP)
-            efficiencies[name] = bound_list_efficiency(other, distinct, M, best)
+            other_problem = DesignProblem(pool.candidates, criterion, fitted, pool.base)
+            other_design = optimise_design(other_problem, _LINKS_GAP if request.links else _OTHERS_GAP)
+            efficiencies[name] = bound_list_efficiency(other_problem, distinct, M, other_design)
     deflection = None
-    if worst is not None:
-        mean = criteria["work_area"].information(M)
-        deflection = float(mean**-0.5), float(np.sqrt(worst.variances(M).max()))
+    if worst_place is not None:
+        # The information is 1 / mean variance of the deflection.
+        information = criteria["work_area"].information(M)
+        deflection = float(information**-0.5), float(np.sqrt(worst_place.variances(M).max()))
     validation = _draw_validation_readings(pool, distinct, exact.atoms.index, held_out, request.seed)
     atoms = exact.atoms.join(validation)
     block = _divide_into_blocks(
         exact.atoms.information / problem.squares, pool.base, criteria[request.criterion]
     )
     anchors = pool.readings.anchor[atoms.index]
-    if (anchors != anchors[0]).any():  # changing the anchor takes longer than travel: no blocks
+    # To change the anchor takes longer than to travel, so readings at several anchors are not divided into
+    # blocks.
+    if (anchors != anchors[0]).any():
         block = np.zeros_like(block)
+    # The readings for validation are dealt out evenly to the blocks.
     block = np.concatenate([block, np.arange(held_out) % (1 + block.max())])
     order = order_by_travel(pool.readings.joints[atoms.index], block if block.any() else anchors)
     readings = pool.readings[atoms.index[order]]
     return CampaignPlan(
         joints=readings.joints,
-        force=pool.force(atoms.force[order], atoms.index[order]),
+        force=pool.candidate_forces(atoms.force[order], atoms.index[order]),
         anchor=readings.anchor,
         along=readings.along,
         validation=order >= fitted,
@@ -189,9 +202,9 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         efficiencies=efficiencies,
         pool=pool,
         uncertainty=compute_uncertainties(M, s),
-        before=compute_uncertainties(pool.base, s),
+        uncertainty_before=compute_uncertainties(pool.base, s),
         deflection=deflection,
-        random=average_random_plans(problem, M, s, request.seed),
+        random_plans=average_random_plans(problem, M, s, request.seed),
         one_at_a_time=plan_one_at_a_time(problem, distinct, M, s),
         goal_share=None if request.goal is None else compute_goal_share(pool, request.goal, M),
     )
@@ -214,17 +227,17 @@ def _build_criteria(
         "d": DOptimality(s),
         "e": EOptimality(np.ones(s)),
     }
-    worst: GOptimality | None = None
+    worst_place: GOptimality | None = None
     if pool.places is not None:
-        worst = GOptimality(pool.places[:: -(-len(pool.places) // _WORST_PLACES)])
-        criteria |= {"work_area": AOptimality(pool.places.mean(axis=0)), "worst_place": worst}
+        worst_place = GOptimality(pool.places[:: -(-len(pool.places) // _WORST_PLACES)])
+        criteria |= {"work_area": AOptimality(pool.places.mean(axis=0)), "worst_place": worst_place}
     if request.criterion not in criteria:
         raise RequestError(
             f"criterion {request.criterion} needs a work area",
             where="work_area",
             remedy="give the corners of the work area, or use criterion relative_a, d or e",
         )
-    return criteria, worst
+    return criteria, worst_place
 
 
 def compute_goal_share(pool: Pool, goal: JointsGoal | DeflectionGoal, M: FloatArray) -> float:
@@ -245,11 +258,13 @@ def compute_goal_share(pool: Pool, goal: JointsGoal | DeflectionGoal, M: FloatAr
     return _COVERAGE * float(information**-0.5 if information > 0.0 else np.inf) / goal.uncertainty
 
 
-def find_least_readings(pool: Pool, request: PlanRequest, criterion: Criterion, distinct: Distinct) -> int:
-    """Find the least number of readings that meets the goal, readings held out included.
+def find_least_readings(
+    pool: Pool, request: PlanRequest, criterion: Criterion, distinct: DistinctPostures
+) -> int:
+    """Find the least number of readings, with those held out for validation, that meets the goal.
 
-    Uncertainties fall nearly with the root of the number of readings, which gives an interval that contains
-    the number; bisection then finds the number.
+    Uncertainties are nearly proportional to 1/√(number of readings), from which an interval that contains the
+    wanted number follows; bisection then finds the number.
 
     Raises:
         RequestError: the greatest number of readings of a plan does not meet the goal.
@@ -260,24 +275,28 @@ def find_least_readings(pool: Pool, request: PlanRequest, criterion: Criterion, 
     most = MAX_READINGS - round(request.validation * MAX_READINGS)
 
     def compute_share(fitted: int) -> float:
-        """Return the uncertainty with so many fitted readings, relative to the uncertainty of the goal."""
+        """Return the uncertainty with `fitted` fitted readings over the uncertainty of the goal."""
         problem = DesignProblem(pool.candidates, criterion, fitted, pool.base)
         design = optimise_design(problem, _LINKS_GAP if request.links else None)
         M = find_exact_design(problem, design, distinct, seed=request.seed).matrix
         return 0.0 if goal is None else compute_goal_share(pool, goal, M)
 
+    # `low` readings do not meet the goal; `high` is raised until it does.
     low, high = least - 1, least
     while (reached := compute_share(high)) > 1.0:
         if high >= most:
             raise RequestError(
-                f"{MAX_READINGS} readings leave {figure(reached, '.3g')} times the uncertainty of the goal",
+                f"with {MAX_READINGS} readings, the most of a plan, the uncertainty is "
+                f"{figure(reached, '.3g')} times that of the goal",
                 where="goal",
-                remedy="choose a wider goal, a greater load, more targets, or less noise",
+                remedy="choose a goal with a greater uncertainty, "
+                "a greater load, more targets, or less noise",
             )
         low, high = high, min(most, max(high + 1, int(min(high * reached**2, most))))
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if compute_share(middle) <= 1.0 else (middle, high)
+    # The goal needs `high` fitted readings: add the number of readings that are held out.
     count = high
     while count - round(request.validation * count) < high:
         count += 1
@@ -285,7 +304,7 @@ def find_least_readings(pool: Pool, request: PlanRequest, criterion: Criterion, 
 
 
 def _draw_validation_readings(
-    pool: Pool, distinct: Distinct, chosen: IndexArray, count: int, seed: int
+    pool: Pool, distinct: DistinctPostures, chosen: IndexArray, count: int, seed: int
 ) -> Atoms:
     """Draw readings for validation at random, distinct from the chosen ones, under random loads.
 
@@ -300,15 +319,16 @@ def _draw_validation_readings(
         RequestError: too few postures are distinct.
     """
     random = np.random.default_rng([seed, 1])
-    free = ~np.any([distinct.find_conflicts(i) for i in chosen], axis=0)
+    allowed = ~np.any([distinct.find_conflicts(i) for i in chosen], axis=0)
     validation: list[int] = []
-    for i in random.permutation(len(free)):
-        if len(validation) < count and free[i]:
+    for i in random.permutation(len(allowed)):
+        if len(validation) < count and allowed[i]:
             validation.append(int(i))
-            free &= ~distinct.find_conflicts(i)
+            allowed &= ~distinct.find_conflicts(i)
     if len(validation) < count:
         raise RequestError(
-            f"{len(validation)} of {count} readings for validation are in postures distinct from the others",
+            f"only {len(validation)} of {count} readings for validation are in postures distinct from "
+            "all others",
             where="distinct_angle",
             remedy="request fewer readings, a smaller angle, or more candidates",
         )
@@ -320,8 +340,8 @@ def _draw_validation_readings(
 def _divide_into_blocks(information: FloatArray, base: FloatArray, criterion: Criterion) -> IndexArray:
     """Divide n readings into blocks of four readings, so that each block is a good plan by itself.
 
-    Readings are exchanged between blocks while the product of the blocks' φ grows. The last block has the
-    remaining readings.
+    Random exchanges of readings between two blocks are accepted if the product of the blocks' φ grows. The
+    last block also has the readings that remain when n is divided by four.
 
     Args:
         information: (n, p, p) information of the readings.
@@ -334,14 +354,13 @@ def _divide_into_blocks(information: FloatArray, base: FloatArray, criterion: Cr
     count = len(information)
     block = np.minimum(np.arange(count) // _BLOCK, max(count // _BLOCK - 1, 0))
     total = base + information.sum(axis=0)
-    vague = _SHARE_BEFORE * np.diag(
-        np.diagonal(total)
-    )  # alone, a few readings with a dial gauge would be singular
+    # A little information is added, as the matrix of a few readings with a dial gauge would be singular.
+    added = _REGULARISING_SHARE * np.diag(np.diagonal(total))
 
     def compute_log_information(members: BoolArray) -> float:
         """Return log φ of the readings marked in a mask (n,)."""
-        value = criterion.information(base + vague + information[members].sum(axis=0))
-        return float(np.log(np.maximum(value, 1e-300)))
+        value = criterion.information(base + added + information[members].sum(axis=0))
+        return float(np.log(np.maximum(value, 1e-300)))  # never log 0
 
     values = [compute_log_information(block == b) for b in range(1 + int(block.max()))]
     random = np.random.default_rng(0)
@@ -356,8 +375,9 @@ def _divide_into_blocks(information: FloatArray, base: FloatArray, criterion: Cr
             values[a], values[b] = exchanged
         else:
             block[i], block[j] = a, b
-    best = np.argsort(-np.array(values), kind="stable")
-    return np.asarray(np.argsort(best)[block], dtype=np.intp)
+    # Number the blocks anew, the best first.
+    best_first = np.argsort(-np.array(values), kind="stable")
+    return np.asarray(np.argsort(best_first)[block], dtype=np.intp)
 
 
 def order_by_travel(joints: FloatArray, group: IndexArray) -> IndexArray:
@@ -376,14 +396,14 @@ def order_by_travel(joints: FloatArray, group: IndexArray) -> IndexArray:
     for each in np.unique(group):
         members = np.flatnonzero(group == each)
         start = joints[order[-1]] if order else np.zeros(joints.shape[1])
-        places = np.vstack([start, joints[members]])
-        distance = np.pad(np.abs(places[:, None] - places).max(axis=2), (0, 1))
-        left, path = set(range(1, len(places))), [0]
-        while left:
-            path.append(min(left, key=lambda i: distance[path[-1], i]))
-            left.remove(path[-1])
-        path.append(len(places))  # a dummy end at distance zero from all, as any posture may be last
-        improved = True
+        stops = np.vstack([start, joints[members]])
+        distance = np.pad(np.abs(stops[:, None] - stops).max(axis=2), (0, 1))
+        unvisited, path = set(range(1, len(stops))), [0]
+        while unvisited:
+            path.append(min(unvisited, key=lambda i: distance[path[-1], i]))
+            unvisited.remove(path[-1])
+        path.append(len(stops))  # a dummy end at distance zero from all, as any posture may be last
+        improved = True  # 2-opt: reverse a part of the path as long as this makes the path shorter
         while improved:
             improved = False
             for i in range(1, len(path) - 2):
@@ -398,16 +418,16 @@ def order_by_travel(joints: FloatArray, group: IndexArray) -> IndexArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Distinct:
+class DistinctPostures:
     """Rule that no two readings are taken in nearly the same posture."""
 
     postures: FloatArray  #: (N, n) joint angles of the candidates [rad]
-    #: two postures are distinct if the position of a joint differs by at least this [rad or m]; zero lets a
-    #: candidate be read again
+    #: two postures are distinct if the position of a joint differs by at least this much [rad or m]; zero
+    #: allows two readings of one candidate
     angle: float
 
     def find_conflicts(self, candidate: int, index: IndexArray | slice = slice(None)) -> BoolArray:
-        """Return a mask of the candidates whose postures are too near that of a given candidate.
+        """Return a mask of the candidates whose postures are too near to the posture of a given candidate.
 
         Args:
             candidate: index of the given candidate.
@@ -427,17 +447,21 @@ class Distinct:
         """
         if self.angle <= 0.0:
             return float(prices.max())
-        top = np.argsort(-prices)[: max(_LOOKED_AT, 10 * count)]
-        rest = prices[top[-1]] if len(top) < len(prices) else 0.0
+        top = np.argsort(-prices)[: max(_COMPARED_CANDIDATES, 10 * count)]
+        # No candidate outside `top` has a greater price than this.
+        other_price = prices[top[-1]] if len(top) < len(prices) else 0.0
         bounds = []
         for shift in self.angle * np.random.default_rng(0).random((_PARTITIONS, self.postures.shape[1])):
-            cells = np.floor((self.postures[top] + shift) / (_INSIDE * self.angle)).astype(np.int64)
-            greatest: dict[bytes, float] = {}
+            cells = np.floor((self.postures[top] + shift) / (_RELATIVE_CELL_WIDTH * self.angle)).astype(
+                np.int64
+            )
+            # Prices descend, so the first price met in a cell is the greatest of this cell.
+            price_of_cell: dict[bytes, float] = {}
             for cell, price in zip(cells, prices[top].tolist(), strict=True):
-                greatest.setdefault(cell.tobytes(), price)
-                if len(greatest) == count:
+                price_of_cell.setdefault(cell.tobytes(), price)
+                if len(price_of_cell) == count:
                     break
-            bounds.append((sum(greatest.values()) + (count - len(greatest)) * rest) / count)
+            bounds.append((sum(price_of_cell.values()) + (count - len(price_of_cell)) * other_price) / count)
         return float(min(bounds))
 
 
@@ -447,18 +471,18 @@ class ExactDesign:
 
     atoms: Atoms  #: (n,) candidates with their loads, in the order in which they were found
     matrix: FloatArray  #: (p, p) information of earlier readings, priors and the list
-    #: share that it has, at least, of the greatest φ of all lists of n readings which obey the same rules,
-    #: proved by sweeps over all candidates
+    #: lower bound on φ of the list over the greatest φ of any list of n readings that obeys the same rules
     efficiency: float
 
 
 def find_exact_design(
-    problem: DesignProblem, design: Design, distinct: Distinct, *, seed: int = 0
+    problem: DesignProblem, design: Design, distinct: DistinctPostures, *, seed: int = 0
 ) -> ExactDesign:
     """Find a list of n distinct readings with a great φ, starting from optimal weights.
 
-    Readings are chosen one by one; the optimal weights represent readings not yet chosen. Then readings
-    are exchanged for other candidates as long as φ grows.
+    Readings are chosen one by one; readings not yet chosen are represented by the mean information of the
+    optimal weights. Then readings are exchanged for other candidates as long as φ grows. Short lists are
+    improved by restarts that keep two thirds of the best list.
 
     Args:
         problem: readings to choose from, and the criterion.
@@ -473,22 +497,24 @@ def find_exact_design(
     expected = (design.matrix * problem.squares - problem.base) / problem.readings
     best = search.improve(_complete_list(problem, distinct, [], expected))
     random = np.random.default_rng(seed)
-    few = problem.readings < _LONG and len(problem.base) <= _MANY
-    for _ in range(min(_MOST_RESTARTS, _RESTARTED // problem.readings) if few else 0):
+    restarts_pay = problem.readings < _LONG_LIST and len(problem.base) <= _MANY_PARAMETERS
+    for _ in range(min(_MOST_RESTARTS, _RESTARTED_READINGS // problem.readings) if restarts_pay else 0):
         kept = random.permutation(problem.readings)[: -(-2 * problem.readings // 3)]
         trial = search.improve(_complete_list(problem, distinct, [best[i] for i in kept], expected))
-        best = max(best, trial, key=lambda atoms: problem.criterion.information(search.matrix(atoms)))
-    M = search.matrix(best) / problem.squares
+        best = max(
+            best, trial, key=lambda atoms: problem.criterion.information(search.information_matrix(atoms))
+        )
+    M = search.information_matrix(best) / problem.squares
     return ExactDesign(best[0].join(*best[1:]), M, bound_list_efficiency(problem, distinct, M, design))
 
 
 def bound_list_efficiency(
-    problem: DesignProblem, distinct: Distinct, M: FloatArray, optimum: Design
+    problem: DesignProblem, distinct: DistinctPostures, M: FloatArray, optimum: Design
 ) -> float:
     """Return a lower bound on φ of a list over the greatest φ of all lists that obey the same rules.
 
-    Each supporting matrix proves a bound. The matrices of mixtures of the list and the optimal weights are
-    tried, and the best bound is returned.
+    Each information matrix proves a bound by its supporting matrix. Mixtures of the list's and the optimal
+    weights' information are tried, and the sharpest bound counts.
 
     Args:
         problem: readings to choose from, and the criterion.
@@ -496,9 +522,10 @@ def bound_list_efficiency(
         M: (p, p) information with the list.
         optimum: optimal weights of the problem.
     """
-    M, best = M * problem.squares, optimum.matrix * problem.squares
+    # Both matrices in the problem's units
+    M, optimal = M * problem.squares, optimum.matrix * problem.squares
     bounds = [optimum.bound]
-    bounds += [problem.bound(share * M + (1.0 - share) * best) for share in _MIXTURES]
+    bounds += [problem.bound(share * M + (1.0 - share) * optimal) for share in _MIXTURES]
     upper = min(
         problem.upper_bound(bound.support, distinct.bound_mean_price(bound.prices, problem.readings))
         for bound in bounds
@@ -507,7 +534,7 @@ def bound_list_efficiency(
 
 
 def _complete_list(
-    problem: DesignProblem, distinct: Distinct, kept: list[Atoms], expected: FloatArray
+    problem: DesignProblem, distinct: DistinctPostures, kept: list[Atoms], expected: FloatArray
 ) -> list[Atoms]:
     """Complete a list of readings by adding, one by one, the candidate of the greatest price.
 
@@ -518,14 +545,14 @@ def _complete_list(
         expected: (p, p) mean information expected of each reading still to be chosen.
 
     Raises:
-        RequestError: there are not as many distinct postures.
+        RequestError: there are fewer distinct postures than readings.
     """
     atoms, M = list(kept), problem.base + sum(each.information[0] for each in kept)
-    free = np.ones(len(problem.candidates), dtype=np.bool_)
+    allowed = np.ones(len(problem.candidates), dtype=np.bool_)
     for each in kept:
-        free &= ~distinct.find_conflicts(each.index[0])
+        allowed &= ~distinct.find_conflicts(each.index[0])
     while len(atoms) < problem.readings:
-        if not free.any():
+        if not allowed.any():
             raise RequestError(
                 f"only {len(atoms)} candidates are in postures {np.degrees(distinct.angle):.3g}° "
                 f"apart, but {problem.readings} readings are requested",
@@ -533,43 +560,47 @@ def _complete_list(
                 remedy="request fewer readings, a smaller angle, or more candidates",
             )
         G = problem.criterion.support(M + (problem.readings - len(atoms)) * expected)
-        atoms.append(problem.candidates.best(G, free))
-        free &= ~distinct.find_conflicts(atoms[-1].index[0])
+        atoms.append(problem.candidates.find_highest_priced(G, allowed))
+        allowed &= ~distinct.find_conflicts(atoms[-1].index[0])
         M = M + atoms[-1].information[0]
     return atoms
 
 
 class _ExchangeSearch:
-    """Search that improves a list by exchanging readings for candidates of good prices."""
+    """Search that improves a list by exchanging readings for candidates of great prices."""
 
-    def __init__(self, problem: DesignProblem, design: Design, distinct: Distinct) -> None:
+    def __init__(self, problem: DesignProblem, design: Design, distinct: DistinctPostures) -> None:
         self._distinct, self._criterion, self._base = distinct, problem.criterion, problem.base
         best = np.argsort(-design.bound.prices)[: max(_POOL, 4 * problem.readings)]
         self._pool: IndexArray = np.sort(best)
         self._candidates = problem.candidates[self._pool]
 
-    def matrix(self, atoms: list[Atoms]) -> FloatArray:
-        """Return the information M0 + Σ K_i (p, p) of earlier readings and a list."""
+    def information_matrix(self, atoms: list[Atoms]) -> FloatArray:
+        """Return the information M0 + Σ K_i (p, p) of earlier readings, priors and a list."""
         return np.asarray(self._base + sum(each.information[0] for each in atoms))
 
     def improve(self, atoms: list[Atoms]) -> list[Atoms]:
         """Return a list improved by exchanging one reading at a time for another candidate while φ grows."""
         atoms = list(atoms)
+        # Mask (n, N) of the candidates too near to each reading, and their numbers of such readings.
         near = np.array([self._distinct.find_conflicts(each.index[0], self._pool) for each in atoms])
-        conflicts = near.sum(axis=0)  # number of readings in conflict with each candidate
-        M = self.matrix(atoms)
+        conflicts = near.sum(axis=0)
+        M = self.information_matrix(atoms)
         for _ in range(max(2, _EXCHANGES // len(atoms))):
             before = value = self._criterion.information(M)
             for i, old in enumerate(atoms):
-                # Search a candidate that adds more to the other readings than the one taken out.
-                rest, free = M - old.information[0], conflicts == near[i]
-                at = rest if self._criterion.information(rest) > 1e-6 * value else M
-                G = self._criterion.support(at)
-                prices = np.where(free, self._candidates.prices(G), -np.inf)
-                tried = self._candidates.atoms(np.argsort(-prices)[: min(_TRIED, int(free.sum()))], G)
+                # Search a candidate that adds more to the other readings than the reading taken out. A
+                # candidate is allowed if only the reading taken out is too near to it.
+                rest, allowed = M - old.information[0], conflicts == near[i]
+                # If the other readings are nearly singular, prices are computed from the whole list.
+                G = self._criterion.support(rest if self._criterion.information(rest) > 1e-6 * value else M)
+                prices = np.where(allowed, self._candidates.prices(G), -np.inf)
+                tried = self._candidates.build_atoms(
+                    np.argsort(-prices)[: min(_EVALUATED_EXCHANGES, int(allowed.sum()))], G
+                )
                 reached = self._criterion.information(rest + tried.information)
-                best = int(np.argmax([_IMPROVES * value, *reached]))
-                if not best:
+                best = int(np.argmax([_IMPROVEMENT_FACTOR * value, *reached]))
+                if not best:  # entry 0, the present list, is not exceeded
                     continue
                 M = rest + tried.information[best - 1]
                 conflicts = conflicts - near[i]
@@ -577,7 +608,7 @@ class _ExchangeSearch:
                 near[i] = self._distinct.find_conflicts(atoms[i].index[0], self._pool)
                 conflicts = conflicts + near[i]
                 value = self._criterion.information(M)
-            if value <= _IMPROVES * before:
+            if value <= _IMPROVEMENT_FACTOR * before:
                 break
         return atoms
 
@@ -592,18 +623,20 @@ def average_random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: in
         seed: seed of the draws.
     """
     random = np.random.default_rng([seed, 2])
-    n, values, variances = problem.readings, [], []
+    n, informations, variances = problem.readings, [], []
     for _ in range(_RANDOM_PLANS):
         index = random.integers(0, len(problem.candidates), n)
         drawn = problem.candidates.build_atoms_under(index, _draw_directions(random, n)).information
-        other = problem.base + drawn.sum(axis=0)
-        values.append(problem.criterion.information(other))
-        variances.append(np.square(compute_uncertainties(other / problem.squares, s)))
-    efficiency = float(np.mean(values) / problem.criterion.information(M * problem.squares))
+        random_M = problem.base + drawn.sum(axis=0)
+        informations.append(problem.criterion.information(random_M))
+        variances.append(np.square(compute_uncertainties(random_M / problem.squares, s)))
+    efficiency = float(np.mean(informations) / problem.criterion.information(M * problem.squares))
     return OtherPlan(efficiency, np.sqrt(np.mean(variances, axis=0)))
 
 
-def plan_one_at_a_time(problem: DesignProblem, distinct: Distinct, M: FloatArray, s: int) -> OtherPlan:
+def plan_one_at_a_time(
+    problem: DesignProblem, distinct: DistinctPostures, M: FloatArray, s: int
+) -> OtherPlan:
     """Plan readings one at a time, each the best next reading, for comparison with a list.
 
     Args:
@@ -613,12 +646,14 @@ def plan_one_at_a_time(problem: DesignProblem, distinct: Distinct, M: FloatArray
         s: number of joints to be determined.
     """
     M = M * problem.squares
-    other = problem.base
+    other_M = problem.base
     # A little of the list's information makes the matrix regular before the first readings are chosen.
-    for atoms in _complete_list(problem, distinct, [], _SHARE_BEFORE / problem.readings * (M - problem.base)):
-        other = other + atoms.information[0]
-    efficiency = float(problem.criterion.information(other) / problem.criterion.information(M))
-    return OtherPlan(efficiency, compute_uncertainties(other / problem.squares, s))
+    for atoms in _complete_list(
+        problem, distinct, [], _REGULARISING_SHARE / problem.readings * (M - problem.base)
+    ):
+        other_M = other_M + atoms.information[0]
+    efficiency = float(problem.criterion.information(other_M) / problem.criterion.information(M))
+    return OtherPlan(efficiency, compute_uncertainties(other_M / problem.squares, s))
 
 
 def _draw_directions(random: np.random.Generator, count: int) -> FloatArray:
@@ -630,42 +665,47 @@ def _draw_directions(random: np.random.Generator, count: int) -> FloatArray:
 LARGEST_RELATIVE_UNCERTAINTY: Final = 0.1
 """Relative standard uncertainty of a compliance above which a joint gets advice."""
 MOST_JOINTS: Final = 3
-"""Maximum number of joints that get advice, the worst first: one posture often serves several."""
+"""Greatest number of joints that get advice, the worst first: one posture often serves several joints."""
 MOST_POSTURES: Final = 48
-"""Maximum number of postures of the set, and of new ones; fewer where many joints make each candidate
+"""Greatest number of measured postures and of new postures; fewer if many joints make each candidate
 costly."""
 LEAST_GAIN: Final = 0.05
-"""Least relative reduction of the standard uncertainty, what all readings share included, for which a reading
-is advised: two digits of it show the gain."""
-LITTLE_MORE: Final = 1.1
-"""The easier of two pieces of advice is chosen if it does as well within this factor: weights can only pull
-downwards, so a new posture; otherwise one of the set, which is known to be free of collisions."""
-EASIER: Final = 1.05
-"""A force along an axis of R0, or the set's own, is easier to apply: others must be better by this factor."""
-_SHOWS: Final = 1e-6
+"""Least relative reduction of a joint's standard uncertainty, errors common to all readings included, for
+which a reading is advised: two digits of the uncertainty then show the gain."""
+TOLERATED_RATIO: Final = 1.1
+"""Ratio of the uncertainties after two readings up to which only the easier reading is advised. With weights,
+which only pull downwards, this is the new posture; otherwise the measured one, known to be free of
+collisions."""
+EASIER_FACTOR: Final = 1.05
+"""Factor by which another force must be better than a force along an axis of R0 or than the force of the set,
+which are easier to apply."""
+_COSINE_ROUNDING: Final = 1e-6
+"""Difference of a direction's cosine that is not due to rounding."""
 _LEAST_LEVER: Final = 1e-6
-"""Distance [m] of a force from an axis below which it twists the joint by rounding alone."""
+"""Distance [m] between a force and a joint's axis below which only rounding makes the force twist the
+joint."""
 _LEAST_SPAN: Final = (1.0, 0.1)
-"""Range of a joint [rad, m of a prismatic one] for new postures, where the set itself spans less."""
+"""Least range of a joint [rad; m for a prismatic joint] from which new postures are drawn."""
 _DRAWS: Final = 4
-"""New postures drawn for each one needed, as limits of coupled joints exclude some."""
+"""Number of draws for each new posture, as limits of coupled joints exclude some of the draws."""
 _SEED: Final = 20170924
 _CUBE: Final = np.array(
     [[x, y, z] for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (z, y, x) > (0, 0, 0)],
     dtype=np.float64,
 )
-"""(13, 3) towards faces, edges and corners of a cube, one of each opposite pair: both tell the same."""
+"""(13, 3) vectors towards faces, edges and corners of a cube; one of two opposite vectors, as both forces
+give the same information."""
 _DIRECTIONS: Final = _CUBE / np.linalg.norm(_CUBE, axis=1, keepdims=True)
 
 
 @dataclass(frozen=True, eq=False)
 class ReadablePostures:
-    """M postures in which all targets could be read, and the Jacobians that turn a load into deflections."""
+    """M postures in which all targets could be read, and the Jacobians that map a load to deflections."""
 
     joints: FloatArray  #: (M, n) angles as the controller shows them [rad]
-    observation: IndexArray  #: (M,) the observation that has this posture; -1 for a new one
-    load_jacobian: FloatArray  #: (M, 3, n) J_v at the load point [m/rad]
-    turns: Stack  #: (M,) motion of the targets by a turn of each joint
+    observation: IndexArray  #: (M,) index of the observation with this posture; -1 for a new posture
+    load_jacobian: FloatArray  #: (M, 3, n) translational Jacobian of the load point [m/rad]
+    turns: Stack  #: M whitened blocks of rows: motion of the targets per turn of each joint
     readable: Measurements  #: the M observations, with the load of another posture
 
     @classmethod
@@ -674,7 +714,7 @@ class ReadablePostures:
     ) -> ReadablePostures:
         """Compute the Jacobians in M postures, for the targets of the observation that read most targets.
 
-        A posture of the set keeps its load point; a new posture gets the load point of the strongest force.
+        A measured posture keeps its load point; a new posture gets the load point of the strongest force.
 
         Args:
             robot: n joints.
@@ -684,13 +724,13 @@ class ReadablePostures:
         """
         strongest = int(np.argmax(np.linalg.norm(measurements.force, axis=1)))
         richest = int(np.argmax(measurements.coordinates.sum(axis=1)))
-        again = measurements[np.full(len(joints), richest)]
-        places = targets_in_flange(robot, measurements[richest : richest + 1])
+        repeated = measurements[np.full(len(joints), richest)]
+        targets = targets_in_flange(robot, measurements[richest : richest + 1])
         readable = replace(
-            again,
+            repeated,
             joints=joints,
-            position=np.broadcast_to(places, again.position.shape),
-            in_flange=np.ones_like(again.present),
+            position=np.broadcast_to(targets, repeated.position.shape),
+            in_flange=np.ones_like(repeated.present),
             load_point=measurements.load_point[np.where(observation < 0, strongest, observation)],
         )
         block = unloaded_block(robot, Postures(robot, robot.joint_map.model_angles(joints)), readable)
@@ -714,7 +754,7 @@ class ReadablePostures:
             force: (M, D, 3) forces in each posture [N].
 
         Returns:
-            (M, D, n, n) in units of sigma⁻².
+            Information (M, D, n, n) on the compliances, in units of sigma⁻².
         """
         torque = force @ self.load_jacobian
         return np.asarray(self.turns.grams[:, None, :-1, :-1] * torque[..., :, None] * torque[..., None, :])
@@ -723,15 +763,58 @@ class ReadablePostures:
 def advise_next_readings(robot: Robot, measurements: Measurements, estimate: Estimate) -> tuple[Advice, ...]:
     """Advise on the best next reading for each joint that is poorly determined.
 
-    For each joint two candidates are compared: a posture of the set under a load in another direction, and a
-    new posture (under the same load if the loads are weights). The candidate that is harder to take is left
-    out if the easier candidate is about as good; candidates that gain next to nothing are left out, too.
+    For each joint two readings are compared: a measured posture under a load in another direction, and a new
+    posture (under the same load if the loads are weights). The reading that is harder to take is dropped if
+    the easier reading is about as good; a reading that gains less than `LEAST_GAIN` is dropped, too.
 
     Returns:
-        At most two pieces of advice for each joint, the better first; none where all joints are well
+        At most two pieces of advice for each joint, the better first; an empty tuple if all joints are well
         determined or no force was applied.
     """
-    # Rank joints: first those without a number or at zero, then by relative uncertainty.
+    joints = _select_poor_joints(estimate)
+    if not len(joints) or not measurements.force.any():
+        return ()
+    count = int(np.clip(36 * MOST_POSTURES // robot.n**2, 4, MOST_POSTURES))
+    new = draw_new_postures(robot, measurements, count)
+    inside = np.flatnonzero(robot.within_limits(measurements.joints))
+    # At most `count` observations, evenly spread
+    spread = inside[np.unique(np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(np.intp))]
+    strongest = measurements.force[int(np.argmax(np.linalg.norm(measurements.force, axis=1)))]
+    # Forces that are all parallel to the strongest one are taken to be weights.
+    sizes = np.linalg.norm(measurements.force, axis=1) * np.linalg.norm(strongest)
+    weights = bool((np.abs(measurements.force @ strongest) >= (1.0 - 1e-6) * sizes).all())
+    search = _NextReading(robot, measurements, estimate, strongest, one_direction=weights)
+    all_joints = np.concatenate([measurements.joints[spread], new])
+    observation = np.concatenate([spread, np.full(len(new), -1, dtype=np.intp)])
+    if not len(all_joints):
+        return ()
+    postures = ReadablePostures.from_observations(robot, measurements, all_joints, observation)
+    measured_postures, new_postures = postures[: len(spread)], postures[len(spread) :]
+    advice: list[dict[str, Any]] = []
+    # One pair of candidates for each joint: in a measured posture, and in a new posture
+    for in_measured, in_new in zip(
+        search.find_best_candidates(measured_postures, joints, all_directions=True),
+        search.find_best_candidates(new_postures, joints, all_directions=not weights),
+        strict=True,
+    ):
+        easier_first = (in_new, in_measured) if weights else (in_measured, in_new)
+        useful = [
+            candidate
+            for candidate in easier_first
+            if candidate and (candidate[1]["uncertainty_ratio"] or 0.0) <= 1.0 - LEAST_GAIN
+        ]
+        # Drop the harder of two readings if the uncertainty after the easier one is about as small.
+        if len(useful) == 2 and useful[0][0] <= TOLERATED_RATIO * useful[1][0]:
+            useful = useful[:1]
+        advice += [fields for _, fields in sorted(useful, key=itemgetter(0))]
+    return tuple(validate_list(Advice, advice))
+
+
+def _select_poor_joints(estimate: Estimate) -> IndexArray:
+    """Return the indices of at most `MOST_JOINTS` joints that are poorly determined, the worst first.
+
+    Joints without a compliance or with compliance zero come first, then the others by relative uncertainty.
+    """
     relative = np.zeros(len(estimate.joints))
     for j, joint in enumerate(estimate.joints):
         if joint.status == "not_observable" or joint.compliance == 0.0:
@@ -739,42 +822,14 @@ def advise_next_readings(robot: Robot, measurements: Measurements, estimate: Est
         elif joint.compliance is not None and joint.standard_uncertainty is not None:
             relative[j] = joint.standard_uncertainty / abs(joint.compliance)
     worst = np.argsort(-relative, kind="stable")[:MOST_JOINTS]
-    joints = worst[relative[worst] > LARGEST_RELATIVE_UNCERTAINTY]
-    if not len(joints) or not measurements.force.any():
-        return ()
-    count = int(np.clip(36 * MOST_POSTURES // robot.n**2, 4, MOST_POSTURES))
-    new = draw_new_postures(robot, measurements, count)
-    inside = np.flatnonzero(robot.within_limits(measurements.joints))
-    spread = inside[np.unique(np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(np.intp))]
-    own = measurements.force[int(np.argmax(np.linalg.norm(measurements.force, axis=1)))]
-    sizes = np.linalg.norm(measurements.force, axis=1) * np.linalg.norm(own)
-    weights = bool((np.abs(measurements.force @ own) >= (1.0 - 1e-6) * sizes).all())
-    search = _NextReading(robot, measurements, estimate, own, one_direction=weights)
-    all_joints = np.concatenate([measurements.joints[spread], new])
-    observation = np.concatenate([spread, np.full(len(new), -1, dtype=np.intp)])
-    if not len(all_joints):
-        return ()
-    postures = ReadablePostures.from_observations(robot, measurements, all_joints, observation)
-    of_set, unseen = postures[: len(spread)], postures[len(spread) :]
-    advice: list[dict[str, Any]] = []
-    for measured, unmeasured in zip(
-        search.best(of_set, joints, all_directions=True),
-        search.best(unseen, joints, all_directions=not weights),
-        strict=True,
-    ):
-        easier_first = (unmeasured, measured) if weights else (measured, unmeasured)
-        useful = [a for a in easier_first if a and (a[1]["uncertainty_ratio"] or 0.0) <= 1.0 - LEAST_GAIN]
-        if len(useful) == 2 and useful[0][0] <= LITTLE_MORE * useful[1][0]:
-            useful = useful[:1]
-        advice += [piece for _, piece in sorted(useful, key=itemgetter(0))]
-    return tuple(validate_list(Advice, advice))
+    return np.asarray(worst[relative[worst] > LARGEST_RELATIVE_UNCERTAINTY])
 
 
 def draw_new_postures(robot: Robot, measurements: Measurements, count: int) -> FloatArray:
-    """Draw new postures in whole degrees and millimetres, within the range of the set and the joints' limits.
+    """Draw new postures in whole degrees and millimetres, within the measured range and the joints' limits.
 
-    The draw is the same at each call. A joint that the set hardly moves is varied by `_LEAST_SPAN`, because
-    the set may lack just these postures.
+    The draw is the same at each call. A joint that hardly moves in the measurements is varied by
+    `_LEAST_SPAN`, as the measurements may lack just these postures.
 
     Args:
         robot: n joints.
@@ -782,7 +837,7 @@ def draw_new_postures(robot: Robot, measurements: Measurements, count: int) -> F
         count: greatest number of postures.
 
     Returns:
-        (M, n) [rad or m].
+        Postures (M, n) [rad or m], with M at most `count`.
     """
     least, greatest = measurements.joints.min(axis=0), measurements.joints.max(axis=0)
     half = np.maximum(greatest - least, robot.select_by_kind(*_LEAST_SPAN)) / 2.0
@@ -792,11 +847,12 @@ def draw_new_postures(robot: Robot, measurements: Measurements, count: int) -> F
 
 
 Candidate = tuple[float, dict[str, Any]]
-"""Fields of `Advice` after the standard uncertainty that it leaves, in units of sigma [rad/(N·m)/m]."""
+"""Standard uncertainty of the joint after the reading, in units of sigma [rad/(N·m)/m]; and the fields of
+`Advice`."""
 
 
 class _NextReading:
-    """Comparison of candidates for the next reading of one set."""
+    """Comparison of candidates for the next reading of one measurement set."""
 
     def __init__(
         self,
@@ -818,66 +874,68 @@ class _NextReading:
         self._sigma = estimate.sigma
         #: (n,) compliances [rad/(N·m)]; zero where there is none
         self._compliance = [joint.compliance or 0.0 for joint in estimate.joints]
-        self._shared = np.zeros(
-            robot.n
-        )  # variances by errors that all readings share: no reading lessens them
+        #: (n,) variances due to errors that all readings share, and that no further reading lessens
+        self._shared = np.zeros(robot.n)
         if estimate.common is not None:
             self._shared = np.square(estimate.common.responses_beside_fit).sum(axis=1)
         self._own, self._strength = own, float(np.linalg.norm(own))
         self._one_direction = one_direction
-        # The advice predicts uncertainties of the partial pose weighted by covariance. If the estimate has
-        # these, a new run with its method will confirm the advice; otherwise the advice names the method.
+        # The advice predicts the uncertainties that method partial_pose gives. If the estimate has the same
+        # uncertainties, a new run by its method will confirm the advice; otherwise the advice names
+        # partial_pose.
         self._same_method = False
         if estimate.covariance is not None and estimate.sigma is not None:
             visible = ~estimate.observability.null
             inverse = Spectrum(self._regressor[:, visible]).inverse
             least = estimate.sigma * np.linalg.norm(inverse, axis=1)
-            by_readings = np.diagonal(estimate.covariance) - self._shared
-            deviation = np.sqrt(np.maximum(by_readings[visible], 0.0))
+            own_variances = np.diagonal(estimate.covariance) - self._shared
+            deviation = np.sqrt(np.maximum(own_variances[visible], 0.0))
             self._same_method = np.allclose(deviation, least, rtol=0.01, atol=0.0)
 
-    def best(
+    def find_best_candidates(
         self, postures: ReadablePostures, joints: IndexArray, *, all_directions: bool
     ) -> list[Candidate | None]:
-        """Return for each joint the candidate after which the joint's uncertainty is least, or None.
+        """Find for each joint the candidate that leaves the least uncertainty; None for no candidate.
 
         Args:
             postures: M postures to choose from.
             joints: indices of the joints.
-            all_directions: whether forces in other directions than the set's own are tried.
+            all_directions: whether forces in other directions than that of the strongest force are tried.
         """
         if not len(postures):
             return [None] * len(joints)
         forces = self._propose_forces(postures, joints if all_directions else joints[:0])
         total = self._regressor.T @ self._regressor + postures.information(forces)
         deviation = compute_uncertainties(total, total.shape[-1])
-        easy = np.abs(forces).max(axis=2) > (1.0 - _SHOWS) * self._strength
+        # Forces along an axis of R0, and the first one, along the strongest force of the set, are easy to
+        # apply.
+        easy = np.abs(forces).max(axis=2) > (1.0 - _COSINE_ROUNDING) * self._strength
         easy[:, 0] = True
         best = list[Candidate | None]()
         for joint in joints.tolist():
-            scores = deviation[..., joint] / np.where(easy, EASIER, 1.0)
+            scores = deviation[..., joint] / np.where(easy, EASIER_FACTOR, 1.0)
             m, d = np.unravel_index(int(np.argmin(scores)), scores.shape)
             best.append(self._describe_advice(joint, postures, int(m), forces[m, d]))
         return best
 
-    def _propose_forces(self, postures: ReadablePostures, across: IndexArray) -> FloatArray:
-        """Propose D forces (M, D, 3) [N] in each posture: the set's own, and other directions.
+    def _propose_forces(self, postures: ReadablePostures, twisted: IndexArray) -> FloatArray:
+        """Propose D forces (M, D, 3) [N] in each posture, all as strong as the strongest force of the set.
 
-        Other directions are proposed only if `across` names joints: towards faces, edges and corners of a
-        cube, and for each of these joints the direction that twists the joint most.
+        The first has the direction of the strongest force. If `twisted` names joints, others follow: towards
+        faces, edges and corners of a cube, and for each of these joints the force that twists the joint most.
         """
         own = self._own / self._strength
         count = len(postures)
         directions = np.broadcast_to(own, (count, 1, 3))
-        if len(across):
-            # a × r is the velocity of the load point: no force of this strength twists the joint more.
-            arm = postures.load_jacobian[:, :, across].transpose(0, 2, 1)
-            lever = np.linalg.norm(arm, axis=2, keepdims=True)
-            arm = np.where(lever > 0, arm / np.where(lever > 0, lever, 1.0), own)
+        if len(twisted):
+            # A force along the velocity of the load point, when a joint turns, twists this joint most.
+            velocity = postures.load_jacobian[:, :, twisted].transpose(0, 2, 1)
+            speed = np.linalg.norm(velocity, axis=2, keepdims=True)
+            along_velocity = np.where(speed > 0, velocity / np.where(speed > 0, speed, 1.0), own)
             cube = np.broadcast_to(_DIRECTIONS, (count, len(_DIRECTIONS), 3))
-            directions = np.concatenate([directions, cube, arm], axis=1)
-        # A force and its opposite give the same information: take the one nearer to the set's own.
-        sign = np.where(directions @ own < -_SHOWS, -1.0, 1.0)
+            directions = np.concatenate([directions, cube, along_velocity], axis=1)
+        # A force and its opposite give the same information: take the one nearer to the strongest force.
+        sign = np.where(directions @ own < -_COSINE_ROUNDING, -1.0, 1.0)
         return np.asarray(self._strength * sign[..., None] * directions)
 
     def _describe_advice(
@@ -907,7 +965,7 @@ class _NextReading:
             return None
         units = JOINT_UNITS[self._kinds[joint]]
         name, size, i = self._names[joint], float(np.linalg.norm(force)), int(postures.observation[m])
-        if i >= 0:
+        if i >= 0:  # a measured posture
             posture = f"in posture {self._labels[i]}"
         else:
             shown = posture_text(postures.joints[m].tolist(), self._kinds)
@@ -921,13 +979,15 @@ class _NextReading:
             shared = float(np.sqrt(self._shared[joint]))
             uncertainty = float(np.hypot(self._sigma * after, shared))
             ratio = None if before is None else uncertainty / float(np.hypot(self._sigma * before, shared))
-        whose, changes = self._describe_uncertainty(joint, uncertainty)
+        quantity, changes = self._describe_uncertainty(joint, uncertainty)
         if ratio is not None:
             changes.append(f"{figure(ratio, '.2g')} times its present value")
+        # Without known uncertainties the gain is the load of the joint, such as "a torque of 12 N·m about
+        # A2".
         gain = f"a {units.load.replace(' ', f' of {abs(torque[joint]):.3g} {units.effort} ', 1)} {name}"
         if changes:
             method = "" if self._same_method else "with method partial_pose "
-            gain = f"{method}the uncertainty of {name}'s {whose} falls to {', '.join(changes)}"
+            gain = f"{method}the uncertainty of {name}'s {quantity} falls to {', '.join(changes)}"
         return after, {
             "joint": name,
             "message": f"{posture} {load}: {gain}",
@@ -941,13 +1001,17 @@ class _NextReading:
     def _describe_uncertainty(self, joint: int, uncertainty: float | None) -> tuple[str, list[str]]:
         """Return the quantity, "stiffness" or "compliance", and a list with its uncertainty in words.
 
-        The list is empty if the uncertainty is unknown (None). A compliance below its uncertainty
-        [rad/(N·m)] is stated instead of the stiffness, whose uncertainty would then mean nothing.
+        The list is empty if the uncertainty is unknown. The compliance is stated if it is less than its
+        uncertainty, because the uncertainty of the stiffness would then mean nothing.
+
+        Args:
+            joint: index of the joint.
+            uncertainty: standard uncertainty of the joint's compliance [rad/(N·m)]; None if unknown.
         """
         kind, compliance = self._kinds[joint], self._compliance[joint]
-        whose = "stiffness" if compliance > (uncertainty or 0.0) else "compliance"
+        quantity = "stiffness" if compliance > (uncertainty or 0.0) else "compliance"
         if uncertainty is None:
-            return whose, []
-        if whose == "stiffness":
-            return whose, [stiffness_text(uncertainty / compliance / compliance, kind)]
-        return whose, [f"{1e6 * uncertainty:.2g} {JOINT_UNITS[kind].micro_compliance}"]
+            return quantity, []
+        if quantity == "stiffness":
+            return quantity, [stiffness_text(uncertainty / compliance / compliance, kind)]
+        return quantity, [f"{1e6 * uncertainty:.2g} {JOINT_UNITS[kind].micro_compliance}"]

@@ -68,12 +68,12 @@ from jointstiff.solver.geometry.poses import (
     IdentifiedAxes,
     Motion,
     build_right_handed_frame,
-    chain_axes,
     differentiate_by_rigid_motion,
+    list_chain_axes,
     minimise,
     transform_points,
 )
-from jointstiff.solver.geometry.sweeps import STILL, SweptAxes
+from jointstiff.solver.geometry.sweeps import RESTING_RANGE, SweptAxes
 from jointstiff.solver.mechanics.chain import ChainJoint, Convention, KinematicChain
 from jointstiff.solver.mechanics.measurements import whitener
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist
@@ -85,7 +85,7 @@ LEAST_SINE = 0.1
 SIGNIFICANCE = 1e-4
 """p-value below which a drift, or a base target that moved, is reported."""
 
-_MEETING = 5.0  # standard uncertainties of the distance of axes 1 and 2 below which they meet
+_MEETING_UNCERTAINTIES = 5.0  # standard uncertainties of the distance of axes 1 and 2 below which they meet
 _COLLINEAR = 1e-3  # least width of targets over their length, below which they are on a line
 
 
@@ -99,8 +99,8 @@ def find_common_perpendicular_feet(first: Axis, second: Axis) -> tuple[FloatArra
     cosine = float(a @ b)
     sine2 = float(np.sum(cross(a, b) ** 2))
     along_first, along_second = float(between @ a), float(between @ b)
-    first_foot = first.at((along_first - along_second * cosine) / sine2)
-    second_foot = second.at((along_first * cosine - along_second) / sine2)
+    first_foot = first.point_at((along_first - along_second * cosine) / sine2)
+    second_foot = second.point_at((along_first * cosine - along_second) / sine2)
     return first_foot, second_foot
 
 
@@ -163,7 +163,9 @@ class BaseFrame:
         coordinates of each of n axes, then the coordinates of T targets.
         """
         back = self.transform_tracker_to_base.inverse()
-        return self.identified.jacobian_of(lambda axes, _: pin.log6(self.place(axes) * back).vector)
+        return self.identified.differentiate_quantity(
+            lambda axes, _: pin.log6(self.place(axes) * back).vector
+        )
 
 
 def find_base_frame(
@@ -182,19 +184,19 @@ def find_base_frame(
         MeasurementError: fewer than two axes, or nearly parallel ones.
     """
 
-    def signed_distance(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+    def compute_signed_distance(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
         """Return the signed distance (1,) [m] from axis 1 to axis 2 along x of their perpendicular frame."""
         x = compute_perpendicular_frame(axes, "base").rotation[:, 0]
         first, second = find_common_perpendicular_feet(axes[0], axes[1])
         return np.array([(second - first) @ x])
 
     if nominal is not None:
-        convention = compute_perpendicular_frame(chain_axes(nominal)[0], "base")
+        convention = compute_perpendicular_frame(list_chain_axes(nominal)[0], "base")
     else:
-        distance = signed_distance(identified.axes, identified.targets)[0]
-        uncertainty = np.sqrt(identified.covariance_of(signed_distance)[0, 0])
+        distance = compute_signed_distance(identified.axes, identified.targets)[0]
+        uncertainty = np.sqrt(identified.compute_covariance_of(compute_signed_distance)[0, 0])
         # Turn x by half a turn if it points away from axis 2: R0 has x from axis 1 towards axis 2.
-        sign = -1.0 if distance < -_MEETING * uncertainty else 1.0
+        sign = -1.0 if distance < -_MEETING_UNCERTAINTIES * uncertainty else 1.0
         convention = pin.SE3(np.diag([sign, sign, 1.0]), np.array([0.0, 0.0, height]))
     return BaseFrame(identified, convention)
 
@@ -209,7 +211,7 @@ class BaseTargets:
     names: tuple[str, ...]  #: (B,) names of the targets
     where: str = "base_targets_after"  #: field of the request that has the later readings
 
-    def fit_drift(self, sigma: float, at: FloatArray) -> Drift:
+    def fit_drift(self, sigma: float, reference_point: FloatArray) -> Drift:
         """Fit the rigid motion ``after = R before + t`` of the base, and test whether it is only noise.
 
         Return the motion with its covariance, the p-values of the hypotheses that the base did not move and
@@ -217,7 +219,8 @@ class BaseTargets:
 
         Args:
             sigma: standard uncertainty of a coordinate [m].
-            at: (3,) point whose displacement is returned, such as the middle of the robot's targets [m].
+            reference_point: (3,) point whose displacement is returned [m], such as the middle of the robot's
+                targets.
 
         Raises:
             MeasurementError: the base targets lie on a line.
@@ -242,28 +245,31 @@ class BaseTargets:
             lambda motion, step: pin.exp6(step) * motion,
             where=self.where,
         )
-        left, unmoved = linear.residual, (W @ (after - before)[..., None]).ravel()
-        probability = float(special.chdtrc(6, max(float(unmoved @ unmoved) - linear.rss, 0.0)))
-        S = differentiate_by_rigid_motion(at)
+        residual = linear.residual
+        residual_if_unmoved = (W @ (after - before)[..., None]).ravel()
+        gain_of_motion = float(residual_if_unmoved @ residual_if_unmoved) - linear.rss
+        probability = float(special.chdtrc(6, max(gain_of_motion, 0.0)))  # a rigid motion has six numbers
+        S = differentiate_by_rigid_motion(reference_point)
         # Test each target alone: the drop in the sum of squares when the target is left out is χ² with three
-        # degrees of freedom. Three targets leave only three residual numbers, too few to
-        # find the target that moved.
-        moved = []
+        # degrees of freedom. With only three targets, the fit leaves three residual numbers, too few to find
+        # the target that moved.
+        suspects: list[tuple[float, str]] = []  # drop in the sum of squares, name of the target
         for target in range(len(before) if len(before) > 3 else 0):
             rows = slice(3 * target, 3 * target + 3)
-            free = np.eye(3) - linear.left[rows] @ linear.left[rows].T
-            gain = float(left[rows] @ np.linalg.lstsq(free, left[rows], rcond=1e-9)[0])
+            redundancy = np.eye(3) - linear.range_basis[rows] @ linear.range_basis[rows].T
+            gain = float(residual[rows] @ np.linalg.lstsq(redundancy, residual[rows], rcond=1e-9)[0])
             if special.chdtrc(3, gain) * len(before) < SIGNIFICANCE:
-                moved.append((gain, self.names[target]))
+                suspects.append((gain, self.names[target]))
         return Drift(
             transform_after_to_before=to_rigid(motion.inverse()),
-            displacement=point(transform_points(motion, at) - at),
+            displacement=point(transform_points(motion, reference_point) - reference_point),
             displacement_covariance=(S @ linear.covariance @ S.T).tolist(),
             rotation=point(Rotation.from_matrix(motion.rotation).as_rotvec()),
             probability=probability,
-            deformation_probability=float(special.chdtrc(left.size - 6, linear.rss)),
+            deformation_probability=float(special.chdtrc(residual.size - 6, linear.rss)),
             significant=probability < SIGNIFICANCE,
-            moved_targets=[max(moved)[1]] if moved else [],
+            # Only the most suspicious target is named: its motion also disturbs the residuals of the others.
+            moved_targets=[max(suspects)[1]] if suspects else [],
         )
 
 
@@ -292,14 +298,21 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
             where="sweeps",
             remedy="sweep all joints of the robot",
         )
-    posture, T, sigma = np.zeros(identified.n), base.transform_tracker_to_base, identified.sigma
-    if isinstance(identified, SweptAxes):  # the arm's posture in the last sweep
+    T, sigma = base.transform_tracker_to_base, identified.sigma
+    posture = np.zeros(identified.n)
+    if isinstance(identified, SweptAxes):  # take the arm's posture in the last sweep
         posture[:-WRIST_JOINTS] = identified.sweeps.postures[-1, :-WRIST_JOINTS]
-    by_axes, *miss = _find_point_nearest_to_axes(identified, posture)
-    ways: list[tuple[CentreWay, FloatArray, FloatArray]] = [("axes", *by_axes)]
+    nearest, miss_distance, miss_uncertainty, miss_probability = _find_point_nearest_to_axes(
+        identified, posture
+    )
+    # Each estimate: method, centre (3,) [m], derivative (3, m) with respect to the whitened readings
+    ways: list[tuple[CentreWay, FloatArray, FloatArray]] = [("axes", *nearest)]
     if isinstance(identified, SweptAxes) and (sphere := fit_spheres(identified, posture[:-WRIST_JOINTS])):
-        ways.append(("sphere", sphere[0], sphere[2][:3]))
-        trilaterated = _trilaterate_all_positions(identified, *sphere[1:], near=by_axes[0])
+        sphere_centre, radii, sphere_influence, was_fitted = sphere
+        ways.append(("sphere", sphere_centre, sphere_influence[:3]))
+        trilaterated = _trilaterate_all_positions(
+            identified, radii, sphere_influence, was_fitted, near=nearest[0]
+        )
         if trilaterated is not None:
             ways.append(("trilateration", *trilaterated))
 
@@ -310,7 +323,8 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         the whitened readings.
         """
         centre_in_base = transform_points(T, centre)
-        # The influence of the readings on R0 may have further columns, for joint angles at rest.
+        # R0 may depend on more quantities than the centre, the angles of joints that rest during a sweep:
+        # their columns come last.
         base_influence = (
             differentiate_by_rigid_motion(centre_in_base) @ base.jacobian @ base.identified.influence
         )
@@ -329,8 +343,32 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         WristCentre(way=way, weight=float(np.trace(W) / 3.0), **express_in_both_frames(centre, influence))
         for W, (way, centre, influence) in weighted_ways
     ]
-    # The weighted centre, then its derivative with respect to the readings
-    combined = (np.sum([W @ way[i] for W, way in weighted_ways], axis=0) for i in (1, 2))
+    combined_centre = np.sum([W @ centre for W, (_, centre, _) in weighted_ways], axis=0)
+    combined_influence = np.sum([W @ influence for W, (_, _, influence) in weighted_ways], axis=0)
+    return WristResult(
+        estimates=estimates,
+        combined=WristCentre(
+            way="combined", weight=1.0, **express_in_both_frames(combined_centre, combined_influence)
+        ),
+        distances=_compare_centres(ways, sigma),
+        posture=posture.tolist(),
+        miss_distance=miss_distance,
+        miss_uncertainty=miss_uncertainty,
+        miss_probability=miss_probability,
+        decoupled_method=miss_distance <= Wrist.TOLERANCE,
+    )
+
+
+def _compare_centres(
+    ways: Sequence[tuple[CentreWay, FloatArray, FloatArray]], sigma: float
+) -> list[WristDistance]:
+    """Return the distance of each pair of estimates of the wrist centre, with the p-value of a χ² test.
+
+    Args:
+        ways: method, centre (3,) [m] and derivative (3, m) with respect to the whitened readings of each
+            estimate.
+        sigma: standard uncertainty of a coordinate of a reading [m].
+    """
     distances = []
     for (first, centre_1, influence_1), (second, centre_2, influence_2) in combinations(ways, 2):
         gap, difference = centre_1 - centre_2, sigma * (influence_1 - influence_2)
@@ -343,16 +381,7 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         distances.append(
             WristDistance(first=first, second=second, distance=distance, probability=probability)
         )
-    return WristResult(
-        estimates=estimates,
-        combined=WristCentre(way="combined", weight=1.0, **express_in_both_frames(*combined)),
-        distances=distances,
-        posture=posture.tolist(),
-        miss_distance=miss[0],
-        miss_uncertainty=miss[1],
-        miss_probability=miss[2],
-        decoupled_method=miss[0] <= Wrist.TOLERANCE,
-    )
+    return distances
 
 
 def _find_point_nearest_to_axes(
@@ -371,27 +400,33 @@ def _find_point_nearest_to_axes(
 
     def place_wrist_axes(axes: Sequence[Axis]) -> list[Axis]:
         """Return the last three axes in the posture, from all axes at model angle zero."""
-        frames = Motion(axes, np.zeros((1, 3)), posture[None]).postures.joint_frames
-        places = zip(*(part[0, -WRIST_JOINTS:] for part in frames), strict=True)
-        return [Axis(pin.SE3(rotation, origin)) for rotation, origin in places]
+        # `Motion` needs a target; a target at the origin does not affect the axes.
+        rotations, origins = Motion(axes, np.zeros((1, 3)), posture[None]).postures.joint_frames
+        frames = zip(rotations[0, -WRIST_JOINTS:], origins[0, -WRIST_JOINTS:], strict=True)
+        return [Axis(pin.SE3(rotation, origin)) for rotation, origin in frames]
 
     reference = place_wrist_axes(identified.axes)
     normals = np.stack([axis.frame[:, :2].T for axis in reference])
     rough = _solve_nearest_point(reference, np.eye(2 * WRIST_JOINTS))
 
-    def offsets(axes: Sequence[Axis], point: FloatArray) -> FloatArray:
+    def compute_offsets(axes: Sequence[Axis], point: FloatArray) -> FloatArray:
         """Return offsets (6,) [m] of three axes from a point, along two normals of each reference axis."""
-        gaps = np.array([axis.nearest(point) - point for axis in axes])
+        gaps = np.array([axis.nearest_point_to(point) - point for axis in axes])
         return np.asarray((normals @ gaps[..., None]).ravel())
 
-    V = identified.covariance_of(lambda axes, _: offsets(place_wrist_axes(axes), rough))
-    weight = np.asarray(np.linalg.inv(V), dtype=np.float64)
+    offset_covariance = identified.compute_covariance_of(
+        lambda axes, _: compute_offsets(place_wrist_axes(axes), rough)
+    )
+    weight = np.asarray(np.linalg.inv(offset_covariance), dtype=np.float64)
     centre = _solve_nearest_point(reference, weight)
-    left = offsets(reference, centre)
-    J = identified.jacobian_of(lambda axes, _: _solve_nearest_point(place_wrist_axes(axes), weight))
-    probability = float(special.chdtrc(2 * WRIST_JOINTS - 3, left @ weight @ left))
-    gaps = [float(np.linalg.norm(axis.nearest(rough) - rough)) for axis in reference]
-    return (centre, J @ identified.influence), max(gaps), float(np.sqrt(np.trace(V) / len(V))), probability
+    residual = compute_offsets(reference, centre)
+    J = identified.differentiate_quantity(
+        lambda axes, _: _solve_nearest_point(place_wrist_axes(axes), weight)
+    )
+    probability = float(special.chdtrc(2 * WRIST_JOINTS - 3, residual @ weight @ residual))
+    distance = max(float(np.linalg.norm(axis.nearest_point_to(rough) - rough)) for axis in reference)
+    uncertainty = float(np.sqrt(np.trace(offset_covariance) / len(offset_covariance)))
+    return (centre, J @ identified.influence), distance, uncertainty, probability
 
 
 def _solve_nearest_point(axes: Sequence[Axis], weight: FloatArray) -> FloatArray:
@@ -403,7 +438,8 @@ def _solve_nearest_point(axes: Sequence[Axis], weight: FloatArray) -> FloatArray
         MeasurementError: the axes are nearly parallel.
     """
     N = np.vstack([axis.frame[:, :2].T for axis in axes])
-    points = np.concatenate([axis.frame[:, :2].T @ axis.point for axis in axes])
+    # A point p that lies on all axes satisfies N p = offsets.
+    offsets = np.concatenate([axis.frame[:, :2].T @ axis.point for axis in axes])
     system = N.T @ weight @ N
     if np.linalg.svd(system / np.trace(system), compute_uv=False)[-1] < 1e-9:
         raise MeasurementError(
@@ -411,11 +447,11 @@ def _solve_nearest_point(axes: Sequence[Axis], weight: FloatArray) -> FloatArray
             where="sweeps",
             remedy="use a method that needs no wrist centre",
         )
-    return np.asarray(np.linalg.solve(system, N.T @ weight @ points))
+    return np.asarray(np.linalg.solve(system, N.T @ weight @ offsets))
 
 
 def fit_spheres(
-    identified: SweptAxes, arm: FloatArray
+    identified: SweptAxes, arm_angles: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray] | None:
     """Fit spheres with a common centre, the wrist centre, to the targets.
 
@@ -424,50 +460,50 @@ def fit_spheres(
 
     Args:
         identified: axes with the sweeps whose readings are fitted.
-        arm: (n - 3,) model angles of the joints before the wrist [rad]; only sweeps at these angles are
-            fitted.
+        arm_angles: (n - 3,) model angles of the joints before the wrist [rad]; only sweeps at these angles
+            are fitted.
 
     Returns:
         The common centre (3,) in the tracker's frame [m]; the radii (T,) [m], meaningless for a target
         without reading; the derivative (3 + T, m) of centre and radii with respect to all whitened readings,
         in units of sigma; and a mask (N, T) of the readings that were fitted. None if the readings do not
-        determine a
-        centre: a single sweep shows only a circle.
+        determine a centre: a single sweep shows only a circle.
     """
     sweeps, readings = identified.sweeps, identified.sweeps.whitened
-    at_rest = []
+    at_rest = []  # for each sweep, a mask of its positions: true if the arm rests at `arm_angles`
     for sweep in sweeps.sweeps:
-        away = np.abs(sweeps.model_angles(sweep)[:, : len(arm)] - arm)
-        at_rest.append(np.full(len(sweep), away.max(initial=0.0) <= STILL))
+        away = np.abs(sweeps.model_angles(sweep)[:, : len(arm_angles)] - arm_angles)
+        at_rest.append(np.full(len(sweep), away.max(initial=0.0) <= RESTING_RANGE))
     if sum(rests.all() for rests in at_rest) < 2:
         return None
     present = sweeps.present & np.concatenate(at_rest)[:, None]
-    k, t = np.nonzero(present)
-    points, member = readings.points[k, t], np.eye(present.shape[1])[t]
-    factors = np.linalg.inv(
-        readings.weight[k, t]
-    )  # derivative of a reading with respect to the whitened reading
+    k, t = np.nonzero(present)  # position and target of each of the m fitted readings
+    points, has_target = readings.points[k, t], np.eye(present.shape[1])[t]
+    # Derivative of each reading with respect to the whitened reading
+    factors = np.linalg.inv(readings.weight[k, t])
 
-    def distances_and_directions(state: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def compute_distances_and_directions(state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return distances (m,) of the readings from the centre, and unit vectors (m, 3) from the centre."""
-        arms = points - state[:3]
-        length = np.linalg.norm(arms, axis=1)
-        return length, arms / length[:, None]
+        from_centre = points - state[:3]
+        length = np.linalg.norm(from_centre, axis=1)
+        return length, from_centre / length[:, None]
 
     # Linear fit of ``2 c·p + (r_t² − ‖c‖²) = ‖p‖²`` about the readings' mean
     mean = points.mean(axis=0)
     p = points - mean
-    solution = np.linalg.lstsq(np.hstack([2.0 * p, member]), np.sum(p**2, axis=1), rcond=None)[0]
+    solution = np.linalg.lstsq(np.hstack([2.0 * p, has_target]), np.sum(p**2, axis=1), rcond=None)[0]
     radii = np.sqrt(np.maximum(solution[3:] + solution[:3] @ solution[:3], 1e-12))
-    first = np.concatenate([solution[:3] + mean, radii])
+    start = np.concatenate([solution[:3] + mean, radii])
     # The weights are computed at the start values and kept: they hardly depend on the state, and with
     # constant weights the problem is ordinary least squares.
-    spread = np.linalg.norm(np.einsum("mji,mj->mi", factors, distances_and_directions(first)[1]), axis=1)
+    spread = np.linalg.norm(
+        np.einsum("mji,mj->mi", factors, compute_distances_and_directions(start)[1]), axis=1
+    )
     try:
         state, linear = minimise(
-            first,
-            lambda s: np.asarray((distances_and_directions(s)[0] - member @ s[3:]) / spread),
-            lambda s: np.hstack([distances_and_directions(s)[1], member]) / spread[:, None],
+            start,
+            lambda s: np.asarray((compute_distances_and_directions(s)[0] - has_target @ s[3:]) / spread),
+            lambda s: np.hstack([compute_distances_and_directions(s)[1], has_target]) / spread[:, None],
             lambda s, step: np.asarray(s + step),
             where="wrist",
         )
@@ -475,11 +511,14 @@ def fit_spheres(
         return None
     if not linear.determines(slice(0, 3)):
         return None
-    by_reading = np.einsum("mji,mj->mi", factors, distances_and_directions(state)[1]) / spread[:, None]
+    by_reading = (
+        np.einsum("mji,mj->mi", factors, compute_distances_and_directions(state)[1]) / spread[:, None]
+    )
+    # Columns of `influence` that belong to the coordinates of each reading
     columns = np.arange(readings.points.size).reshape(readings.points.shape)
     influence = np.zeros((len(state), identified.influence.shape[1]))
-    by_all = linear.pseudo_inverse[:, :, None] * by_reading
-    influence[:, columns[k, t].ravel()] = by_all.reshape(len(state), -1)
+    by_coordinate = linear.pseudo_inverse[:, :, None] * by_reading
+    influence[:, columns[k, t].ravel()] = by_coordinate.reshape(len(state), -1)
     return state[:3], state[3:], influence, present
 
 
@@ -501,15 +540,16 @@ def _trilaterate_all_positions(
     """
     readings = identified.sweeps.whitened
     columns = np.arange(readings.points.size).reshape(readings.points.shape)
-    read = np.flatnonzero(present.any(axis=0)).tolist()
-    triples = [list(three) for three in combinations(read, 3)]
+    read_targets = np.flatnonzero(present.any(axis=0)).tolist()
+    triples = [list(three) for three in combinations(read_targets, 3)]
     sides = [identified.targets[three[1:]] - identified.targets[three[0]] for three in triples]
     areas = [float(np.linalg.norm(cross(first, second))) for first, second in sides]
     if not max(areas, default=0.0) > 0.0:
         return None
     chosen = triples[int(np.argmax(areas))]  # the three targets that span the largest triangle
     by_radius = by_sphere[[3 + t for t in chosen]]
-    total, centre, influence = np.zeros((3, 3)), np.zeros(3), np.zeros_like(by_sphere[:3])
+    # Sums over the positions: of the weights, of weight · centre, and of weight · derivative
+    total_weight, centre, influence = np.zeros((3, 3)), np.zeros(3), np.zeros_like(by_sphere[:3])
     for k in np.flatnonzero(present[:, chosen].all(axis=1)):
         try:
             point, by_distance, by_target = trilaterate(readings.points[k, chosen], radii[chosen], near)
@@ -517,16 +557,16 @@ def _trilaterate_all_positions(
             continue
         factors = np.linalg.inv(readings.weight[k, chosen])
         by_reading = np.einsum("itj,tjk->itk", by_target, factors).reshape(3, -1)
-        row = by_distance @ by_radius
-        weight = np.linalg.inv(by_reading @ by_reading.T + row @ row.T)
-        row[:, columns[k, chosen].ravel()] += by_reading
-        total += weight
+        point_influence = by_distance @ by_radius
+        weight = np.linalg.inv(by_reading @ by_reading.T + point_influence @ point_influence.T)
+        point_influence[:, columns[k, chosen].ravel()] += by_reading
+        total_weight += weight
         centre += weight @ point
-        influence += weight @ row
-    if not total.any():
+        influence += weight @ point_influence
+    if not total_weight.any():
         return None
-    mean = np.linalg.inv(total)
-    return mean @ centre, mean @ influence
+    inverse = np.linalg.inv(total_weight)
+    return inverse @ centre, inverse @ influence
 
 
 def trilaterate(
@@ -578,10 +618,10 @@ def trilaterate(
 PARALLEL_WITHIN = 1e-3
 """Angle of neighbouring axes [rad] below which a table takes them as parallel, unless stated otherwise."""
 
-_SHORT = 1e-3  # distance [m] below which a perpendicular's sense is not taken from it
-_NO_DIRECTION = 1e-9
-_SEAM = 1e-9 - np.pi  # of angles [rad]
-_POSTURES = 200
+_LEAST_SIGNED_LENGTH = 1e-3  # length [m] of a perpendicular below which its sense is not reliable
+_NO_DIRECTION = 1e-9  # length [m] of a vector without a reliable direction
+_JUST_ABOVE_MINUS_PI = 1e-9 - np.pi  # [rad]
+_RANDOM_POSTURES = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -606,7 +646,7 @@ class FlangeConvention:
         Raises:
             MeasurementError: there are fewer than two axes, or they are nearly parallel.
         """
-        axes, flange = chain_axes(chain)
+        axes, flange = list_chain_axes(chain)
         return cls(None, compute_perpendicular_frame(axes, "flange").inverse() * flange)
 
     def place(self, axes: Sequence[Axis], targets: FloatArray) -> pin.SE3:
@@ -670,32 +710,37 @@ def identify_model(
     T = base.transform_tracker_to_base
     axes = [axis.transform(T) for axis in identified.axes]
     if nominal is not None:  # keep each line, but represent it by its point nearest to the nominal joint
-        expected, _ = _checked_nominal_axes(nominal, len(axes))
-        pairs = zip(axes, expected, strict=True)
-        axes = [axis.represent_near(other.point) for axis, other in pairs]
-    placed = T * flange.place(identified.axes, identified.targets)
+        nominal_axes, _ = _get_nominal_axes(nominal, len(axes))
+        pairs = zip(axes, nominal_axes, strict=True)
+        axes = [axis.represent_near(nominal_axis.point) for axis, nominal_axis in pairs]
+    flange_pose = T * flange.place(identified.axes, identified.targets)
     # The chain of these axes, with the names and limits of the nominal model if there is one
     names = name_joints(nominal, len(axes))
     links = [f"link_{i + 1}" for i in range(len(axes))]
     limits: list[tuple[float, float] | None] = [None] * len(axes)
-    base_link, end = "base", "flange"
+    base_link, flange_link = "base", "flange"
     if nominal is not None:
         links = [joint.child for joint in nominal.moving]
-        limits, base_link, end = [joint.limits for joint in nominal.moving], nominal.base, nominal.flange
-        # A further link of its own carries the flange frame, so that the last link needs another name.
-        links[-1] = f"{end}_mount" if links[-1] == end else links[-1]
+        limits = [joint.limits for joint in nominal.moving]
+        base_link, flange_link = nominal.base, nominal.flange
+        # The flange is a further link behind the last moving link, which therefore needs another name.
+        links[-1] = f"{flange_link}_mount" if links[-1] == flange_link else links[-1]
     joints, origin = [], np.zeros(3)
     for joint, link, limit, axis in zip(names, links, limits, axes, strict=True):
         step = axis.point - origin
         joints.append(ChainJoint(joint, "revolute", np.eye(3), step, axis.direction, limit, link))
         origin = axis.point
     z = np.array([0.0, 0.0, 1.0])
-    step = placed.translation - origin
-    joints.append(ChainJoint(f"{names[-1]}_flange", "fixed", placed.rotation, step, z, None, end))
+    step = flange_pose.translation - origin
+    joints.append(
+        ChainJoint(f"{names[-1]}_flange", "fixed", flange_pose.rotation, step, z, None, flange_link)
+    )
     return IdentifiedModel(
-        chain=KinematicChain(name, base_link, end, tuple(joints)),
+        chain=KinematicChain(name, base_link, flange_link, tuple(joints)),
         targets_in_flange=locate_in_flange(identified.axes, identified.targets).reshape(-1, 3),
-        targets_covariance=identified.covariances(identified.jacobian_of(locate_in_flange)),
+        targets_covariance=identified.compute_covariances(
+            identified.differentiate_quantity(locate_in_flange)
+        ),
     )
 
 
@@ -704,13 +749,13 @@ def name_joints(nominal: KinematicChain | None, n: int) -> tuple[str, ...]:
     return tuple(f"joint_{i + 1}" for i in range(n)) if nominal is None else nominal.joint_names
 
 
-def _checked_nominal_axes(nominal: KinematicChain, n: int) -> tuple[tuple[Axis, ...], pin.SE3]:
+def _get_nominal_axes(nominal: KinematicChain, n: int) -> tuple[tuple[Axis, ...], pin.SE3]:
     """Return the n axes of a nominal model in R0, and its transform from flange to R0, both at angle zero.
 
     Raises:
         RobotError: the model has another number of revolute joints than n.
     """
-    axes, flange = chain_axes(nominal)
+    axes, flange = list_chain_axes(nominal)
     if len(axes) != n:
         raise RobotError(
             f"the nominal model has {len(axes)} revolute joints, but the sweeps show {n} axes",
@@ -752,16 +797,18 @@ def compute_link_geometry(
     Args:
         axes: n axes at model angle zero, in R0.
         flange: transform from the flange frame to R0 at model angle zero.
-        parallel: (n - 1,) which neighbours are meant to be parallel.
+        parallel: (n - 1,) true for neighbours that are meant to be parallel.
         signs: (n - 1,) senses of the perpendiculars, see `LinkGeometry.signs`; if None, each points towards
             the next axis, or close to the perpendicular before it where the axes meet.
     """
     z = [axis.direction for axis in axes]
-    x = [_unit_normal_part(np.eye(3)[0], z[0], np.eye(3)[1])]
-    starts, ends, used = [], [axes[0].nearest(np.zeros(3))], []
+    x = [_normalise_normal_part(np.eye(3)[0], z[0], np.eye(3)[1])]
+    # The perpendicular x[i + 1] runs from the point starts[i] on axis i to the point ends[i + 1] on axis
+    # i + 1; ends[0] is the origin of frame 0.
+    starts, ends, used_signs = [], [axes[0].nearest_point_to(np.zeros(3))], []
     for i, (first, second) in enumerate(pairwise(axes)):
         if parallel[i]:
-            start, end = ends[-1], second.nearest(ends[-1])
+            start, end = ends[-1], second.nearest_point_to(ends[-1])
             along = (end - start) - z[i] * float((end - start) @ z[i])
         else:
             start, end = find_common_perpendicular_feet(first, second)
@@ -769,14 +816,14 @@ def compute_link_geometry(
         length = float(np.linalg.norm(along))
         along = along / length if length > _NO_DIRECTION else x[-1]
         distance = float((end - start) @ along)
-        sense = distance if abs(distance) > _SHORT else float(along @ x[-1])
-        used.append((1.0 if sense >= 0.0 else -1.0) if signs is None else signs[i])
-        x.append(used[-1] * along)
+        sense = distance if abs(distance) > _LEAST_SIGNED_LENGTH else float(along @ x[-1])
+        used_signs.append((1.0 if sense >= 0.0 else -1.0) if signs is None else signs[i])
+        x.append(used_signs[-1] * along)
         starts.append(start)
         ends.append(end)
     # x_n and the origin of frame n on the last axis: as near to the flange frame as they can be
-    x.append(_unit_normal_part(flange.rotation[:, 0], z[-1], flange.rotation[:, 1]))
-    starts.append(axes[-1].nearest(flange.translation))
+    x.append(_normalise_normal_part(flange.rotation[:, 0], z[-1], flange.rotation[:, 1]))
+    starts.append(axes[-1].nearest_point_to(flange.translation))
     frame_n = build_right_handed_frame(x[-1], z[-1], starts[-1])
     tilts = [float(z[i + 1] @ x[i + 1]) for i in range(len(axes) - 1)]
     return LinkGeometry(
@@ -787,25 +834,26 @@ def compute_link_geometry(
         theta=np.array([_signed_angle(x[i], x[i + 1], z[i]) for i in range(len(axes))]),
         base=build_right_handed_frame(x[0], z[0], ends[0]),
         tool=frame_n.inverse() * flange,
-        signs=tuple(used),
+        signs=tuple(used_signs),
     )
 
 
-def _unit_normal_part(vector: FloatArray, normal: FloatArray, instead: FloatArray) -> FloatArray:
+def _normalise_normal_part(vector: FloatArray, normal: FloatArray, fallback: FloatArray) -> FloatArray:
     """Return the normalised part (3,) of `vector` that is perpendicular to the unit vector `normal`.
 
-    Where `vector` is nearly parallel to `normal`, the vector `instead` replaces `vector`.
+    If `vector` is nearly parallel to `normal`, `fallback` (3,) is used in place of `vector`.
     """
     part = vector - normal * float(vector @ normal)
     if np.linalg.norm(part) < 0.5:
-        part = instead - normal * float(instead @ normal)
+        part = fallback - normal * float(fallback @ normal)
     return np.asarray(part / np.linalg.norm(part))
 
 
 def _signed_angle(first: FloatArray, second: FloatArray, about: FloatArray) -> float:
     """Return the angle in (−π, π] [rad] from `first` to `second` about a unit vector normal to them."""
     angle = np.arctan2(cross(first, second) @ about, first @ second)
-    return float(angle if angle > _SEAM else angle + 2.0 * np.pi)
+    # An angle of −π is returned as π, also where rounding made −π slightly greater.
+    return float(angle if angle > _JUST_ABOVE_MINUS_PI else angle + 2.0 * np.pi)
 
 
 def compare_links(
@@ -820,48 +868,52 @@ def compare_links(
         RobotError: the nominal model has another number of joints.
     """
     n = identified.n
-    axes, nominal_flange = _checked_nominal_axes(nominal, n)
+    axes, nominal_flange = _get_nominal_axes(nominal, n)
     parallel = [
         bool(np.linalg.norm(cross(first.direction, second.direction)) < LEAST_SINE)
         for first, second in pairwise(axes)
     ]
     expected = compute_link_geometry(axes, nominal_flange, parallel)
 
-    def link_parameters(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
+    def compute_link_parameters(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
         """Return the link parameters (5 n - 3,) in R0, from axes and targets in the tracker's frame."""
         T = base.place(axes)
-        placed = T * flange.place(axes, points)
+        flange_pose = T * flange.place(axes, points)
         return compute_link_geometry(
-            [axis.transform(T) for axis in axes], placed, parallel, expected.signs
+            [axis.transform(T) for axis in axes], flange_pose, parallel, expected.signs
         ).parameters
 
-    def changes_of_parameters(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
+    def compute_parameter_changes(axes: Sequence[Axis], points: FloatArray) -> FloatArray:
         """Return the link parameters of displaced axes and targets, minus the identified values (5 n - 3,).
 
         The arctangent removes full turns from angles; it leaves lengths unchanged, as the differences are far
         below π.
         """
-        gap = link_parameters(axes, points) - values
+        gap = compute_link_parameters(axes, points) - values
         return np.arctan2(np.sin(gap), np.cos(gap))
 
-    values = link_parameters(identified.axes, identified.targets)
-    spread = identified.standard_uncertainties(identified.jacobian_of(changes_of_parameters))
+    values = compute_link_parameters(identified.axes, identified.targets)
+    spread = identified.compute_standard_uncertainties(
+        identified.differentiate_quantity(compute_parameter_changes)
+    )
+    # Quantity and index of the joint of each parameter, in the order of `LinkGeometry.parameters`
     labels = [(q, i) for q in ("a", "alpha", "beta") for i in range(n - 1)]
     labels += [(q, i) for q in ("d", "theta") for i in range(n)]
     conventions = {(q, i) for q in ("d", "theta") for i in (0, n - 1)}
-    conventions |= {("d" if pair else "beta", i) for i, pair in enumerate(parallel)}  # zero by definition
+    # Between parallel axes d is zero by definition, between other axes beta.
+    conventions |= {("d" if is_parallel else "beta", i) for i, is_parallel in enumerate(parallel)}
     gaps = values - expected.parameters
     return [
         LinkComparison(
             quantity=q,
             joint=nominal.joint_names[joint],
             unit="m" if q in {"a", "d"} else "rad",
-            nominal=other,
+            nominal=nominal_value,
             identified=value,
             difference=gap if q in {"a", "d"} else np.arctan2(np.sin(gap), np.cos(gap)),
             standard_uncertainty=u if np.isfinite(u) else None,
         )
-        for (q, joint), value, other, gap, u in zip(
+        for (q, joint), value, nominal_value, gap, u in zip(
             labels, values, expected.parameters, gaps, spread, strict=True
         )
         if (q, joint) not in conventions
@@ -873,7 +925,7 @@ class NearlyParallel(NamedTuple):
 
     joint: str  # joint of the first axis
     angle: float  # angle between the axes [rad]
-    made_parallel: bool  # whether a table treats the axes as parallel
+    made_parallel: bool  # whether the Denavit-Hartenberg table treats the axes as parallel
 
 
 def build_dh_table(
@@ -893,27 +945,31 @@ def build_dh_table(
         The table, whose `deviation` [m] is the greatest displacement of the flange because axes were made
         parallel; and the pairs of neighbouring axes that are nearly parallel.
     """
-    axes, flange = chain_axes(chain)
-    used, pairs, made_parallel = [axes[0]], [], []
+    axes, flange = list_chain_axes(chain)
+    table_axes, nearly_parallel, made_parallel = [axes[0]], [], []
     for i, axis in enumerate(axes[1:]):
-        before = used[-1].direction
-        sine = float(np.linalg.norm(cross(before, axis.direction)))
+        previous = table_axes[-1].direction
+        sine = float(np.linalg.norm(cross(previous, axis.direction)))
         replaced = sine < parallel_within or sine == 0.0
         if sine < LEAST_SINE:
             angle = float(np.arcsin(sine))
-            pairs.append(NearlyParallel(joint=chain.joint_names[i], angle=angle, made_parallel=replaced))
+            nearly_parallel.append(
+                NearlyParallel(joint=chain.joint_names[i], angle=angle, made_parallel=replaced)
+            )
         made_parallel.append(replaced)
-        sense = np.sign(before @ axis.direction)
-        used.append(Axis.through(axis.point, sense * before) if replaced else axis)
-    geometry = compute_link_geometry(used, flange, made_parallel)
+        sense = np.sign(previous @ axis.direction)
+        table_axes.append(Axis.through(axis.point, sense * previous) if replaced else axis)
+    geometry = compute_link_geometry(table_axes, flange, made_parallel)
     # Row i of a modified table has a and alpha of the link before axis i; row i of a standard table has a and
     # alpha of the link behind axis i.
     padding = (1, 0) if convention == "modified" else (0, 1)
     a, alpha = np.pad(geometry.a, padding), np.pad(geometry.alpha, padding)
     lower, upper = zip(*(joint.limits or (None, None) for joint in chain.moving), strict=True)
-    angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSTURES, len(axes)))
-    # Places of the flange in random postures, with the exact axes and with the axes of the table
-    places = [Motion(each, flange.translation[None], angles).points for each in (axes, used)]
+    angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_RANDOM_POSTURES, len(axes)))
+    # Positions of the flange in random postures, with the exact axes and with the axes of the table
+    exact, approximate = (
+        Motion(each, flange.translation[None], angles).points for each in (axes, table_axes)
+    )
     table = IdentifiedDh(
         convention=convention,
         rows=build_messages(
@@ -921,6 +977,6 @@ def build_dh_table(
         ),
         base=to_rigid(geometry.base),
         tool=to_rigid(geometry.tool),
-        deviation=float(np.linalg.norm(places[0] - places[1], axis=-1).max()),
+        deviation=float(np.linalg.norm(exact - approximate, axis=-1).max()),
     )
-    return table, pairs
+    return table, nearly_parallel

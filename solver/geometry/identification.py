@@ -43,13 +43,13 @@ from jointstiff.solver.geometry.frames import (
 )
 from jointstiff.solver.geometry.poses import Axis, CalibratedAxes, IdentifiedAxes, Poses, calibrate
 from jointstiff.solver.geometry.sweeps import (
-    DISAGREEMENT,
-    UNEVEN,
+    SWEEPS_DISAGREE_P_VALUE,
+    UNEVEN_GEARS_P_VALUE,
     AngleUse,
     AxisFit,
     SweepSet,
     SweptAxes,
-    compute_angle_p_value,
+    compute_restriction_p_value,
     identify_axes,
     propagate_resting_angle_errors,
     refine_axes,
@@ -73,31 +73,32 @@ SHORT_ARC = np.radians(30.0)
 """Arc [rad] below which an axis gets a warning: its centre is then ten times as uncertain along the
 sagitta as over a half turn."""
 
-BEYOND_MODEL = 3.0
-"""Displacement by a bump over a typical residual of all sweeps: less may be the model or a gear."""
+LEAST_BUMP_RATIO = 3.0
+"""Least ratio of a bump's displacement to a typical residual of all sweeps: a smaller displacement may come
+from the model or a gear."""
 
-CENTRES_DISAGREE = 1e-4
+CENTRES_DISAGREE_P_VALUE = 1e-4
 """p-value below which two estimates of the wrist centre count as contradictory."""
 
-RUNAWAY_BELOW = 1e-2
+RUNAWAY_ANGLE = 1e-2
 """Angle of neighbouring axes [rad] below which their common perpendicular is beyond any robot's size."""
 
-VAGUE = 10e-3
+VAGUE_UNCERTAINTY = 10e-3
 """Standard uncertainty of a link parameter [m or rad] beyond which a data sheet knows it better."""
 
-_SCALE_ALARM = 1e-3  # controller and tracker disagree by 0.1 % of the arc
+_ANGLE_SCALE_TOLERANCE = 1e-3  # largest relative difference of the arcs of controller and tracker
 
-_HIDDEN = 1e-8
+_LEAST_NEW_SHARE = 1e-8
 """Share of a hypothesis that remains in the residuals (squared), below which it cannot be distinguished from
 the fit."""
 
-_CLEAR = 3.0
+_CLEAR_UNCERTAINTIES = 3.0
 """Number of standard uncertainties by which a component of a displacement must differ from zero to be
 stated."""
 
-_EDGE = 2  # a bump has at least two positions on either side; else it is one position
+_LEAST_POSITIONS_PER_SIDE = 2  # before and after a bump; with fewer, only one position is displaced
 
-_WEIGHTS: Final[dict[FindingCode, Verdict]] = {
+_FINDING_WEIGHTS: Final[dict[FindingCode, Verdict]] = {
     "tracker_bumped": "do_not_use",
     "angle_scale_suspect": "do_not_use",
     "residuals_below_sigma": "use",
@@ -107,8 +108,8 @@ _WEIGHTS: Final[dict[FindingCode, Verdict]] = {
 
 
 def _make_finding(code: FindingCode, where: str, message: str, remedy: str) -> Finding:
-    """Return a finding with the weight of its code: `use_with_care` unless `_WEIGHTS` has another."""
-    weight = _WEIGHTS.get(code, "use_with_care")
+    """Return a finding with the weight of its code: `use_with_care` unless `_FINDING_WEIGHTS` has another."""
+    weight = _FINDING_WEIGHTS.get(code, "use_with_care")
     return Finding(code=code, weight=weight, where=where, message=message, remedy=remedy)
 
 
@@ -120,11 +121,12 @@ def report_sweeps(identified: SweptAxes, whole: SweptAxes) -> Iterator[Finding]:
         whole: the fit of all sweeps together, whose residuals show how well the model describes the robot.
     """
     typical = float(np.median([fit.linear.rss / fit.dof for fit in identified.fits]))
-    # Standard uncertainty by the median of the residuals, which a few sweeps that do not fit hardly change
+    # Standard uncertainty from the median of the residuals, which a few sweeps that do not fit hardly change
     residuals = whole.residual.reshape(-1, 3)[whole.sweeps.present.ravel()]
-    robust = np.median(np.abs(residuals)) / special.ndtri(0.75) * np.sqrt(residuals.size / whole.dof)
+    robust_sigma = np.median(np.abs(residuals)) / special.ndtri(0.75) * np.sqrt(residuals.size / whole.dof)
     for fit in identified.fits:
-        yield from report_sweep(fit, identified.names, typical=typical, least=BEYOND_MODEL * float(robust))
+        least = LEAST_BUMP_RATIO * float(robust_sigma)
+        yield from report_sweep(fit, identified.names, typical=typical, least=least)
 
 
 def report_sweep(
@@ -144,7 +146,7 @@ def report_sweep(
             continue
         target = "" if anomaly.target is None else f", target {names[anomaly.target]}"
         place = f"{where}, position {anomaly.position + 1}{target}"
-        effect, remedy = _ANOMALIES[anomaly.code]
+        effect, remedy = _ANOMALY_TEXTS[anomaly.code]
         message = effect.format(f"about {length_text(size)} (p = {probability:.1g})")
         yield _make_finding(anomaly.code, place, message, remedy)
     if fit.arc < SHORT_ARC:
@@ -163,7 +165,7 @@ def report_sweep(
         message += " are too large"
         remedy = "check the unit of sigma"
         yield _make_finding("residuals_below_sigma", where, message, remedy)
-    if abs(fit.angle_scale - 1.0) > _SCALE_ALARM:
+    if abs(fit.angle_scale - 1.0) > _ANGLE_SCALE_TOLERANCE:
         yield _make_finding(
             "angle_scale_suspect",
             where,
@@ -173,7 +175,7 @@ def report_sweep(
         )
 
 
-_ANOMALIES: Final[dict[AnomalyCode, tuple[str, str]]] = {
+_ANOMALY_TEXTS: Final[dict[AnomalyCode, tuple[str, str]]] = {
     "tracker_bumped": (
         "from this position on, all readings are displaced by {}: the tracker or the robot's base was bumped",
         "repeat the sweep, or omit the positions before or after the bump",
@@ -207,7 +209,7 @@ class _ExplainedReadings:
     residual: FloatArray  # (K, T, 3) whitened residuals, normal to the basis
     dof: int  # degrees of freedom of the residuals
 
-    def whitened_motion(self, anomaly: _Anomaly) -> FloatArray:
+    def compute_whitened_motion(self, anomaly: _Anomaly) -> FloatArray:
         """Return the whitened displacements (M, 3, 3 or 6) of M readings for unit motions of a hypothesis.
 
         A single reading is translated; several readings are translated, then rotated about their mean, with
@@ -229,34 +231,34 @@ class _ExplainedReadings:
             Eigenvalues (r,) and eigenvectors (c, r) of the normal matrix, and the residuals (r,) along the
             eigenvectors; combinations of columns that the basis already explains are omitted.
         """
-        seen = np.einsum("mip,miq->pq", self.basis[readings], columns)
-        square = np.einsum("mip,miq->pq", columns, columns)
-        values, vectors = np.linalg.eigh(square - seen.T @ seen)
-        kept = values > _HIDDEN * np.trace(square)
-        along = vectors[:, kept].T @ np.einsum("mip,mi->p", columns, self.residual[readings])
-        return values[kept], vectors[:, kept], along
+        explained = np.einsum("mip,miq->pq", self.basis[readings], columns)
+        normal_matrix = np.einsum("mip,miq->pq", columns, columns)
+        values, vectors = np.linalg.eigh(normal_matrix - explained.T @ explained)
+        is_new = values > _LEAST_NEW_SHARE * np.trace(normal_matrix)
+        along = vectors[:, is_new].T @ np.einsum("mip,mi->p", columns, self.residual[readings])
+        return values[is_new], vectors[:, is_new], along
 
     def compute_f_test(self, anomaly: _Anomaly, typical: float) -> tuple[float, float]:
         """Return the log of the F-test's p-value for a hypothesis, and the residual variance with it [m²]."""
-        values, _, along = self.solve_projected(self.whitened_motion(anomaly), anomaly.readings)
-        rank, left = len(values), self.dof - len(values)
-        if rank == 0 or left < 1:
+        values, _, along = self.solve_projected(self.compute_whitened_motion(anomaly), anomaly.readings)
+        rank, dof = len(values), self.dof - len(values)
+        if rank == 0 or dof < 1:
             return 0.0, 0.0
         gain = float(along**2 @ (1.0 / values))
-        variance = max(max(float(np.sum(self.residual**2)) - gain, 1e-300) / left, typical)
-        # special.fdtrc, as stats.f takes fifty times as long
-        probability = float(special.fdtrc(rank, left, gain / rank / variance))
+        variance = max(max(float(np.sum(self.residual**2)) - gain, 1e-300) / dof, typical)
+        # special.fdtrc is used because stats.f takes fifty times as long.
+        probability = float(special.fdtrc(rank, dof, gain / rank / variance))
         return (math.log(probability) if probability > 0.0 else -math.inf), variance
 
     def estimate_displacement(self, anomaly: _Anomaly, variance: float) -> float:
         """Return the translation [m] of a hypothesis's readings; components within noise count as zero."""
         values, vectors, along = self.solve_projected(self.weight[anomaly.readings], anomaly.readings)
-        clear = along**2 > _CLEAR**2 * variance * values
-        return float(np.linalg.norm(vectors[:, clear] @ (along[clear] / values[clear])))
+        is_clear = along**2 > _CLEAR_UNCERTAINTIES**2 * variance * values
+        return float(np.linalg.norm(vectors[:, is_clear] @ (along[is_clear] / values[is_clear])))
 
     def add_motion(self, anomaly: _Anomaly) -> _ExplainedReadings:
         """Return the readings with the motion of a further anomaly added to the explained part."""
-        columns = self.whitened_motion(anomaly)
+        columns = self.compute_whitened_motion(anomaly)
         values, vectors, _ = self.solve_projected(columns, anomaly.readings)
         raw = np.zeros((*self.points.shape, len(values)))
         raw[anomaly.readings] = columns @ (vectors / np.sqrt(values))
@@ -280,13 +282,18 @@ def _find_anomalies(fit: AxisFit, typical: float) -> Iterator[tuple[_Anomaly, fl
     """
     sweep, linear, present = fit.sweep, fit.linear, fit.sweep.present
     shape = sweep.points.shape
-    normal = linear.residual - linear.left @ (linear.left.T @ linear.residual)
+    # Rounding leaves a small part of the residual in the range of the fit: remove it.
+    residual = linear.residual - linear.range_basis @ (linear.range_basis.T @ linear.residual)
     explained = _ExplainedReadings(
-        sweep.read, sweep.weight, linear.left.reshape(*shape, -1), normal.reshape(shape), fit.dof
+        sweep.points_or_zero,
+        sweep.weight,
+        linear.range_basis.reshape(*shape, -1),
+        residual.reshape(shape),
+        fit.dof,
     )
     count, targets = present.shape
     position, target = np.arange(count)[:, None], np.arange(targets)[None, :]
-    starts = range(_EDGE, count - _EDGE + 1)
+    starts = range(_LEAST_POSITIONS_PER_SIDE, count - _LEAST_POSITIONS_PER_SIDE + 1)
     suspects = [_Anomaly("tracker_bumped", s, None, present & (position >= s)) for s in starts]
     for k in range(count):
         if present[k].sum() > 1:
@@ -312,7 +319,7 @@ def report_disagreement(probability: float | None) -> Iterator[Finding]:
     `probability` is the p-value of an F-test of the common fit against separate fits of the sweeps; None
     reports nothing.
     """
-    if probability is not None and probability < DISAGREEMENT:
+    if probability is not None and probability < SWEEPS_DISAGREE_P_VALUE:
         yield _make_finding(
             "sweeps_disagree",
             "sweeps",
@@ -335,11 +342,11 @@ def report_calibration(calibrated: CalibratedAxes) -> Iterator[Finding]:
             "sweep single joints, which shows gear errors separately, or correct sigma",
         )
     for names in calibrated.evidence.only_together:
-        what = "a combination of " if len(names) > 1 else ""
+        combination = "a combination of " if len(names) > 1 else ""
         yield _make_finding(
             "parameters_not_identified",
             "poses",
-            f"the poses do not determine {what}{', '.join(names)}",
+            f"the poses do not determine {combination}{', '.join(names)}",
             "add poses in which all joints turn over most of their range",
         )
 
@@ -347,7 +354,7 @@ def report_calibration(calibrated: CalibratedAxes) -> Iterator[Finding]:
 def report_wrist_disagreement(wrist: results.WristResult) -> Iterator[Finding]:
     """Report pairs of estimates of the wrist centre that differ by more than noise explains."""
     for pair in wrist.distances:
-        if pair.probability < CENTRES_DISAGREE:
+        if pair.probability < CENTRES_DISAGREE_P_VALUE:
             yield _make_finding(
                 "wrist_centres_disagree",
                 "sweeps",
@@ -372,13 +379,13 @@ def report_drift(drift: results.Drift, targets: BaseTargets) -> Iterator[Finding
             "correct later readings with the given transform, or measure again",
         )
     for target in drift.moved_targets:
-        back, which = drift.transform_after_to_before, targets.names.index(target)
-        returned = np.array(back.rotation) @ targets.after[which] + back.translation
-        left = float(np.linalg.norm(returned - targets.before[which]))
+        back, index = drift.transform_after_to_before, targets.names.index(target)
+        returned = np.array(back.rotation) @ targets.after[index] + back.translation
+        distance = float(np.linalg.norm(returned - targets.before[index]))
         yield _make_finding(
             "base_target_moved",
             f"{targets.where}.{target}",
-            f"this base target moved relative to the others, by about {length_text(left)}",
+            f"this base target moved relative to the others, by about {length_text(distance)}",
             "omit this target, and attach it more firmly",
         )
 
@@ -399,7 +406,7 @@ def report_vague_parameters(
     """
     for pair in pairs:
         first = names.index(pair.joint) + 1
-        if not pair.made_parallel and pair.angle < RUNAWAY_BELOW:
+        if not pair.made_parallel and pair.angle < RUNAWAY_ANGLE:
             yield _make_finding(
                 "axes_nearly_parallel",
                 f"dh.{convention}",
@@ -410,7 +417,7 @@ def report_vague_parameters(
     vague = []
     for link in links:
         spread = link.standard_uncertainty
-        if spread is not None and spread > VAGUE:
+        if spread is not None and spread > VAGUE_UNCERTAINTY:
             shown = f"{1e3 * spread:.2g} mm" if link.unit == "m" else f"{np.degrees(spread):.2g}°"
             vague.append(f"{link.quantity} of joint {names.index(link.joint) + 1} (± {shown})")
     if vague:
@@ -465,42 +472,27 @@ def identify_from_sweeps(
     Raises:
         InputError: the sweeps do not determine the robot, or contradict the nominal model.
     """
-    free, trusted = identify_axes(sweeps), identify_axes(sweeps, angles="controller")
-    alone = free if angles == "free" else trusted
-    controller, agreement = compute_angle_p_value(free, trusted), None
-    chosen = together = alone
+    free_fits, controller_fits = identify_axes(sweeps), identify_axes(sweeps, angles="controller")
+    separate = free_fits if angles == "free" else controller_fits
+    controller_p_value = compute_restriction_p_value(free_fits, controller_fits)
+    agreement_p_value = None  # remains None if the sweeps are not fitted together
+    chosen = together = separate
     if fit == "together" and len(sweeps.sweeps) > 1:
-        together = refine_axes(alone, angles=angles)
-        agreement = compute_angle_p_value(alone, together)
-        chosen = alone if agreement < DISAGREEMENT else together
+        together = refine_axes(separate, angles=angles)
+        agreement_p_value = compute_restriction_p_value(separate, together)
+        chosen = separate if agreement_p_value < SWEEPS_DISAGREE_P_VALUE else together
     _refuse_vanishing_sigma(chosen)
     wrist_axes = identified = chosen
-    if controller < UNEVEN:
+    if controller_p_value < UNEVEN_GEARS_P_VALUE:
         # Uneven gears: the uncertainties must include errors of the joint angles at rest.
-        columns, joints = propagate_resting_angle_errors(free)
+        columns, joints = propagate_resting_angle_errors(free_fits)
         identified = _widen_uncertainties(chosen, columns)
         # The wrist centre is computed in the posture of the wrist's sweeps, in which the arm's joints rested:
         # only errors of the wrist joints' angles affect it.
-        of_wrist = np.array(joints, dtype=int) >= sweeps.joint_map.n - WRIST_JOINTS
-        wrist_axes = _widen_uncertainties(chosen, columns[:, of_wrist])
+        is_wrist_joint = np.array(joints, dtype=int) >= sweeps.joint_map.n - WRIST_JOINTS
+        wrist_axes = _widen_uncertainties(chosen, columns[:, is_wrist_joint])
     names = name_joints(nominal, sweeps.joint_map.n)
-    evidence = []
-    for one in alone.fits:
-        radial, axial = one.compute_residual_rms()
-        deviation = np.sqrt(np.mean(one.angle_deviation**2)) if one.angle_deviation.any() else None
-        evidence.append(
-            SweepEvidence(
-                joint=one.sweep.name,
-                turned=[names[index] for index in sweeps.find_turning_joints(one.sweep)],
-                positions=len(one.sweep),
-                arc=one.arc,
-                radial_rms=dict(zip(sweeps.targets, radial, strict=True)),
-                axial_rms=dict(zip(sweeps.targets, axial, strict=True)),
-                angle_scale=one.angle_scale,
-                angle_deviation=deviation,
-                variance_factor=one.variance_factor,
-            )
-        )
+    evidence = [_describe_sweep(axis_fit, sweeps, names) for axis_fit in separate.fits]
     result = _assemble_result(
         identified,
         conventions,
@@ -508,16 +500,33 @@ def identify_from_sweeps(
         name,
         sweeps,
         wrist_axes=wrist_axes,
-        findings=(*report_sweeps(alone, together), *report_disagreement(agreement)),
+        findings=(*report_sweeps(separate, together), *report_disagreement(agreement_p_value)),
         base_targets=base_targets,
     )
     return result.model_copy(
         update={
             "sweeps": evidence,
-            "fit": "one_by_one" if chosen is alone else "together",
-            "controller_probability": controller,
-            "agreement_probability": agreement,
+            "fit": "one_by_one" if chosen is separate else "together",
+            "controller_probability": controller_p_value,
+            "agreement_probability": agreement_p_value,
         }
+    )
+
+
+def _describe_sweep(fit: AxisFit, sweeps: SweepSet, names: Sequence[str]) -> SweepEvidence:
+    """Return the evidence from the fit of one sweep as a message; `names` are those of the model's joints."""
+    radial, axial = fit.compute_residual_rms()
+    deviation = np.sqrt(np.mean(fit.angle_deviation**2)) if fit.angle_deviation.any() else None
+    return SweepEvidence(
+        joint=fit.sweep.name,
+        turned=[names[index] for index in sweeps.find_turning_joints(fit.sweep)],
+        positions=len(fit.sweep),
+        arc=fit.arc,
+        radial_rms=dict(zip(sweeps.targets, radial, strict=True)),
+        axial_rms=dict(zip(sweeps.targets, axial, strict=True)),
+        angle_scale=fit.angle_scale,
+        angle_deviation=deviation,
+        variance_factor=fit.variance_factor,
     )
 
 
@@ -531,7 +540,12 @@ def identify_from_poses(
 ) -> results.GeometryResult:
     """Identify a robot's kinematics from unloaded poses, starting from a nominal model.
 
-    The arguments are described at `identify_from_sweeps`.
+    Args:
+        poses: joint angles and readings of targets in each pose.
+        conventions: how R0 and the flange frame are placed.
+        nominal: model of the robot, from which the fit starts.
+        name: name of the identified robot.
+        base_targets: targets on the robot's base, read before and after the poses.
 
     Raises:
         InputError: the poses contradict the nominal model, or contain too few readings.
@@ -570,31 +584,31 @@ def _assemble_result(
     flange = FlangeConvention(conventions.flange_targets if conventions.flange == "targets" else None)
     if conventions.flange == "nominal" and nominal is not None:
         flange = FlangeConvention.from_chain(nominal)
-    placing = nominal if conventions.base == "nominal" else None
-    base = find_base_frame(identified, placing, height=conventions.height)
+    base_model = nominal if conventions.base == "nominal" else None
+    base = find_base_frame(identified, base_model, height=conventions.height)
     model = identify_model(identified, base, flange, nominal=nominal, name=name)
     standard, pairs = build_dh_table(model.chain, "standard")
     modified, _ = build_dh_table(model.chain, "modified")
     links = [] if nominal is None else compare_links(identified, base, flange, nominal)
-    listed = list(findings)
+    all_findings = list(findings)
     wrist, no_wrist, drift = None, None, None
     if wrist_axes.undetermined.size:
         no_wrist = "the poses do not determine all axes"
     else:
         try:
             wrist = find_wrist_centre(wrist_axes, base)
-            listed += report_wrist_disagreement(wrist)
+            all_findings += report_wrist_disagreement(wrist)
         except InputError as error:
             no_wrist = error.reason
         except np.linalg.LinAlgError:
             no_wrist = "the uncertainty of the wrist centre is too large"
     if base_targets is not None:
         drift = base_targets.fit_drift(identified.sigma, identified.targets.mean(axis=0))
-        listed += report_drift(drift, base_targets)
-    listed += report_vague_parameters(model.chain.joint_names, "standard", pairs, links)
-    reasons = [finding for finding in listed if finding.weight != "use"]
+        all_findings += report_drift(drift, base_targets)
+    all_findings += report_vague_parameters(model.chain.joint_names, "standard", pairs, links)
+    reasons = [finding for finding in all_findings if finding.weight != "use"]
     calibrated = identified if isinstance(identified, CalibratedAxes) else None
-    by_residuals = readings.sigma is None or (calibrated and calibrated.exceeded_sigma is not None)
+    is_from_residuals = readings.sigma is None or (calibrated and calibrated.exceeded_sigma is not None)
     return results.GeometryResult(
         joint_kinds={},
         assessment=combine_assessments([Assessment(verdict=each.weight, reasons=[each]) for each in reasons]),
@@ -603,14 +617,14 @@ def _assemble_result(
         fit=None,
         poses=None if calibrated is None else calibrated.evidence,
         sigma=identified.sigma,
-        sigma_source="residuals" if by_residuals else "stated",
+        sigma_source="residuals" if is_from_residuals else "stated",
         degrees_of_freedom=identified.dof,
         variance_factor=identified.variance_factor,
         agreement_probability=None,
         controller_probability=None,
         base=conventions.base,
         transform_tracker_to_base=to_rigid(base.transform_tracker_to_base),
-        transform_covariance=identified.covariances(base.jacobian, 6)[0],
+        transform_covariance=identified.compute_covariances(base.jacobian, 6)[0],
         wrist=wrist,
         no_wrist=no_wrist,
         targets=build_messages(
@@ -624,12 +638,12 @@ def _assemble_result(
         robot=_describe_robot(name, model.chain, readings.joint_map),
         dh=[standard, modified],
         drift=drift,
-        findings=listed,
+        findings=all_findings,
     )
 
 
 def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.IdentifiedAxis]:
-    """Place the axes in R0, with their uncertainties in the tracker's frame.
+    """Return the axes in R0 as messages; their uncertainties are computed in the tracker's frame.
 
     Args:
         base: placement of R0 by n axes.
@@ -638,12 +652,14 @@ def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifie
     identified = base.identified
     in_base = [axis.transform(base.place(identified.axes)) for axis in identified.axes]
 
-    def axis_coordinates(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
-        """Return a point and the direction of each axis (6 n,); points are nearest to the identified ones."""
+    def compute_axis_coordinates(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
+        """Return a point and the direction of each axis (6 n,); points are nearest to identified points."""
         pairs = zip(axes, identified.axes, strict=True)
-        return np.ravel([[axis.nearest(other.point), axis.direction] for axis, other in pairs])
+        return np.ravel([[axis.nearest_point_to(other.point), axis.direction] for axis, other in pairs])
 
-    covariances = identified.covariances(identified.jacobian_of(axis_coordinates)).reshape(-1, 2, 3, 3)
+    covariances = identified.compute_covariances(
+        identified.differentiate_quantity(compute_axis_coordinates)
+    ).reshape(-1, 2, 3, 3)
     is_determined = np.isfinite(covariances).all(axis=(-2, -1))
     greatest = np.full(is_determined.shape, np.nan)  # standard uncertainty in any direction
     greatest[is_determined] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[is_determined])[:, -1], 0.0))
@@ -660,9 +676,9 @@ def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifie
 def _describe_robot(name: str, chain: KinematicChain, joint_map: JointMap) -> RobotDocument:
     """Return the document of a robot: the chain as URDF, and the joint map unless it is the identity."""
     model = UrdfModel(format="urdf", urdf=write_urdf(chain), base=chain.base, flange=chain.flange)
-    plain = np.array_equal(joint_map.matrix, np.eye(joint_map.n)) and not joint_map.offset.any()
+    is_identity = np.array_equal(joint_map.matrix, np.eye(joint_map.n)) and not joint_map.offset.any()
     stored = StoredJointMap(matrix=joint_map.matrix.tolist(), offset=joint_map.offset.tolist())
-    return RobotDocument(name=name, model=model, joint_map=None if plain else stored)
+    return RobotDocument(name=name, model=model, joint_map=None if is_identity else stored)
 
 
 def _widen_uncertainties(identified: SweptAxes, columns: FloatArray) -> SweptAxes:

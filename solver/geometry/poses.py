@@ -60,11 +60,11 @@ ROTATION_TOLERANCE = 1e-5
 
 _MOST_STEPS = 60  # Gauss-Newton steps
 _MOST_TRIALS = 25  # of growing damping, within a step
-_LEAST_DAMPING, _FACTOR = 1e-12, 10.0
+_LEAST_DAMPING, _DAMPING_FACTOR = 1e-12, 10.0
 """Least damping relative to the squares of singular values of columns of unit norm; factor from trial to
 trial."""
 _ROUNDING = 2e-16
-_EXACT = 1e-8
+_EXACT_RMS = 1e-8
 """Residual [m rms] that no tracker sees: exact readings of a joint that hardly moved end there slowly."""
 _CONVERGED = 1e-9
 _RANK_TOLERANCE = 1e-10
@@ -76,17 +76,19 @@ _UNDETERMINED = 1e-6
 def orthonormalise_transform(rotation: FloatArray, translation: FloatArray) -> pin.SE3:
     """Return the transform with a rotation (3, 3) made exactly orthonormal and a translation (3,) [m].
 
-    The rotation is a user's, stated to a limited number of digits.
+    The rotation comes from a user, with a limited number of digits.
 
     Raises:
         MeasurementError: the matrix is not a rotation.
     """
     gap = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
     if not gap <= ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
-        what = f"its largest deviation is {gap:.2g}"
-        what = "it is a reflection (determinant -1)" if gap <= ROTATION_TOLERANCE else what
+        is_reflection = gap <= ROTATION_TOLERANCE
+        fault = (
+            "it is a reflection (determinant -1)" if is_reflection else f"its largest deviation is {gap:.2g}"
+        )
         raise MeasurementError(
-            f"the rotation matrix is not orthonormal: {what}",
+            f"the rotation matrix is not orthonormal: {fault}",
             where="frame.rotation",
             remedy="give the rotation matrix from the tracker's frame to R0 row by row, with seven digits",
         )
@@ -143,7 +145,7 @@ class Axis:
 
     @cached_property
     def frame(self) -> FloatArray:
-        """Rotation (3, 3) with columns u, v and the direction."""
+        """Rotation (3, 3) of the axis's frame: columns u and v, normal to the axis, and its direction."""
         return np.array(self.place.rotation)
 
     @property
@@ -151,30 +153,32 @@ class Axis:
         """Unit vector a (3,) along the axis, in the sense of positive rotation."""
         return np.asarray(self.frame[:, 2])
 
-    def at(self, distance: float) -> FloatArray:
+    def point_at(self, distance: float) -> FloatArray:
         """Return the point (3,) [m] of the axis at a signed distance [m] from `point`."""
         return np.asarray(self.point + distance * self.direction)
 
-    def nearest(self, point: FloatArray) -> FloatArray:
+    def nearest_point_to(self, point: FloatArray) -> FloatArray:
         """Return the point (3,) of the axis that is nearest to `point` (3,) [m]."""
-        return self.at(float((point - self.point) @ self.direction))
+        return self.point_at(float((point - self.point) @ self.direction))
 
     def represent_near(self, point: FloatArray) -> Axis:
         """Return the same line, represented by its point that is nearest to `point` (3,) [m]."""
-        return Axis(pin.SE3(self.frame, self.nearest(point)))
+        return Axis(pin.SE3(self.frame, self.nearest_point_to(point)))
 
     def displace(self, chart: FloatArray) -> Axis:
-        """Return the axis displaced by chart coordinates (x, y, α, β) (4,) of this axis [m, m, rad, rad]."""
+        """Return the axis displaced along u and v, and turned about u and v, the normals in its frame.
+
+        `chart` (4,) has the displacements x and y [m], then the angles α and β [rad].
+        """
         x, y, alpha, beta = chart.tolist()
         turn = pin.exp3(np.array([alpha, beta, 0.0]))
         return Axis(self.place * pin.SE3(turn, np.array([x, y, 0.0])))
 
     def chart(self, other: Axis) -> FloatArray:
-        """Return the coordinates (x, y, α, β) (4,) of another axis in this axis's chart [m, m, rad, rad].
+        """Return the coordinates (4,) of another axis in this axis's chart; `displace` inverts this method.
 
-        Displacing this axis by them gives the other axis.
-
-        The other axis must not be perpendicular to this axis.
+        The coordinates are displacements x and y along the normals u and v of this axis's frame [m], then
+        rotations α and β about u and v [rad]. The other axis must not be perpendicular to this axis.
         """
         w = self.frame.T @ other.direction
         q = self.frame.T @ (other.point - self.point)
@@ -196,30 +200,32 @@ class LinearFit:
     """
 
     residual: FloatArray  #: (m,) r
-    left: FloatArray  #: (m, k) orthonormal basis U of the range of J, k the rank
+    range_basis: FloatArray  #: (m, k) orthonormal basis U of the range of J, k the rank
     #: (p, k) matrix with δ = inverse Uᵀ r; where J is rank deficient, δ has minimum norm in scaled unknowns
     inverse: FloatArray
     #: (p, p - k) orthonormal combinations of scaled unknowns that r does not determine
     undetermined: FloatArray
     scale: FloatArray  #: (p,) norms of the columns of J; 1 for a null column
-    #: unknowns that each affect one group of readings only, eliminated from the p unknowns; None without any
-    own: OwnUnknowns | None = None
+    #: further unknowns that each affect one group of readings only, and were eliminated from the problem of
+    #: the p unknowns; None without such unknowns
+    group_unknowns: GroupUnknowns | None = None
 
     @classmethod
     def from_derivatives(
-        cls, residual: FloatArray, jacobian: FloatArray, by_own: FloatArray | None = None
+        cls, residual: FloatArray, jacobian: FloatArray, group_derivative: FloatArray | None = None
     ) -> LinearFit:
         """Build the fit by singular value decomposition, after a QR that is cheaper for many readings.
 
         Args:
             residual: (m,) whitened residuals r.
             jacobian: (m, p) whitened derivative J of the prediction with respect to p unknowns.
-            by_own: (G, m / G) whitened derivative of each of G groups of readings with respect to an unknown
-                that affects this group only.
+            group_derivative: (G, m / G) whitened derivative of each of G groups of readings with respect to
+                an unknown that affects this group only; None without such unknowns.
         """
-        if by_own is not None:
-            own = OwnUnknowns.from_derivatives(residual, jacobian, by_own)
-            return replace(cls.from_derivatives(own.without(residual), own.without(jacobian)), own=own)
+        if group_derivative is not None:
+            unknowns = GroupUnknowns.from_derivatives(residual, jacobian, group_derivative)
+            reduced = cls.from_derivatives(unknowns.project_out(residual), unknowns.project_out(jacobian))
+            return replace(reduced, group_unknowns=unknowns)
         unit, scale = unit_columns(jacobian)
         Q, R = np.linalg.qr(unit)
         U, s, Vt = np.linalg.svd(R, full_matrices=False)
@@ -231,7 +237,7 @@ class LinearFit:
     @property
     def pseudo_inverse(self) -> FloatArray:
         """Derivative (p, m) of the unknowns with respect to the whitened readings."""
-        return np.asarray(self.inverse @ self.left.T)
+        return np.asarray(self.inverse @ self.range_basis.T)
 
     @property
     def covariance(self) -> FloatArray:
@@ -240,9 +246,11 @@ class LinearFit:
 
     @property
     def rank(self) -> int:
-        """Number of determined combinations of unknowns, including the groups' own unknowns."""
-        own = 0 if self.own is None else int(self.own.directions.any(axis=1).sum())
-        return int(self.left.shape[1]) + own
+        """Number of combinations of unknowns that the readings determine, including unknowns of one group."""
+        if self.group_unknowns is None:
+            return int(self.range_basis.shape[1])
+        # An unknown whose derivative is zero has a zero direction, and is not determined.
+        return int(self.range_basis.shape[1]) + int(self.group_unknowns.directions.any(axis=1).sum())
 
     @property
     def rss(self) -> float:
@@ -254,54 +262,59 @@ class LinearFit:
         return bool((np.linalg.norm(self.undetermined[unknowns], axis=1) < _UNDETERMINED).all())
 
     def step(self, damping: float = 0.0) -> FloatArray:
-        """Return the least squares step (p + G,): δ of the p unknowns, then the groups' own unknowns.
+        """Return the least squares step (p + G,): δ of the p unknowns, then of the unknown of each group.
 
         Args:
             damping: λ of Levenberg's step, added to the squares of the singular values of scaled columns.
         """
         inverse_squares = np.square(self.inverse * self.scale[:, None]).sum(axis=0)
-        step = self.inverse @ (self.left.T @ self.residual / (1.0 + damping * inverse_squares))
-        if self.own is None:
+        step = self.inverse @ (self.range_basis.T @ self.residual / (1.0 + damping * inverse_squares))
+        if self.group_unknowns is None:
             return np.asarray(step)
-        return np.concatenate([step, (self.own.along - self.own.others @ step) / self.own.norms])
+        along = self.group_unknowns.along - self.group_unknowns.others @ step
+        return np.concatenate([step, along / self.group_unknowns.norms])
 
     @property
     def explained(self) -> float:
         """Norm of the part of the residual that the step would explain."""
-        part = float(np.linalg.norm(self.left.T @ self.residual))
-        return part if self.own is None else float(np.hypot(part, np.linalg.norm(self.own.along)))
+        part = float(np.linalg.norm(self.range_basis.T @ self.residual))
+        if self.group_unknowns is None:
+            return part
+        return float(np.hypot(part, np.linalg.norm(self.group_unknowns.along)))
 
 
 @dataclass(frozen=True, eq=False)
-class OwnUnknowns:
+class GroupUnknowns:
     """Unknowns that each affect the readings of one group only; G groups of m / G readings."""
 
-    directions: (
-        FloatArray  #: (G, m / G) unit vectors along the readings' derivatives; zero for a zero derivative
-    )
+    #: (G, m / G) unit vectors along the derivatives of the readings; zero for a zero derivative
+    directions: FloatArray
     norms: FloatArray  #: (G,) norms of these derivatives; 1 for a zero derivative
     along: FloatArray  #: (G,) residual along the directions
     #: (G, p) component along the directions of the derivative with respect to p other unknowns
     others: FloatArray
 
     @classmethod
-    def from_derivatives(cls, residual: FloatArray, jacobian: FloatArray, by_own: FloatArray) -> OwnUnknowns:
+    def from_derivatives(
+        cls, residual: FloatArray, jacobian: FloatArray, group_derivative: FloatArray
+    ) -> GroupUnknowns:
         """Build the unknowns of G groups of readings from whitened residuals and derivatives.
 
         Args:
             residual: (m,) whitened residuals.
             jacobian: (m, p) whitened derivative of the prediction with respect to the other p unknowns.
-            by_own: (G, m / G) whitened derivative of each group with respect to its own unknown.
+            group_derivative: (G, m / G) whitened derivative of the readings of each group with respect to the
+                unknown of the group.
         """
-        norms = np.linalg.norm(by_own, axis=1)
+        norms = np.linalg.norm(group_derivative, axis=1)
         norms = np.where(norms > 0.0, norms, 1.0)
-        directions = by_own / norms[:, None]
-        grouped = jacobian.reshape(*by_own.shape, -1)
-        along = np.einsum("gi,gi->g", directions, residual.reshape(by_own.shape))
+        directions = group_derivative / norms[:, None]
+        grouped = jacobian.reshape(*group_derivative.shape, -1)
+        along = np.einsum("gi,gi->g", directions, residual.reshape(group_derivative.shape))
         return cls(directions, norms, along, np.einsum("gi,gip->gp", directions, grouped))
 
-    def without(self, rows: FloatArray) -> FloatArray:
-        """Return rows (m,) or (m, p) without the part that the own unknowns explain."""
+    def project_out(self, rows: FloatArray) -> FloatArray:
+        """Return rows (m,) or (m, p) without the part that the unknowns of the groups explain."""
         grouped = rows.reshape(*self.directions.shape, -1)
         along = np.einsum("gi,gip->gp", self.directions, grouped)
         return np.asarray((grouped - self.directions[..., None] * along[:, None]).reshape(rows.shape))
@@ -314,9 +327,9 @@ def minimise(
     take_step: Callable[[State, FloatArray], State],
     *,
     where: str,
-    by_own: Callable[[State], FloatArray] | None = None,
-    size: float = 0.0,
-    enough: float = 0.0,
+    group_jacobian: Callable[[State], FloatArray] | None = None,
+    readings_norm: float = 0.0,
+    sufficient_rms: float = 0.0,
 ) -> tuple[State, LinearFit]:
     """Minimise ``‖residual(state)‖²`` using Gauss-Newton steps, damped where needed (Levenberg-Marquardt).
 
@@ -324,15 +337,15 @@ def minimise(
     than rounding, or when no step lowers the residual any more because of rounding.
 
     Args:
-        state: to start from.
+        state: start value of the unknowns, of any type that `take_step` understands.
         residual: function that returns whitened readings minus prediction (m,) at a state.
         jacobian: function that returns the derivative (m, p) of the prediction, in the chart at a state.
-        take_step: function that returns the state after a step (p,), or (p + G,) with `by_own`.
+        take_step: function that returns the state after a step (p,), or (p + G,) with `group_jacobian`.
         where: name of the readings in the error.
-        by_own: function that returns the derivative (G, m / G) of each group of readings with respect to an
-            unknown that affects this group only; None without such unknowns.
-        size: norm of the whitened readings: steps below their rounding errors end the iteration.
-        enough: residual [rms] below which a slow fit counts as converged.
+        group_jacobian: function that returns the derivative (G, m / G) of each group of readings with respect
+            to an unknown that affects this group only; None without such unknowns.
+        readings_norm: norm of the whitened readings; a step below their rounding errors ends the iteration.
+        sufficient_rms: residual [rms] below which a fit that used all steps counts as converged.
 
     Returns:
         The state at the minimum, and the linearised fit there.
@@ -342,21 +355,22 @@ def minimise(
     """
     r = residual(state)
     for _ in range(_MOST_STEPS):
-        linear = LinearFit.from_derivatives(r, jacobian(state), None if by_own is None else by_own(state))
-        if linear.explained <= max(_CONVERGED * float(np.linalg.norm(r)), _ROUNDING * size):
+        by_group = None if group_jacobian is None else group_jacobian(state)
+        linear = LinearFit.from_derivatives(r, jacobian(state), by_group)
+        if linear.explained <= max(_CONVERGED * float(np.linalg.norm(r)), _ROUNDING * readings_norm):
             return state, linear
         damping = 0.0
         for _ in range(_MOST_TRIALS):
             trial = take_step(state, linear.step(damping))
-            shorter = residual(trial)
-            if shorter @ shorter < r @ r:
+            trial_residual = residual(trial)
+            if trial_residual @ trial_residual < r @ r:
                 break
-            damping = max(_LEAST_DAMPING, _FACTOR * damping)
+            damping = max(_LEAST_DAMPING, _DAMPING_FACTOR * damping)
         else:  # no trial lowered the residual: rounding dominates
             return state, linear
-        state, r = trial, shorter
+        state, r = trial, trial_residual
     rms = float(np.sqrt(np.mean(r**2)))
-    if rms < max(_EXACT, enough):
+    if rms < max(_EXACT_RMS, sufficient_rms):
         return state, linear
     raise MeasurementError(
         f"the fit did not converge in {_MOST_STEPS} steps; the residual is {length_text(rms)} rms",
@@ -371,12 +385,14 @@ Geometry = Callable[[Sequence[Axis], FloatArray], FloatArray]
 LEAST_REACH, MOST_REACH = 1e-2, 50.0
 """Displacements of a target [m] that no robot's readings stay below, or exceed: the unit is wrong."""
 
-_HIDDEN = 1e-6  # share of a quantity in undetermined combinations, above which it is not determined
+_UNDETERMINED_SHARE = (
+    1e-6  # share of a quantity in undetermined combinations, above which it is not determined
+)
 _STEP = 1e-6  # of the difference quotients [m, rad]: both truncation and rounding are some 1e-10
-_BEYOND_NOISE = 1e-6  # probability of chance below which residuals exceed the stated sigma
-_NAMED = 0.1  # least share of an unknown in a combination for which it is named
+_BEYOND_NOISE_P_VALUE = 1e-6  # p-value below which residuals exceed the stated sigma
+_LEAST_NAMED_SHARE = 0.1  # least share of an unknown in a combination for which it is named
 _FOLDS = 5
-_LIKE_ALL = 1.1  # residual of a part, relative to that of all poses, that counts as the same
+_SIMILAR_RMS = 1.1  # residual of some of the poses, relative to that of all poses, that counts as equal
 _CHART_NAMES = ("across u", "across v", "about u", "about v")
 
 
@@ -426,7 +442,7 @@ class TrackedReadings:
         return "poses"
 
     @property
-    def read(self) -> FloatArray:
+    def points_or_zero(self) -> FloatArray:
         """Readings (N, T, 3) [m], zero where absent."""
         return np.where(self.present[..., None], self.points, 0.0)
 
@@ -451,13 +467,15 @@ class Poses(TrackedReadings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        read = self.points[self.present]
-        refuse_wrong_units(self.sigma, float(np.linalg.norm(np.ptp(read, axis=0))) if len(read) else 0.0)
+        readings = self.points[self.present]
+        reach = float(np.linalg.norm(np.ptp(readings, axis=0))) if len(readings) else 0.0
+        refuse_wrong_units(self.sigma, reach)
 
     def __getitem__(self, rows: BoolArray) -> Poses:
         """Return the poses of the configurations that a mask (N,) selects."""
-        by_row = ("angles", "points", "present", *(["covariance"] if self.covariance.ndim > 2 else []))
-        return replace(self, **{name: getattr(self, name)[rows] for name in by_row})
+        # A common covariance (3, 3) has no rows to select.
+        names = ("angles", "points", "present", *(["covariance"] if self.covariance.ndim > 2 else []))
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     @property
     def whitened(self) -> PoseReadings:
@@ -465,7 +483,11 @@ class Poses(TrackedReadings):
         angles = self.joint_map.model_angles(self.angles)
         no_corrections = np.zeros((len(angles), 0))
         return PoseReadings(
-            angles, self.read, self.weight, slopes=np.zeros_like(angles), basis=no_corrections
+            angles,
+            self.points_or_zero,
+            self.weight,
+            slopes=np.zeros_like(angles),
+            basis=no_corrections,
         )
 
 
@@ -484,8 +506,8 @@ def refuse_wrong_units(sigma: float | None, reach: float) -> None:
             f"sigma must be positive, but is {sigma}", where="noise.sigma", remedy="give a positive length"
         )
     # Targets that hardly move are implausible in either unit: another check reports them.
-    other = reach / 1e3 if reach > 1.0 else 1e3 * reach
-    if LEAST_REACH <= reach <= MOST_REACH or other < LEAST_REACH:
+    reach_in_other_unit = reach / 1e3 if reach > 1.0 else 1e3 * reach
+    if LEAST_REACH <= reach <= MOST_REACH or reach_in_other_unit < LEAST_REACH:
         return
     shown = f"{reach:,.0f} m" if reach > 1.0 else f"{1e3 * reach:.2g} mm"
     declared, meant = ("m", "mm") if reach > 1.0 else ("mm", "m")
@@ -523,10 +545,10 @@ class PoseState:
 
     def displace(self, step: FloatArray) -> PoseState:
         """Return the state after a step (4 m + 3 T,): charts of the first m axes, then all targets [m]."""
-        moves = step[: len(step) - self.targets.size].reshape(-1, CHART_SIZE)
-        axes = tuple(axis.displace(move) for axis, move in zip(self.axes, moves, strict=False))
-        targets = self.targets + step[CHART_SIZE * len(moves) :].reshape(-1, 3)
-        return replace(self, axes=axes + self.axes[len(moves) :], targets=targets)
+        charts = step[: len(step) - self.targets.size].reshape(-1, CHART_SIZE)
+        displaced = tuple(axis.displace(chart) for axis, chart in zip(self.axes, charts, strict=False))
+        targets = self.targets + step[CHART_SIZE * len(charts) :].reshape(-1, 3)
+        return replace(self, axes=displaced + self.axes[len(charts) :], targets=targets)
 
 
 def build_arm(axes: Sequence[Axis], places: Sequence[pin.SE3], flange: pin.SE3) -> Robot:
@@ -537,12 +559,12 @@ def build_arm(axes: Sequence[Axis], places: Sequence[pin.SE3], flange: pin.SE3) 
         places: n frames that move with the joints, at model angle zero, in the frame of the axes.
         flange: placement of the flange frame at model angle zero, in the frame of the axes.
     """
-    model, before = pin.Model(), pin.SE3.Identity()
+    model, previous = pin.Model(), pin.SE3.Identity()
     for i, (axis, place) in enumerate(zip(axes, places, strict=True)):
         joint = pin.JointModelRevoluteUnaligned(place.rotation.T @ axis.direction)
-        model.addJoint(i, joint, before.actInv(place), f"joint_{i + 1}")
-        before = place
-    model.addFrame(pin.Frame("flange", len(axes), before.actInv(flange), pin.FrameType.OP_FRAME))
+        model.addJoint(i, joint, previous.actInv(place), f"joint_{i + 1}")
+        previous = place
+    model.addFrame(pin.Frame("flange", len(axes), previous.actInv(flange), pin.FrameType.OP_FRAME))
     return Robot(model)
 
 
@@ -552,7 +574,8 @@ class Motion:
     Attributes:
         axes: n axes at angle zero.
         angles: (N, n) joint angles [rad].
-        postures: kinematics of the arm with these axes; its flange frame is the frame of the axes at zero.
+        postures: kinematics of the arm with these axes; at angle zero, the arm's flange frame coincides with
+            the frame in which the axes are given.
         points: (N, T, 3) places of the targets, which the last joint carries [m].
     """
 
@@ -580,11 +603,11 @@ class Motion:
 
 def fit_poses(
     readings: PoseReadings,
-    first: PoseState,
+    start: PoseState,
     *,
     where: str,
     fitted: int | None = None,
-    enough: float = 0.0,
+    sufficient_rms: float = 0.0,
 ) -> tuple[PoseState, LinearFit]:
     """Fit axes, targets and corrections of angles to readings, by maximum likelihood.
 
@@ -593,10 +616,10 @@ def fit_poses(
 
     Args:
         readings: readings in at least two configurations.
-        first: start values.
+        start: start values.
         where: name of the readings in errors.
         fitted: number of axes, base first, that are fitted; None fits all. The other axes stay as they are.
-        enough: residual [rms, whitened] below which a slow fit counts as converged.
+        sufficient_rms: residual [rms, whitened] below which a fit that used all steps counts as converged.
 
     Returns:
         The fitted state, and the linearised fit there.
@@ -604,16 +627,16 @@ def fit_poses(
     Raises:
         MeasurementError: the fit does not converge.
     """
-    fitted = len(first.axes) if fitted is None else fitted
+    fitted = len(start.axes) if fitted is None else fitted
     charts = CHART_SIZE * fitted
-    still = slice(charts, CHART_SIZE * len(first.axes))
-    kept = charts + first.targets.size
+    columns_of_fixed_axes = slice(charts, CHART_SIZE * len(start.axes))
+    geometry = charts + start.targets.size  # number of unknowns of axes and targets; corrections follow
     basis = readings.basis
 
     def take_step(state: PoseState, step: FloatArray) -> PoseState:
         """Return the state after a step of all unknowns."""
-        correction = step[kept:] if basis is None else basis @ step[kept:]
-        return replace(state.displace(step[:kept]), corrections=state.corrections + correction)
+        correction = step[geometry:] if basis is None else basis @ step[geometry:]
+        return replace(state.displace(step[:geometry]), corrections=state.corrections + correction)
 
     def residual(state: PoseState) -> FloatArray:
         """Return the whitened readings minus the prediction (3 N T,)."""
@@ -629,21 +652,26 @@ def fit_poses(
     def jacobian(state: PoseState) -> FloatArray:
         """Return the whitened derivative (3 N T, p) with respect to all unknowns that are not eliminated."""
         motion = state.motion(readings)
-        J = np.delete(motion.jacobian(), still, axis=-1)
+        J = np.delete(motion.jacobian(), columns_of_fixed_axes, axis=-1)
         if basis is not None and basis.size:
             J = np.concatenate([J, differentiate_by_correction(motion) * basis[:, None, None]], axis=-1)
         return np.asarray((readings.weight @ J).reshape(readings.points.size, -1))
 
-    def by_correction(state: PoseState) -> FloatArray:
-        """Return the whitened derivative (N, 3 T) with respect to each configuration's own correction."""
+    def correction_jacobian(state: PoseState) -> FloatArray:
+        """Return the whitened derivative (N, 3 T) with respect to the correction of each configuration."""
         return (readings.weight @ differentiate_by_correction(state.motion(readings))).reshape(
             len(readings.angles), -1
         )
 
-    size = float(np.linalg.norm(readings.weight @ readings.points[..., None]))
-    by_own = by_correction if basis is None else None
     return minimise(
-        first, residual, jacobian, take_step, where=where, by_own=by_own, size=size, enough=enough
+        start,
+        residual,
+        jacobian,
+        take_step,
+        where=where,
+        group_jacobian=correction_jacobian if basis is None else None,
+        readings_norm=float(np.linalg.norm(readings.weight @ readings.points[..., None])),
+        sufficient_rms=sufficient_rms,
     )
 
 
@@ -677,16 +705,16 @@ class IdentifiedAxes:
         """χ²/dof: 1 on average if sigma was stated and is right; 1 if it was not stated."""
         return self.rss / (self.dof * self.sigma**2)
 
-    def jacobian_of(self, geometry: Geometry) -> FloatArray:
+    def differentiate_quantity(self, geometry: Geometry) -> FloatArray:
         """Return the derivative (k, 4 n + 3 T) of `geometry` with respect to charts and targets."""
         return differentiate_geometry(self.axes, self.targets, geometry)
 
-    def covariance_of(self, geometry: Geometry) -> FloatArray:
+    def compute_covariance_of(self, geometry: Geometry) -> FloatArray:
         """Return the covariance (k, k) of the quantity that `geometry` computes from axes and targets."""
-        J = self.jacobian_of(geometry)
+        J = self.differentiate_quantity(geometry)
         return np.asarray(J @ self.covariance @ J.T)
 
-    def standard_uncertainties(self, jacobian: FloatArray) -> FloatArray:
+    def compute_standard_uncertainties(self, jacobian: FloatArray) -> FloatArray:
         """Return the standard uncertainties (k,) of quantities; infinite for an undetermined quantity.
 
         `jacobian` (k, 4 n + 3 T) is the derivative of the quantities with respect to charts and targets.
@@ -694,19 +722,22 @@ class IdentifiedAxes:
         spread = np.sqrt(np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian))
         if not self.undetermined.size:
             return np.asarray(spread)
-        hidden = np.abs(jacobian @ self.undetermined).max(axis=1)
-        reach = np.linalg.norm(jacobian, axis=1) * np.linalg.norm(self.undetermined, axis=0).max()
-        return np.where(hidden > _HIDDEN * reach, np.inf, spread)
+        # A quantity is undetermined if it changes along a combination that the readings do not determine.
+        change = np.abs(jacobian @ self.undetermined).max(axis=1)
+        largest = np.linalg.norm(jacobian, axis=1) * np.linalg.norm(self.undetermined, axis=0).max()
+        return np.where(change > _UNDETERMINED_SHARE * largest, np.inf, spread)
 
-    def covariances(self, jacobian: FloatArray, size: int = 3) -> FloatArray:
+    def compute_covariances(self, jacobian: FloatArray, size: int = 3) -> FloatArray:
         """Return the covariances (k, size, size) of k vectors; NaN where a component is undetermined.
 
         `jacobian` (k · size, 4 n + 3 T) is the derivative of the vectors with respect to charts and targets.
         """
         blocks = jacobian.reshape(-1, size, jacobian.shape[-1])
         covariances: FloatArray = blocks @ self.covariance @ blocks.transpose(0, 2, 1)
-        lost = np.isinf(self.standard_uncertainties(jacobian)).reshape(-1, size).any(axis=1)
-        covariances[lost] = np.nan
+        is_undetermined = (
+            np.isinf(self.compute_standard_uncertainties(jacobian)).reshape(-1, size).any(axis=1)
+        )
+        covariances[is_undetermined] = np.nan
         return covariances
 
 
@@ -734,7 +765,7 @@ def differentiate_geometry(axes: Sequence[Axis], targets: FloatArray, geometry: 
     return differentiate_numerically(evaluate_after, CHART_SIZE * len(axes) + targets.size)
 
 
-def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:
+def list_chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:
     """Return the axes of a chain in R0 and the transform from flange to R0, both at angle zero.
 
     The point of each axis is the origin of its joint.
@@ -742,18 +773,18 @@ def chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:
     Raises:
         RobotError: a joint is prismatic, so that its axis has a direction but no place.
     """
-    linear = [joint.name for joint in chain.moving if joint.kind == "prismatic"]
-    if linear:
+    prismatic = [joint.name for joint in chain.moving if joint.kind == "prismatic"]
+    if prismatic:
         raise RobotError(
-            f"only axes of revolute joints can be identified, but {', '.join(linear)} is prismatic",
+            f"only axes of revolute joints can be identified, but {', '.join(prismatic)} is prismatic",
             remedy="fix it in the model (URDF: type fixed, at its present position), and omit it "
             "from the readings; or use the nominal model",
             where="robot",
         )
-    at = Postures(Robot(chain.model()), np.zeros((1, len(chain.moving))))
-    directions, origins = at.angular_jacobian[0].T, at.joint_frames[1][0]
+    postures = Postures(Robot(chain.model()), np.zeros((1, len(chain.moving))))
+    directions, origins = postures.angular_jacobian[0].T, postures.joint_frames[1][0]
     axes = tuple(Axis.through(origin, axis) for origin, axis in zip(origins, directions, strict=True))
-    return axes, at.flange_placement(0)
+    return axes, postures.flange_placement(0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -772,7 +803,7 @@ def calibrate(
     *,
     start: pin.SE3 | None = None,
     hold_out: bool = True,
-    enough: float = 0.0,
+    sufficient_rms: float = 0.0,
 ) -> CalibratedAxes:
     """Calibrate a nominal model: fit its axes and the targets to unloaded poses.
 
@@ -780,14 +811,14 @@ def calibrate(
         nominal: model within some centimetres and degrees of the truth.
         poses: more readings than unknowns; 20 or more poses over the whole work area are good practice.
         start: rough transform from base to tracker; found from the poses if None.
-        hold_out: whether to compute the error of predicted poses by cross-validation.
-        enough: residual [rms, whitened] below which a slow fit counts as converged.
+        hold_out: whether to compute the error of predicted poses using cross-validation.
+        sufficient_rms: residual [rms, whitened] below which a fit that used all steps counts as converged.
 
     Raises:
         MeasurementError: the model has another number of joints, or the fit does not converge.
         NotObservableError: fewer coordinates than combinations that they should determine.
     """
-    axes, _ = chain_axes(nominal)
+    axes, _ = list_chain_axes(nominal)
     if not len(axes) == poses.joint_map.n == poses.angles.shape[1]:
         raise MeasurementError(
             f"the nominal model has {len(axes)} revolute joints, but the poses have "
@@ -796,11 +827,11 @@ def calibrate(
             remedy="give the nominal model of the robot that was measured",
         )
     readings = poses.whitened
-    T, at_zero = _estimate_start(axes, poses, readings, start)
-    first = PoseState(
-        tuple(axis.transform(T) for axis in axes), transform_points(T, at_zero), np.zeros(len(poses))
+    T, targets_in_base = _estimate_start(axes, poses, readings, start)
+    start_state = PoseState(
+        tuple(axis.transform(T) for axis in axes), transform_points(T, targets_in_base), np.zeros(len(poses))
     )
-    state, linear = fit_poses(readings, first, where="poses", enough=enough)
+    state, linear = fit_poses(readings, start_state, where="poses", sufficient_rms=sufficient_rms)
     rms = float(np.sqrt(np.mean(np.square(linear.residual))))
     held_out_rms = _cross_validate(nominal, poses, start, rms) if hold_out else None
     coordinates, unknowns = 3 * int(poses.present.sum()), len(linear.scale)
@@ -811,18 +842,12 @@ def calibrate(
             remedy="record more poses, or more targets in each pose",
         )
     dof = coordinates - linear.rank
-    chance = 1.0 if poses.sigma is None else special.chdtrc(dof, linear.rss / poses.sigma**2)
-    exceeds = bool(chance < _BEYOND_NOISE)
-    sigma = float(np.sqrt(linear.rss / dof)) if poses.sigma is None or exceeds else poses.sigma
+    p_value = 1.0 if poses.sigma is None else special.chdtrc(dof, linear.rss / poses.sigma**2)
+    exceeds_sigma = bool(p_value < _BEYOND_NOISE_P_VALUE)
+    sigma = float(np.sqrt(linear.rss / dof)) if poses.sigma is None or exceeds_sigma else poses.sigma
     influence = linear.pseudo_inverse
-    if exceeds:
-        # Contributions (p, N) of each pose's residuals to the unknowns, whose outer products are the
-        # covariance. A wrong joint angle moves all targets of a pose, so that residuals of one pose are
-        # correlated; residuals of different poses are assumed independent (cluster-robust covariance, Liang
-        # and Zeger 1986). The factor corrects for the degrees of freedom that the unknowns use.
-        by_pose = influence.reshape(unknowns, len(poses), -1) * linear.residual.reshape(len(poses), -1)
-        freedom = len(poses) - linear.rank / (linear.residual.size / len(poses))
-        influence = by_pose.sum(axis=-1) * np.sqrt(len(poses) / freedom) / sigma
+    if exceeds_sigma:
+        influence = _compute_influence_of_poses(linear, len(poses)) / sigma
     unwhitened = np.linalg.pinv(readings.weight) @ linear.residual.reshape(*readings.points.shape, 1)
     evidence = PoseEvidence(
         positions=len(poses),
@@ -842,9 +867,23 @@ def calibrate(
         rss=linear.rss,
         dof=dof,
         evidence=evidence,
-        exceeded_sigma=poses.sigma if exceeds else None,
+        exceeded_sigma=poses.sigma if exceeds_sigma else None,
         undetermined=linear.undetermined / linear.scale[:, None],
     )
+
+
+def _compute_influence_of_poses(linear: LinearFit, count: int) -> FloatArray:
+    """Return contributions (p, N) of the residuals of each of N = `count` poses to the p unknowns.
+
+    The sum of the contributions' outer products is the covariance of the unknowns.
+    """
+    # A wrong joint angle moves all targets of a pose, so that residuals of one pose are correlated; residuals
+    # of different poses are assumed independent (cluster-robust covariance, Liang and Zeger 1986). The factor
+    # corrects for the degrees of freedom that the unknowns use.
+    influence = linear.pseudo_inverse.reshape(len(linear.scale), count, -1)
+    by_pose = (influence * linear.residual.reshape(count, -1)).sum(axis=-1)
+    degrees_of_freedom = count - linear.rank / (linear.residual.size / count)
+    return np.asarray(by_pose * np.sqrt(count / degrees_of_freedom))
 
 
 def _cross_validate(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None, rms: float) -> float | None:
@@ -857,15 +896,20 @@ def _cross_validate(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None
     count = int(posture.max()) + 1
     if count == 1:  # no other posture is left to calibrate with
         return None
-    part = np.random.default_rng(0).permutation(count)[posture.reshape(-1)] % _FOLDS
+    fold_of_pose = np.random.default_rng(0).permutation(count)[posture.reshape(-1)] % _FOLDS
     errors = []
     for fold in range(min(_FOLDS, count)):
         try:
-            others, enough = poses[part != fold], _LIKE_ALL * rms
-            calibrated = calibrate(nominal, others, start=start, hold_out=False, enough=enough)
+            calibrated = calibrate(
+                nominal,
+                poses[fold_of_pose != fold],
+                start=start,
+                hold_out=False,
+                sufficient_rms=_SIMILAR_RMS * rms,
+            )
         except (MeasurementError, NotObservableError):
             return None
-        left_out = poses[part == fold]
+        left_out = poses[fold_of_pose == fold]
         state = PoseState(calibrated.axes, calibrated.targets, np.zeros(len(left_out)))
         errors.append((left_out.points - state.motion(left_out.whitened).points)[left_out.present])
     return float(np.sqrt(np.square(np.concatenate(errors)).mean()))
@@ -881,8 +925,9 @@ def _estimate_start(
     A known transform `start` leaves only x_t to fit.
     """
     k, t = np.nonzero(poses.present)
-    at = Motion(axes, np.zeros((1, 3)), readings.angles).postures
-    rotation, shift = at.flange_rotation[k], at.flange_translation[k]
+    # `Motion` needs a target; a target at the origin does not affect the postures.
+    postures = Motion(axes, np.zeros((1, 3)), readings.angles).postures
+    rotation, shift = postures.flange_rotation[k], postures.flange_translation[k]
     points, size = poses.points[k, t], 3 * len(k)
     by_target = np.einsum("mij,mt->mitj", rotation, np.eye(len(poses.targets))[t]).reshape(size, -1)
     if start is not None:
@@ -893,8 +938,8 @@ def _estimate_start(
     system = np.hstack([by_rotation, by_shift, by_target])
     U, _, Vt = np.linalg.svd(np.linalg.lstsq(system, shift.ravel(), rcond=None)[0][:9].reshape(3, 3))
     Q = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    right = (points @ Q.T - shift).ravel()
-    solution = np.linalg.lstsq(np.hstack([-by_shift, by_target]), right, rcond=None)[0]
+    right_side = (points @ Q.T - shift).ravel()
+    solution = np.linalg.lstsq(np.hstack([-by_shift, by_target]), right_side, rcond=None)[0]
     return pin.SE3(Q.T, -Q.T @ solution[:3]), solution[3:].reshape(-1, 3)
 
 
@@ -903,12 +948,14 @@ def _name_undetermined_combinations(linear: LinearFit, n: int, targets: Sequence
 
     The combinations are chosen so that each has an unknown that is in no other combination.
     """
-    names = [f"axis {i + 1} {what}" for i in range(n) for what in _CHART_NAMES]
+    names = [f"axis {i + 1} {coordinate}" for i in range(n) for coordinate in _CHART_NAMES]
     names += [f"target {target} {coordinate}" for target in targets for coordinate in "xyz"]
     # Pivoting finds the unknowns that are least determined, one for each combination.
     _, order = qr(linear.undetermined.T, mode="r", pivoting=True)
-    reduced = linear.undetermined @ np.linalg.inv(
-        linear.undetermined[np.sort(order[: linear.undetermined.shape[1]])]
-    )
-    shares = np.abs(reduced) / np.abs(reduced).max(axis=0)
-    return [[name for name, part in zip(names, share, strict=True) if part > _NAMED] for share in shares.T]
+    pivots = np.sort(order[: linear.undetermined.shape[1]])
+    combinations = linear.undetermined @ np.linalg.inv(linear.undetermined[pivots])
+    shares = np.abs(combinations) / np.abs(combinations).max(axis=0)  # (unknowns, combinations)
+    return [
+        [name for name, share in zip(names, column, strict=True) if share > _LEAST_NAMED_SHARE]
+        for column in shares.T
+    ]

@@ -64,7 +64,7 @@ AngleUse = Literal["free", "controller"]
 MIN_POSITIONS = 4
 """Least number of positions: a circle fits any three points, and only a fourth can contradict the fit."""
 
-STILL = 1e-4
+RESTING_RANGE = 1e-4
 """Largest range of a joint's angle [rad] with which the joint counts as resting: 0.2 mm at 2 m."""
 
 SHORTEST_ARC = np.radians(5.0)
@@ -73,10 +73,10 @@ SHORTEST_ARC = np.radians(5.0)
 SMALLEST_MOTION = 1e-3
 """Least displacement of the target that moves most [m]."""
 
-DISAGREEMENT = 1e-6
+SWEEPS_DISAGREE_P_VALUE = 1e-6
 """p-value of the common fit of all sweeps below which the sweeps count as contradictory."""
 
-UNEVEN = 0.01
+UNEVEN_GEARS_P_VALUE = 0.01
 """p-value of the controller's angles below which the gears count as uneven."""
 
 
@@ -101,8 +101,8 @@ class Sweep(TrackedReadings):
                 remedy="record more positions; 10 to 20 over a wide arc are good practice",
             )
         turned = float(np.ptp(self.angles[:, self.joint]))
-        if turned <= STILL:
-            moving = np.flatnonzero(np.ptp(self.angles, axis=0) > STILL)
+        if turned <= RESTING_RANGE:
+            moving = np.flatnonzero(np.ptp(self.angles, axis=0) > RESTING_RANGE)
             others = ", ".join(f"joint {index + 1}" for index in moving)
             raise MeasurementError(
                 f"the joint did not move: its angle changes by only {np.degrees(turned):.2g}°"
@@ -127,7 +127,7 @@ class Sweep(TrackedReadings):
     @property
     def largest_motion(self) -> float:
         """Diagonal of the box [m] around the readings of the target that moved most."""
-        paths = [self.points[seen, t] for t, seen in enumerate(self.present.T) if seen.any()]
+        paths = [self.points[was_read, t] for t, was_read in enumerate(self.present.T) if was_read.any()]
         return max((float(np.linalg.norm(np.ptp(path, axis=0))) for path in paths), default=0.0)
 
 
@@ -161,14 +161,14 @@ class SweepSet:
                     where=sweep.where,
                     remedy=f"sweep at least {np.degrees(SHORTEST_ARC):.0f}°, better 90° or more",
                 )
-        joint, count = Counter(min(self.find_turning_joints(sweep)) for sweep in self.sweeps).most_common(1)[
-            0
-        ]
+        # A sweep shows the axis of the first of the joints that turn.
+        sweep_counts = Counter(min(self.find_turning_joints(sweep)) for sweep in self.sweeps)
+        joint, count = sweep_counts.most_common(1)[0]
         if count > 1:
             raise MeasurementError(
                 f"{count} sweeps turn model joint {joint + 1}",
                 where="sweeps",
-                remedy="give one sweep per joint; add the positions of a repeated sweep to the first",
+                remedy="give one sweep per joint; add the positions of a repeated sweep to the first sweep",
             )
 
     def model_angles(self, sweep: Sweep) -> FloatArray:
@@ -182,7 +182,7 @@ class SweepSet:
         joints of the controller turned against each other may turn a single joint of the model.
         """
         ranges = np.ptp(self.model_angles(sweep), axis=0)
-        return tuple(int(index) for index in np.flatnonzero(ranges > STILL))
+        return tuple(int(index) for index in np.flatnonzero(ranges > RESTING_RANGE))
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -219,7 +219,7 @@ class SweepSet:
         slopes = [np.tile(self.joint_map.matrix[:, sweep.joint], (len(sweep), 1)) for sweep in self.sweeps]
         return PoseReadings(
             angles=np.concatenate([self.model_angles(sweep) for sweep in self.sweeps]),
-            points=np.concatenate([sweep.read for sweep in self.sweeps]),
+            points=np.concatenate([sweep.points_or_zero for sweep in self.sweeps]),
             weight=np.concatenate([sweep.weight for sweep in self.sweeps]),
             slopes=np.concatenate(slopes),
             basis=None,
@@ -231,8 +231,11 @@ class AxisFit:
     """Axis fitted to one sweep of N positions and T targets, with its uncertainty and residuals."""
 
     sweep: Sweep  #: fitted sweep
-    outer: AxisFit | None  #: fit of the outer axis by its own sweep, if this sweep turns two axes
-    axis: Axis  #: the (inner) axis in the tracker's frame; its point is the foot of the readings' mean
+    #: if this sweep turns two coupled joints: fit of the axis nearer to the flange (the outer axis) to the
+    #: sweep that turns only its joint; None if this sweep turns one joint
+    outer_fit: AxisFit | None
+    #: axis in the tracker's frame, the inner axis if two joints turn; its point is next to the readings' mean
+    axis: Axis
     #: (T, 3) targets in the tracker's frame [m], with the turning joint at model angle zero; if two joints
     #: turn, with the outer joint at zero and the inner joint as in the outer axis's sweep
     target_points: FloatArray
@@ -262,6 +265,7 @@ class AxisFit:
         The lists (T,) have None for a target without readings. If two axes turn, no radius is known: the
         first list then has the residuals in both directions perpendicular to the axis.
         """
+        # In the axis's frame, the third coordinate is along the axis.
         residuals = self.residuals @ self.axis.frame
         arms = (self.sweep.points - self.residuals - self.axis.point) @ self.axis.frame
         radial: list[float | None] = []
@@ -269,11 +273,12 @@ class AxisFit:
         for t in range(residuals.shape[1]):
             rows = self.sweep.present[:, t]
             across, along = residuals[rows, t, :2], residuals[rows, t, 2]
-            if self.outer is None and rows.any():
+            if self.outer_fit is None and rows.any():  # project the residuals on the radius
                 lengths = np.linalg.norm(arms[rows, t, :2], axis=1)
                 across = np.sum(arms[rows, t, :2] * across, axis=1) / np.maximum(lengths, 1e-300)
-            for rms, parts in ((radial, across), (axial, along)):
-                rms.append(float(np.sqrt(np.mean(parts**2))) if parts.size else None)
+            for rms_of_targets, components in ((radial, across), (axial, along)):
+                rms = float(np.sqrt(np.mean(components**2))) if components.size else None
+                rms_of_targets.append(rms)
         return radial, axial
 
 
@@ -283,7 +288,7 @@ def fit_axis(
     *,
     sigma: float | None = None,
     angles: AngleUse = "free",
-    outer: AxisFit | None = None,
+    outer_fit: AxisFit | None = None,
     slopes: FloatArray | None = None,
 ) -> AxisFit:
     """Fit the axis of a sweep in which one model joint turns, or the inner axis if two joints turn.
@@ -291,12 +296,14 @@ def fit_axis(
     Args:
         sweep: the readings.
         turned: (N,) model angle of the turning joint, from the controller [rad]. If two joints turn, (N, 2):
-            angle of the inner joint minus its angle in the outer axis's sweep, then angle of the outer joint.
-        sigma: standard uncertainty of a coordinate [m]; from the residuals if None.
+            angle of the inner joint (nearer to the base) minus its angle in the outer axis's sweep, then
+            angle of the outer joint (nearer to the flange).
+        sigma: standard uncertainty of a coordinate [m]; None computes sigma from the residuals.
         angles: `free` estimates each position's angle from the readings, common to all targets;
             `controller` takes the controller's angles.
-        outer: fit of the outer axis by a sweep of its own, if two joints turn. Joints before the outer axis
-            are at the same angles in both sweeps, but for the inner joint, whose angle was subtracted.
+        outer_fit: if two joints turn, fit of the outer axis to the sweep that turns only its joint. Joints
+            before the outer axis are at the same angles in both sweeps, but for the inner joint, whose
+            angle was subtracted.
         slopes: (2,) derivative of the two model angles with respect to the controller's joint angle.
 
     Returns:
@@ -305,12 +312,14 @@ def fit_axis(
     Raises:
         MeasurementError: the readings do not determine an axis, or the fit does not converge.
     """
-    shown = turned if outer is None else sweep.angles[:, sweep.joint]
+    controller_angles = turned if outer_fit is None else sweep.angles[:, sweep.joint]
     model_angles = turned.reshape(len(sweep), -1)
+    # Corrections of the angles have mean zero: a common rotation is the same as a turn of the targets.
     basis = helmert(len(sweep)).T if angles == "free" else np.zeros((len(sweep), 0))
     by_correction = np.broadcast_to(np.ones(1) if slopes is None else slopes, model_angles.shape)
-    readings = PoseReadings(model_angles, sweep.read, sweep.weight, by_correction, basis)
-    state, linear = fit_poses(readings, _estimate_start(sweep, readings, outer), where=sweep.where, fitted=1)
+    readings = PoseReadings(model_angles, sweep.points_or_zero, sweep.weight, by_correction, basis)
+    start = _estimate_start(sweep, readings, outer_fit)
+    state, linear = fit_poses(readings, start, where=sweep.where, fitted=1)
     dof = 3 * int(sweep.present.sum()) - linear.rank
     if dof < 1:
         raise MeasurementError(
@@ -319,40 +328,42 @@ def fit_axis(
             remedy="record more positions or more targets",
         )
     if not linear.determines(slice(0, CHART_SIZE)):
-        which, remedy = "axis", "read a target that is farther from the axis, over a wider arc"
-        if outer is not None:
-            which = "inner one of the two axes that turn"
+        axis_name, remedy = "axis", "read a target that is farther from the axis, over a wider arc"
+        if outer_fit is not None:
+            axis_name = "inner one of the two axes that turn"
             remedy = "sweep a wider arc with more positions; two axes that coincide cannot be distinguished"
-        raise MeasurementError(f"the readings do not determine the {which}", where=sweep.where, remedy=remedy)
-    used = float(np.sqrt(linear.rss / dof)) if sigma is None else sigma
+        raise MeasurementError(
+            f"the readings do not determine the {axis_name}", where=sweep.where, remedy=remedy
+        )
+    used_sigma = float(np.sqrt(linear.rss / dof)) if sigma is None else sigma
     motion = state.motion(readings)
     influence = linear.pseudo_inverse[: CHART_SIZE + state.targets.size]
     dependence = np.zeros((CHART_SIZE, CHART_SIZE))
-    covariance = used**2 * linear.covariance[:CHART_SIZE, :CHART_SIZE]
-    if outer is not None:
+    covariance = used_sigma**2 * linear.covariance[:CHART_SIZE, :CHART_SIZE]
+    if outer_fit is not None:
         by_outer = readings.weight @ motion.jacobian()[..., CHART_SIZE : 2 * CHART_SIZE]
         dependence = -influence[:CHART_SIZE] @ by_outer.reshape(-1, CHART_SIZE)
-        covariance = covariance + dependence @ outer.axis_covariance @ dependence.T
-    centred = shown - shown.mean()
+        covariance = covariance + dependence @ outer_fit.axis_covariance @ dependence.T
+    centred = controller_angles - controller_angles.mean()
     return AxisFit(
         sweep=sweep,
-        outer=outer,
+        outer_fit=outer_fit,
         axis=state.axes[0],
         target_points=state.targets,
         angle_deviation=state.corrections,
         angle_scale=float(1.0 + centred @ state.corrections / (centred @ centred)),
-        arc=float(np.ptp(shown + state.corrections)),
+        arc=float(np.ptp(controller_angles + state.corrections)),
         influence=influence,
         dependence=dependence,
         axis_covariance=covariance,
         residuals=np.where(sweep.present[..., None], readings.points - motion.points, 0.0),
-        sigma=used,
+        sigma=used_sigma,
         dof=dof,
         linear=linear,
     )
 
 
-def _estimate_start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None) -> PoseState:
+def _estimate_start(sweep: Sweep, readings: PoseReadings, outer_fit: AxisFit | None) -> PoseState:
     """Return start values of axis and targets from a linear fit of circles.
 
     Target t moves on ``p_kt ≈ A_t + B_t cos θ_k + C_t sin θ_k``, linear in A, B and C. ``B_t × C_t`` points
@@ -364,31 +375,33 @@ def _estimate_start(sweep: Sweep, readings: PoseReadings, outer: AxisFit | None)
     """
     turned = readings.angles[:, 0]
     columns = np.column_stack([np.ones(len(sweep)), np.cos(turned), np.sin(turned)])
-    normal, centres, radii, count, radius = np.zeros(3), [], [], 0, np.zeros(3)
+    normal, centres, weights = np.zeros(3), [], []
+    most_readings, radius = 0, np.zeros(3)  # of the target that was read most often; radius as a vector
     for t in np.flatnonzero(sweep.present.sum(axis=0) >= columns.shape[1]):
         rows = sweep.present[:, t]
         A, B, C = np.linalg.lstsq(columns[rows], sweep.points[rows, t], rcond=None)[0]
         normal += cross(B, C)
         centres.append(A)
-        radii.append(float(np.linalg.norm(cross(B, C))))
-        if rows.sum() > count:
-            count, radius = rows.sum(), B
+        weights.append(float(np.linalg.norm(cross(B, C))))
+        if rows.sum() > most_readings:
+            most_readings, radius = rows.sum(), B
     if not np.linalg.norm(normal) > 0.0:
         raise MeasurementError(
             "no target moved on a circle",
             where=sweep.where,
             remedy="read at least one target in three or more positions, at a distance from the axis",
         )
-    found = Axis.through(np.average(centres, axis=0, weights=np.array(radii) + 1e-12), normal)
-    axes: tuple[Axis, ...] = (found.represent_near(sweep.points[sweep.present].mean(axis=0)),)
-    if outer is not None:
-        inner, (slope, back) = axes[0], readings.slopes[0]
-        if abs(slope + back) < 0.5 * abs(slope):
-            inner = Axis.through(outer.axis.point - radius, inner.direction)
-        axes = (inner, outer.axis)
-    local = Motion(axes, np.zeros((1, 3)), readings.angles).postures.to_flange(readings.points)
+    axis = Axis.through(np.average(centres, axis=0, weights=np.array(weights) + 1e-12), normal)
+    axes: tuple[Axis, ...] = (axis.represent_near(sweep.points[sweep.present].mean(axis=0)),)
+    if outer_fit is not None:
+        inner, (inner_slope, outer_slope) = axes[0], readings.slopes[0]
+        # If the outer joint turns back by about the same angle, the outer axis itself moves on the circle.
+        if abs(inner_slope + outer_slope) < 0.5 * abs(inner_slope):
+            inner = Axis.through(outer_fit.axis.point - radius, inner.direction)
+        axes = (inner, outer_fit.axis)
+    in_flange = Motion(axes, np.zeros((1, 3)), readings.angles).postures.to_flange(readings.points)
     present = sweep.present[..., None]
-    targets = np.where(present, local, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
+    targets = np.where(present, in_flange, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1)
     return PoseState(axes, targets, np.zeros(len(sweep)))
 
 
@@ -416,24 +429,23 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     order = sweeps.order
     starts = np.cumsum([0, *(sweep.points.size for sweep in sweeps.sweeps)])
     fits: dict[int, AxisFit] = {}
-    influences: dict[int, FloatArray] = {}  # derivative of chart and targets of a sweep
-    for joint, index in reversed(
-        list(enumerate(order))
-    ):  # a sweep of two coupled joints needs the outer axis's fit
+    influences: dict[int, FloatArray] = {}  # derivative of a sweep's chart and targets by all readings
+    # Last joint first: a sweep that turns two coupled joints needs the fit of the outer axis.
+    for joint, index in reversed(list(enumerate(order))):
         sweep = sweeps.sweeps[index]
         turning, turned = list(sweeps.find_turning_joints(sweep)), sweeps.model_angles(sweep)
         if len(turning) == 1:
             fits[index] = fit_axis(sweep, turned[:, joint], sigma=sweeps.sigma, angles=angles)
         else:
-            outer = fits[order[turning[-1]]]
-            there = sweeps.model_angles(outer.sweep).mean(axis=0)
-            _refuse_unless_coupled(sweeps, sweep, outer, turned.mean(axis=0) - there)
+            outer_fit = fits[order[turning[-1]]]
+            outer_posture = sweeps.model_angles(outer_fit.sweep).mean(axis=0)
+            _refuse_unless_coupled(sweeps, sweep, outer_fit, turned.mean(axis=0) - outer_posture)
             fits[index] = fit_axis(
                 sweep,
-                turned[:, turning] - [there[joint], 0.0],
+                turned[:, turning] - [outer_posture[joint], 0.0],
                 sigma=sweeps.sigma,
                 angles=angles,
-                outer=outer,
+                outer_fit=outer_fit,
                 slopes=sweeps.joint_map.matrix[turning, sweep.joint],
             )
         influences[index] = np.zeros((len(fits[index].influence), starts[-1]))
@@ -446,11 +458,12 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
     at_sweep, points = [fits[index].axis for index in order], fits[order[-1]].target_points
     axes, targets = _move_axes_to_zero(at_sweep, points, sweeps.postures)
-    as_swept = np.vstack(
+    # Derivative of the axes and targets where the sweeps show them; then of axes and targets at angle zero
+    influence_at_sweep = np.vstack(
         [*(influences[index][:CHART_SIZE] for index in order), influences[order[-1]][CHART_SIZE:]]
     )
-    by_zero, _ = _differentiate_by_zero(axes, at_sweep, points, sweeps.postures)
-    influence = np.asarray(np.linalg.solve(by_zero, as_swept), dtype=np.float64)
+    by_geometry, _ = _differentiate_swept_axes(axes, at_sweep, points, sweeps.postures)
+    influence = np.asarray(np.linalg.solve(by_geometry, influence_at_sweep), dtype=np.float64)
     return SweptAxes(
         axes=axes,
         targets=targets,
@@ -466,19 +479,23 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     )
 
 
-def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, outer: AxisFit, apart: FloatArray) -> None:
+def _refuse_unless_coupled(
+    sweeps: SweepSet, sweep: Sweep, outer_fit: AxisFit, angle_differences: FloatArray
+) -> None:
     """Refuse a sweep that turns several model joints, unless a single controller joint turns two of them.
 
-    Joints before the outer joint carry its axis: all of them but the inner joint must have the same angles as
-    in the outer joint's sweep. `apart` (n,) [rad] is the difference of the joint angles between both sweeps.
+    The two model joints are the inner joint, nearer to the base, and the outer joint, nearer to the flange.
+    `outer_fit` is the axis of the outer joint from its own sweep. `angle_differences` (n,) [rad] are the
+    joint angles of `sweep` minus the joint angles of the outer joint's sweep.
 
     Raises:
         MeasurementError: the sweep turns more than one controller joint, or joints that cannot be separated.
     """
     turning = sweeps.find_turning_joints(sweep)
     joints = " and ".join(str(joint + 1) for joint in turning)
+    inner_joint, outer_joint = turning[:2]
     coupled = np.flatnonzero(sweeps.joint_map.matrix[:, sweep.joint])
-    moved = np.flatnonzero(np.ptp(sweep.angles, axis=0) > STILL)
+    moved = np.flatnonzero(np.ptp(sweep.angles, axis=0) > RESTING_RANGE)
     if list(moved) != [sweep.joint] or len(coupled) > 2:
         raise MeasurementError(
             f"model joints {joints} turn in one sweep",
@@ -486,17 +503,19 @@ def _refuse_unless_coupled(sweeps: SweepSet, sweep: Sweep, outer: AxisFit, apart
             remedy="turn one controller joint at a time; if the joint map couples more than two joints, "
             "command the others so that one axis turns; check the order of the rows",
         )
-    if outer.outer is not None:
+    if outer_fit.outer_fit is not None:  # the outer joint's own sweep turned two joints, too
         raise MeasurementError(
-            f"model joint {turning[1] + 1} turns as well, but its own sweep also turns two joints",
+            f"model joint {outer_joint + 1} turns as well, but its own sweep also turns two joints",
             where=sweep.where,
             remedy="turn the last of the coupled joints alone in a sweep of its own",
         )
-    before = [joint for joint in range(turning[1]) if joint != turning[0]]
-    if before and np.abs(apart[before]).max() > STILL:
+    # The joints before the outer joint carry its axis: all of them but the inner joint must have had the same
+    # angles in both sweeps.
+    carrying = [joint for joint in range(outer_joint) if joint != inner_joint]
+    if carrying and np.abs(angle_differences[carrying]).max() > RESTING_RANGE:
         raise MeasurementError(
             f"this sweep turns model joints {joints}, and it was recorded in another configuration than the "
-            f"{outer.sweep.where}",
+            f"{outer_fit.sweep.where}",
             where=sweep.where,
             remedy="start both sweeps from the same configuration of the other joints",
         )
@@ -507,26 +526,25 @@ def _move_axes_to_zero(
 ) -> tuple[tuple[Axis, ...], FloatArray]:
     """Transform axes and targets from their sweeps to model angle zero.
 
-    Return the n axes and the targets (T, 3) [m]. `at_sweep` has each axis where its own sweep showed it,
-    `points` (T, 3) [m] the targets in the last sweep; `postures` (n, n) are the joint angles in each sweep
-    [rad].
+    Return the n axes and the targets (T, 3) [m]. `at_sweep` has each axis as its own sweep shows it, `points`
+    (T, 3) [m] the targets in the last joint's sweep, `postures` (n, n) [rad] the joint angles in each sweep.
     """
-    axes, back = [at_sweep[0]], pin.SE3.Identity()
+    axes, back = [at_sweep[0]], pin.SE3.Identity()  # `back` turns the joints before an axis back to zero
     for axis, posture in zip(at_sweep[1:], postures[1:], strict=True):
         back = Motion(axes, points, posture[None, : len(axes)]).postures.flange_placement(0).inverse()
         axes.append(axis.transform(back))
     return tuple(axes), transform_points(back, points)
 
 
-def _differentiate_by_zero(
+def _differentiate_swept_axes(
     axes: Sequence[Axis], at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Differentiate the axis of each sweep and the targets of the last sweep, which the sweeps determine.
+    """Differentiate the axes as the sweeps show them, and the targets of the last joint's sweep.
 
     Args:
         axes: n axes at model angle zero.
-        at_sweep: each axis where its own sweep shows it.
-        points: (T, 3) targets in the last sweep [m].
+        at_sweep: n axes, each in the posture of its own sweep.
+        points: (T, 3) targets in the last joint's sweep [m].
         postures: (n, n) angles of the joints in each sweep [rad].
 
     Returns:
@@ -535,19 +553,20 @@ def _differentiate_by_zero(
     """
     n, charts = len(axes), CHART_SIZE * len(axes)
     arm = Motion(axes, points, np.tril(postures, -1)).postures
-    by_zero, by_angle = np.zeros((charts + points.size,) * 2), np.zeros((charts + points.size, n, n))
+    by_geometry, by_angle = np.zeros((charts + points.size,) * 2), np.zeros((charts + points.size, n, n))
     for k, axis in enumerate(at_sweep):
-        own, into = slice(CHART_SIZE * k, CHART_SIZE * (k + 1)), axis.place.inverse().action[CHART]
+        rows = slice(CHART_SIZE * k, CHART_SIZE * (k + 1))
+        to_chart = axis.place.inverse().action[CHART]  # from a small motion to the chart of this axis
         motions = np.concatenate([arm.axis_motions[k, :k], arm.placement_motions[k, k : k + 1]])[..., CHART]
-        by_zero[own, : own.stop] = (into @ motions).transpose(1, 0, 2).reshape(CHART_SIZE, -1)
-        by_angle[own, k, :k] = into @ arm.jacobian[k, :, :k]
+        by_geometry[rows, : rows.stop] = (to_chart @ motions).transpose(1, 0, 2).reshape(CHART_SIZE, -1)
+        by_angle[rows, k, :k] = to_chart @ arm.jacobian[k, :, :k]
     moves = differentiate_by_rigid_motion(points).reshape(-1, 6)
-    by_zero[charts:, :charts] = (
+    by_geometry[charts:, :charts] = (
         (moves @ arm.axis_motions[-1][..., CHART]).transpose(1, 0, 2).reshape(-1, charts)
     )
-    by_zero[charts:, charts:] = np.kron(np.eye(len(points)), arm.flange_rotation[-1])
+    by_geometry[charts:, charts:] = np.kron(np.eye(len(points)), arm.flange_rotation[-1])
     by_angle[charts:, -1, :-1] = moves @ arm.jacobian[-1, :, :-1]
-    return by_zero, by_angle
+    return by_geometry, by_angle
 
 
 def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxes:
@@ -568,11 +587,11 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
     count = len(readings.angles)
     if angles == "controller":
         readings = replace(readings, basis=np.zeros((count, 0)))
-    first = PoseState(identified.axes, identified.targets, np.zeros(count))
-    state, linear = fit_poses(readings, first, where="sweeps")
-    kept = CHART_SIZE * identified.n + identified.targets.size
+    start = PoseState(identified.axes, identified.targets, np.zeros(count))
+    state, linear = fit_poses(readings, start, where="sweeps")
+    geometry = CHART_SIZE * identified.n + identified.targets.size  # number of unknowns of axes and targets
     dof = 3 * int(sweeps.present.sum()) - linear.rank
-    if dof < 1 or not linear.determines(slice(0, kept)):
+    if dof < 1 or not linear.determines(slice(0, geometry)):
         raise MeasurementError(
             "the sweeps do not determine all axes and targets",
             where="sweeps",
@@ -583,8 +602,8 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
         identified,
         axes=state.axes,
         targets=state.targets,
-        covariance=sigma**2 * linear.covariance[:kept, :kept],
-        influence=linear.pseudo_inverse[:kept],
+        covariance=sigma**2 * linear.covariance[:geometry, :geometry],
+        influence=linear.pseudo_inverse[:geometry],
         sigma=sigma,
         rss=linear.rss,
         dof=dof,
@@ -592,17 +611,17 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
     )
 
 
-def compute_angle_p_value(free: SweptAxes, controller: SweptAxes) -> float:
-    """Return the p-value of an F-test of a restricted fit, with the controller's angles, against a free fit.
+def compute_restriction_p_value(free: SweptAxes, restricted: SweptAxes) -> float:
+    """Return the p-value of an F-test of a restricted fit against a fit with more unknowns, `free`.
 
     The p-value is the probability that noise alone makes the residuals of the restricted fit so much larger.
-    If it is not small, the readings justify the controller's angles.
+    If the p-value is not small, the readings justify the restriction, such as the controller's angles.
     """
-    more = controller.dof - free.dof
-    if more < 1:
+    restrictions = restricted.dof - free.dof
+    if restrictions < 1:
         return 1.0
-    gain = max(controller.rss - free.rss, 0.0) / more
-    return float(special.fdtrc(more, free.dof, gain / (free.rss / free.dof)))
+    loss = max(restricted.rss - free.rss, 0.0) / restrictions
+    return float(special.fdtrc(restrictions, free.dof, loss / (free.rss / free.dof)))
 
 
 def propagate_resting_angle_errors(swept: SweptAxes) -> tuple[FloatArray, list[int]]:
@@ -617,34 +636,34 @@ def propagate_resting_angle_errors(swept: SweptAxes) -> tuple[FloatArray, list[i
 
     Returns:
         Displacements (4 n + 3 T, G) of charts and targets for one standard deviation of each of G errors; and
-        the index (G,) of each error's controller joint, from the last joint to the first.
+        the index (G,) of the controller joint of each error, in order from the last joint to the first.
     """
     sweeps, n = swept.sweeps, swept.n
     in_order = [swept.fits[index] for index in sweeps.order]
     at_sweep, points = [fit.axis for fit in in_order], in_order[-1].target_points
-    by_zero, by_angle = _differentiate_by_zero(swept.axes, at_sweep, points, sweeps.postures)
+    by_geometry, by_angle = _differentiate_swept_axes(swept.axes, at_sweep, points, sweeps.postures)
     # Derivative of charts and targets at angle zero with respect to the joint angles in each sweep
     by_posture = -np.asarray(
-        np.linalg.solve(by_zero, by_angle.reshape(len(by_angle), n * n)), dtype=np.float64
+        np.linalg.solve(by_geometry, by_angle.reshape(len(by_angle), n * n)), dtype=np.float64
     )
     columns, joints = [np.zeros((len(by_posture), 0))], []
     for fit in sorted(swept.fits, key=lambda fit: -fit.sweep.joint):
         joint = fit.sweep.joint
-        # `size` is the standard deviation [rad] of the joint from the controller's angles, without the noise
-        # of the readings
+        # `gear_error` is the standard deviation [rad] of the joint from the controller's angles, without the
+        # noise of the readings. The corrections are the last unknowns of the fit, in an orthonormal basis.
         deviation = fit.angle_deviation
-        own = fit.linear.inverse[-(len(deviation) - 1) :]  # rows of the corrections, in an orthonormal basis
-        noise = fit.sigma**2 * float(np.sum(own**2))
-        size = float(np.sqrt(max(float(deviation @ deviation) - noise, 0.0) / (len(deviation) - 1)))
+        correction_rows = fit.linear.inverse[-(len(deviation) - 1) :]
+        noise = fit.sigma**2 * float(np.sum(correction_rows**2))
+        gear_error = float(np.sqrt(max(float(deviation @ deviation) - noise, 0.0) / (len(deviation) - 1)))
         # Group the sweeps of other joints by the angle at which this controller's joint rests
         angles = np.array([other.sweep.angles[:, joint].mean() for other in in_order])
-        others = np.array([other.sweep.joint != joint for other in in_order])
-        ascending = np.sort(angles[others])
-        starts = ascending[np.flatnonzero(np.diff(ascending, prepend=-np.inf) > STILL)]
-        number = np.searchsorted(starts, angles, side="right")
+        is_resting = np.array([other.sweep.joint != joint for other in in_order])
+        ascending = np.sort(angles[is_resting])
+        starts = ascending[np.flatnonzero(np.diff(ascending, prepend=-np.inf) > RESTING_RANGE)]
+        group_number = np.searchsorted(starts, angles, side="right")
         for group in range(len(starts)):
-            rests = others & (number == group + 1)
-            turned = np.where(rests[:, None], sweeps.joint_map.matrix[:, joint], 0.0)
-            columns.append(size * by_posture @ turned.reshape(-1, 1))
+            is_in_group = is_resting & (group_number == group + 1)
+            turned = np.where(is_in_group[:, None], sweeps.joint_map.matrix[:, joint], 0.0)
+            columns.append(gear_error * by_posture @ turned.reshape(-1, 1))
             joints.append(joint)
     return np.hstack(columns), joints

@@ -1,6 +1,6 @@
 """Plausibility checks of a measurement set: the usual mistakes of a long day.
 
-Each finding has a weight, a figure and a remedy; none is mended silently.
+Each finding has a weight, a message with a figure, and a remedy. No mistake is corrected silently.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from jointstiff.solver.integrity.against_model import (
     inspect_response,
     inspect_rigidity,
 )
-from jointstiff.solver.integrity.other_robots import KnownRobot, inspect_robots
+from jointstiff.solver.integrity.other_robots import KnownRobot, inspect_other_robots
 from jointstiff.solver.integrity.values import View, inspect_repeats, inspect_values
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 
 MAX_FINDINGS_PER_CODE: Final = 10
-"""Further findings of a kind are counted in its last message."""
+"""Greatest number of findings of one kind; the last one states the number of further findings."""
 _NO_RESPONSE: Final[frozenset[FindingCode]] = frozenset(
     {"angle_unit_suspect", "length_unit_suspect", "deflection_implausibly_large", "sigma_suspect"}
 )
-"""With one of these mistakes, the deflections are not what springs would give under the load."""
+"""Mistakes after which deflections cannot be compared with those of springs under the load."""
 
 
 def inspect_measurements(
@@ -43,8 +43,8 @@ def inspect_measurements(
         robot: n joints.
         measurements: N observations of T targets.
         degrees: whether the angles were posted in degrees.
-        others: robots that may have been measured instead; they are built and tried only where targets are
-            off the robot's model and no mistake in the readings explains it.
+        others: robots that may have been measured instead. They are built and tried only if targets are far
+            from their places by the robot's model and no mistake in the readings explains this.
 
     Returns:
         The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
@@ -52,8 +52,10 @@ def inspect_measurements(
     view = View(robot, measurements, degrees)
     findings = list(inspect_values(view))
     suspects, good = inspect_places(view)
+    # If another robot explains the positions, this is the only finding about places, and no row is checked
+    # further.
     if any(finding.code == "target_off_model" and finding.weight == "do_not_use" for finding in suspects):
-        fitting = list(inspect_robots(view, others))
+        fitting = list(inspect_other_robots(view, others))
         suspects, good = (fitting, np.zeros_like(good)) if fitting else (suspects, good)
     exchanged = {finding.where for finding in suspects if finding.code == "targets_swapped"}
     # Exchanged names of targets explain a large deflection: only the exchange is reported.
@@ -70,8 +72,8 @@ def inspect_measurements(
     shown: list[Finding] = []
     for of_one_kind in kinds.values():
         shown += of_one_kind[:MAX_FINDINGS_PER_CODE]
-        more = len(of_one_kind) - MAX_FINDINGS_PER_CODE
-        if more > 0:
-            message = f"{shown[-1].message} (and {more} more of this kind)"
+        further = len(of_one_kind) - MAX_FINDINGS_PER_CODE
+        if further > 0:
+            message = f"{shown[-1].message} (and {further} more of this kind)"
             shown[-1] = shown[-1].model_copy(update={"message": message})
     return shown

@@ -1,4 +1,4 @@
-"""Other robots than the chosen one: those whose flange sees the targets at one place."""
+"""Other robots than the chosen one, for which the targets keep their places on the flange."""
 
 from __future__ import annotations
 
@@ -18,45 +18,45 @@ from jointstiff.solver.integrity.against_model import (
     greatest_distances,
     sample_rows,
 )
-from jointstiff.solver.integrity.values import View, median, seen_from_flange
+from jointstiff.solver.integrity.values import View, median, transform_to_flange
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.text import length_text
 
 LARGEST_NOMINAL_ERROR: Final = 5e-3
-"""Largest distance of a target from its place [m] by the model of the robot that was measured.
+"""Greatest distance of a target from its place [m] by the nominal model of the robot that was measured.
 
-Arms stand within 1 mm to 3 mm of their nominal model, and differ from other arms by centimetres.
+A robot differs from its nominal model by 1 mm to 3 mm, and from other types of robots by centimetres.
 """
 CLEARLY: Final = 0.1
-"""Fraction of the observations by which another robot must explain more than the chosen one."""
+"""Fraction of the observations that another robot must explain in addition to those of the chosen robot."""
 ALIKE: Final = 1.5
 """Ratio of median distances up to which positions do not distinguish two robots."""
 _MICROMETRES: Final = 6
-"""Decimals of a median distance [m] that order two robots."""
+"""Decimals to which median distances [m] are rounded before two robots are compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class KnownRobot:
-    """A robot that may have been measured in place of the chosen one."""
+    """Robot that may have been measured in place of the chosen robot."""
 
-    name: str
-    robot: Robot
+    name: str  #: name of the robot
+    robot: Robot  #: model of the robot
     identifier: str | None = None  #: id of the stored robot; None for an arm of the catalogue
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A known robot whose flange sees the targets at one place in most observations."""
+    """Known robot by whose model the targets keep their places on the flange in most observations."""
 
-    known: KnownRobot
-    near: int  #: observations whose targets are within `LARGEST_NOMINAL_ERROR` of their place
+    known: KnownRobot  #: the robot
+    near: int  #: number of observations whose targets are within `LARGEST_NOMINAL_ERROR` of their places
     within: float  #: greatest distance from the place in these observations [m]
     typical: float  #: median distance from the place in all observations [m]
 
 
-def inspect_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding]:
+def inspect_other_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding]:
     """Report other robots that explain the positions better than the chosen robot, the best first.
 
     A robot explains an observation if the targets are at their usual places on its flange, within
@@ -64,9 +64,10 @@ def inspect_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding
     the chosen robot, within `LARGEST_MODEL_ERROR`, clearly fewer.
 
     Args:
-        view: measurement set, seen with the chosen robot.
+        view: measurement set with the chosen robot.
         others: robots to try; robots with other kinds of joints are skipped.
     """
+    # A target that was read only once has no usual place.
     useful = view.measured & (view.measured.sum(axis=0) > 1)
     rows = sample_rows(np.flatnonzero(useful.any(axis=1)))
     if len(rows) < LEAST_ROWS:
@@ -83,8 +84,8 @@ def inspect_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding
             fits.append(_Fit(known, count, float(apart[near].max()), median(apart)))
     fits.sort(key=lambda fit: (-fit.near, round(fit.typical, _MICROMETRES)))
     for fit in fits:
-        alike = [f"'{each.known.name}'" for each in fits if each is not fit and _are_alike(each, fit)]
-        tie = f"; {' and '.join(alike)} fit{'s' if len(alike) == 1 else ''} as well" if alike else ""
+        equals = [f"'{each.known.name}'" for each in fits if each is not fit and _are_alike(each, fit)]
+        tie = f"; {' and '.join(equals)} fit{'s' if len(equals) == 1 else ''} as well" if equals else ""
         name = fit.known.name
         yield view.build_finding(
             "another_robot_fits",
@@ -103,13 +104,13 @@ def _measure_target_distances(robot: Robot, part: Measurements, useful: BoolArra
     Args:
         robot: robot that may have been measured.
         part: M observations of T targets.
-        useful: (M, T) targets that are compared.
+        useful: (M, T) mask of the targets that are compared.
 
     Returns:
         (M,) distances [m].
     """
     at = Postures(robot, robot.joint_map.model_angles(part.joints))
-    seen = seen_from_flange(at, part.position, useful)
+    seen = transform_to_flange(at, part.position, useful)
     return greatest_distances(seen, find_consensus_places(seen))
 
 

@@ -1,8 +1,8 @@
-"""A measurement set as all checks see it, and checks of its numbers as such: units, limits, names, copies.
+"""A measurement set prepared for all checks, and checks of its numbers: units, limits, names, duplicates.
 
-Every statistical check of a set is allowed `FALSE_ALARM` of false findings, divided among its comparisons
-(Bonferroni). Where the scale is not stated but taken from the data, robustly, its own uncertainty counts:
-quantiles are then those of F with the degrees of freedom that a median leaves.
+Every statistical check of a set gives a false finding with probability `FALSE_ALARM`, divided among its
+comparisons (Bonferroni). If the scale is not stated but estimated from the data by a median, its uncertainty
+counts: quantiles are then those of the F distribution with the degrees of freedom of the median.
 """
 
 from __future__ import annotations
@@ -30,47 +30,48 @@ OTHER_UNITS: Final[dict[Unit, tuple[str, Unit, FindingCode]]] = {
     "deg": ("angle", "rad", "angle_unit_suspect"),
     "rad": ("angle", "deg", "angle_unit_suspect"),
 }
-"""Quantity of a unit, the unit that is declared in its place, and the finding that says so."""
+"""Unit that the numbers seem to have → quantity, unit that was declared instead, and code of the finding."""
 IN_ORDER: Final = 0.8
-"""Correlation of a joint's angle with the row."""
+"""Correlation of a joint's angle with the number of the row above which a set counts as measured in order."""
 FALSE_ALARM: Final = 1e-6
-"""Significance level of a check: a dozen checks, a set a day for centuries."""
+"""Significance level of a check: a dozen checks of one set a day give no false finding in centuries."""
 MODEL_ALLOWANCE: Final = 1.5
-"""Factor for deviations that are not noise: they are not normal, and their extremes may be larger."""
+"""Factor on limits of deviations that are not noise: these are not normal, and have greater extremes."""
 MEDIAN_EFFICIENCY: Final = 0.37
-"""Confidence of a scale estimated by medians, as the standard deviation of that share of the readings."""
+"""Fraction of the readings whose standard deviation would be as certain as the scale from a median of all."""
 MEDIAN_SIZE: Final = 0.6744897501960817
 """Median of the absolute value of a standard normal variable."""
 SAME_ANGLE: Final = 1e-5
-"""Tolerance of angles [rad] of the same posture: 20 µm at 2 m."""
+"""Greatest difference of angles [rad] of the same posture: 20 µm at 2 m."""
 LARGEST_DEFLECTION: Final = 0.02
 """Largest plausible deflection [m]: more is a mistake in a unit or a label."""
 SMALLEST_DEFLECTION: Final = 5e-6
-"""Smallest deflection that a tracker sees [m]; if all are smaller, the lengths have another unit."""
+"""Smallest deflection that a tracker can show [m]; if all are smaller, the lengths have another unit."""
 LARGEST_SIGMA: Final = 1e-3
 """Largest standard uncertainty of a tracker [m]."""
 FLANGE_LENGTHS: Final = (2e-3, 10.0)
-"""Load points and targets in the flange frame [m]: none is as near the flange as all of a set in metres
-taken for millimetres would be, none as far as in the other case."""
+"""Least and greatest plausible distance from the flange [m] of the farthest load point or target. Metres read
+as millimetres give less, millimetres read as metres give more."""
 _READ_LENGTHS: Final = (0.02, 100.0)
-"""The farthest position of a set in R0 [m] where its unit is the declared one, in the same way."""
+"""Least and greatest plausible distance of the farthest position from the origin of R0 [m], likewise."""
 FORCES: Final = (5.0, 5e4)
-"""Plausible forces [N]: less deflects nothing, more is twice the payload of the largest robots."""
+"""Least and greatest plausible force [N]: less deflects nothing, more is twice the payload of the largest
+robots."""
 RARE_TARGET: Final = 0.1
-"""Share of observations below which a target's name is likely misspelt."""
+"""Fraction of the observations below which the name of a target is probably misspelt."""
 _LIMIT_MARGIN: Final = 1e-3
 _MANY_TURNS: Final = 4 * np.pi
 _SMALL_DEGREES: Final = 2 * np.pi
 _NUMBERS_OF_CHANCE: Final = 3
-"""Number of values that may agree in two observations by chance, when rounded."""
+"""Greatest number of rounded values other than zero that may agree in two observations by chance."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """N observations of T targets of a robot with n joints, seen from the flange."""
+    """Measurement set to be checked: N observations of T targets of a robot with n joints."""
 
-    robot: Robot  #: as its model says
-    measurements: Measurements  #: as they came
+    robot: Robot  #: model of the robot
+    measurements: Measurements  #: measurements as they were posted
     degrees: bool = False  #: whether the angles were posted in degrees
 
     def build_finding(
@@ -95,7 +96,7 @@ class View:
         )
 
     def suspect_other_unit(self, unit: Unit, effect: str) -> Finding:
-        """Build the finding that lengths or angles seem to be in another unit than the declared one.
+        """Build the finding that lengths or angles seem to have another unit than the declared unit.
 
         Args:
             unit: unit that the numbers seem to have.
@@ -122,11 +123,11 @@ class View:
 
     @cached_property
     def places(self) -> FloatArray:
-        """(N, T, 3) places of unloaded targets in the flange frame [m], by the model; NaN if not measured.
+        """(N, T, 3) places of unloaded targets in the flange frame [m], from the model; NaN if not measured.
 
         Targets are fixed to the flange, so with a perfect model a target has the same place in all rows.
         """
-        return seen_from_flange(self.postures, self.measurements.position, self.measured)
+        return transform_to_flange(self.postures, self.measurements.position, self.measured)
 
     @cached_property
     def reading_sigma(self) -> FloatArray:
@@ -143,9 +144,9 @@ class View:
         """
         q = self.measurements.joints
         time = np.arange(len(q)) - 0.5 * (len(q) - 1)
-        off = q - q.mean(axis=0)
-        size = np.linalg.norm(off, axis=0) * np.linalg.norm(time)
-        return bool((np.abs(time @ off) > IN_ORDER * size).any())
+        deviation = q - q.mean(axis=0)
+        size = np.linalg.norm(deviation, axis=0) * np.linalg.norm(time)
+        return bool((np.abs(time @ deviation) > IN_ORDER * size).any())
 
     @cached_property
     def loaded(self) -> BoolArray:
@@ -153,36 +154,36 @@ class View:
         return np.asarray(self.measurements.force.any(axis=1) | self.measurements.moment.any(axis=1))
 
 
-def seen_from_flange(postures: Postures, position: FloatArray, measured: BoolArray) -> FloatArray:
-    """Return positions (N, T, 3) in R0 [m] in the flange frame [m]; NaN where not measured."""
+def transform_to_flange(postures: Postures, position: FloatArray, measured: BoolArray) -> FloatArray:
+    """Transform positions (N, T, 3) from R0 to the flange frame [m]; NaN where not measured."""
     return np.where(measured[..., None], postures.to_flange(position), np.nan)
 
 
-def vector_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:
-    """Return the norm, over its scale, that one of several random vectors exceeds at level `FALSE_ALARM`.
+def compute_norm_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:
+    """Return the norm over the scale that any of several random vectors exceeds at level `FALSE_ALARM`.
 
     Args:
         comparisons: number of vectors.
         freedom: number of coordinates from which the scale was estimated as a median.
         coordinates: number of coordinates of each vector.
     """
-    below = 1.0 - FALSE_ALARM / max(comparisons, 1)
-    F = special.fdtri(coordinates, max(1.0, MEDIAN_EFFICIENCY * freedom), below)
+    probability = 1.0 - FALSE_ALARM / max(comparisons, 1)
+    F = special.fdtri(coordinates, max(1.0, MEDIAN_EFFICIENCY * freedom), probability)
     return float(np.sqrt(coordinates * F))
 
 
 def median(sizes: FloatArray) -> float:
-    """Return the median of finite numbers, at least one; `np.median` takes five times as long."""
+    """Return the median of finite numbers, at least one, in a fifth of the time of `np.median`."""
     middle = (sizes.size - 1) // 2, sizes.size // 2
     ordered = np.partition(sizes.ravel(), middle)
     return float(0.5 * (ordered[middle[0]] + ordered[middle[1]]))
 
 
-def vector_scale(norms: FloatArray, coordinates: int = 3) -> float:
+def estimate_coordinate_scale(norms: FloatArray, coordinates: int = 3) -> float:
     """Estimate the standard deviation of a coordinate from the norms (K,) of K vectors; 0 if K is 0."""
     # Median norm of a vector whose coordinates have the standard deviation 1
-    unit = float(np.sqrt(2.0 * special.gammaincinv(0.5 * coordinates, 0.5)))
-    return median(norms) / unit if norms.size else 0.0
+    unit_median = float(np.sqrt(2.0 * special.gammaincinv(0.5 * coordinates, 0.5)))
+    return median(norms) / unit_median if norms.size else 0.0
 
 
 def inspect_values(view: View) -> Iterator[Finding]:
@@ -204,7 +205,7 @@ def inspect_angles(view: View) -> Iterator[Finding]:
     joints, turning = view.measurements.joints, ~view.robot.prismatic
     largest = float(np.abs(joints[:, turning]).max(initial=0.0))
     if not view.degrees and largest > _MANY_TURNS:
-        yield view.suspect_other_unit("deg", f"the largest one is {largest:.4g} rad, more than two turns")
+        yield view.suspect_other_unit("deg", f"the largest angle is {largest:.4g} rad, more than two turns")
     posted = float(np.rad2deg(largest))
     if view.degrees and 0 < posted <= _SMALL_DEGREES and len(joints) > 1:
         yield view.suspect_other_unit(
@@ -233,7 +234,7 @@ def inspect_rare_targets(view: View) -> Iterator[Finding]:
             "target_name_suspect",
             f"target '{view.measurements.targets[t]}' is read in only {count[t]} of {len(present)} "
             "observations",
-            "check the spelling of its name",
+            "check the spelling of the target's name",
             "use",
             row=int(present[:, t].argmax()),
         )
@@ -265,12 +266,13 @@ def inspect_loads(view: View) -> Iterator[Finding]:
     if not sizes.any():
         return
     typical, (least, greatest) = float(np.median(sizes[sizes > 0.0])), FORCES
+    # Small forces are plausible where moments load the robot.
     if typical > greatest or (typical < least and not view.measurements.moment.any()):
         yield view.build_finding(
             "force_unit_suspect",
             f"the median force is {figure(typical, '.3g')} N, outside the plausible {least:g} N "
             f"to {greatest:g} N",
-            "check `units.force`: kN read as N, or N as kN? (kgf read as N is not detected)",
+            "check `units.force`: kN may have been read as N, or N as kN (kgf read as N is not detected)",
             "do_not_use",
             Action.of("convert_units", unit="N" if typical > greatest else "kN"),
         )
@@ -286,8 +288,11 @@ def inspect_flange_lengths(view: View) -> Iterator[Finding]:
     largest, (near, far) = float(np.linalg.norm(points, axis=1).max()), FLANGE_LENGTHS
     if near <= largest <= far or not largest:
         return
-    effect = f"the load points and targets in the flange frame are up to {length_text(largest)} from it"
+    effect = (
+        f"the load points and targets in the flange frame are up to {length_text(largest)} from its origin"
+    )
     farthest = float(np.linalg.norm(m.position[view.measured], axis=1).max(initial=0.0))
+    # Plausible positions in R0 have the declared unit, so only the lengths in the flange frame are wrong.
     if _READ_LENGTHS[0] <= farthest <= _READ_LENGTHS[1]:
         yield view.build_finding(
             "length_unit_suspect",
@@ -338,20 +343,21 @@ def inspect_duplicates(view: View) -> Iterator[Finding]:
     read = np.concatenate([m.position * view.measured[..., None], m.deflection], axis=1).reshape(len(m), -1)
     for i, j in enumerate(find_first_equal(read).tolist()):
         same = np.array_equal(m.joints[i], m.joints[j])
+        # Few rounded values may agree by chance, unless the joint angles agree, too.
         if j == i or (np.count_nonzero(read[i]) <= _NUMBERS_OF_CHANCE and not same):
             continue
         yield view.build_finding(
             "duplicated_observation",
             f"its {'joint angles and ' if same else ''}readings equal those of observations[{j}] to the last "
             "digit",
-            "remove one of the two, or give the readings that belong to it",
+            "remove one of the two observations, or give this observation its own readings",
             "do_not_use",
             row=i,
         )
 
 
 def inspect_repeats(view: View) -> Iterator[Finding]:
-    """Report the scatter of repeated observations, of deflections and of unloaded positions.
+    """Report how much deflections and unloaded positions scatter in repeated observations.
 
     Deflections show the tracker's noise alone, as the robot's position cancels; positions show the noise of
     tracker and robot.
@@ -365,18 +371,18 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
     variance, freedom, count = _pool_scatter(m.deflection, m.coordinates, np.hstack([posture, load, along]))
     if variance:
         sigma = np.sqrt(variance / 2.0)
-        stated, worse = "no noise is stated", False
+        statement, exceeds_noise = "no noise is stated", False
         if m.sigma is not None:
-            stated = f"the stated sigma is {length_text(m.sigma)}"
-            worse = special.chdtrc(freedom, freedom * (sigma / m.sigma) ** 2) < FALSE_ALARM
+            statement = f"the stated sigma is {length_text(m.sigma)}"
+            exceeds_noise = special.chdtrc(freedom, freedom * (sigma / m.sigma) ** 2) < FALSE_ALARM
         yield view.build_finding(
             "repeated_readings",
             f"{count} observations repeat the posture and load of others; their deflections give sigma "
-            f"= {length_text(sigma)} ({freedom} degrees of freedom), and {stated}",
+            f"= {length_text(sigma)} ({freedom} degrees of freedom), and {statement}",
             "state a noise that agrees with the repetitions, and find the cause of the scatter between them"
-            if worse
+            if exceeds_noise
             else "keep the repetitions in the set: they are used like all other observations",
-            "use_with_care" if worse else "use",
+            "use_with_care" if exceeds_noise else "use",
         )
     variance, freedom, count = _pool_scatter(
         m.position, 3 * view.measured, np.hstack([posture, view.measured])
@@ -386,7 +392,7 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
             "repeated_readings",
             f"in {count} repeated postures the unloaded targets scatter by {length_text(np.sqrt(variance))} "
             f"per coordinate ({freedom} degrees of freedom): tracker and robot together",
-            "compare with the stated noise: the excess is the repeatability of the robot",
+            "compare this scatter with the stated noise: the excess is the repeatability of the robot",
             "use",
         )
 
@@ -404,8 +410,8 @@ def _pool_scatter(values: FloatArray, coordinates: IndexArray, keys: FloatArray)
     numbers, sizes = np.unique(group, return_counts=True)
     for number in numbers[sizes > 1]:
         rows = np.flatnonzero(group == number)
-        some = values[rows][:, coordinates[number] > 0]
-        squares += float(((some - some.mean(axis=0)) ** 2).sum())
+        repeated = values[rows][:, coordinates[number] > 0]
+        squares += float(((repeated - repeated.mean(axis=0)) ** 2).sum())
         freedom += (len(rows) - 1) * int(coordinates[number].sum())
         count += len(rows) - 1
     return squares / max(freedom, 1), freedom, count

@@ -1,7 +1,8 @@
 """Choice of model, loss and penalty by cross-validation over configurations (method.md §7).
 
-Each fold is compressed once. The training set of a fold merges the triangles of the others, whatever the
-weight and the model; an error of prediction is that of the held-out fold's triangle.
+The rows of each fold are compressed once to a triangular matrix. The training set of a held-out fold merges
+the triangles of the other folds, for all weights and models; the prediction error is computed from the
+triangle of the held-out fold.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ from jointstiff.solver.links.model import (
     ElasticModel,
     ElasticRows,
     Formulation,
-    elastic_blocks,
-    elastic_rows,
-    formulate,
+    compress_elastic_rows,
+    formulate_fit,
+    generate_elastic_blocks,
     select_rows_of_part,
 )
 from jointstiff.solver.mechanics.measurements import Measurements, find_first_equal
@@ -49,6 +50,7 @@ def list_models_to_compare(screening: Screening, requested: ModelName | None) ->
         screening: tests of the residuals of joints alone for other causes.
         requested: model that the request names; None leaves the choice to the tests.
     """
+    # If the request lets the base bend, models with a bending base and with a rigid base are compared.
     if requested in WITH_BASE:
         return MODELS
     if requested is not None or not screening.base_needs_validation:
@@ -64,39 +66,43 @@ WEIGHTS: Final = tuple(10.0 ** (quarter / 4.0) for quarter in range(-12, 1, 2))
 LIMITS: Final = (1e-7, 10.0)
 """Least and greatest weight λ tried: hardly any penalty, and a penalty with which no link bends."""
 _GAP: Final = 1e-4
-"""Tolerance of the fitted readings, or of the sum of their residuals, relative to all: far below the accuracy
-of predicted readings."""
+"""Tolerance of the fitted readings, or of the sum of their residuals, relative to the size of all readings:
+far below the accuracy of predicted readings."""
 
 
 def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexArray, ...]:
-    """Divide observations at random into folds for cross-validation; all of one posture share a fold.
+    """Divide observations at random into folds for cross-validation.
+
+    All observations with the same joint angles (one posture) are put into the same fold.
 
     Args:
         validation: numbers of folds and draws, and the seed.
         joints: (N, n) joint angles of the observations.
 
     Returns:
-        The indices of the observations of each fold, one draw after the other.
+        The ascending indices of the observations of each fold: all folds of the first draw, then all folds of
+        the second draw, and so on.
 
     Raises:
         UnsupportedMethodError: the set has a single posture.
     """
     # Postures are numbered by first appearance, so that the values of the angles do not affect the draw.
-    postures, posture = np.unique(find_first_equal(joints), return_inverse=True)
-    count = len(postures)
-    if count < 2:
+    postures, posture_of_observation = np.unique(find_first_equal(joints), return_inverse=True)
+    posture_count = len(postures)
+    if posture_count < 2:
         raise UnsupportedMethodError(
             "the set has one posture, and cross-validation needs at least two",
             where="observations",
             remedy="add postures, or use elasticity joints",
         )
-    generator, folds = np.random.default_rng(validation.seed), min(validation.folds, count)
-    shares = []
+    generator, fold_count = np.random.default_rng(validation.seed), min(validation.folds, posture_count)
+    folds = []
     for _ in range(validation.draws):
-        fold = np.empty(count, dtype=np.intp)
-        fold[generator.permutation(count)] = np.arange(count) % folds
-        shares += [np.flatnonzero(fold[posture] == number) for number in range(folds)]
-    return tuple(shares)
+        fold_of_posture = np.empty(posture_count, dtype=np.intp)
+        fold_of_posture[generator.permutation(posture_count)] = np.arange(posture_count) % fold_count
+        fold_of_observation = fold_of_posture[posture_of_observation]
+        folds += [np.flatnonzero(fold_of_observation == number) for number in range(fold_count)]
+    return tuple(folds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +140,7 @@ class Folds:
         """Divide the set into folds.
 
         Raises:
-            UnsupportedMethodError: there is one posture only.
+            UnsupportedMethodError: all observations have the same posture.
         """
         self.robot, self.measurements = robot, measurements
         self.columns, self.visible, self.validation = columns, visible, validation
@@ -148,41 +154,44 @@ class Folds:
 
     @cached_property
     def rows(self) -> tuple[ElasticRows, ...]:
-        """Return the compressed rows of each fold."""
-        return elastic_rows(self.robot, self.measurements, self.columns, self.held_out)
+        """Compressed rows of each fold, in the order of the folds."""
+        return compress_elastic_rows(self.robot, self.measurements, self.columns, self.held_out)
 
-    def training(self, fold: int | None) -> ElasticRows:
-        """Return the compressed rows of a training set: all folds of a draw except `fold`, or the whole set.
+    def merge_training_rows(self, fold: int | None) -> ElasticRows:
+        """Return the compressed rows of a training set: all folds of a draw except the held-out `fold`.
 
-        The whole set is returned if `fold` is None.
+        If `fold` is None, the rows of the whole set are returned.
         """
         if fold not in self._training:
+            # The folds of one draw make up the whole set, so None merges all folds of the first draw.
             start = 0 if fold is None else fold // self.per_draw * self.per_draw
             draw = range(start, start + self.per_draw)
             self._training[fold] = ElasticRows.merge([self.rows[each] for each in draw if each != fold])
         return self._training[fold]
 
-    def formulation(self, model: ElasticModel, fold: int | None = None) -> Formulation:
-        """Return the problem of fitting a model to all folds of a draw except `fold`; None for the whole set.
+    def formulate_model_fit(self, model: ElasticModel, fold: int | None = None) -> Formulation:
+        """Return the problem of fitting a model to all folds of a draw except the held-out `fold`.
+
+        If `fold` is None, the model is fitted to the whole set.
 
         Raises:
-            UnsupportedMethodError: the penalty has no scale.
+            UnsupportedMethodError: no target moved or no load acts, so that the penalty has no scale.
         """
         key = fold, model.name
         if key not in self._formulations:
-            training, sigma = self.training(fold), self.measurements.sigma
-            self._formulations[key] = formulate(training, model, self.visible, sigma)
+            training, sigma = self.merge_training_rows(fold), self.measurements.sigma
+            self._formulations[key] = formulate_fit(training, model, self.visible, sigma)
         return self._formulations[key]
 
-    def error(self, fold: int, compliances: FloatArray) -> FloatArray:
-        """Return the prediction errors (W,) [m] of compliances (W, P) in a fold.
+    def compute_prediction_errors(self, fold: int, compliances: FloatArray) -> FloatArray:
+        """Return the errors (W,) [m] with which W vectors of compliances (W, P) predict a fold's readings.
 
-        The error is the mean norm of the targets' whitened residuals; in a set of more than `MOST_TARGETS`
-        targets, it is the root mean square of their coordinates.
+        An error is the mean norm of the targets' whitened residuals; in a set of more than `MOST_TARGETS`
+        targets, it is the root mean square of the residuals' coordinates.
         """
         rows = self.rows[fold]
         if int(self.measurements.present.sum()) <= MOST_TARGETS:
-            return np.array([rows.residual_norms(each).mean() for each in compliances])
+            return np.array([rows.compute_residual_norms(each).mean() for each in compliances])
         residual = compliances @ rows.triangle[:, :-1].T - rows.triangle[:, -1]
         return np.asarray(np.sqrt(np.square(residual).sum(axis=1) / max(1, rows.readings)))
 
@@ -196,22 +205,22 @@ def fit_fold(
 
     Args:
         folds: the divided measurement set.
-        model: what bends.
+        model: elastic elements that bend, and the loss.
         fold: index of the fold that is held out.
         weights: W weights λ; a model of joints alone has no penalty, so that all weights give the same fit.
 
     Returns:
         The compliances (W, P), and the errors (W,) [m] with which they predict the held-out fold.
     """
-    form = folds.formulation(model, fold)
+    form = folds.formulate_model_fit(model, fold)
     cone = form.cone
     if cone.penalised or cone.sizes:
         parameters = np.array([_fit_parameters(form, model, weight) for weight in weights])
-    else:
-        alone = form.fit_joints_only() if model.loss == "squared" else _fit_parameters(form, model, 1.0)
-        parameters = np.tile(alone, (len(weights), 1))
-    compliances = form.compliances(parameters)
-    return compliances, folds.error(fold, compliances)
+    else:  # Joints alone have no penalty, so that one fit serves for all weights.
+        one_fit = form.fit_joints_only() if model.loss == "squared" else _fit_parameters(form, model, 1.0)
+        parameters = np.tile(one_fit, (len(weights), 1))
+    compliances = form.convert_to_compliances(parameters)
+    return compliances, folds.compute_prediction_errors(fold, compliances)
 
 
 def fit_folds(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> PenaltyPath:
@@ -222,8 +231,12 @@ def fit_folds(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> Pe
 
 
 def refine_path(folds: Folds, model: ElasticModel, path: PenaltyPath) -> PenaltyPath:
-    """Return the path with further weights around the best: four per decade, or beyond the path's end."""
-    while further := _further_weights(np.array(path.weights), path.errors):
+    """Fit a model with further weights λ around the weight of least error, until no finer weight is left.
+
+    The finest grid has four weights per decade. If the best weight is at an end of the path, weights beyond
+    this end are tried too. Return the path with the added weights, in ascending order.
+    """
+    while further := _propose_further_weights(np.array(path.weights), path.errors):
         added = fit_folds(folds, model, further)
         weights = np.array(path.weights + added.weights)
         order = np.argsort(weights)
@@ -235,10 +248,11 @@ def refine_path(folds: Folds, model: ElasticModel, path: PenaltyPath) -> Penalty
     return path
 
 
-def _further_weights(weights: FloatArray, errors: FloatArray) -> list[float]:
-    """Return weights to try next to the weight of least error: halfway to its neighbours.
+def _propose_further_weights(weights: FloatArray, errors: FloatArray) -> list[float]:
+    """Return weights λ to try around the weight of least error: halfway to each of its two neighbours.
 
-    At an end of the path the missing neighbour is two decades beyond the end.
+    Weights are counted in quarters of a decade. At an end of the path the missing neighbour is taken to be
+    two decades beyond the end, but not beyond `LIMITS`. An empty list means that the grid is fine enough.
     """
     quarters = np.rint(4.0 * np.log10(weights)).astype(int)
     least, greatest = (round(4.0 * float(np.log10(limit))) for limit in LIMITS)
@@ -258,7 +272,10 @@ def _fit_parameters(form: Formulation, model: ElasticModel, weight: float) -> Fl
 
 
 def find_certified_weights(errors: FloatArray) -> BoolArray:
-    """Return a mask (W,) of weights with a certified fit in every fold; errors (K, W) are NaN without one."""
+    """Return a mask (W,) of the weights whose fit is certified in every one of K folds.
+
+    Errors (K, W) are NaN for a fold and weight without a certified fit.
+    """
     return np.asarray(np.isfinite(errors).all(axis=0))
 
 
@@ -271,7 +288,8 @@ def choose_weight_index(
         errors: (K, W) errors of K folds for W ascending weights; NaN where no fit was certified.
         rule: `best` takes the weight of least error, `one_standard_error` the largest whose error is within
             one standard error of the least error.
-        draws: number of draws that divide the same postures: further draws add no independent errors.
+        draws: number of random divisions of the same postures into folds. Further draws add no independent
+            errors, so the standard error is computed for the folds of one draw.
 
     Raises:
         UnsupportedMethodError: no weight has a certified fit in every fold.
@@ -298,24 +316,26 @@ class HeldOut:
     loss: Loss  #: loss of its fit
     error: float  #: mean over the folds of the held-out error that chose the penalty; see `PenaltyPath` [m]
     penalty: float | None  #: weight λ that was chosen; None of joints alone
-    by_fold: FloatArray  #: (K,) compensation of each fold, ``1 − mean‖δp − δp̂‖ / mean‖δp‖``
-    #: (P,) mean norm of the residuals of each posture while it was left out, mean over the draws [m]
+    #: (K,) compensation of each fold, ``1 − mean‖δp − δp̂‖ / mean‖δp‖``, of deflections δp and predictions
+    #: δp̂
+    by_fold: FloatArray
+    #: (P,) mean norm of the residuals of each of P postures while it was held out, mean over the draws [m]
     by_posture: FloatArray
     per_draw: int  #: number of folds of one draw
 
     @property
     def compensation(self) -> float:
-        """Return the mean compensation over the folds."""
+        """Mean compensation over the folds."""
         return float(self.by_fold.mean())
 
     @property
     def standard_error(self) -> float:
-        """Return the standard error of the mean compensation of one draw, from the spread of the folds."""
+        """Standard error of the mean compensation of one draw, from the dispersion over the folds."""
         return float(self.by_fold.std(ddof=1) / np.sqrt(self.per_draw))
 
     @property
     def mean_residual(self) -> float:
-        """Return the mean norm of the residuals over the postures [m]."""
+        """Mean norm of the residuals over the postures [m]."""
         return float(self.by_posture.mean())
 
     def compare_residuals(self, other: HeldOut) -> tuple[float, float]:
@@ -323,19 +343,19 @@ class HeldOut:
 
         The residuals are compared posture by posture.
         """
-        worse = self.by_posture - other.by_posture
-        return float(worse.mean()), float(worse.std(ddof=1) / np.sqrt(len(worse)))
+        difference = self.by_posture - other.by_posture
+        return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
     """Comparison of models and losses on held-out postures, and the models chosen from it."""
 
-    models: tuple[HeldOut, ...]  #: compared models, from simple to rich, each with all losses
-    best: ModelName  #: model of least mean residual of held-out postures, each with its best loss
+    models: tuple[HeldOut, ...]  #: compared models, from simple to rich; one entry for each loss of a model
+    best: ModelName  #: model of least mean residual of held-out postures, where each model has its best loss
     simplest: ModelName  #: simplest model that predicts nearly as well as the best; see `find_simplest_model`
-    largest: ModelName  #: richest model that contains the simplest: its fit gives the intervals
-    #: gain of the best other model over joints alone; None if either has no certified fit
+    largest: ModelName  #: richest model that contains `simplest`: its fit gives the intervals
+    #: gain of the best model with links or base over joints alone; None if one of the two was not compared
     gain: HeldOutGain | None
     #: best model with links alone, if a bending base is chosen and predicts no better than this model
     tied: ModelName | None = None
@@ -345,16 +365,18 @@ class Selection:
         return _pick_best_loss(self.models, model, losses)
 
     def replace_refined(self, refined: HeldOut) -> Selection:
-        """Return this selection with one model replaced by its prediction at a refined penalty."""
+        """Return this selection, where `refined` replaces the entry with the same model and loss."""
         key = refined.model, refined.loss
         models = tuple(refined if (each.model, each.loss) == key else each for each in self.models)
         return replace(self, models=models)
 
     @classmethod
     def choose_among(cls, models: Sequence[HeldOut], *, screened: bool) -> Selection:
-        """Choose the best, simplest and largest of models that are listed from simple to rich.
+        """Compare models, and return the selection with the best, the simplest and the largest of them.
 
-        `screened` is true if a test has shown that something besides the joints bends.
+        Args:
+            models: accuracy of each model and loss, models listed from simple to rich.
+            screened: whether a test has shown that something in addition to the joints bends.
         """
         names = dict.fromkeys(each.model for each in models)
         by_name = [_pick_best_loss(models, name, LOSSES) for name in names]
@@ -390,34 +412,38 @@ def select_model(
         folds: the divided measurement set.
         paths: fits of each model and loss.
         requested: model that must have a certified fit; other models without a certified fit are left out.
-        screened: whether a test has shown that something besides the joints bends.
+        screened: whether a test has shown that something in addition to the joints bends.
 
     Raises:
         UnsupportedMethodError: the requested model has no weight with a certified fit in every fold.
     """
     validation = folds.validation
     keys = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in paths]
-    answers = {key: bool(find_certified_weights(paths[key].errors).any()) for key in keys}
+    is_certified = {key: bool(find_certified_weights(paths[key].errors).any()) for key in keys}
     # If no fit of the requested model is certified, its keys stay: choosing its weight then raises the error.
-    none_certified = not any(answers[key] for key in keys if key[0] == requested)
-    keys = [key for key in keys if answers[key] or (none_certified and key[0] == requested)]
-    places = {key: choose_weight_index(paths[key].errors, validation.rule, validation.draws) for key in keys}
-    chosen = np.array([paths[key].compliances[:, place] for key, place in places.items()])
+    none_certified = not any(is_certified[key] for key in keys if key[0] == requested)
+    keys = [key for key in keys if is_certified[key] or (none_certified and key[0] == requested)]
+    chosen_index = {
+        key: choose_weight_index(paths[key].errors, validation.rule, validation.draws) for key in keys
+    }
+    chosen = np.array([paths[key].compliances[:, index] for key, index in chosen_index.items()])
     compensation, norms = _score_held_out(folds, chosen)
-    posture = np.unique(find_first_equal(folds.measurements.joints), return_inverse=True)[1]
-    of_posture = posture[np.concatenate(folds.held_out)]
-    by_posture = np.array([np.bincount(of_posture, row) for row in norms]) / np.bincount(of_posture)
+    # The columns of `norms` are in the order of the folds: find the posture of each column.
+    posture_of_observation = np.unique(find_first_equal(folds.measurements.joints), return_inverse=True)[1]
+    posture_of_column = posture_of_observation[np.concatenate(folds.held_out)]
+    sums = np.array([np.bincount(posture_of_column, model_norms) for model_norms in norms])
+    by_posture = sums / np.bincount(posture_of_column)
     models = tuple(
         HeldOut(
             model=key[0],
             loss=key[1],
-            error=float(paths[key].errors[:, place].mean()),
-            penalty=None if key[0] == "joints" else paths[key].weights[place],
+            error=float(paths[key].errors[:, index].mean()),
+            penalty=None if key[0] == "joints" else paths[key].weights[index],
             by_fold=compensation[number],
             by_posture=by_posture[number],
             per_draw=folds.per_draw,
         )
-        for number, (key, place) in enumerate(places.items())
+        for number, (key, index) in enumerate(chosen_index.items())
     )
     return Selection.choose_among(models, screened=screened)
 
@@ -425,43 +451,50 @@ def select_model(
 def find_simplest_model(by_name: Sequence[HeldOut], best: HeldOut, *, screened: bool) -> ModelName:
     """Return the simplest model that predicts nearly as well as the best.
 
-    `by_name` lists models from simple to rich. "Nearly" means within one standard error of the difference;
-    for joints alone within two, unless a test has shown that something else bends (`screened`): otherwise a
-    robot with rigid links would get a richer model in nearly half of all campaigns.
+    `by_name` lists models from simple to rich. "Nearly" means within one standard error of the difference.
+    For joints alone the limit is two standard errors, unless a test has shown that something else bends
+    (`screened`): otherwise a robot with rigid links would get a richer model in nearly half of all campaigns.
     """
-    of_joints = 1.0 if screened else CLEAR_GAIN
-    behind = [(each.model, *each.compare_residuals(best)) for each in by_name]
+    joints_limit = 1.0 if screened else CLEAR_GAIN  # in standard errors
+    compared = [(each.model, *each.compare_residuals(best)) for each in by_name]
     return next(
-        model for model, worse, error in behind if worse <= error * (of_joints if model == "joints" else 1.0)
+        model
+        for model, difference, error in compared
+        if difference <= error * (joints_limit if model == "joints" else 1.0)
     )
 
 
 def find_richest_model(names: Sequence[ModelName], chosen: ModelName) -> ModelName:
-    """Return the richest model in which every element of the chosen model bends.
+    """Return the richest of the models in which every element of the chosen model bends.
 
     `names` are ordered from simple to rich. Intervals computed as if the chosen model were true would be too
     narrow (Leeb & Pötscher, *Model selection and inference: facts and fiction*, 2005); intervals of the
     richest model are valid, even if this model predicts worse.
     """
+    # A base that bends in the chosen model must also bend in the richest.
     return [name for name in names if name in WITH_BASE or chosen not in WITH_BASE][-1]
 
 
 def _find_tied_model(by_name: Sequence[HeldOut], chosen: ModelName) -> ModelName | None:
-    """Return the best model with links alone, if it predicts nearly as well as the chosen joints and base.
+    """Return the best model with bending links and rigid base, if the readings do not tell it from a base.
 
-    "Nearly" means within one standard error of the difference. None if another model is chosen.
+    Only if `joints_and_base` is chosen, and a model with links predicts nearly as well (within one standard
+    error of the difference), the name of this model is returned; otherwise None.
     """
     base = next((each for each in by_name if each.model == chosen == "joints_and_base"), None)
     links = [each for each in by_name if each.model in LINKS_ALONE]
     if base is None or not links:
         return None
     best = min(links, key=lambda each: each.mean_residual)
-    worse, error = best.compare_residuals(base)
-    return best.model if worse <= error else None
+    difference, standard_error = best.compare_residuals(base)
+    return best.model if difference <= standard_error else None
 
 
 def _compute_gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:
-    """Return the gain of the best model with more than joints over joints alone; None without both."""
+    """Return the gain of the best model with links or base over joints alone.
+
+    None if joints alone, or all models with links or base, are missing from `by_name`.
+    """
     joints = next((each for each in by_name if each.model == "joints"), None)
     others = [each for each in by_name if each.model != "joints"]
     if joints is None or not others:
@@ -477,29 +510,31 @@ def _score_held_out(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, 
 
     Returns:
         The compensation (M, K), one minus the ratio of residuals to deflections; and the mean norm (M, D N)
-        of the residuals of each observation's targets [m], in the order of the folds. Each of D draws divides
-        all N observations.
+        of the residuals of each observation's targets [m]. The columns are in the order of the folds: each of
+        D draws divides all N observations.
     """
     residual_sum, deflection_sum = np.zeros(compliances.shape[:2]), np.zeros(len(folds))
     norms = [np.zeros((len(compliances), len(part))) for part in folds.held_out]
-    start = 0
-    for block, rows in elastic_blocks(folds.robot, folds.measurements, folds.columns):
-        read = block.measurements
+    start = 0  # index of the first observation of the block
+    for block, rows in generate_elastic_blocks(folds.robot, folds.measurements, folds.columns):
+        in_block = block.measurements
         for k, part in enumerate(folds.held_out):
-            own = select_rows_of_part(part, start, start + len(read))
-            deflection, present = read.deflection[own], read.present[own]
-            predicted = np.einsum("btip,mp->mbti", rows[own, ..., :-1], compliances[:, k])
+            in_fold = select_rows_of_part(part, start, start + len(in_block))
+            deflection, present = in_block.deflection[in_fold], in_block.present[in_fold]
+            predicted = np.einsum("btip,mp->mbti", rows[in_fold, ..., :-1], compliances[:, k])
             residual = np.linalg.norm(deflection - predicted, axis=-1)
             count = np.maximum(present.sum(axis=1), 1)
-            first = int(np.searchsorted(part, start))
-            norms[k][:, first : first + len(own)] = np.where(present, residual, 0.0).sum(axis=-1) / count
+            first = int(np.searchsorted(part, start))  # position in the fold of the block's first observation
+            mean_norm = np.where(present, residual, 0.0).sum(axis=-1) / count
+            norms[k][:, first : first + len(in_fold)] = mean_norm
             residual_sum[:, k] += residual[:, present].sum(axis=1)
             deflection_sum[k] += float(np.linalg.norm(deflection, axis=-1)[present].sum())
-        start += len(read)
-    share = np.divide(
+        start += len(in_block)
+    # A fold without any deflection gets a ratio of one: nothing could be compensated.
+    ratio = np.divide(
         residual_sum, deflection_sum, out=np.ones_like(residual_sum), where=deflection_sum > 0.0
     )
-    return 1.0 - share, np.concatenate(norms, axis=1)
+    return 1.0 - ratio, np.concatenate(norms, axis=1)
 
 
 def report_penalty(chosen: float, used: float) -> Iterator[Finding]:
@@ -507,7 +542,7 @@ def report_penalty(chosen: float, used: float) -> Iterator[Finding]:
 
     Args:
         chosen: weight λ that cross-validation chose.
-        used: weight λ of the final fit: the first from the chosen weight on whose optimum is certified.
+        used: weight λ of the final fit: the smallest weight, at or above `chosen`, with a certified optimum.
     """
     if chosen >= WEIGHTS[-1]:
         yield Finding(
@@ -522,21 +557,21 @@ def report_penalty(chosen: float, used: float) -> Iterator[Finding]:
             code="link_penalty_at_end",
             weight="use",
             message=f"cross-validation chose the smallest penalty that it tries, {chosen:.3g}: the readings "
-            "hardly need one, and the penalty does not bias the links",
+            "determine the links nearly without a penalty, and the penalty does not bias the links",
             remedy="to try a smaller penalty, give link_penalty; predictions will hardly change",
         )
     if used > chosen:
         yield Finding(
             code="link_penalty_raised",
             weight="use",
-            message=f"cross-validation chose a penalty of {chosen:.3g}, but rounding errors "
-            f"prevent the proof that its fit is optimal: {used:.3g} was used instead",
+            message=f"cross-validation chose a penalty of {chosen:.3g}, but rounding errors prevent the "
+            f"proof that the fit with this penalty is optimal: a penalty of {used:.3g} was used instead",
             remedy="compare `selection`; give link_penalty, or choose fewer links",
         )
 
 
 def report_losses(targets: int) -> Iterator[Finding]:
-    """Report that the losses were not compared because the set has too many targets."""
+    """Yield a finding that the losses were not compared, if the set has more than `MOST_TARGETS` targets."""
     if targets > MOST_TARGETS:
         yield Finding(
             code="loss_not_compared",

@@ -1,7 +1,7 @@
-"""Competition of models on held-out postures: what else bends, with which loss and penalty (method.md §7).
+"""Competition of elastic models on held-out postures, with the choice of loss and penalty (method.md §7).
 
-A unit of the competition is a weight of the penalty in a fold, for all models. A penalty that is given leaves
-one weight, which is quick: such a competition takes no steps.
+The unit of work is the fit of all models with one weight of the penalty and one fold held out. If the
+request gives the penalty, only one weight is fitted: this is so quick that the competition has no steps.
 """
 
 from __future__ import annotations
@@ -52,13 +52,15 @@ from jointstiff.solver.mechanics.robot import Robot
 _Paths: TypeAlias = dict[tuple[ModelName, Loss], PenaltyPath]
 
 _WEIGHTS_A_STEP: Final = 3
-"""Weights that one step fits: with all models and losses 0.5 s for 30 targets, and 5 s for 300."""
+"""Number of weights that one step fits: with all models and losses 0.5 s for 30 targets, and 5 s for 300."""
 
 
-def find_excluding_option(
+def find_obstacle_to_elastic_links(
     options: RunOptions, settings: Settings, robot: Robot, measurements: Measurements
 ) -> str | None:
-    """Return the name of an option that excludes models with bending links or base; None without such.
+    """Return the field of the request that rules out models with bending links or base; None if nothing does.
+
+    The field is "observations" if all observations have the same posture.
 
     Raises:
         RequestError: a link is named that the robot does not have.
@@ -70,15 +72,16 @@ def find_excluding_option(
         ElasticColumns.from_options(options, robot)
     except UnsupportedMethodError as error:
         return error.where or "elasticity"
+    # Cross-validation holds postures out, so that at least two different ones are needed.
     joints = measurements.joints
-    return "observations" if (joints == joints[0]).all() else None  # one posture cannot be left out
+    return "observations" if (joints == joints[0]).all() else None
 
 
 @dataclass(frozen=True, eq=False)
 class Elastic:
     """Fit of a model with bending links or base to the whole set, with intervals of joint compliances."""
 
-    estimate: ElasticEstimate
+    estimate: ElasticEstimate  #: fit of the chosen model
     #: effective compliances of the joints, with intervals that account for the choice of the model
     effective: EffectiveCompliances
     intervals: ModelName | None  #: model whose fit gives the intervals; None if the penalty was given
@@ -91,7 +94,7 @@ class Winner:
     selection: Selection  #: all models and losses that were compared
     held_out: HeldOut  #: prediction of the winner
     elastic: Elastic | None  #: fit of the winner to the whole set; None for joints alone
-    given: bool  #: True if the request names the model, so that none was chosen
+    given: bool  #: True if the request names the model, so that no model was chosen
 
 
 class Competition:
@@ -110,7 +113,7 @@ class Competition:
         Raises:
             RequestError: the readings or options do not support the comparison, or a joint does not exist.
         """
-        measurements, given = joints.given, options.link_penalty
+        measurements, requested_penalty = joints.given, options.link_penalty
         refuse_unsupported_elastic(measurements, joints.stated)
         if options.resampling is not None:
             raise UnsupportedMethodError(
@@ -122,11 +125,11 @@ class Competition:
         self._columns = ElasticColumns.from_options(options, joints.robot)
         self._requested = None if options.elasticity == "automatic" else options.elasticity
         # A given penalty is not chosen by repeated draws: one draw shows how well the model predicts.
-        once = {} if given is None else {"draws": 1}
-        self._validation = options.cross_validation.model_copy(update=once)
-        self._weights = WEIGHTS if given is None else (given,)
-        # A given penalty is relative to squares: with another loss it would mean something else.
-        losses: tuple[Loss, ...] = LOSSES if given is None else ("squared",)
+        one_draw = {} if requested_penalty is None else {"draws": 1}
+        self._validation = options.cross_validation.model_copy(update=one_draw)
+        self._weights = WEIGHTS if requested_penalty is None else (requested_penalty,)
+        # A given penalty is relative to squares: with another loss the same number would be another strength.
+        losses: tuple[Loss, ...] = LOSSES if requested_penalty is None else ("squared",)
         if options.loss != "automatic":
             losses = (options.loss,)
         self._losses = list_losses_to_compare(measurements, losses)
@@ -134,17 +137,17 @@ class Competition:
 
     @property
     def loss_is_compared(self) -> bool:
-        """Return whether several losses are compared on held-out postures."""
+        """True if several losses are compared on held-out postures."""
         return len(self._losses) > 1
 
     @property
     def loss_is_automatic(self) -> bool:
-        """Return whether no loss was requested."""
+        """True if the request names no loss."""
         return self._options.loss == "automatic"
 
     @property
     def penalty_is_given(self) -> bool:
-        """Return whether the request gives the penalty, so that cross-validation does not choose one."""
+        """True if the request gives the penalty, so that cross-validation does not choose one."""
         return self._options.link_penalty is not None
 
     @property
@@ -153,9 +156,9 @@ class Competition:
         return self._joints.with_loss("squared").screening
 
     def steps(self) -> tuple[tuple[int, int], ...]:
-        """Return the steps as spans of fold-and-weight numbers; no steps if the penalty is given.
+        """Return the steps as spans (start, stop) of pairs of fold and weight; none if the penalty is given.
 
-        A span (start, stop) counts the weights of fold 0, then those of fold 1, and so on.
+        Pairs are numbered fold by fold: all weights of fold 0, then all weights of fold 1, and so on.
         """
         if self.penalty_is_given:
             return ()
@@ -181,7 +184,7 @@ class Competition:
         compliances, errors = map(np.array, zip(*fits, strict=True))
         return {"fold_compliances": compliances, "error": errors}
 
-    def winner(self, parts: Sequence[Mapping[str, FloatArray]]) -> Winner:
+    def choose_winner(self, parts: Sequence[Mapping[str, FloatArray]]) -> Winner:
         """Choose model, loss and penalty, and fit the chosen model to the whole set.
 
         Args:
@@ -191,13 +194,13 @@ class Competition:
             JointstiffError: joints alone cannot be identified, or no optimum is certified.
         """
         paths = self._collect_paths(parts)
-        selection, held_out = self._choose(paths)
+        selection, held_out = self._choose_model(paths)
         elastic = None if held_out.model == "joints" else self._fit_whole_set(held_out, selection, paths)
         return Winner(selection, held_out, elastic, self._requested is not None)
 
     def _collect_paths(self, parts: Sequence[Mapping[str, FloatArray]]) -> _Paths:
-        """Return the fits of all models with each fold held out; keys are (model, loss)."""
-        if not self.steps():
+        """Return the fits of all models with each fold held out; keys are pairs of model and loss."""
+        if not self.steps():  # With a given penalty no step computed the fits, so they are computed here.
             count = len(self._weights)
             parts = [self.compute((k * count, (k + 1) * count)) for k in range(self._fold_count)]
         shape = len(self._models), self._fold_count, len(self._weights)
@@ -205,32 +208,34 @@ class Competition:
             np.concatenate([part[name] for part in parts], axis=1) for name in ("fold_compliances", "error")
         )
         return {
-            model.key: PenaltyPath(self._weights, *of_model)
-            for model, *of_model in zip(
+            model.key: PenaltyPath(self._weights, model_compliances, model_errors)
+            for model, model_compliances, model_errors in zip(
                 self._models, compliances.reshape(*shape, -1), errors.reshape(shape), strict=True
             )
         }
 
-    def _choose(self, paths: _Paths) -> tuple[Selection, HeldOut]:
+    def _choose_model(self, paths: _Paths) -> tuple[Selection, HeldOut]:
         """Choose the model with its loss and penalty, after trying finer penalties around the best penalties.
 
         Return the comparison of all models, and the chosen model. Fits with finer penalties are added to
         `paths`.
         """
-        given, automatic = self.penalty_is_given, self._requested is None
-        selection = select_model(self._folds, paths, self._requested, screened=automatic)
-        if automatic and not given:
+        is_automatic = self._requested is None
+        # An automatic choice is compared only if a test has indicated that links or base bend.
+        selection = select_model(self._folds, paths, self._requested, screened=is_automatic)
+        if is_automatic and not self.penalty_is_given:
             # A model whose best penalty is the smallest tried needs a smaller one for a fair comparison.
             for name in dict.fromkeys(each.model for each in selection.models):
-                ended = selection.find_held_out(name)
-                if ended.penalty == self._weights[0]:
-                    selection = self._refine(ended, selection, paths)
-            selection = Selection.choose_among(selection.models, screened=automatic)
+                held_out = selection.find_held_out(name)
+                if held_out.penalty == self._weights[0]:
+                    selection = self._refine_penalty(held_out, selection, paths)
+            selection = Selection.choose_among(selection.models, screened=is_automatic)
         chosen = selection.find_held_out(self._requested or selection.simplest)
         if chosen.model == "joints":
+            # The identification of joints alone supports these two losses only.
             chosen = selection.find_held_out("joints", ("squared", "huber"))
-        elif not given:
-            selection = self._refine(chosen, selection, paths)
+        elif not self.penalty_is_given:
+            selection = self._refine_penalty(chosen, selection, paths)
             chosen = selection.find_held_out(chosen.model, (chosen.loss,))
         return selection, chosen
 
@@ -249,28 +254,35 @@ class Competition:
         return Folds(joints.robot, joints.given, self._columns, visible, self._validation)
 
     def _find_model(self, held_out: HeldOut) -> ElasticModel:
-        """Return the model with the name and loss of a held-out accuracy."""
+        """Return the compared model whose name and loss are those of `held_out`."""
         return next(model for model in self._models if model.key == (held_out.model, held_out.loss))
 
-    def _refine(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Selection:
-        """Search the penalty of the model with this score on a finer grid; return the new selection.
+    def _refine_penalty(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Selection:
+        """Search the penalty of one model on a finer grid, and return the selection with its new accuracy.
 
         The path of the model in `paths` is replaced.
+
+        Args:
+            held_out: accuracy of the model so far, which names model and loss.
+            selection: comparison of all models so far.
+            paths: fits of each model and loss.
         """
         model = self._find_model(held_out)
         paths[model.key] = refine_path(self._folds, model, paths[model.key])
-        of_model = select_model(self._folds, {model.key: paths[model.key]}, held_out.model)
-        return selection.replace_refined(of_model.models[0])
+        this_model_alone = select_model(self._folds, {model.key: paths[model.key]}, held_out.model)
+        return selection.replace_refined(this_model_alone.models[0])
 
     def _fit_with_chosen_penalty(self, held_out: HeldOut, paths: _Paths) -> ElasticEstimate:
         """Fit a model to the whole set with the penalty that cross-validation chose.
 
+        If no optimum is certified with this penalty, the next larger penalties are tried.
+
         Raises:
             UnsupportedMethodError: neither the chosen nor a larger penalty has a certified optimum.
         """
-        grid = paths[held_out.model, held_out.loss].weights
-        place = grid.index(held_out.penalty or grid[0])
-        return fit_first_certified(self._folds, self._find_model(held_out), grid[place:])
+        weights = paths[held_out.model, held_out.loss].weights
+        chosen_index = weights.index(held_out.penalty or weights[0])
+        return fit_first_certified(self._folds, self._find_model(held_out), weights[chosen_index:])
 
     def _fit_whole_set(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Elastic:
         """Fit the chosen model to the whole set, with intervals that account for the choice of the model.
@@ -280,20 +292,25 @@ class Competition:
         """
         elastic = self._fit_with_chosen_penalty(held_out, paths)
         if self._requested is not None:
-            named = None if self.penalty_is_given else elastic.model.name
-            return Elastic(elastic, self._compute_effective(elastic, elastic), named)
-        widest = self._widest_fit(elastic, selection, paths)
+            interval_model = None if self.penalty_is_given else elastic.model.name
+            return Elastic(elastic, self._compute_effective(elastic, elastic), interval_model)
+        widest = self._fit_richest_model(elastic, selection, paths)
         effective = self._compute_effective(elastic, widest)
         if selection.tied is not None:
-            of_links = self._compute_effective_of_links(selection.tied, selection, paths)
-            if of_links is not None:
-                effective = effective.joined(of_links)
-            prediction = replace(elastic.prediction, bending="links_or_base", joined=of_links is not None)
+            with_links = self._compute_effective_of_links(selection.tied, selection, paths)
+            if with_links is not None:
+                effective = effective.widen_ranges_by(with_links)
+            prediction = replace(elastic.prediction, bending="links_or_base", joined=with_links is not None)
             elastic = replace(elastic, prediction=prediction)
         return Elastic(elastic, effective, widest.model.name)
 
-    def _widest_fit(self, elastic: ElasticEstimate, selection: Selection, paths: _Paths) -> ElasticEstimate:
-        """Return the fit of the richest model, for intervals; the chosen fit if that is not certified."""
+    def _fit_richest_model(
+        self, elastic: ElasticEstimate, selection: Selection, paths: _Paths
+    ) -> ElasticEstimate:
+        """Return the fit of the richest model, from which intervals are computed.
+
+        If no optimum of the richest model is certified, the fit `elastic` of the chosen model is returned.
+        """
         if selection.largest == elastic.model.name:
             return elastic
         try:
@@ -306,8 +323,8 @@ class Competition:
     ) -> EffectiveCompliances | None:
         """Return the effective compliances of the tied model with links; None if its fit is not certified.
 
-        Their intervals come from the richest model with links alone, or from the tied model if the fit of the
-        richest is not certified.
+        The intervals come from the richest model with links and rigid base, or from the tied model if the fit
+        of the richest is not certified.
         """
         richest = next(each.model for each in reversed(selection.models) if each.model in LINKS_ALONE)
         try:

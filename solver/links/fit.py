@@ -1,9 +1,9 @@
-"""Fit of a model of elastic links with a penalty whose weight is known, and what it says (method.md §7).
+"""Fit of a model of elastic links for a known weight of the penalty, and its results (method.md §7).
 
-A rotation of joint j and a rotation of its link about the same axis move every target alike, so that readings
-determine at most their sum ``c_j + a_jᵀ C_j,rot a_j``, with a_j the axis in the joint's frame: the effective
-compliance. Its interval is the range over all compliances of the cone whose penalised squares exceed the
-least by no more than ``(q σ)²``, q the quantile: a profile, as for joints alone.
+A rotation of joint j and a rotation of the link behind this joint about the same axis move every target
+alike, so that readings determine at most the sum ``c_j + a_jᵀ C_j,rot a_j``, with a_j the axis in the joint's
+frame: the effective compliance. The interval of an effective compliance is its range over all compliances of
+the cone whose penalised sum of squares exceeds the least sum by no more than ``(q σ)²``, q the quantile.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from jointstiff.solver.links.model import (
     ElasticColumns,
     ElasticModel,
     Formulation,
-    elastic_blocks,
+    generate_elastic_blocks,
 )
 from jointstiff.solver.mechanics.block import spring_frames
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -64,31 +64,31 @@ class Companion:
     #: standard uncertainty of one coordinate of one reading [m]: the stated sigma, or the residuals' sigma if
     #: greater; None without degrees of freedom
     sigma: float | None
-    degrees_of_freedom: float | None  #: of sigma from residuals; None if sigma was stated
+    degrees_of_freedom: float | None  #: degrees of freedom of a sigma from residuals; None for a stated sigma
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticEstimate:
-    """Joint and link compliances with their evidence."""
+    """Compliances of joints, links and base from one fit, with residuals, uncertainties and certificate."""
 
-    model: ElasticModel  #: what bends
+    model: ElasticModel  #: elastic elements that bend, and the loss
     penalty: float  #: weight λ of the penalty
     compliance: FloatArray  #: (n,) joint compliances [rad/(N·m)]; NaN if the readings do not determine one
     #: (n, n) full joint compliance [rad/(N·m)], zero in rows of undetermined joints; None if joints are
     #: not coupled
     coupled_joints: FloatArray | None
     entries: FloatArray  #: (P,) all compliances; deflections are rows @ entries
-    links: tuple[ElasticCompliance, ...]  #: links that bend
-    base: ElasticCompliance | None  #: compliance of the base; None where it is taken to be rigid
+    links: tuple[ElasticCompliance, ...]  #: compliances of the links that bend
+    base: ElasticCompliance | None  #: compliance of the base; None if the model has a rigid base
     elements: tuple[ElementShare, ...]  #: share of the deflections that each element explains
-    prediction: Prediction  #: prediction of all deflections
-    sigma: float | None  #: stated sigma, or from the residuals [m]; None without degrees of freedom
-    chi_square: float  #: chi square of the weighted residuals, under sigma
-    degrees_of_freedom: float  #: readings less effective freedom
-    effective_freedom: float  #: effective freedom of the whole model: how many numbers the readings determine
-    parameters: int  #: how many numbers the model has
+    prediction: Prediction  #: predicted deflections of all targets, and their residuals
+    sigma: float | None  #: stated sigma, or sigma from the residuals [m]; None without degrees of freedom
+    chi_square: float  #: chi square of the weighted residuals, computed with sigma
+    degrees_of_freedom: float  #: number of coordinates read minus the effective freedom
+    effective_freedom: float  #: effective number of parameters that the readings determine
+    parameters: int  #: number of parameters of the model
     certificate: LinkCertificate  #: certificate of optimality
-    companion: Companion  #: problem with which uncertainties are computed
+    companion: Companion  #: least-squares problem from which the uncertainties are computed
 
     @property
     def unexplained(self) -> float:
@@ -97,20 +97,21 @@ class ElasticEstimate:
 
 
 def find_principal_compliances(block: FloatArray) -> list[PrincipalCompliance]:
-    """Return the principal compliances and directions of a compliance block (3, 3), largest first."""
-    values, vectors = np.linalg.eigh(block)
+    """Return eigenvalues and eigenvectors of a compliance block (3, 3), the largest compliance first."""
+    values, vectors = np.linalg.eigh(block)  # in ascending order
     pairs = zip(np.maximum(values[::-1], 0.0).tolist(), fix_axis_signs(vectors.T[::-1]), strict=True)
     return [PrincipalCompliance(value=value, direction=point(direction)) for value, direction in pairs]
 
 
 CERTIFIED_GAP: Final = 1e-2
-"""Largest gap of an accepted certificate, in units of sigma."""
+"""Largest duality gap of an accepted certificate, in units of sigma."""
 _DESIRED_GAP: Final = 1e-3
-"""Gap aimed at where rounding allows it: the ranks of the matrices are then certain."""
+"""Duality gap aimed at where rounding allows it: the ranks of the matrices are then certain."""
 _SOLVED_GAP: Final = 0.8 * CERTIFIED_GAP
-"""Largest gap of the solution: making its matrices positive semidefinite may increase the gap a little."""
+"""Largest accepted gap of the solver's solution, below `CERTIFIED_GAP`: making the matrices of the solution
+positive semidefinite may increase the gap a little."""
 _LEAST_SCALE: Final = 1e-6
-"""Smallest residual scale relative to the readings: data without noise need a scale, too."""
+"""Smallest residual scale relative to the readings, so that the scale of data without noise is not zero."""
 _LEAST_FREEDOM: Final = 0.5
 """Degrees of freedom below which the residuals do not determine sigma."""
 
@@ -118,8 +119,8 @@ _LEAST_FREEDOM: Final = 0.5
 def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -> None:
     """Refuse options and readings that a model with bending links or base does not support.
 
-    The complementary stiffness is not refused but neglected where links bend: at 1 kN it changes a deflection
-    by 0.05 % only.
+    The option of the complementary stiffness is not refused: this stiffness is neglected if links bend,
+    because it changes a deflection under 1 kN by 0.05 % only.
 
     Raises:
         UnsupportedMethodError: an option is not supported; the error names the option and a remedy.
@@ -137,7 +138,7 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
     for is_refused, where, remedy in refused:
         if is_refused:
             raise UnsupportedMethodError(
-                f"an elasticity other than joints cannot be combined with this {where.replace('_', ' ')}",
+                f"an elasticity other than joints does not support the given {where.replace('_', ' ')}",
                 where=where,
                 remedy=f"{remedy}, or use elasticity joints",
             )
@@ -148,30 +149,30 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
 
     Args:
         folds: measurement set with its compressed rows.
-        model: what bends besides the joints; a model of joints alone is not supported.
+        model: elastic elements that bend, and the loss; a model of joints alone is not supported.
         weight: λ > 0 of the penalty.
 
     Raises:
         UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
-    robot, measurements, formulation = folds.robot, folds.measurements, folds.formulation(model)
-    scale = _scale_gaps(formulation, measurements.sigma)
-    unit = scale / formulation.unit_of_gaps(model)
-    try:  # the desired gap if rounding allows, else any gap that is still accepted
+    robot, measurements, formulation = folds.robot, folds.measurements, folds.formulate_model_fit(model)
+    scale = _compute_gap_scale(formulation, measurements.sigma)
+    unit = scale / formulation.compute_gap_unit(model)  # the solver's gap that corresponds to one sigma
+    try:  # The solver aims at the desired gap; a larger gap within the accepted limit is no error.
         gap, accepted = _DESIRED_GAP * unit, _SOLVED_GAP * unit
         solution, threshold = formulation.fit(model, weight, gap=gap, accepted=accepted)
     except SolverError as error:
-        raise _uncertified_error(weight) from error
+        raise _build_uncertified_error(weight) from error
     columns = model.columns
-    compliances, least = _semidefinite_compliances(formulation.compliances(solution.x), model)
+    compliances, least_eigenvalue = _make_semidefinite(formulation.convert_to_compliances(solution.x), model)
     gap = formulation.certify_gap(model, compliances, weight, solution, threshold) / unit
     if not gap <= CERTIFIED_GAP:
-        raise _uncertified_error(weight)
-    squares, weight_of_squares = formulation.companion(model, compliances, weight, threshold)
-    freedom, freedom_left, sigma, chi_square = _summarise_residuals(
+        raise _build_uncertified_error(weight)
+    squares, weight_of_squares = formulation.build_weighted_squares(model, compliances, weight, threshold)
+    freedom, degrees_of_freedom, sigma, chi_square = _summarise_residuals(
         squares, weight_of_squares, compliances, measurements.sigma
     )
-    elements, prediction = _shares_of_elements(robot, measurements, model, compliances)
+    elements, prediction = _compute_element_shares(robot, measurements, model, compliances)
     determined = np.isin(np.arange(robot.n), formulation.columns)
     joints = to_matrix(compliances[columns.coupling], columns.n) + np.diag(compliances[columns.joints])
     return ElasticEstimate(
@@ -194,11 +195,11 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         prediction=prediction,
         sigma=sigma,
         chi_square=chi_square,
-        degrees_of_freedom=freedom_left,
+        degrees_of_freedom=degrees_of_freedom,
         effective_freedom=float(freedom.sum()),
         parameters=len(formulation.columns),
         certificate=LinkCertificate(
-            least_eigenvalue=least, dual=solution.certificate.dual, gap=gap, scale=float(scale)
+            least_eigenvalue=least_eigenvalue, dual=solution.certificate.dual, gap=gap, scale=float(scale)
         ),
         companion=_build_companion(formulation, model, compliances, weight),
     )
@@ -207,20 +208,34 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
 def _build_companion(
     form: Formulation, model: ElasticModel, compliances: FloatArray, weight: float
 ) -> Companion:
-    """Return the problem for a fit's uncertainties, with sigma lift_diagonal if the residuals exceed it."""
-    weight, stated = form.weight_of_squares(model, compliances, weight), form.sigma
-    _, freedom_left, sigma, chi_square = _summarise_residuals(form, weight, compliances, stated)
+    """Return the least-squares problem from which the uncertainties of a fit are computed.
+
+    The stated sigma is raised to the sigma of the residuals, if the residuals are larger.
+
+    Args:
+        form: formulation of the fit.
+        model: elastic elements that bend, and the loss.
+        compliances: (P,) fitted compliances.
+        weight: weight λ of the penalty in the fit.
+    """
+    weight, stated = form.convert_weight_to_squares(model, compliances, weight), form.sigma
+    _, degrees_of_freedom, sigma, chi_square = _summarise_residuals(form, weight, compliances, stated)
     if stated is None or sigma is None:
-        return Companion(form, weight, sigma, freedom_left)
-    excess = sqrt(chi_square / freedom_left) if freedom_left >= _LEAST_FREEDOM else 1.0
+        return Companion(form, weight, sigma, degrees_of_freedom)
+    excess = sqrt(chi_square / degrees_of_freedom) if degrees_of_freedom >= _LEAST_FREEDOM else 1.0
     return Companion(form, weight, sigma * max(1.0, excess), None)
 
 
 def fit_first_certified(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> ElasticEstimate:
-    """Fit a model with the smallest penalty in `weights`, in ascending order, that has a certified optimum.
+    """Fit a model to the whole set with the smallest penalty in `weights` that gives a certified optimum.
+
+    Args:
+        folds: measurement set with its compressed rows.
+        model: elastic elements that bend, and the loss.
+        weights: weights λ of the penalty to try one after the other, in ascending order.
 
     Raises:
-        UnsupportedMethodError: no optimum is certified; the error is that of the last penalty.
+        UnsupportedMethodError: no optimum is certified; the error names the largest penalty.
     """
     for weight in weights[:-1]:
         try:
@@ -233,98 +248,120 @@ def fit_first_certified(folds: Folds, model: ElasticModel, weights: Sequence[flo
 def _summarise_residuals(
     squares: Formulation, weight: float, compliances: FloatArray, sigma: float | None
 ) -> tuple[FloatArray, float, float | None, float]:
-    """Compute the degrees of freedom, sigma and chi-square of a fit.
+    """Compute the degrees of freedom, sigma and chi square of a fit.
 
     Returns:
-        The effective freedom (P,) of each column; the remaining degrees of freedom; sigma [m], computed from
-        the residuals if None is given; and the chi-square of the residuals under sigma, 0 without sigma.
+        The effective freedom (P,) of each compliance: the part of the compliance that the readings determine,
+        not the penalty; the degrees of freedom of the residuals; sigma [m], computed from the residuals if
+        None is given, and None if there are too few of them; and the chi square of the residuals, 0 without
+        sigma.
     """
     x, rows = compliances[squares.columns] / squares.unit, squares.rows
     freedom = np.zeros(squares.width)
-    freedom[squares.columns] = compute_effective_freedom(squares.program(weight), x)
-    left = max(0.0, rows.readings - float(freedom.sum()))
-    total = float(np.square(rows.triangle[:, :-1] @ compliances - rows.triangle[:, -1]).sum())
-    if sigma is None and left >= _LEAST_FREEDOM:
-        sigma = sqrt(total / left)
-    return freedom, left, sigma, total / sigma**2 if sigma else 0.0
+    freedom[squares.columns] = compute_effective_freedom(squares.build_squared_program(weight), x)
+    degrees_of_freedom = max(0.0, rows.readings - float(freedom.sum()))
+    squares_sum = float(np.square(rows.triangle[:, :-1] @ compliances - rows.triangle[:, -1]).sum())
+    if sigma is None and degrees_of_freedom >= _LEAST_FREEDOM:
+        sigma = sqrt(squares_sum / degrees_of_freedom)
+    return freedom, degrees_of_freedom, sigma, squares_sum / sigma**2 if sigma else 0.0
 
 
-def _scale_gaps(formulation: Formulation, sigma: float | None) -> float:
-    """Return the length [m] that is the unit of certificates' gaps: sigma, or the residuals if greater.
+def _compute_gap_scale(formulation: Formulation, sigma: float | None) -> float:
+    """Return the length [m] that is the unit of the gaps of certificates.
 
-    An unknown sigma is replaced by the residual scale of a fit of joints alone. Residuals that remain without
-    penalty and constraints count as noise, too: a more exact optimum would have no use.
+    The length is sigma, or the rms residual of an unconstrained fit without penalty, if that is greater: an
+    optimum more exact than these residuals would have no use. If sigma is None, the rms residual of a fit of
+    joints alone replaces sigma.
     """
-    fit, rows, joints = formulation.squares, formulation.rows, formulation.cone.free
-    R = fit.R[:, :joints]
-    alone = float(np.linalg.norm(R @ np.linalg.lstsq(R, fit.z, rcond=None)[0] - fit.z))
-    least = float(np.linalg.norm(fit.R @ fit.near - fit.z))
-    stated = sigma or max(alone, _LEAST_SCALE) * formulation.size / sqrt(max(1, rows.readings - joints))
-    return max(stated, least * formulation.size / sqrt(max(1, rows.readings)))
+    fit, rows, joint_count = formulation.squares, formulation.rows, formulation.cone.free
+    R = fit.R[:, :joint_count]
+    joints_residual = float(np.linalg.norm(R @ np.linalg.lstsq(R, fit.z, rcond=None)[0] - fit.z))
+    least_residual = float(np.linalg.norm(fit.R @ fit.near - fit.z))
+    joints_scale = max(joints_residual, _LEAST_SCALE) * formulation.size
+    noise = sigma or joints_scale / sqrt(max(1, rows.readings - joint_count))
+    return max(noise, least_residual * formulation.size / sqrt(max(1, rows.readings)))
 
 
-def _uncertified_error(weight: float) -> UnsupportedMethodError:
-    """Return the error for a penalty λ with which no optimum can be certified."""
+def _build_uncertified_error(weight: float) -> UnsupportedMethodError:
+    """Build the error for a weight λ of the penalty with which no optimum can be certified."""
     return UnsupportedMethodError(
-        f"with a penalty of {weight:.3g}, rounding errors hide which links bend, and no fit can be certified",
+        f"the fit with a penalty of {weight:.3g} cannot be certified as optimal, because rounding errors "
+        "hide which links bend",
         where="link_penalty",
         remedy=f"give link_penalty {10.0 * weight:.0e} or more, choose fewer links, or omit link_penalty",
     )
 
 
-def _semidefinite_compliances(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray, float]:
-    """Return compliances (P,) with matrices made positive semidefinite, and the least eigenvalue of all.
+def _make_semidefinite(compliances: FloatArray, model: ElasticModel) -> tuple[FloatArray, float]:
+    """Make the matrices of fitted compliances positive semidefinite.
 
-    The eigenvalues are those computed in SI units: rounding of a scaled optimum may leave some below zero.
+    Rounding of the scaled optimum may leave small negative eigenvalues in SI units; the diagonals are raised
+    accordingly.
+
+    Returns:
+        The compliances (P,) with raised diagonals; and the least of the joint compliances and of all
+        eigenvalues after that.
     """
     out, columns = compliances.copy(), model.columns
-    places = [(6, columns.link(frame)) for frame in columns.frames] + [(columns.n, columns.coupling)]
-    least = [float(out[columns.joints].min())]
-    for size, own in places:
-        if out[own].any():
-            out[own] = lift_diagonal(out[own], size)
-            least.append(float(np.linalg.eigvalsh(to_matrix(out[own], size)).min()))
-    return out, min(least)
+    matrices = [(6, columns.link_columns(frame)) for frame in columns.frames]
+    matrices.append((columns.n, columns.coupling))
+    least_values = [float(out[columns.joints].min())]
+    for size, entry_columns in matrices:
+        if out[entry_columns].any():  # A matrix of zeros belongs to an element that does not bend.
+            out[entry_columns] = lift_diagonal(out[entry_columns], size)
+            eigenvalues = np.linalg.eigvalsh(to_matrix(out[entry_columns], size))
+            least_values.append(float(eigenvalues.min()))
+    return out, min(least_values)
 
 
 def _summarise_compliance(
     compliances: FloatArray, model: ElasticModel, freedom: FloatArray, frame: int
 ) -> dict[str, Any]:
     """Return the fields of the `ElasticCompliance` of a bending link or base, without the field `joint`."""
-    own = model.columns.link(frame)
-    matrix = to_matrix(compliances[own], 6)
+    link_columns = model.columns.link_columns(frame)
+    matrix = to_matrix(compliances[link_columns], 6)
     return {
         "matrix": matrix.tolist(),
         "translation": find_principal_compliances(matrix[:3, :3]),
         "rotation": find_principal_compliances(matrix[3:, 3:]),
-        "effective_freedom": float(freedom[own].sum()),
-        "parameters": 6 if model.name == "diagonal_links" else len(own),
+        "effective_freedom": float(freedom[link_columns].sum()),
+        "parameters": 6 if model.name == "diagonal_links" else len(link_columns),
     }
 
 
-def _shares_of_elements(
+def _compute_element_shares(
     robot: Robot, measurements: Measurements, model: ElasticModel, compliances: FloatArray
 ) -> tuple[tuple[ElementShare, ...], Prediction]:
-    """Return the share of measured deflections explained by each element, and the prediction of all."""
+    """Compute the share of the measured deflections that each elastic element explains.
+
+    The deflections that an element causes are projected on the measured deflections: their scalar products,
+    summed over the targets, are divided by the sum of the squared measured deflections.
+
+    Returns:
+        The shares; and the prediction of all deflections by all elements together.
+    """
     columns = model.columns
-    coupled = columns.coupling[find_diagonal_entries(columns.n)]
-    places: list[tuple[Literal["joint", "coupling", "link", "base"], str | None, IndexArray]] = [
-        ("joint", robot.joint_names[joint], np.array([columns.joints[joint], coupled[joint]]))
+    coupling_diagonal = columns.coupling[find_diagonal_entries(columns.n)]
+    # Kind, joint, and columns of each element. A joint's own compliance has a column as a single number, and
+    # a column on the diagonal of the coupled compliance; one of the two compliances is zero.
+    parts: list[tuple[Literal["joint", "coupling", "link", "base"], str | None, IndexArray]] = [
+        ("joint", robot.joint_names[joint], np.array([columns.joints[joint], coupling_diagonal[joint]]))
         for joint in range(columns.n)
     ]
     if model.name == "coupled_joints":
-        places.append(("coupling", None, np.setdiff1d(columns.coupling, coupled)))
+        parts.append(("coupling", None, np.setdiff1d(columns.coupling, coupling_diagonal)))
     for frame in model.frames:
         kind: Literal["link", "base"] = "base" if frame == BASE else "link"
-        places.append((kind, None if frame == BASE else robot.joint_names[frame], columns.link(frame)))
-    predicted, along = [], []
-    for block, rows in elastic_blocks(robot, measurements, model.columns):
+        joint_name = None if frame == BASE else robot.joint_names[frame]
+        parts.append((kind, joint_name, columns.link_columns(frame)))
+    predicted, products = [], []
+    for block, rows in generate_elastic_blocks(robot, measurements, model.columns):
         # Missing readings add nothing: their rows and deflections are zero.
-        work = np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
-        along.append(np.stack([work[:, own].sum(axis=1) for _, _, own in places]))
+        by_column = np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
+        products.append(np.stack([by_column[:, part_columns].sum(axis=1) for _, _, part_columns in parts]))
         predicted.append(rows[..., :-1] @ compliances)
     measured = np.square(measurements.deflection).sum(axis=(1, 2))
-    explained = np.concatenate(along, axis=1)
+    explained = np.concatenate(products, axis=1)
     share = np.divide(explained, measured, out=np.zeros_like(explained), where=measured > 0.0)
     elements = tuple(
         ElementShare(
@@ -333,7 +370,7 @@ def _shares_of_elements(
             share=float(explained[number].sum() / measured.sum()),
             by_observation=share[number].tolist(),
         )
-        for number, (kind, joint, _) in enumerate(places)
+        for number, (kind, joint, _) in enumerate(parts)
     )
     prediction = Prediction.from_predicted(measurements, np.concatenate(predicted))
     bending: Literal["links", "base"] = "base" if model.name == "joints_and_base" else "links"
@@ -344,28 +381,32 @@ _LIGHTER: Final = 0.3
 """Penalty for intervals relative to the penalty that predicts best. With the latter, bias is as large as
 dispersion; with a lighter penalty dispersion outweighs bias (undersmoothing)."""
 _NOTHING: Final = 1e-4
-"""Least lower end relative to the upper end: a smaller one counts as zero, which cone programs miss."""
+"""Lower end of an interval, relative to its upper end, below which the lower end counts as zero: cone
+programs do not reach zero exactly."""
 _GAP: Final = 1e-4
-"""Gap of the optimum around which intervals are computed, relative to the readings."""
+"""Duality gap of the optimum around which intervals are computed, relative to the readings."""
 
 
 def build_effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
-    """Return the matrix (n, P) that takes all compliances (P,) to the joints' effective compliances.
+    """Return the matrix (n, P) that maps all compliances (P,) to the joints' effective compliances (n,).
 
-    An effective compliance [rad/(N·m)] is the joint's compliance plus the link's about or along the same
-    axis, and for joint 1 also the base's: they move every target like the joint, so that readings cannot
-    separate them.
+    An effective compliance [rad/(N·m)] is the joint's compliance plus the compliance of its link about (for a
+    prismatic joint: along) the joint's axis; for joint 1 also that of the base. Link and base move every
+    target like the joint, so that readings cannot separate the three.
     """
     rows = np.zeros((columns.n, columns.width))
     rows[np.arange(columns.n), columns.joints] = 1.0
     rows[np.arange(columns.n), columns.coupling[find_diagonal_entries(columns.n)]] = 1.0
     i, j = triangle_indices(6)
-    placed = spring_frames(Postures(robot, np.zeros((1, columns.n))))[0][0]
-    moved = {frame: (frame, robot.axes[frame]) for frame in columns.links}
-    for frame, (joint, own) in (moved | {BASE: (0, placed[0] @ robot.axes[0])}).items():
-        along_or_about = (own, np.zeros(3))
-        axis = np.concatenate(along_or_about if robot.prismatic[joint] else along_or_about[::-1])
-        rows[joint, columns.link(frame)] = axis[i] * axis[j] * triangle_weights(6)
+    rotations = spring_frames(Postures(robot, np.zeros((1, columns.n))))[0][0]
+    # For each link or base: the joint that moves targets alike, and the joint's axis in the frame of the
+    # element.
+    joint_axes = {frame: (frame, robot.axes[frame]) for frame in columns.links}
+    joint_axes[BASE] = (0, rotations[0] @ robot.axes[0])
+    for frame, (joint, joint_axis) in joint_axes.items():
+        translation_first = (joint_axis, np.zeros(3))
+        axis = np.concatenate(translation_first if robot.prismatic[joint] else translation_first[::-1])
+        rows[joint, columns.link_columns(frame)] = axis[i] * axis[j] * triangle_weights(6)
     return rows
 
 
@@ -373,15 +414,15 @@ def build_effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
 class EffectiveCompliances:
     """Effective compliances of the n joints with their ranges; NaN where a number is not known."""
 
-    #: (n,) compliances of the joints plus their links' about, or along, the joints' axes [rad/(N·m)]
+    #: (n,) compliance of each joint plus that of its link about, or along, the joint's axis [rad/(N·m)]
     compliance: FloatArray
     range: FloatArray  #: (n, 2) least and greatest values [rad/(N·m)]
     quantile: float  #: half-width of a range divided by the standard uncertainty
-    quoted: bool = True  #: whether the ranges are quoted as intervals: not if the penalty was given
+    quoted: bool = True  #: False if the ranges must not be published as intervals: the penalty was given
 
     @property
     def ends(self) -> FloatArray:
-        """Ends (n, 2) of the quoted intervals [rad/(N·m)]; NaN if no intervals are quoted."""
+        """Ends (n, 2) of the published intervals [rad/(N·m)]; NaN if no intervals are published."""
         return self.range if self.quoted else np.full_like(self.range, np.nan)
 
     @property
@@ -389,13 +430,13 @@ class EffectiveCompliances:
         """Standard uncertainties (n,) [rad/(N·m)]: half of a range divided by the quantile."""
         return 0.5 * (self.range[:, 1] - self.range[:, 0]) / self.quantile
 
-    def joined(self, other: EffectiveCompliances) -> EffectiveCompliances:
+    def widen_ranges_by(self, other: EffectiveCompliances) -> EffectiveCompliances:
         """Return these compliances with ranges widened to contain the ranges of another model."""
         low = np.fmin(self.range[:, 0], other.range[:, 0])
         high = np.fmax(self.range[:, 1], other.range[:, 1])
         # A range that comes only from the other model need not contain this model's value: widen the range.
-        own = np.where(np.isnan(low), np.nan, self.compliance)
-        low, high = np.fmin(low, own), np.fmax(high, own)
+        value = np.where(np.isnan(low), np.nan, self.compliance)
+        low, high = np.fmin(low, value), np.fmax(high, value)
         return replace(self, range=np.column_stack([low, high]), quantile=min(self.quantile, other.quantile))
 
 
@@ -409,9 +450,9 @@ def compute_effective_compliances(
 ) -> EffectiveCompliances:
     """Compute the joints' effective compliances and their confidence ranges.
 
-    A range contains the values at which the objective, with a lighter penalty, is close to its minimum. With
-    joints and base alone, it also contains the range of ordinary least squares, which has no bias from
-    penalty or constraints.
+    A range contains the values of an effective compliance at which the objective, with a lighter penalty, is
+    close to its minimum. For the model of joints and base, a range also contains the range of ordinary least
+    squares, which has no bias from penalty or constraints.
 
     Args:
         robot: n joints.
@@ -419,7 +460,8 @@ def compute_effective_compliances(
         confidence: confidence level of the ranges.
         widest: estimate of the richest model compared, from which the ranges are computed; None takes
             `elastic`.
-        with_ends: whether to quote the ranges as intervals: only if cross-validation chose the penalty.
+        with_ends: whether the ranges may be published as intervals: only if cross-validation chose the
+            penalty.
     """
     widest = widest or elastic
     companion = widest.companion
@@ -428,14 +470,15 @@ def compute_effective_compliances(
     quantile = student_quantile(0.5 * (1.0 + confidence), companion.degrees_of_freedom)
     if companion.sigma is not None:
         form = companion.formulation
-        program = form.program(_LIGHTER * companion.weight)
-        with suppress(SolverError):
+        program = form.build_squared_program(_LIGHTER * companion.weight)
+        with suppress(SolverError):  # Without a certified optimum the ranges stay unknown (NaN).
             x = solve_cone(program, gap=_GAP).x
             size, functions = quantile * companion.sigma / form.size, rows[:, form.columns] * form.unit
             ends = compute_penalised_range(program, x, size**2, functions)
             if widest.model.name == "joints_and_base":
                 least, greatest = compute_unconstrained_range(form.squares, functions, size).T
                 ends = np.column_stack([np.fmin(ends[:, 0], least), np.fmax(ends[:, 1], greatest)])
+    # The programs find the ends to a tolerance only: a range must contain the estimate.
     ends[:, 0] = np.minimum(np.maximum(ends[:, 0], 0.0), effective)
     ends[:, 1] = np.maximum(ends[:, 1], effective)
     ends[ends[:, 0] < _NOTHING * ends[:, 1], 0] = 0.0
@@ -459,16 +502,20 @@ def replace_by_effective(
 ) -> Estimate:
     """Return the joints' estimate with joint compliances replaced by effective compliances.
 
+    Sigma, chi square, degrees of freedom and certificate are those of the estimate with bending links or
+    base.
+
     Args:
         estimate: estimate of joints alone.
         elastic: estimate with bending links or base.
         effective: effective compliances of the same joints.
     """
-    others = {link.joint: "its link" for link in elastic.links}
+    # What bends about the axis of a joint, by the joint's name, in words for a remark.
+    in_words = {link.joint: "its link" for link in elastic.links}
     if elastic.base is not None:
         first = estimate.joints[0].name
         # The text is followed by "'s": "its link's and the base's rotation about …".
-        others[first] = f"{others[first]}'s and the base" if first in others else "the base"
+        in_words[first] = f"{in_words[first]}'s and the base" if first in in_words else "the base"
     certificate = elastic.certificate
     evidence = Certificate(
         primal=max(0.0, -certificate.least_eigenvalue),
@@ -480,7 +527,7 @@ def replace_by_effective(
     return replace(
         estimate,
         joints=tuple(
-            _effective_joint(joint, effective, j, others.get(joint.name))
+            _build_effective_joint(joint, effective, j, in_words.get(joint.name))
             for j, joint in enumerate(estimate.joints)
         ),
         compliance=np.nan_to_num(effective.compliance),
@@ -493,13 +540,13 @@ def replace_by_effective(
     )
 
 
-def _effective_joint(
+def _build_effective_joint(
     joint: JointCompliance, effective: EffectiveCompliances, j: int, other: str | None
 ) -> JointCompliance:
-    """Return the result of joint j with its effective compliance and remarks on what else bends there.
+    """Return the result of joint j with its effective compliance, and remarks on links or base that bend.
 
-    `other` names the link or base that bends about the same axis. A joint that is not observable is returned
-    unchanged.
+    `other` names the link or base that bends about the same axis; None if neither of them does. The result of
+    a joint that is not observable is returned unchanged.
     """
     compliance, uncertainty = float(effective.compliance[j]), float(effective.uncertainty[j])
     if joint.status == "not_observable" or np.isnan(compliance):
@@ -507,19 +554,22 @@ def _effective_joint(
     low, high = effective.ends[j].tolist()
     rigid = compliance < RIGID
     motion = JOINT_UNITS[joint.kind].of_link
-    together = (
+    remark_on_sum = (
         f"effective compliance: the joint together with {other}'s {motion} its axis, which readings "
         "do not distinguish"
     )
-    remarks = [] if other is None else [together]
+    remarks = [] if other is None else [remark_on_sum]
     if rigid:
-        remarks = ["the other elements explain the readings without a compliance of this joint"]
+        remarks = [
+            "the other elastic elements (joints, links or base) explain the readings without a compliance of "
+            "this joint"
+        ]
     elif not np.isfinite(uncertainty):
         remarks.append("no interval: the range of compliances that fit the readings was not found")
     elif uncertainty > LARGEST_UNCERTAINTY * compliance:
         remarks.append(
             f"poorly determined (standard uncertainty {100 * uncertainty / compliance:.0f} %): "
-            "bending links explain the readings nearly as well"
+            "bending links explain the readings nearly as well as this joint"
         )
     return JointCompliance(
         name=joint.name,

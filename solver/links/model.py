@@ -1,15 +1,16 @@
-"""Models of what bends, from simple to rich: rows, penalty, losses, and their optima (method.md §7).
+"""Models of elastic joints, links and base, from simple to rich: rows, penalty and losses (method.md §7).
 
     squared    ‖z − R x‖² / ‖z‖² + λ tr              rows compressed to a triangle
     absolute   Σ ‖r_i‖ / Σ ‖d_i‖ + λ tr              one second-order cone a target
     huber      Σ ρ(r_i) / Σ ‖d_i‖ + λ tr             ρ = ‖r‖²/(2h) up to h, ‖r‖ − h/2 beyond
 
-The penalty has no length that anyone chose. It is the work that a unit force at the load point does on an
-element: averaged over the force's direction and, as the fitted postures are few, over all directions of the
-lever, whose length ρ_i (root mean square from the frame's origin to the load point) the fitted postures give.
-For a link that is ``tr(M_i C_i)`` with ``M_i = diag(I, 2/3 ρ_i² I)``, for coupled joints the same with
-``M = diag(2/3 ρ_j²)``. In ``X = K C K / u``, K² = M, it is a plain trace, and with u the deflection over the
-force it has no unit either.
+The penalty contains no arbitrarily chosen length. The penalty is the work that a unit force at the load point
+does on an element, averaged over the directions of the force and, because the fitted postures are few, over
+all directions of the lever. The length ρ_i of the lever is the root mean square distance, over the fitted
+postures, from the origin of frame i to the load point. The penalty of a link is ``tr(M_i C_i)`` with
+``M_i = diag(I, 2/3 ρ_i² I)``; the penalty of coupled joints is ``tr(M C_θ)`` with ``M = diag(2/3 ρ_j²)``.
+With the parameters ``X = K C K / u``, K² = M, the penalty is the trace of X, and with u the deflection
+divided by the force it has no unit.
 """
 
 from __future__ import annotations
@@ -54,12 +55,12 @@ from jointstiff.solver.mechanics.springs import (
 )
 
 MOST_JOINTS = 12
-"""Maximum number of joints of a robot with elastic links: beyond, unknowns exceed readings."""
+"""Greatest number of joints of a robot with elastic links: with more joints, unknowns outnumber readings."""
 
 MOST_TARGETS: Final = 500
-"""Targets up to which robust losses are supported: a program takes about 0.5 s there."""
+"""Greatest number of targets for which robust losses are supported: one fit then takes about 0.5 s."""
 _BLOCK = 256
-"""Observations per block: their rows stay below 10 MB a target."""
+"""Number of observations in a block: the rows of a block stay below 10 MB for each target."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,7 @@ class ElasticColumns:
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """Return the frames with a compliance of 21 entries: joint indices of the links, then `BASE`."""
+        """Frames with a 6 × 6 compliance (21 different entries): joint indices of the links, then `BASE`."""
         return *self.links, BASE
 
     @property
@@ -113,11 +114,11 @@ class ElasticColumns:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Return the terms of all columns, in their order."""
+        """Terms of the deflection model in the order of the columns: joints, coupling, links and base."""
         return JOINTS, COUPLED_JOINTS, build_links_term(self.frames)
 
-    def link(self, frame: int) -> IndexArray:
-        """(21,) columns of the compliance C_i of the link behind a joint, or of the `BASE`."""
+    def link_columns(self, frame: int) -> IndexArray:
+        """Return the columns (21,) of the compliance C_i of the link behind joint `frame`, or of `BASE`."""
         start = self.n + len(self.coupling) + 21 * self.frames.index(frame)
         return np.arange(start, start + 21)
 
@@ -129,39 +130,44 @@ class ElasticRows:
     #: (P + 1, P + 1) with ``TᵀT`` the Gram matrix of the rows [A d], whitened in units of sigma
     triangle: FloatArray
     configurations: int  #: number of observations
-    readings: int  #: coordinates that were read
-    targets: int  #: targets that were read
-    force: float  #: sum of ‖F‖² [N²]
-    moment: float  #: sum of ‖M‖² [N²·m²]
-    #: (n + 1,) sum of the squared distances of the load point from the frames' origins, the base's last [m²]
+    readings: int  #: number of coordinates that were read
+    targets: int  #: number of targets that were read
+    force: float  #: sum over the observations of ‖F‖² [N²]
+    moment: float  #: sum over the observations of ‖M‖² [N²·m²]
+    #: (n + 1,) sum of the squared distances of the load point from the origins of the joint frames and, as
+    #: the last number, of the base [m²]
     lever: FloatArray
-    deflection: float  #: sum of ‖δp‖² [m²]
+    deflection: float  #: sum over the targets of ‖δp‖² [m²]
 
-    #: (K, 3, P + 1) rows of each target, which a robust loss needs; K = 0 for more than `MOST_TARGETS`
+    #: (K, 3, P + 1) whitened rows [A d] of each target, which a robust loss needs; K = 0 for more than
+    #: `MOST_TARGETS` targets
     each: FloatArray
 
     @classmethod
     def merge(cls, parts: Sequence[ElasticRows]) -> ElasticRows:
-        """Merge the rows of several parts of a set; only sums are taken, so that no digits are lost."""
-        summed = (f.name for f in fields(cls) if f.name not in {"triangle", "each"})
-        sums = {name: sum(getattr(part, name) for part in parts) for name in summed}
+        """Merge the rows of several parts of a set; numbers are only added, so that no digits are lost."""
+        added_fields = (f.name for f in fields(cls) if f.name not in {"triangle", "each"})
+        sums = {name: sum(getattr(part, name) for part in parts) for name in added_fields}
         each = np.concatenate([part.each for part in parts])
         each = each if sums["targets"] <= MOST_TARGETS else each[:0]
         triangle = compute_triangular_factor(np.concatenate([part.triangle for part in parts]))
         return cls(triangle=triangle, each=each, **sums)
 
-    def residual_norms(self, compliances: FloatArray) -> FloatArray:
+    def compute_residual_norms(self, compliances: FloatArray) -> FloatArray:
         """Return the norms (K,) [m] of each target's whitened residual at compliances (P,)."""
         residuals = self.each[..., :-1] @ compliances - self.each[..., -1]
         return np.asarray(np.linalg.norm(residuals, axis=1))
 
     def weight_targets(self, weight: FloatArray) -> ElasticRows:
-        """Return rows whose triangle weights the K targets by `weight` (K,); `each` stays unweighted."""
+        """Return the rows with a triangle in which the squares of the K targets have weights (K,).
+
+        The rows `each` stay unweighted.
+        """
         rows = np.sqrt(weight)[:, None, None] * self.each
         return replace(self, triangle=compute_triangular_factor(rows.reshape(-1, rows.shape[-1])))
 
 
-def elastic_rows(
+def compress_elastic_rows(
     robot: Robot, measurements: Measurements, columns: ElasticColumns, parts: Sequence[IndexArray]
 ) -> tuple[ElasticRows, ...]:
     """Compress the rows of each of several parts of a measurement set, in one pass with little memory.
@@ -177,17 +183,17 @@ def elastic_rows(
     """
     triangles = [Triangle(entries=columns.width) for _ in parts]
     levers, each = np.zeros((len(parts), robot.n + 1)), [[np.zeros((0, 3, columns.width + 1))] for _ in parts]
-    few = [int(measurements.present[part].sum()) <= MOST_TARGETS for part in parts]
-    start = 0
-    for block, rows in elastic_blocks(robot, measurements, columns):
+    keeps_rows = [int(measurements.present[part].sum()) <= MOST_TARGETS for part in parts]
+    start = 0  # index of the first observation of the block
+    for block, rows in generate_elastic_blocks(robot, measurements, columns):
         present, in_sigma = block.measurements.present, block.whiten(rows)
         lever = np.square(block.frames[2]).sum(axis=2)
         for k, part in enumerate(parts):
-            own = select_rows_of_part(part, start, start + len(present))
-            triangles[k].add(in_sigma[own], count=3 * int(present[own].sum()))
-            if few[k]:
-                each[k].append(in_sigma[own][present[own]])
-            levers[k] += lever[own].sum(axis=0)
+            in_part = select_rows_of_part(part, start, start + len(present))
+            triangles[k].add(in_sigma[in_part], count=3 * int(present[in_part].sum()))
+            if keeps_rows[k]:
+                each[k].append(in_sigma[in_part][present[in_part]])
+            levers[k] += lever[in_part].sum(axis=0)
         start += len(present)
     return tuple(
         ElasticRows(
@@ -206,19 +212,24 @@ def elastic_rows(
 
 
 def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:
-    """Return the rows of a part of the set within a block.
+    """Return which rows of a block of observations belong to a part of the measurement set.
 
-    The part holds ascending indices of observations; the block has the observations from start to stop. Rows
-    count from the start of the block.
+    Args:
+        part: ascending indices of the observations of the part.
+        start: index of the first observation of the block.
+        stop: index after the last observation of the block.
+
+    Returns:
+        Indices of the rows, counted from the start of the block.
     """
     first, last = np.searchsorted(part, [start, stop])
     return np.asarray(part[first:last] - start)
 
 
-def elastic_blocks(
+def generate_elastic_blocks(
     robot: Robot, measurements: Measurements, columns: ElasticColumns
 ) -> Iterator[tuple[RegressorBlock, FloatArray]]:
-    """Yield blocks of observations, each with rows (B, T, 3, P + 1): columns of the model, then readings."""
+    """Yield blocks of B observations with rows (B, T, 3, P + 1): P columns of compliances, then readings."""
     for start in range(0, len(measurements), _BLOCK):
         for block in regressor_blocks(robot, measurements[start : start + _BLOCK]):
             yield block, build_rows(block, columns.terms, np.zeros(robot.n)).targets
@@ -243,27 +254,28 @@ LOSSES: Final[tuple[Loss, ...]] = ("squared", "huber", "absolute")
 """Losses of the norm of each target's residual."""
 
 _LEAST_SCALE: Final = 1e-6
-"""Least robust scale relative to the mean deflection: for exact readings the scale would be zero."""
+"""Least robust scale of residuals, relative to the mean deflection: exact readings would give zero."""
 _LEAST_WEIGHT: Final = 1e-9
 """Least weight of the penalty in a least-squares problem."""
 _SHORTEST_LEVER: Final = 1e-2
-"""Least lever relative to the longest: a shorter one, through the load point, would leave rotations
-unpenalised."""
+"""Least lever relative to the longest lever: with a lever near zero, because the load point lies in the
+origin of the frame, rotations would have no penalty."""
 _BASE_ROOT: Final = 0.3
-"""Root of the base's penalty relative to a link's: all readings see this one element, so that they need
-hardly any, and λ for links would take 5 % off a pedestal."""
+"""Square root of the base's penalty relative to a link's. All readings depend on the base, so that hardly any
+penalty is needed; the penalty of a link would make the estimated compliance of a pedestal 5 % too small."""
 _NO_COLUMN: Final = 1e-9
-"""Least joint column relative to the largest: a smaller one is rounding, and its joint gets no number."""
+"""Least norm of a joint's column relative to the largest norm: a smaller column is rounding, and the
+compliance of this joint is not estimated."""
 
 
 @dataclass(frozen=True)
 class ElasticModel:
-    """Elements that deflect, and the loss by which their compliances are fitted."""
+    """Elements that deflect, and the loss with which their compliances are fitted."""
 
-    #: elastic elements besides the joints, whose compliances are zero or positive: `coupled_joints` a
-    #: full positive semidefinite joint compliance, `diagonal_links` six compliances a link,
-    #: `joints_and_links` a full positive semidefinite 6 × 6 compliance a link, `joints_and_base` one of the
-    #: base, `links_and_base` both
+    #: elastic elements in addition to the joints, which have compliances of zero or more: `coupled_joints`
+    #: has a full positive semidefinite joint compliance; `diagonal_links` six compliances for each link;
+    #: `joints_and_links` a full positive semidefinite 6 × 6 compliance for each link; `joints_and_base` a
+    #: full 6 × 6 compliance of the base; `links_and_base` full compliances of links and base
     name: ModelName
     columns: ElasticColumns  #: columns of the richest model; its links are those that bend here
     #: loss of the norm of each target's whitened residual: its square, Huber's, or the norm itself
@@ -275,50 +287,54 @@ class ElasticModel:
         """Return the pair of name and loss, which identifies the model within a run."""
         return self.name, self.loss
 
-    def elements(
+    def generate_penalised_elements(
         self, determined: BoolArray, lever: FloatArray
     ) -> Iterator[tuple[IndexArray, FloatArray, bool]]:
-        """Yield the penalised elements: columns, diagonal of K, and whether the compliance is a full matrix.
+        """Yield the penalised elements of the model.
 
         The penalty of an element with compliance C is the trace of K C K, K diagonal.
+
+        Yields:
+            The columns of the element's compliance; the diagonal of K; and whether the compliance is a full
+            matrix (True) or diagonal (False).
 
         Args:
             determined: (n,) mask of the joints whose compliance is determined.
             lever: (n + 1,) lever ρ of the load about each joint's frame and the base [m].
         """
-        turning = np.sqrt(2.0 / 3.0) * lever
+        rotation_root = np.sqrt(2.0 / 3.0) * lever  # square root of the penalty of a rotation
         if self.name == "coupled_joints":
             rows, columns = triangle_indices(self.columns.n)
             yield (
                 self.columns.coupling[determined[rows] & determined[columns]],
-                turning[:BASE][determined],
+                rotation_root[:BASE][determined],
                 True,
             )
         for frame in self.frames:
-            full = self.name != "diagonal_links"
-            own = self.columns.link(frame)
-            root = np.repeat([1.0, turning[frame]], 3) * (_BASE_ROOT if frame == BASE else 1.0)
-            yield own if full else own[find_diagonal_entries(6)], root, full
+            is_full = self.name != "diagonal_links"
+            columns = self.columns.link_columns(frame)
+            root = np.repeat([1.0, rotation_root[frame]], 3) * (_BASE_ROOT if frame == BASE else 1.0)
+            yield columns if is_full else columns[find_diagonal_entries(6)], root, is_full
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """Return the frames of the links and base that bend: joint indices of the links, then `BASE`."""
+        """Frames of the links and base that bend: joint indices of the links, then `BASE`."""
         links = () if self.name in {"joints", "coupled_joints", "joints_and_base"} else self.columns.links
         return (*links, BASE) if self.name in WITH_BASE else links
 
 
 @dataclass(frozen=True, eq=False)
 class Formulation:
-    """Optimisation problem of a model on some observations, for any weight of the penalty."""
+    """Optimisation problem of fitting a model to some observations, for any weight of the penalty."""
 
-    squares: LeastSquares  #: quadratic part, in the program's parameters
-    cone: Cone  #: cone of the parameters
-    columns: IndexArray  #: (p,) column of each parameter
+    squares: LeastSquares  #: squared residuals as a function of the p parameters
+    cone: Cone  #: cone that contains the parameters
+    columns: IndexArray  #: (p,) column of the rows that belongs to each parameter
     unit: FloatArray  #: (p,) unit of each parameter: compliances are ``unit · x``
     rows: ElasticRows  #: rows of the observations
-    size: float  #: ‖z‖, by which the readings are divided, in units of the whitened readings [m]
-    sigma: float | None  #: sigma of one coordinate of one reading, if it is stated [m]
-    #: fits with the absolute loss, kept for reuse; keys are weight, gap and accepted gap
+    size: float  #: norm ‖z‖ of the whitened readings [m], by which the readings are divided
+    sigma: float | None  #: stated sigma of one coordinate of one reading [m]; None if no sigma is stated
+    #: fits with the absolute loss that were already computed; keys are weight, gap and accepted gap
     _absolute: dict[tuple[float, float, float | None], ConeSolution] = field(default_factory=dict)
 
     @property
@@ -333,12 +349,12 @@ class Formulation:
 
     @cached_property
     def _norms(self) -> NormSum:
-        """Sum of the norms of the targets' residuals, the same for all robust losses and penalties."""
+        """Sum of the norms of the targets' residuals, as all robust losses and penalties use it."""
         A = self.rows.each[..., self.columns] * (self.unit / self.total)
         return NormSum(A, self.rows.each[..., -1] / self.total, self.cone)
 
-    def program(self, weight: float) -> SemidefiniteProgram:
-        """Return the program of the squared loss for a weight λ of the penalty."""
+    def build_squared_program(self, weight: float) -> SemidefiniteProgram:
+        """Return the semidefinite program of the squared loss for a weight λ of the penalty."""
         return SemidefiniteProgram(self.squares, self.cone, weight)
 
     def build_robust_program(self, weight: float, threshold: float) -> RobustProgram:
@@ -350,8 +366,8 @@ class Formulation:
 
         Args:
             weight: λ > 0 of the penalty.
-            gap: gap of the certificate that ends the search.
-            accepted: greatest gap that is accepted; `gap` if None.
+            gap: duality gap at which the search ends.
+            accepted: greatest gap that is accepted if rounding prevents `gap`; None for `gap` itself.
         """
         key = weight, gap, accepted
         if key not in self._absolute:
@@ -360,17 +376,18 @@ class Formulation:
             )
         return self._absolute[key]
 
-    def compliances(self, x: FloatArray) -> FloatArray:
-        """Return compliances (..., P) of parameters (..., p); zero in columns without a parameter."""
+    def convert_to_compliances(self, x: FloatArray) -> FloatArray:
+        """Return the compliances (..., P) for parameters (..., p); zero in columns without a parameter."""
         out = np.zeros((*x.shape[:-1], self.width))
         out[..., self.columns] = self.unit * x
         return out
 
-    def unit_of_gaps(self, model: ElasticModel) -> float:
+    def compute_gap_unit(self, model: ElasticModel) -> float:
         """Return the factor [m] that converts a certificate's gap to a length.
 
-        With squares, the length is ‖R (x − x̂)‖, how far the fitted readings are from those at the optimum;
-        with robust losses, it is the excess of the mean norm of a target's residual.
+        With the squared loss, the length is ‖R (x − x̂)‖, the distance between the fitted readings and the
+        fitted readings at the exact optimum. With a robust loss, the length is the amount by which the mean
+        norm of the targets' residuals exceeds that at the exact optimum.
         """
         if model.loss == "squared":
             return self.size
@@ -385,10 +402,10 @@ class Formulation:
         of the residuals of a fit with the absolute loss.
 
         Args:
-            model: what bends, and the loss.
+            model: elastic elements that bend, and the loss.
             weight: λ > 0 of the penalty.
-            gap: gap of the certificate that ends the search, in units of `unit_of_gaps`.
-            accepted: greatest gap that is accepted; `gap` if None.
+            gap: duality gap at which the search ends; times `compute_gap_unit` it is a length.
+            accepted: greatest gap that is accepted if rounding prevents `gap`; None for `gap` itself.
 
         Returns:
             Parameters (p,) with their certificate, and the threshold h [m] of Huber's loss: 0 for the
@@ -398,12 +415,14 @@ class Formulation:
             SolverError: no optimum is certified within the accepted gap.
         """
         if model.loss == "squared":
-            return solve_cone(self.program(weight), gap=gap, accepted=accepted), float("inf")
+            return solve_cone(self.build_squared_program(weight), gap=gap, accepted=accepted), float("inf")
         if model.loss == "absolute":
             return self.fit_absolute(weight, gap, accepted), 0.0
         scale = self.sigma
         if scale is None:
-            scale = self._robust_scale(self.compliances(self.fit_absolute(weight, gap).x))
+            scale = self._estimate_residual_scale(
+                self.convert_to_compliances(self.fit_absolute(weight, gap).x)
+            )
         threshold = model.threshold * scale
         return solve_robust(
             self.build_robust_program(weight, threshold), gap=gap, accepted=accepted
@@ -417,10 +436,18 @@ class Formulation:
         solution: ConeSolution,
         threshold: float,
     ) -> float:
-        """Return the certificate's gap at compliances (P,) close to a fit, in units of `unit_of_gaps`."""
+        """Return the duality gap at compliances (P,) that differ slightly from a solution.
+
+        Args:
+            model: elastic elements that bend, and the loss.
+            compliances: (P,) compliances, for example a solution with raised diagonals.
+            weight: weight λ of the penalty.
+            solution: the solution, whose dual multipliers are used for a robust loss.
+            threshold: threshold h [m] of the robust loss; unused for the squared loss.
+        """
         x = compliances[self.columns] / self.unit
         if model.loss == "squared":
-            return certify_cone(self.program(weight), x).gap
+            return certify_cone(self.build_squared_program(weight), x).gap
         program = self.build_robust_program(weight, threshold)
         return certify_robust(program, x, solution.certificate.multipliers).gap
 
@@ -430,23 +457,24 @@ class Formulation:
         problem = IdentificationProblem(R, z, Bounds.positive(R.shape[1]))
         return solve_step(problem).compliance
 
-    def _robust_scale(self, compliances: FloatArray) -> float:
-        """Return the robust standard deviation [m] of the residuals at compliances (P,), by their median."""
-        norms = self.rows.residual_norms(compliances)
+    def _estimate_residual_scale(self, compliances: FloatArray) -> float:
+        """Return the standard deviation [m] of the residuals at compliances (P,), from their median norm."""
+        norms = self.rows.compute_residual_norms(compliances)
         least = _LEAST_SCALE * self.total / max(1, len(norms))
         return max(float(np.median(norms)) / MEDIAN_NORM, least)
 
-    def companion(
+    def build_weighted_squares(
         self, model: ElasticModel, compliances: FloatArray, weight: float, threshold: float
     ) -> tuple[Formulation, float]:
-        """Return a weighted least-squares problem with the optimum of a fit, and its penalty's weight.
+        """Return a weighted least-squares problem with the optimum of a robust fit, and its penalty's weight.
 
-        A target whose residual r exceeds the threshold h has weight h/‖r‖: these squares are stationary where
-        Huber's loss is. For the absolute loss, h is the threshold times the robust scale of the residuals,
-        and the optimum is only nearly the same.
+        A target whose residual r exceeds the threshold h has weight h/‖r‖: the sum of the weighted squares is
+        stationary where Huber's loss is stationary. For the absolute loss, h is the threshold of Huber's loss
+        times the robust scale of the residuals, and the two optima are only nearly equal. For the squared
+        loss, this problem itself is returned.
 
         Args:
-            model: what bends, and the loss.
+            model: elastic elements that bend, and the loss.
             compliances: (P,) of the fit.
             weight: λ of the fit.
             threshold: h of the fit [m].
@@ -454,38 +482,38 @@ class Formulation:
         if model.loss == "squared":
             return self, weight
         if threshold == 0.0:
-            threshold = model.threshold * max(self._robust_scale(compliances), self.sigma or 0.0)
-        norms = self.rows.residual_norms(compliances)
+            threshold = model.threshold * max(self._estimate_residual_scale(compliances), self.sigma or 0.0)
+        norms = self.rows.compute_residual_norms(compliances)
         weighted = self.rows.weight_targets(threshold / np.maximum(norms, threshold))
         determined = np.isin(np.arange(model.columns.n), self.columns)
-        squares = formulate(weighted, model, determined, self.sigma)
+        squares = formulate_fit(weighted, model, determined, self.sigma)
         return squares, 2.0 * self.total * threshold * weight / squares.size**2
 
-    def weight_of_squares(self, model: ElasticModel, compliances: FloatArray, weight: float) -> float:
+    def convert_weight_to_squares(self, model: ElasticModel, compliances: FloatArray, weight: float) -> float:
         """Return the penalty's weight for plain squares that is as strong as λ is in a robust fit.
 
-        The gradient of the absolute loss has the direction of a residual only, that of squares also its
-        length, so that the weight scales with the mean length of the residuals.
+        In the gradient of the absolute loss all residuals have length one; in the gradient of squares they
+        have their own lengths. The weight is therefore multiplied by the mean length of the residuals.
 
         Args:
-            model: what bends, and the loss.
+            model: elastic elements that bend, and the loss.
             compliances: (P,) of the fit.
             weight: λ of the fit.
         """
         if model.loss == "squared":
             return weight
-        length = float(self.rows.residual_norms(compliances).mean())
+        length = float(self.rows.compute_residual_norms(compliances).mean())
         return max(2.0 * self.total * length * weight / self.size**2, _LEAST_WEIGHT)
 
 
-def formulate(
+def formulate_fit(
     rows: ElasticRows, model: ElasticModel, visible: BoolArray, sigma: float | None = None
 ) -> Formulation:
     """Formulate the fit of a model to some observations as an optimisation problem.
 
     Args:
         rows: compressed rows of the observations.
-        model: what bends.
+        model: elastic elements that bend, and the loss.
         visible: (n,) mask of the joints whose compliances the readings determine.
         sigma: stated standard uncertainty of one coordinate of one reading [m]; None if unknown.
 
@@ -498,21 +526,22 @@ def formulate(
     determined = visible & (norms > _NO_COLUMN * norms.max())
     joints = np.flatnonzero(determined)
     scale, lever = _scale_penalty(rows, size)
-    scalars, blocks, sizes = [(joints, size / norms[joints])], [], []
-    for columns, root, full in model.elements(determined, lever):
-        if full:
+    # Columns and units of the parameters: first scalar compliances, then the entries of full matrices.
+    scalars, matrices, sizes = [(joints, size / norms[joints])], [], []
+    for columns, root, is_full in model.generate_penalised_elements(determined, lever):
+        if is_full:
             i, j = triangle_indices(len(root))
-            blocks.append((columns, scale / (root[i] * root[j])))
+            matrices.append((columns, scale / (root[i] * root[j])))
             sizes.append(len(root))
         else:
             scalars.append((columns, scale / root**2))
-    of_parameters = np.concatenate([columns for columns, _ in scalars + blocks])
-    unit = np.concatenate([unit for _, unit in scalars + blocks])
-    count = sum(len(columns) for columns, _ in scalars)
+    parameter_columns = np.concatenate([columns for columns, _ in scalars + matrices])
+    unit = np.concatenate([unit for _, unit in scalars + matrices])
+    scalar_count = sum(len(columns) for columns, _ in scalars)
     return Formulation(
-        squares=LeastSquares((triangle / size)[:, of_parameters] * unit, z / size),
-        cone=Cone(count, tuple(sizes), penalised=count - len(joints)),
-        columns=of_parameters,
+        squares=LeastSquares((triangle / size)[:, parameter_columns] * unit, z / size),
+        cone=Cone(scalar_count, tuple(sizes), penalised=scalar_count - len(joints)),
+        columns=parameter_columns,
         unit=unit,
         rows=rows,
         size=size,
@@ -523,18 +552,25 @@ def formulate(
 def _scale_penalty(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
     """Return the unit of compliance u [m/N] and the levers ρ (n + 1,) [m] that scale the penalty.
 
-    u is the root mean square deflection over the root mean square force. A moment counts as the force that
-    makes such a moment on the levers of the joints.
+    u is the root mean square deflection divided by the root mean square force. A moment is converted to the
+    force that causes this moment on the levers of the joints.
+
+    Args:
+        rows: compressed rows of the observations.
+        size: norm of the whitened readings [m]; zero if no target moved.
 
     Raises:
-        UnsupportedMethodError: nothing moved, or no load has a lever arm.
+        UnsupportedMethodError: no target moved, or no load has a lever arm.
     """
     lever = np.sqrt(rows.lever / rows.configurations)
     lever = np.maximum(lever, _SHORTEST_LEVER * lever[:BASE].max())
+    # Mean square force; 1.5 / lever² converts a squared moment to the squared force on a lever with a
+    # direction at random. All levers are zero only if the load point lies in the origin of every joint's
+    # frame.
     force = rows.force + rows.moment * float(np.mean(1.5 / lever[:BASE] ** 2)) if lever.all() else 0.0
     if size == 0.0 or force == 0.0:
         raise UnsupportedMethodError(
-            "nothing moved, or no load has a lever arm, so the penalty on link compliance has no scale",
+            "no target moved, or no load has a lever arm, so the penalty on link compliance has no scale",
             where="elasticity",
             remedy="use elasticity joints",
         )
@@ -542,10 +578,10 @@ def _scale_penalty(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
 
 
 def list_losses_to_compare(measurements: Measurements, losses: tuple[Loss, ...]) -> tuple[Loss, ...]:
-    """Return the losses that a set supports: only `squared` if it has more than `MOST_TARGETS` targets.
+    """Return those of `losses` that a set supports: only `squared` for more than `MOST_TARGETS` targets.
 
     Raises:
-        UnsupportedMethodError: the set supports none of the losses.
+        UnsupportedMethodError: the set has more targets, and `losses` does not contain `squared`.
     """
     targets = int(measurements.present.sum())
     if targets <= MOST_TARGETS:
@@ -553,7 +589,8 @@ def list_losses_to_compare(measurements: Measurements, losses: tuple[Loss, ...])
     if "squared" in losses:
         return ("squared",)
     raise UnsupportedMethodError(
-        f"{targets} targets were read, and loss {losses[0]} of elastic links supports at most {MOST_TARGETS}",
+        f"{targets} targets were read, but the loss {losses[0]} of elastic links supports at most "
+        f"{MOST_TARGETS} targets",
         where="loss",
         remedy="use loss squared, or leave observations out",
     )

@@ -1,1 +1,1 @@
-"""A campaign while it is measured: is a reading believable, what to read next, when is it enough."""
+"""Live campaigns: check of each reading, choice of the next reading, and progress towards the goal."""

@@ -1,8 +1,9 @@
-"""Progress of a campaign: its share of the goal, the next reading, and the number of those that are missing.
+"""Planning of a live campaign: uncertainty relative to the goal, next reading, number of missing readings.
 
-The readings at hand say how uncertain each compliance is; rows of candidate readings say by how much one
-more reduces that. A goal becomes a weighted mean of variances, ``tr(W M⁻¹)`` (A-optimality): the candidate
-that lessens it most is next, and the number of those that follow until the goal is met is what is missing.
+The readings so far determine how uncertain each compliance is; the rows of candidate readings determine by
+how much another reading reduces the uncertainty. A goal is expressed as a weighted mean of variances, ``tr(W
+M⁻¹)`` (A-optimality). The candidate that reduces the mean most is the next reading; the number of readings
+that have to be chosen in this way until the goal is met is the number of missing readings.
 """
 
 from __future__ import annotations
@@ -16,31 +17,35 @@ from jointstiff.schemas.plan import DecisionGoal, Goal, JointsGoal
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import PlanRequest, Pool, build_known_rows
 from jointstiff.solver.design.optimum import AOptimality, Atoms, compute_uncertainties
-from jointstiff.solver.design.plan import Distinct
+from jointstiff.solver.design.plan import DistinctPostures
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 
 MOST_MORE: Final = 60
-"""Readings that are looked ahead: where more are missing, the goal is not within reach."""
+"""Greatest number of missing readings that is computed: if more are missing, the goal is out of reach."""
 _BEFORE: Final = 3.0
-"""Relative standard uncertainty of a compliance before any reading, for the choice of the first ones."""
+"""Relative standard uncertainty of a compliance before any reading, for the choice of the first readings."""
 _TRIED: Final = 24
-"""Candidates of the best prices whose reading is evaluated exactly."""
+"""Number of candidates, those of the best prices, whose variance is computed exactly."""
 _AS_GOOD: Final = 1.05
-"""Factor within which the nearest of the candidates is taken: travel takes time."""
+"""Factor on the least variance, up to which candidates count as equally good: the nearest posture is chosen
+among them, because travel takes time."""
 _TWISTS: Final = 1e-9
-"""Deflection by a joint, relative to the greatest, below which it counts as rounding."""
+"""Deflection caused by a joint, relative to the greatest, below which the deflection counts as rounding."""
 _RATIO: Final = (0.2, 20.0)
-"""Least and greatest factor between what the readings say and what the design expects."""
+"""Least and greatest allowed ratio of the uncertainty from readings to the uncertainty that the design
+predicts."""
 
 
 @dataclass(frozen=True, eq=False)
 class KnownCompliances:
-    """Compliances of n joints by the readings so far."""
+    """Compliances of n joints from the readings so far, with their covariance."""
 
-    compliance: FloatArray  #: (n,) [rad/(N·m)]; NaN of joints without a number
-    covariance: FloatArray  #: (n, n) with the model error, as far as it is known; rows of others are zero
+    compliance: FloatArray  #: (n,) compliances [rad/(N·m)]; NaN for joints whose compliance is unknown
+    #: (n, n) covariance [(rad/(N·m))²], including the model error if it is known; zero in the rows of joints
+    #: whose compliance is unknown
+    covariance: FloatArray
     factor: float  #: coverage factor of an interval of 95 %
 
     @classmethod
@@ -49,8 +54,8 @@ class KnownCompliances:
         return cls(np.full(n, np.nan), np.zeros((n, n)), 2.0)
 
     @property
-    def relative(self) -> FloatArray:
-        """(n,) half-width of each compliance's interval over the compliance; inf where it is unknown."""
+    def relative_uncertainty(self) -> FloatArray:
+        """(n,) half-width of each compliance's interval divided by the compliance; inf if it is unknown."""
         half = self.factor * np.sqrt(np.diagonal(self.covariance))
         known = np.isfinite(self.compliance) & (np.nan_to_num(self.compliance) > 0.0)
         return np.where(known, half / np.where(known, self.compliance, 1.0), np.inf)
@@ -58,34 +63,34 @@ class KnownCompliances:
 
 @dataclass(frozen=True, eq=False)
 class UncertaintyShare:
-    """Uncertainty so far, relative to that of a goal."""
+    """Uncertainty so far, relative to the uncertainty that a goal allows."""
 
-    #: (s,) of the joints that loads twist, or (1,): uncertainty over that of the goal, which is met where all
-    #: are 1 at most; inf where nothing is known
-    each: FloatArray
-    weights: FloatArray  #: (n, n) W of compliances whose variances are to become less
-    allowed: float  #: what the uncertainty may be: relative, or of a deflection [m]
-    joint: int | None = None  #: joint that is farthest from the goal
-    uncertainty: float | None = None  #: expanded, of the deflection in the work area [m]
-    greatest: float | None = None  #: length of the greatest deflection there [m]
+    #: uncertainty divided by the allowed uncertainty: (s,) for each joint that the loads twist, or (1,) for
+    #: the deflection in the work area. The goal is met if no ratio exceeds 1; inf if the compliances are
+    #: unknown
+    ratios: FloatArray
+    weights: FloatArray  #: (n, n) W in the weighted mean of variances tr(W M⁻¹) that readings have to reduce
+    allowed: float  #: allowed uncertainty: relative, or of a deflection [m]
+    joint: int | None = None  #: index of the joint that is farthest from the goal
+    uncertainty: float | None = None  #: expanded uncertainty of the deflection in the work area [m]
+    greatest: float | None = None  #: length of the greatest deflection in the work area [m]
 
     @property
     def greatest_share(self) -> float:
         """Greatest uncertainty relative to that of the goal; the goal is met at 1 or below."""
-        return float(self.each.max())
+        return float(self.ratios.max())
 
 
 @dataclass(frozen=True, eq=False)
 class NextReading:
-    """The next reading."""
+    """Posture and load of the next reading."""
 
-    index: int  #: index of the candidate
-    joints: FloatArray  #: (n,) controller's angles [rad]
-    force: FloatArray  #: (3,) axes of R0 [N]
+    index: int  #: index of the candidate reading
+    joints: FloatArray  #: (n,) joint angles as on the controller [rad]
+    force: FloatArray  #: (3,) force in the axes of R0 [N]
     anchor: int | None  #: index of the anchor of the cable; None without a cable
-    missing: (
-        int | None
-    )  #: readings until the goal is met, this one among them; None for more than `MOST_MORE`
+    #: number of readings until the goal is met, including this reading; None for more than `MOST_MORE`
+    missing: int | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +100,9 @@ class CandidateReadings:
     robot: Robot
     request: PlanRequest
     pool: Pool
-    places: (
-        FloatArray  #: (R, F, 3, n) deflections [m] at places of the work area, by each of the forces there
-    )
+    #: (R, F, 3, n) deflections [m per rad/(N·m)] at R places of the work area under each of F forces, per
+    #: unit of each joint's compliance
+    work_area_deflections: FloatArray
 
     @classmethod
     def from_request(
@@ -108,7 +113,7 @@ class CandidateReadings:
         Args:
             robot: n joints.
             request: equipment and surroundings.
-            force: (3,) process force in the work area, axes of R0 [N]; None for the force of the load.
+            force: (3,) process force in the work area, in the axes of R0 [N]; None for the force of the load.
 
         Raises:
             RequestError: no reading is feasible, or forces in the work area twist a joint that no load
@@ -117,22 +122,30 @@ class CandidateReadings:
         pool, loads, n = Pool.from_request(robot, request), request.equipment.loads, robot.n
         if pool.predicted is None:
             return cls(robot, request, pool, np.zeros((0, 1, 3, n)))
-        by_axis = pool.predicted[:, :, :n].reshape(-1, 3, 3, n)
+        # Deflections under a force along each of the three axes.
+        under_axis_forces = pool.predicted[:, :, :n].reshape(-1, 3, 3, n)
         if force is None and loads.kind == "dead_weight":
             force = np.array([0.0, 0.0, -loads.force])
-        places = by_axis if force is None else np.einsum("rfcn,f->rcn", by_axis, force / loads.force)[:, None]
-        hidden = ~pool.parameters.basis[:n].any(axis=1)
-        if hidden.any() and np.abs(places[..., hidden]).max() > _TWISTS * np.abs(places).max():
-            names = ", ".join(np.array(robot.joint_names)[hidden])
+        deflections = (
+            under_axis_forces
+            if force is None
+            else np.einsum("rfcn,f->rcn", under_axis_forces, force / loads.force)[:, None]
+        )
+        not_twisted = ~pool.parameters.basis[:n].any(axis=1)
+        if (
+            not_twisted.any()
+            and np.abs(deflections[..., not_twisted]).max() > _TWISTS * np.abs(deflections).max()
+        ):
+            names = ", ".join(np.array(robot.joint_names)[not_twisted])
             raise RequestError(
                 f"the loads do not twist {names}, but forces in the work area do",
                 where="open.load",
                 remedy="apply forces in other directions, or give the goal a `force` that does not twist it",
             )
-        return cls(robot, request, pool, places)
+        return cls(robot, request, pool, deflections)
 
     @property
-    def wanted(self) -> IndexArray:
+    def twisted_joints(self) -> IndexArray:
         """(s,) indices of the joints that the loads twist."""
         return self.pool.parameters.joints
 
@@ -140,57 +153,65 @@ class CandidateReadings:
         """Compare the uncertainty after the readings so far with the uncertainty that a goal allows.
 
         Args:
-            goal: for joints, for a deflection in the work area, or for a decision about a limit.
-            known: compliances by the readings so far.
+            goal: uncertainty of the joints, of the deflection in the work area, or for a decision whether the
+                deflection exceeds a limit.
+            known: compliances from the readings so far.
         """
         n = self.robot.n
         if isinstance(goal, JointsGoal):
-            each = known.relative[self.wanted] / goal.relative
+            ratios = known.relative_uncertainty[self.twisted_joints] / goal.relative
             # The joints that are farthest from the goal count most.
-            urgent = np.square(np.clip(np.where(np.isfinite(each), each, np.inf), 0.1, 10.0))
+            urgency = np.square(np.clip(np.where(np.isfinite(ratios), ratios, np.inf), 0.1, 10.0))
             weights = np.zeros((n, n))
-            weights[self.wanted, self.wanted] = urgent / np.square(
-                self._reference_compliances(known)[self.wanted]
+            weights[self.twisted_joints, self.twisted_joints] = urgency / np.square(
+                self._reference_compliances(known)[self.twisted_joints]
             )
-            return UncertaintyShare(each, weights, goal.relative, joint=int(self.wanted[np.argmax(each)]))
-        rows = self.places.reshape(-1, n)
-        mean, hidden = rows.T @ rows / len(rows), ~np.isfinite(known.compliance)
-        if hidden.any() and np.abs(rows[:, hidden]).max() > _TWISTS * np.abs(rows).max():
+            farthest = int(self.twisted_joints[np.argmax(ratios)])
+            return UncertaintyShare(ratios, weights, goal.relative, joint=farthest)
+        rows = self.work_area_deflections.reshape(-1, n)
+        # The mean variance of the deflection is tr(mean_square · covariance).
+        mean_square, unknown = rows.T @ rows / len(rows), ~np.isfinite(known.compliance)
+        if unknown.any() and np.abs(rows[:, unknown]).max() > _TWISTS * np.abs(rows).max():
             allowed = goal.limit if isinstance(goal, DecisionGoal) else goal.uncertainty
-            return UncertaintyShare(np.array([np.inf]), mean, allowed, joint=int(np.flatnonzero(hidden)[0]))
+            first_unknown = int(np.flatnonzero(unknown)[0])
+            return UncertaintyShare(np.array([np.inf]), mean_square, allowed, joint=first_unknown)
         if not isinstance(goal, DecisionGoal):
-            uncertainty = known.factor * float(np.sqrt((mean * known.covariance).sum()))
-            each = np.array([uncertainty / goal.uncertainty])
-            return UncertaintyShare(each, mean, goal.uncertainty, uncertainty=uncertainty)
-        deflections = self.places @ np.nan_to_num(known.compliance)
+            uncertainty = known.factor * float(np.sqrt((mean_square * known.covariance).sum()))
+            ratios = np.array([uncertainty / goal.uncertainty])
+            return UncertaintyShare(ratios, mean_square, goal.uncertainty, uncertainty=uncertainty)
+        # A decision needs the deflection with the greatest upper end: it must be clearly below or above the
+        # limit.
+        deflections = self.work_area_deflections @ np.nan_to_num(known.compliance)
         length = np.linalg.norm(deflections, axis=-1)
-        along = np.einsum("...i,...ij->...j", deflections / length[..., None], self.places)
+        # Derivative of each deflection's length with respect to the compliances.
+        along = np.einsum("...i,...ij->...j", deflections / length[..., None], self.work_area_deflections)
         u = known.factor * np.sqrt(np.einsum("...j,jk,...k->...", along, known.covariance, along))
         worst = np.unravel_index(int(np.argmax(length + u)), length.shape)
         uncertainty, greatest, row = float(u[worst]), float(length[worst]), along[worst]
         allowed = max(abs(goal.limit - greatest), 1e-12)
-        each = np.array([uncertainty / allowed])
-        return UncertaintyShare(each, np.outer(row, row), allowed, uncertainty=uncertainty, greatest=greatest)
+        ratios, weights = np.array([uncertainty / allowed]), np.outer(row, row)
+        return UncertaintyShare(ratios, weights, allowed, uncertainty=uncertainty, greatest=greatest)
 
     def choose_next(
         self,
         goal: Goal,
         known: KnownCompliances,
         readings: Measurements | None,
-        taken: FloatArray,
+        excluded: FloatArray,
         at: FloatArray | None = None,
     ) -> NextReading | None:
         """Choose the next reading: the candidate that reduces the uncertainty relative to the goal most.
 
         Args:
             goal: goal of the campaign.
-            known: compliances by the readings so far.
-            readings: the readings so far.
-            taken: (K, n) postures that were read or skipped, controller's angles [rad].
-            at: (n,) present posture of the arm; None where travel does not matter.
+            known: compliances from the readings so far.
+            readings: the readings so far; None before the first reading.
+            excluded: (K, n) postures that were already read or skipped, joint angles as on the controller
+                [rad].
+            at: (n,) present posture of the arm [rad]; None if travel does not matter.
 
         Returns:
-            The reading, with the number of readings until the goal is met; None if no candidate is left.
+            The reading, with the number of readings until the goal is met; None if no candidate remains.
         """
         parameters, candidates, share = (
             self.pool.parameters,
@@ -199,25 +220,31 @@ class CandidateReadings:
         )
         basis = parameters.basis[: self.robot.n]
         criterion = AOptimality(basis.T @ share.weights @ basis)
-        M = self.pool.base
+        M = self.pool.base  # information before the readings; the information of each reading is added
         if readings is not None:
             rows = build_known_rows(self.robot, self.request, readings) @ parameters.basis
             M = M + rows.T @ rows / (readings.sigma or self.request.equipment.sigma) ** 2
-        vague = np.diag(np.full(len(M), _BEFORE**-2.0))
-        distinct = Distinct(self.pool.readings.joints, self.request.angle)
+        # A weak prior keeps the information regular before enough postures are read.
+        weak_prior = np.diag(np.full(len(M), _BEFORE**-2.0))
+        distinct = DistinctPostures(self.pool.readings.joints, self.request.angle)
         free = np.ones(len(candidates), dtype=np.bool_)
-        for posture in taken:
+        for posture in excluded:
             free &= np.abs(distinct.postures - posture).max(axis=1) >= self.request.angle
         if not free.any():
             return None
-        best = self._best_candidate(criterion, M + vague, free, at)
-        first, missing = int(best.index[0]), None
-        # The factor between uncertainties so far and the design's is taken to hold for further readings.
-        expected = self._predict_shares(goal, known, share, M)
-        ratio = np.ones(len(expected))
-        certain = np.isfinite(share.each) & np.isfinite(expected)
-        ratio[certain] = np.clip(share.each[certain] / expected[certain], *_RATIO)
-        force, anchor = self.pool.force(best.force, best.index)[0], int(self.pool.readings.anchor[first])
+        best = self._choose_best_candidate(criterion, M + weak_prior, free, at)
+        next_index, missing = int(best.index[0]), None
+        # The ratio of the uncertainties so far to the uncertainties that the design predicts is assumed to be
+        # the same after further readings.
+        predicted = self._predict_shares(goal, known, share, M)
+        ratio = np.ones(len(predicted))
+        comparable = np.isfinite(share.ratios) & np.isfinite(predicted)
+        ratio[comparable] = np.clip(share.ratios[comparable] / predicted[comparable], *_RATIO)
+        force, anchor = (
+            self.pool.candidate_forces(best.force, best.index)[0],
+            int(self.pool.readings.anchor[next_index]),
+        )
+        # Readings are added one after the other, until the predicted uncertainties meet the goal.
         for count in range(1, MOST_MORE + 1):
             M = M + best.information[0]
             free &= ~distinct.find_conflicts(int(best.index[0]))
@@ -226,44 +253,60 @@ class CandidateReadings:
                 break
             if not free.any():
                 break
-            best = candidates.best(criterion.support(M + vague), free)
-        joints = self.pool.readings.joints[first]
-        return NextReading(first, joints, force, None if anchor < 0 else anchor, missing)
+            best = candidates.find_highest_priced(criterion.support(M + weak_prior), free)
+        joints = self.pool.readings.joints[next_index]
+        return NextReading(next_index, joints, force, None if anchor < 0 else anchor, missing)
 
     def _predict_shares(
         self, goal: Goal, known: KnownCompliances, share: UncertaintyShare, M: FloatArray
     ) -> FloatArray:
-        """Predict the uncertainties relative to the goal's, (s,) or (1,), after readings of information M."""
+        """Predict the ratios (s,) or (1,) of uncertainty to allowed uncertainty for an information matrix M.
+
+        Args:
+            goal: goal of the campaign.
+            known: compliances from the readings so far.
+            share: uncertainty so far, relative to the goal.
+            M: (p, p) information of the readings so far and of predicted readings.
+        """
         parameters = self.pool.parameters
         if isinstance(goal, JointsGoal):
-            half = known.factor * compute_uncertainties(M, len(self.wanted)) * parameters.nominal[self.wanted]
-            return np.asarray(half / self._reference_compliances(known)[self.wanted] / goal.relative)
+            joints = self.twisted_joints
+            half = known.factor * compute_uncertainties(M, len(joints)) * parameters.nominal[joints]
+            return np.asarray(half / self._reference_compliances(known)[joints] / goal.relative)
         basis = parameters.basis[: self.robot.n]
         information = AOptimality(basis.T @ share.weights @ basis).information(M)
         deviation = information**-0.5 if information > 0.0 else np.inf
         return np.array([known.factor * deviation / share.allowed])
 
     def _reference_compliances(self, known: KnownCompliances) -> FloatArray:
-        """Return the compliances (n,); unknown ones such that all joints move the targets equally far."""
+        """Return the compliances (n,) [rad/(N·m)], where nominal values replace unknown compliances.
+
+        With the nominal values all joints move the targets equally far.
+        """
         return np.where(np.isfinite(known.compliance), known.compliance, self.pool.parameters.nominal)
 
-    def _best_candidate(
+    def _choose_best_candidate(
         self, criterion: AOptimality, M: FloatArray, free: BoolArray, at: FloatArray | None
     ) -> Atoms:
-        """Return the free candidate that reduces the variance most; among nearly equal ones, the nearest.
+        """Return the free candidate that reduces the variance most; of nearly equal ones, the nearest.
 
         Args:
-            criterion: variance to be reduced.
+            criterion: weighted mean of variances that is to be reduced.
             M: (p, p) information so far.
-            free: (N,) candidates that may be chosen.
-            at: (n,) present posture of the arm; None where travel does not matter.
+            free: (N,) mask of the candidates that may be chosen.
+            at: (n,) present posture of the arm [rad]; None if travel does not matter.
+
+        Returns:
+            The candidate as `Atoms` of length one: its index, force and information.
         """
         G = criterion.support(M)
         prices = np.where(free, self.pool.candidates.prices(G), -np.inf)
         index = np.argsort(-prices)[: min(_TRIED, int(free.sum()))]
-        tried = self.pool.candidates.atoms(index, G)
-        left = 1.0 / criterion.information(M + tried.information)
-        good = np.flatnonzero(left <= _AS_GOOD * left.min())
-        far = left[good] if at is None else np.abs(self.pool.readings.joints[index[good]] - at).max(axis=1)
-        best = good[np.argmin(far)]
+        tried = self.pool.candidates.build_atoms(index, G)
+        variance = 1.0 / criterion.information(M + tried.information)
+        good = np.flatnonzero(variance <= _AS_GOOD * variance.min())
+        joints = self.pool.readings.joints[index[good]]
+        # Without a present posture, the least variance decides.
+        cost = variance[good] if at is None else np.abs(joints - at).max(axis=1)
+        best = good[np.argmin(cost)]
         return tried[best : best + 1]

@@ -1,9 +1,10 @@
-"""Innovation: whether a new reading is what the others let expect, and what explains it if not.
+"""Comparison of a new reading with its prediction from the other readings, and causes of a mistake.
 
-The others are fitted with what is uncertain of all loads and places as unknowns of stated size. What they
-leave open of the new reading is then known before it is taken, and so is the probability of its distance.
-Of a doubtful reading, mistakes that are made with a single reading compete: each changes what was read, and
-the one that leaves the least is named.
+The other readings are fitted; errors of loads and positions are unknowns with stated uncertainties. The fit
+gives the prediction of the new reading with its covariance, and so the probability of the distance of the new
+reading from the prediction. If this makes a reading doubtful, mistakes that happen with a single reading are
+tried: for each, the reading is corrected accordingly and compared again. The mistakes that explain the
+reading best are named.
 """
 
 from __future__ import annotations
@@ -30,64 +31,72 @@ from jointstiff.solver.text import length_text
 
 @dataclass(frozen=True)
 class Innovation:
-    """Comparison of a reading with what the others let expect."""
+    """Comparison of a reading with its prediction from the other readings."""
 
-    #: probability of a reading at least so far from its prediction; None where the others do not predict it
+    #: probability of a reading at least so far from its prediction; None if the others cannot predict the
+    #: reading
     p_value: float | None = None
-    distance: float | None = None  #: greatest distance of a target from where it was expected [m]
-    doubtful: bool = False  #: whether it ought to be read again before the load is taken off
-    causes: list[str] = field(default_factory=list)  #: causes in words, the likeliest first
-    message: str | None = None
+    distance: float | None = None  #: greatest distance of a target from its prediction [m]
+    doubtful: bool = False  #: True if the reading ought to be repeated before the load is taken off
+    causes: list[str] = field(default_factory=list)  #: possible mistakes in words, the likeliest first
+    message: str | None = None  #: result of the comparison as a sentence; None without a comparison
 
 
-_UNJUDGED: Final = Innovation(message="too few other readings to compare this one with")
+_NOT_COMPARABLE: Final = Innovation(message="too few other readings to compare this one with")
 
 DOUBTFUL: Final = (1e-5, 1e-4)
-"""Probability of so great a distance below which a reading is doubtful: in any way; as by another force."""
+"""p-values below which a reading is doubtful: of its distance from the prediction, and of the part of the
+distance that another size of the force explains."""
 _BEYOND: Final = 9.0
-"""Squared factor by which a doubtful reading that no slip explains is farther off than each of the others."""
+"""Ratio by which the squared distance of a reading must exceed the squared distance of every other reading,
+to be doubtful although no slip explains the reading."""
 _FARTHER: Final = 1.2
-"""The same of what another force explains, where noise explains the others."""
+"""Ratio that replaces `_BEYOND` for the part that another size of the force explains, if noise explains the
+other readings."""
 _USUAL: Final = 0.03
-"""Share of a deflection, alike at all targets of a posture, that joints of most arms leave unexplained: a
-reading that it explains is not doubtful."""
+"""Share of a deflection, equal for all targets of a posture, that a model of joints leaves unexplained on
+most arms: a reading that deviates by no more is not doubtful."""
 _EXPLAINED: Final = 0.01
-"""Probability of residuals as great as these by stated noise, above which noise is all there is."""
+"""p-value of the residuals for the stated noise, above which noise alone explains the residuals."""
 _FEWEST: Final = 4
-"""Number of other readings from which on they are compared with each other, too."""
+"""Fewest other readings with which each of them is compared with its prediction from the rest, too."""
 _BALL: Final = 0.9
-"""Probability that the ball about a prediction holds."""
+"""Probability that a reading lies in the ball about its prediction."""
 _VAGUE: Final = 30.0
-"""Standard uncertainty of each compliance before any reading, relative to what would move targets alike."""
+"""Prior standard uncertainty of a compliance, relative to the compliance with which this joint alone would
+cause deflections as great as those that were read."""
 _PLAUSIBLE: Final = 1e-3
-"""Probability above which a mistake explains a reading."""
+"""p-value of the corrected reading above which a mistake explains the reading."""
 _BETTER: Final = 6.0
-"""Difference of two mistakes' criteria below which both are named."""
+"""Difference of the criteria of two mistakes below which both mistakes are named."""
 _MOST_NAMED: Final = 2
+"""Greatest number of mistakes that are named."""
 _PLACE: Final = 2e-3
-"""Standard deviation of a target's place by the kinematic model [m], at least: arms are as accurate."""
+"""Least standard deviation of a target's position from the kinematic model [m]: the accuracy of an arm."""
 _WRONG_PLACE: Final = 1e-6
-"""Probability of so great a distance of the unloaded targets from where the model puts them."""
+"""p-value of the distance of unloaded targets from their usual positions, below which they are misplaced."""
 
 
 @dataclass(frozen=True, eq=False)
 class Expectation:
-    """Expectation of another reading by N of them: a fit of the joints and of errors of stated size."""
+    """Prediction of another reading from N readings: a fit of the compliances and of errors of known size."""
 
-    robot: Robot
-    terms: tuple[Term, ...]
-    compliance: FloatArray  #: (n,) at which rows are computed [rad/(N·m)]
+    robot: Robot  #: n joints
+    terms: tuple[Term, ...]  #: compliances of the joints, and the errors that are unknowns of the fit
+    compliance: FloatArray  #: (n,) compliances at which rows are linearised [rad/(N·m)]
     best: FloatArray  #: (K,) fitted unknowns of all terms
-    root: FloatArray  #: (K, K); its product with the transpose is their covariance [unit²]
-    noise: float  #: variance of a coordinate of unit covariance [m²]
-    misfit: float  #: squared share of a deflection that is not explained, beyond noise
-    freedom: float  #: degrees of freedom of both; inf where noise is stated and explains what is left
-    places: FloatArray  #: (T, 3) of targets in the flange frame by unloaded readings [m]; NaN where unknown
-    spread: float  #: standard deviation of a coordinate of such a place [m]
+    root: FloatArray  #: (K, K) matrix R with R Rᵀ the covariance of the fitted unknowns
+    noise: float  #: variance of a whitened coordinate [m²]
+    misfit: float  #: squared share of a deflection that the fit does not explain, in addition to noise
+    #: degrees of freedom of the variances; inf if the noise is stated and explains the residuals
+    freedom: float
+    #: (T, 3) usual positions of the targets in the flange frame, from unloaded readings [m]; NaN if unknown
+    places: FloatArray
+    spread: float  #: standard deviation of a coordinate of these positions [m]
 
     @classmethod
     def from_readings(cls, robot: Robot, others: Measurements, compliance: FloatArray) -> Expectation | None:
-        """Fit N readings to predict another reading; None if nothing determines the noise.
+        """Fit N readings to predict another reading; return None if nothing determines the noise.
 
         Args:
             robot: n joints.
@@ -95,7 +104,7 @@ class Expectation:
             compliance: (n,) compliances from a fit to these readings [rad/(N·m)].
 
         Raises:
-            SolverError: the load finds no balance.
+            SolverError: no equilibrium is found under the load.
         """
         common = others.common_uncertainty
         errors = [(term, term.prior(common)) for term in TERMS.values()]
@@ -103,30 +112,36 @@ class Expectation:
         terms = (JOINTS, *(term for term, _ in errors))
         stack = _build_stack(robot, others, terms, compliance)
         triangle, read = stack.triangle(), int(stack.read.sum())
-        moved = float(np.square(triangle.rhs).sum())  # sum of the squared deflections
+        squared_deflections = float(np.square(triangle.rhs).sum())
+        # Norms of the joints' columns; inf gives a joint that no reading depends on a prior of zero.
         size = np.linalg.norm(triangle.matrix[:, triangle.span[JOINTS.name]], axis=0)
-        alike = np.where(size > 1e-9 * size.max(), size, np.inf)
-        deviation = [_VAGUE * np.sqrt(moved or len(stack.flat)) / alike]
+        size = np.where(size > 1e-9 * size.max(), size, np.inf)
+        prior_deviations = [_VAGUE * np.sqrt(squared_deflections or len(stack.flat)) / size]
         for term, prior in errors:
-            deviation.append(np.resize(np.array(prior), stack.widths[term.name]))
-        unit = np.concatenate(deviation)
+            prior_deviations.append(np.resize(np.array(prior), stack.widths[term.name]))
+        unit = np.concatenate(prior_deviations)
         stated = None if others.sigma is None else others.sigma**2
-        variance, freedom = stated or moved / len(stack.flat) or 1.0, np.inf
-        # The weight of the prior depends on the variance, which the fit determines.
+        variance, freedom = stated or squared_deflections / len(stack.flat) or 1.0, np.inf
+        # The weight of the prior depends on the variance, which the fit determines: repeat the fit.
         for _ in range(1 if stated is None and read <= robot.n else 3):
-            fit, used = triangle.fit_with_prior(unit, variance), variance
-            left = read - int(np.isfinite(alike).sum())
-            if left < 1:
+            fit, used_variance = triangle.fit_with_prior(unit, variance), variance
+            degrees_of_freedom = read - int(np.isfinite(size).sum())
+            if degrees_of_freedom < 1:
                 break
-            by_readings = fit.squares / left
-            known = stated is not None and special.chdtrc(left, fit.squares / stated) > _EXPLAINED
-            variance, freedom = (stated or 0.0, np.inf) if known else (max(by_readings, 1e-24), left)
+            residual_variance = fit.squares / degrees_of_freedom
+            noise_explains = (
+                stated is not None and special.chdtrc(degrees_of_freedom, fit.squares / stated) > _EXPLAINED
+            )
+            if noise_explains:
+                variance, freedom = stated or 0.0, np.inf
+            else:
+                variance, freedom = max(residual_variance, 1e-24), degrees_of_freedom
         if stated is None and not np.isfinite(freedom):
             return None
-        root = np.sqrt(variance / used) * fit.root
+        root = np.sqrt(variance / used_variance) * fit.root
         places, spread = _compute_median_places(robot, others)
         noise = variance if stated is None else stated
-        misfit = (variance - noise) / (moved / read)
+        misfit = (variance - noise) / (squared_deflections / read)
         return cls(robot, terms, compliance, fit.unknowns, root, noise, misfit, freedom, places, spread)
 
     def measure_distance(
@@ -136,66 +151,69 @@ class Expectation:
 
         Args:
             reading: one observation.
-            free: term that is fitted to this reading alone; None fits nothing.
-            usual: share of the deflection by which all targets may deviate alike.
+            free: term, such as the size of the force, that is fitted to this reading alone; None fits no
+                term.
+            usual: share of the deflection by which all targets together may deviate without being doubtful.
 
         Returns:
             Squared distance in standard uncertainties; probability of at least this distance; and number of
-            coordinates compared, less the unknowns of the fitted term.
+            coordinates compared minus the number of unknowns of the fitted term.
 
         Raises:
-            SolverError: the load finds no balance.
+            SolverError: no equilibrium is found under the load.
         """
         rows = _build_stack(self.robot, reading, self.terms, self.compliance).flat
         count = int(reading.coordinates.sum())
-        own, moved = rows[:, :-1] @ self.root, rows[:, :-1] @ self.best
-        variance = self.noise + self.misfit * float(np.square(moved).sum()) / count
-        covariance = variance * np.eye(len(own)) + own @ own.T
+        prediction_root, predicted = rows[:, :-1] @ self.root, rows[:, :-1] @ self.best
+        variance = self.noise + self.misfit * float(np.square(predicted).sum()) / count
+        covariance = variance * np.eye(len(prediction_root)) + prediction_root @ prediction_root.T
         if usual**2 > self.misfit:
+            # All targets may be shifted together by the usual share of the deflection.
             shift = _build_stack(self.robot, reading, (SHIFT,), self.compliance).flat[:, :-1]
-            size = (usual**2 - self.misfit) * np.square(moved).sum() / np.square(shift).sum()
-            covariance += size * shift @ shift.T
+            shift_variance = (usual**2 - self.misfit) * np.square(predicted).sum() / np.square(shift).sum()
+            covariance += shift_variance * shift @ shift.T
         factor = np.linalg.cholesky(covariance)
-        e = np.linalg.solve(factor, rows[:, -1] - moved)
+        e = np.linalg.solve(factor, rows[:, -1] - predicted)  # whitened difference
         if free is not None:
-            more = _build_stack(self.robot, reading, (free,), self.compliance).flat
-            C = np.linalg.solve(factor, more[:, :-1])
+            term_rows = _build_stack(self.robot, reading, (free,), self.compliance).flat
+            C = np.linalg.solve(factor, term_rows[:, :-1])
             e = e - C @ np.linalg.lstsq(C, e, rcond=None)[0]
             count -= C.shape[1]
         square = float(e @ e)
-        return square, self.exceedance_probability(square, count), count
+        return square, self.compute_exceedance_probability(square, count), count
 
-    def greatest_distance(self, reading: Measurements) -> float:
+    def compute_greatest_distance(self, reading: Measurements) -> float:
         """Return the greatest distance of a target of one reading from its prediction [m]."""
+        # A covariance of one keeps the rows in metres.
         rows = _build_stack(
             self.robot, replace(reading, covariance=np.eye(3)), self.terms, self.compliance
         ).flat
-        left = (rows[:, -1] - rows[:, :-1] @ self.best).reshape(-1, 3)
-        return float(np.linalg.norm(left, axis=1).max())
+        difference = (rows[:, -1] - rows[:, :-1] @ self.best).reshape(-1, 3)
+        return float(np.linalg.norm(difference, axis=1).max())
 
     def compare_unloaded_places(self, reading: Measurements) -> tuple[float, float]:
-        """Compare the unloaded targets of a reading with their usual places on the flange.
+        """Compare the unloaded targets of a reading with their usual positions on the flange.
 
         Returns:
             Squared distance in standard deviations; and the probability of at least this distance, 1 if no
-            place can be compared.
+            position can be compared.
         """
-        places = View(self.robot, reading).places[0]
-        off = (places - self.places)[np.isfinite(places - self.places).all(axis=1)] / self.spread
-        square = float(np.square(off).sum())
-        return square, float(special.chdtrc(off.size, square)) if off.size else 1.0
+        difference = View(self.robot, reading).places[0] - self.places
+        scaled = difference[np.isfinite(difference).all(axis=1)] / self.spread
+        square = float(np.square(scaled).sum())
+        return square, float(special.chdtrc(scaled.size, square)) if scaled.size else 1.0
 
-    def squared_distance_quantile(self, probability: float, count: int) -> float:
+    def compute_squared_distance_quantile(self, probability: float, count: int) -> float:
         """Return the quantile of the squared Mahalanobis distance of a reading with `count` coordinates.
 
-        The distribution is χ², or that of ``count · F`` where sigma is estimated with `freedom` degrees of
+        The distribution is χ², or that of ``count · F`` if sigma is estimated with `freedom` degrees of
         freedom.
         """
         if np.isinf(self.freedom):
             return float(special.chdtri(count, 1.0 - probability))
         return float(count * special.fdtri(count, self.freedom, probability))
 
-    def exceedance_probability(self, square: float, count: int) -> float:
+    def compute_exceedance_probability(self, square: float, count: int) -> float:
         """Return the probability that the squared distance of `count` coordinates exceeds `square`."""
         if count < 1:
             return 0.0
@@ -205,54 +223,60 @@ class Expectation:
 
 
 def compare_last_reading(robot: Robot, measurements: Measurements, compliance: FloatArray) -> Innovation:
-    """Compare the last reading with its prediction from the others; look for a mistake if it is doubtful.
+    """Compare the last reading with its prediction from the other readings.
+
+    If the last reading is doubtful, mistakes that may have happened with this reading are named.
 
     Args:
         robot: n joints.
         measurements: N observations.
-        compliance: (n,) compliances from a fit to the others [rad/(N·m)].
+        compliance: (n,) compliances from a fit to the other readings [rad/(N·m)].
     """
     reading = measurements[-1:]
     others = measurements[:-1] if len(measurements) > 1 else None
     try:
         expected = None if others is None else Expectation.from_readings(robot, others, compliance)
         if others is None or expected is None:
-            return _UNJUDGED
+            return _NOT_COMPARABLE
         _, p_value, _ = expected.measure_distance(reading)
+        # Two numbers each: of the whole distance, and of the part that another size of the force explains.
         squares, p_values = _measure_unusual_distances(expected, reading, _USUAL)
-        far = p_values < DOUBTFUL
-        wrong_place = expected.compare_unloaded_places(reading)[1] < _WRONG_PLACE
-        off, causes, doubtful = expected.greatest_distance(reading), list[str](), bool(far.any())
-        if doubtful or wrong_place:
-            slips, causes = _find_causes(expected, reading, others)
-            # A model error is no mistake of one reading: the others are as far from their predictions.
-            known = len(others) >= _FEWEST
+        is_far = p_values < DOUBTFUL
+        is_misplaced = expected.compare_unloaded_places(reading)[1] < _WRONG_PLACE
+        distance = expected.compute_greatest_distance(reading)
+        causes, doubtful = list[str](), bool(is_far.any())
+        if doubtful or is_misplaced:
+            is_slip, causes = _find_causes(expected, reading, others)
+            # With a model error the other readings are as far from their predictions as this reading. The
+            # reading is doubtful only if it is farther; with too few other readings, only if a slip explains
+            # it.
             factor = np.ones(2)
-            if not slips:
+            if not is_slip:
                 factor = np.array([_BEYOND, _FARTHER if expected.misfit == 0.0 else _BEYOND])
-            least = np.array([0.0 if slips else np.inf, np.inf])
-            if known:
-                least = factor * _cross_check_readings(expected, others, _USUAL).max(axis=0)
-            doubtful = bool((far & (squares > least)).any())
-    except SolverError:  # other findings report a load without balance
-        return _UNJUDGED
-    if not doubtful and not wrong_place:
-        return Innovation(p_value, off, message="as expected")
-    if not causes and wrong_place:
+            limits = np.array([0.0 if is_slip else np.inf, np.inf])
+            if len(others) >= _FEWEST:
+                limits = factor * _cross_check_readings(expected, others, _USUAL).max(axis=0)
+            doubtful = bool((is_far & (squares > limits)).any())
+    except SolverError:  # Other findings report a load without equilibrium.
+        return _NOT_COMPARABLE
+    if not doubtful and not is_misplaced:
+        return Innovation(p_value, distance, message="as expected")
+    if not causes and is_misplaced:
+        # Targets are fixed to the flange, so that wrong joint angles misplace them.
         same = np.isclose(others.joints, reading.joints[0]).all(axis=1)
         whose = (
             f"those of '{others.labels[int(np.argmax(same))]}'" if same.any() else "not those of this posture"
         )
         causes = [f"the joint angles are {whose}"]
     where = (
-        f"{length_text(off)} from where the other readings predict it"
+        f"{length_text(distance)} from where the other readings predict it"
         if doubtful
         else "the unloaded targets are misplaced"
     )
     why = " or ".join(causes) + "?" if causes else "no single mistake explains it"
     return Innovation(
         p_value=p_value,
-        distance=off,
+        distance=distance,
         doubtful=True,
         causes=causes,
         message=f"{where}: {why} Read it again before the load is taken off.",
@@ -261,15 +285,15 @@ def compare_last_reading(robot: Robot, measurements: Measurements, compliance: F
 
 @dataclass(frozen=True)
 class HeldOut:
-    """A reading that was compared with its prediction before it counted."""
+    """Comparison of a held-out reading with the 90 % ball about its prediction."""
 
-    label: str
-    ball_ratio: float  #: distance from the prediction over the radius of its 90 % ball
+    label: str  #: label of the reading
+    ball_ratio: float  #: distance from the prediction divided by the radius of the 90 % ball
     distance: float  #: greatest distance of a target from its prediction [m]
 
     @property
     def inside(self) -> bool:
-        """Return whether the reading lies in the 90 % ball about its prediction."""
+        """True if the reading lies in the 90 % ball about its prediction."""
         return self.ball_ratio <= 1.0
 
 
@@ -278,17 +302,17 @@ def check_held_out_reading(
 ) -> HeldOut | None:
     """Compare a held-out reading with the 90 % ball about its prediction by the other readings.
 
-    The ball covers noise and the uncertainty of the prediction. With at least `_FEWEST` others it also
-    covers the model error: each of them is compared with its prediction from the rest.
+    The ball covers noise and the uncertainty of the prediction. With at least `_FEWEST` other readings it
+    also covers the model error: each of these readings is compared with its prediction from the rest.
 
     Args:
         robot: n joints.
         measurements: N observations.
-        compliance: (n,) compliances from a fit to the others [rad/(N·m)].
+        compliance: (n,) compliances from a fit to the other readings [rad/(N·m)].
         row: index of the held-out reading.
 
     Returns:
-        The comparison; None where the other readings cannot predict this one.
+        The comparison; None if the other readings cannot predict the held-out reading.
     """
     others = measurements[np.delete(np.arange(len(measurements)), row)]
     reading = measurements[np.array([row])]
@@ -297,20 +321,27 @@ def check_held_out_reading(
         if expected is None:
             return None
         square, _, count = expected.measure_distance(reading)
-        limit = expected.squared_distance_quantile(_BALL, count)
+        limit = expected.compute_squared_distance_quantile(_BALL, count)
         if len(others) >= _FEWEST:
-            own = np.sort(_cross_check_readings(expected, others, 0.0)[:, 0])
-            limit = max(limit, float(own[min(len(own) - 1, int(np.ceil(_BALL * (len(own) + 1))) - 1)]))
-        off = expected.greatest_distance(reading)
+            # The distance that 90 % of the other readings do not exceed (conformal prediction).
+            squares = np.sort(_cross_check_readings(expected, others, 0.0)[:, 0])
+            rank = min(len(squares) - 1, int(np.ceil(_BALL * (len(squares) + 1))) - 1)
+            limit = max(limit, float(squares[rank]))
+        distance = expected.compute_greatest_distance(reading)
     except SolverError:
         return None
-    return HeldOut(measurements.labels[row], float(np.sqrt(square / limit)), off)
+    return HeldOut(measurements.labels[row], float(np.sqrt(square / limit)), distance)
 
 
 def _measure_unusual_distances(
     expected: Expectation, reading: Measurements, usual: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Measure a reading's distance from its prediction beyond a usual share of the deflection.
+    """Measure a reading's distance from its prediction, where a usual share of the deflection is allowed.
+
+    Args:
+        expected: fit of the other readings.
+        reading: one observation.
+        usual: share of the deflection by which all targets together may deviate.
 
     Returns:
         (2,) squared distance, and the part of it that another size of the force explains; and (2,) the
@@ -319,7 +350,7 @@ def _measure_unusual_distances(
     square, p_value, _ = expected.measure_distance(reading, usual=usual)
     fitted, _, _ = expected.measure_distance(reading, usual=usual, free=FORCE_SCALE)
     gain = square - fitted
-    return np.array([square, gain]), np.array([p_value, expected.exceedance_probability(gain, 1)])
+    return np.array([square, gain]), np.array([p_value, expected.compute_exceedance_probability(gain, 1)])
 
 
 def _cross_check_readings(expected: Expectation, others: Measurements, usual: float) -> FloatArray:
@@ -344,24 +375,25 @@ def _find_causes(
     """Search for the mistakes that explain a doubtful reading.
 
     Returns:
-        True if the best explanation is a slip such as a wrong sign, without a fitted size; and the
+        True if the best explanation is a slip such as a wrong sign, which has no fitted size; and the
         explanations in words, the likeliest first.
     """
-    scores: list[tuple[bool, float, str]] = []  # fitted, cost, words; plain slips first
-    for words, changed, free, unknowns in _propose_mistakes(expected.robot, reading, others):
+    # Whether a term was fitted, criterion, and words. Slips are preferred to fitted terms.
+    scores: list[tuple[bool, float, str]] = []
+    for words, corrected, free, unknowns in _propose_mistakes(expected.robot, reading, others):
         try:
-            square, p_value, _ = expected.measure_distance(changed, free=free)
+            square, p_value, _ = expected.measure_distance(corrected, free=free)
         except SolverError:
             continue
-        off, p_place = expected.compare_unloaded_places(changed)
+        place_square, p_place = expected.compare_unloaded_places(corrected)
         if p_value > _PLAUSIBLE and p_place > _WRONG_PLACE:
-            price = unknowns * np.log(reading.coordinates.sum())
-            scores.append((free is not None, square + off + price, words))
+            penalty = unknowns * np.log(reading.coordinates.sum())  # Bayesian information criterion
+            scores.append((free is not None, square + place_square + penalty, words))
     scores.sort(key=lambda score: score[:2])
     named = [
         words
-        for fitted, square, words in scores
-        if (fitted, square) <= (scores[0][0], scores[0][1] + _BETTER)
+        for is_fitted, criterion, words in scores
+        if (is_fitted, criterion) <= (scores[0][0], scores[0][1] + _BETTER)
     ]
     return bool(scores) and not scores[0][0], list(dict.fromkeys(named))[:_MOST_NAMED]
 
@@ -369,11 +401,11 @@ def _find_causes(
 def _propose_mistakes(
     robot: Robot, reading: Measurements, others: Measurements
 ) -> Iterator[tuple[str, Measurements, Term | None, int]]:
-    """Yield possible mistakes of a reading.
+    """Yield mistakes that may have happened with a reading.
 
     Yields:
-        The mistake in words, the reading as it would be without the mistake, the term to fit (None for a
-        plain slip), and the number of unknowns.
+        The mistake in words; the reading corrected for the mistake; the term to fit to this reading (None for
+        a slip, which has no size); and the number of unknowns that the mistake adds.
     """
     yield "the force has the opposite sign", replace(reading, force=-reading.force), None, 0
     if not reading.in_flange.any():
@@ -419,16 +451,17 @@ def _build_stack(
     Args:
         robot: n joints.
         measurements: N observations.
-        terms: compliances and errors that are unknown.
+        terms: compliances, and errors of loads or positions, each with its unknowns.
         compliance: (n,) compliances at which the rows are linearised [rad/(N·m)].
     """
     return Stack.from_blocks(regressor_blocks(robot, measurements, compliance), terms, compliance)
 
 
 def _compute_median_places(robot: Robot, others: Measurements) -> tuple[FloatArray, float]:
-    """Return the median places (T, 3) of targets in the flange frame [m], and their standard deviation [m].
+    """Return the median positions (T, 3) of targets in the flange frame, and their standard deviation [m].
 
-    With fewer than `_FEWEST` observations, or without positions, the places are NaN.
+    With fewer than `_FEWEST` observations, or without absolute positions, the positions are NaN. The standard
+    deviation is at least `_PLACE`.
     """
     places = View(robot, others).places
     if len(others) < _FEWEST or np.isnan(places).all():

@@ -12,7 +12,7 @@ from jointstiff.solver.estimation.fit import student_quantile
 from jointstiff.solver.live.ahead import KnownCompliances
 
 _NORMAL: Final = student_quantile(0.975, None)
-"""Half-width of an interval of 95 % over the standard uncertainty."""
+"""Half-width of an interval of 95 % divided by the standard uncertainty."""
 Standing = Literal["waits", "counts", "deviates"]
 
 
@@ -21,29 +21,30 @@ def compare_priors(
 ) -> dict[str, Standing]:
     """Compare prior stiffnesses with the readings, and return the state of each prior.
 
-    A prior counts (is used) once the readings alone determine the joint at least as well as the prior, and
-    agree with it (95 %). It waits for more readings before, and deviates if the readings contradict it. So a
-    wrong prior is noticed before it influences the result.
+    A prior "counts" (is used) once the readings alone determine the joint at least as well as the prior does,
+    and agree with the prior (95 %). Before that the prior "waits" for more readings. A prior "deviates" if
+    the readings contradict it. A wrong prior is thus noticed before it influences the result.
 
     Args:
         names: names of the n joints.
-        known: n compliances by the readings alone.
+        known: compliances of the n joints from the readings alone.
         priors: prior stiffnesses by name of the joint.
 
     Returns:
-        "counts", "waits" or "deviates" by name of each joint with a prior.
+        "counts", "waits" or "deviates" for each joint with a prior, by the name of the joint.
     """
-    found: dict[str, Standing] = {}
+    states: dict[str, Standing] = {}
     for j, name in enumerate(names):
         if name not in priors:
             continue
         prior, c = priors[name], float(known.compliance[j])
         expected, u = 1.0 / prior.stiffness, float(np.sqrt(known.covariance[j, j]))
+        # Standard uncertainty of the compliance 1/K, from that of the stiffness K.
         u_prior = prior.standard_uncertainty / prior.stiffness**2
         if not np.isfinite(c):
-            found[name] = "waits"
+            states[name] = "waits"
         elif abs(c - expected) > _NORMAL * np.hypot(u, u_prior):
-            found[name] = "deviates"
+            states[name] = "deviates"
         else:
-            found[name] = "counts" if u <= u_prior else "waits"
-    return found
+            states[name] = "counts" if u <= u_prior else "waits"
+    return states

@@ -1,1 +1,1 @@
-"""Stiffness without a load: compliances, own weight and geometry from unloaded positions (method.md §14)."""
+"""Identification by own weight: compliances, masses and geometry from unloaded positions (method.md §14)."""

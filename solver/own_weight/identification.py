@@ -1,15 +1,16 @@
-"""Stiffness without a load: the whole way, from positions and masses to compliances with their evidence.
+"""Identification of compliances without a load, from positions and masses (method.md §14).
 
     estimate = identify_weight(robot, readings)
 
-Geometry, compliances and weights are one fit: Gauss-Newton outside, the convex program inside. Columns of
-geometry are projected out, what is left is compressed to as many rows as columns, and the convex program is
-solved for c and the products η = c (π − π⁰). Each step moves the geometry, and the sag with the new products,
-until no prediction moves any more.
+Geometry, compliances and weights are fitted together by Gauss-Newton steps, each with a convex program. In a
+step, the columns of the geometry are projected out of the linearised readings, the remaining rows are
+compressed to as many rows as columns, and the convex program is solved for the compliances c and the products
+η = c (π − π⁰), with π the masses and π⁰ their nominal values. Each step updates the geometry and the sag,
+until the predictions no longer change.
 
-An interval of c_j holds all values that some geometry and some masses within their bounds explain as well as
-chance allows: ``loss ≤ best + χ²``. As each joint has masses of its own in the program it is an outer bound,
-exact where all masses are exact.
+An interval of c_j contains all values for which some geometry, and some masses within their bounds, reach a
+loss of at most the least loss plus a quantile of χ². The program lets each joint have different masses, so
+that the interval is an outer bound; it is exact if all masses are exact.
 """
 
 from __future__ import annotations
@@ -58,57 +59,61 @@ from jointstiff.solver.own_weight.rows import (
     ReducedProblem,
     WeightReadings,
     WeightRows,
+    compute_perpendicular_basis,
     compute_torques,
     differentiate_by_base_compliance,
     linearise_readings,
-    perpendicular_basis,
 )
 from jointstiff.solver.predict.models import IdentifiedWeight
 from jointstiff.solver.text import figure, length_text
 
-_UPRIGHT: Final = 1e-3
-"""Weight torque, relative to the greatest of all, that counts as none."""
+_NEGLIGIBLE_TORQUE: Final = 1e-3
+"""Weight torque of a joint, relative to the greatest torque of all joints, below which gravity does not load
+the joint."""
 MOST_STEPS: Final = 15
+"""Greatest number of Gauss-Newton steps."""
 _BASE_LEVEL: Final = 1e-5
-"""Probability of chance below which a base tilts."""
+"""p-value of the hypothesis of a rigid base below which the base is found to tilt."""
 _CONVERGED: Final = 1e-3
-"""Movement of the predictions, relative to the residuals, that ends the steps."""
+"""Change of the predictions in a step, relative to the residuals, at which the steps end."""
 _EXACT: Final = 1e-7
-"""The same, relative to all that the convex program is to explain: exact readings leave no residuals."""
+"""Change of the predictions in a step, relative to the readings of the convex program, at which the steps
+end: exact readings leave no residuals to compare with."""
 LARGEST_SAG: Final = 0.1
-"""Sag of a joint [rad] at its greatest compliance: what sags more is no robot."""
+"""Greatest sag of a joint [rad] that is allowed: no robot sags more. It limits the compliances."""
 RANK: Final = 1e-10
-"""Singular value of unit columns of the geometry that is rounding."""
+"""Singular value, for unit columns of the geometry, below which it counts as rounding."""
 _BEYOND_CHANCE: Final = 1e-3
-"""Probability of chance below which residuals or masses count as contradicted."""
+"""p-value below which residuals contradict the stated sigma, or readings contradict the masses."""
 _RIGID: Final = 1e-6
-"""Compliance, relative to the end of its interval, that is rounding of a rigid joint's."""
-_AT_CAP: Final = 0.5
-"""Share of the greatest compliance that counts as no bound at all."""
+"""Compliance, relative to the upper end of its interval, below which the joint counts as rigid."""
+_UNBOUNDED_SHARE: Final = 0.5
+"""Upper end of an interval, relative to the greatest allowed compliance, from which on the readings do not
+determine the compliance."""
 _LEAST_NOISE: Final = 3e-6
-"""Residuals [m] below which nothing is left to explain: no instrument reads a place better."""
-_NOTHING: Final = 1e-10
-"""Singular value, relative to the greatest, that is rounding of columns that depend on each other."""
+"""Least noise [m] that is assumed if no sigma is stated: no instrument reads a position better."""
+_RANK_TOLERANCE: Final = 1e-10
+"""Singular value, relative to the greatest, below which columns count as linearly dependent."""
 _LEAST_SIGMA: Final = 1e-15
-"""Rounding: no reading is better."""
+"""Least sigma, in the unit of the fit, to divide by: residuals of exact readings are zero."""
 
 
 @dataclass(frozen=True, eq=False)
 class WeightFit:
-    """Optimum of geometry, compliances and weights, as the last Gauss-Newton step left it."""
+    """Fitted geometry, compliances and weights after the last Gauss-Newton step."""
 
-    state: PoseState  #: geometry
-    gravity: FloatArray  #: (3,) in R0 [m/s²]
-    sag: FloatArray  #: (N, n) θ [rad]
-    base: FloatArray  #: (3,) C_xx, C_yy, C_xy of the base [rad/(N·m)]; zero of a rigid one
-    compliance: FloatArray  #: (n,) [rad/(N·m)]; zero where unseen
-    rows: WeightRows  #: rows of the last step
-    reduced: ReducedProblem  #: the problem of the last step
-    optimum: MassConeSolution  #: its solution
-    steps: int  #: number of steps of Gauss and Newton
+    state: PoseState  #: fitted geometry
+    gravity: FloatArray  #: (3,) vector of gravity in R0 [m/s²]
+    sag: FloatArray  #: (N, n) sag θ of the joints [rad]
+    base: FloatArray  #: (3,) compliances C_xx, C_yy, C_xy of the base [rad/(N·m)]; zero for a rigid base
+    compliance: FloatArray  #: (n,) compliances [rad/(N·m)]; zero for joints that no reading depends on
+    rows: WeightRows  #: linearised readings of the last step
+    reduced: ReducedProblem  #: convex problem of the last step
+    optimum: MassConeSolution  #: solution of the convex problem
+    steps: int  #: number of Gauss-Newton steps
 
     def count_degrees_of_freedom(self, load_coordinates: int) -> int:
-        """Return the degrees of freedom of the residuals: coordinates read less unknowns determined.
+        """Return the degrees of freedom of the residuals: coordinates read minus unknowns determined.
 
         Args:
             load_coordinates: number of coordinates of deflections under known loads.
@@ -116,7 +121,8 @@ class WeightFit:
         Raises:
             NotObservableError: fewer coordinates than unknowns.
         """
-        remaining, rank = self.reduced.freedom + load_coordinates, self.reduced.rank  # after the geometry
+        remaining = self.reduced.remaining_coordinates + load_coordinates  # after the fit of the geometry
+        rank = self.reduced.rank
         if remaining > rank:
             return remaining - rank
         raise NotObservableError(
@@ -131,12 +137,14 @@ class WeightFit:
 
         Args:
             load_coordinates: number of coordinates of deflections under known loads.
-            least: lower limit of the returned value, in the fit's unit.
+            least: lower limit of the returned value, in the fit's unit squared.
         """
-        return max(self.reduced.outside / self.count_degrees_of_freedom(load_coordinates), least)
+        return max(self.reduced.residual_squares / self.count_degrees_of_freedom(load_coordinates), least)
 
     def compute_p_value_of_bounds(self, noise: float, load_coordinates: int) -> float:
-        """Return the p-value of the loss that is due to the bounds of the masses (F test).
+        """Return the p-value of the hypothesis that the true masses lie within their bounds (F test).
+
+        The loss that the bounds of the masses add is compared with the noise.
 
         Args:
             noise: mean square of the residuals.
@@ -150,7 +158,7 @@ class WeightFit:
         )
 
 
-def fit_weight(
+def fit_own_weight(
     robot: Robot,
     readings: WeightReadings,
     whitened: PoseReadings,
@@ -165,50 +173,55 @@ def fit_weight(
     Args:
         robot: nominal robot, n joints.
         readings: N observations of positions, with bodies and gravity.
-        whitened: the same positions with their weights, in units of 1/sigma.
+        whitened: these positions with their weights, in units of 1/sigma.
         state: geometry to start from, fitted without sag.
         free_gravity: whether the direction of gravity is also estimated.
         free_base: whether the tilt of the base is also estimated.
-        loaded: deflections under known loads, fitted together with the positions; their rows are in units of
-            the sigma of the deflections. None without such readings.
+        loaded: deflections under known loads, fitted together with the positions, and weighted with the sigma
+            of the deflections; None if no deflections were read.
 
     Raises:
         NotObservableError: no joint's torque varies.
-        MeasurementError: no convergence.
+        MeasurementError: the steps do not converge.
         SolverError: a convex program is not certified.
     """
     burden = readings.burden
     gravity, sag = burden.gravity, np.zeros(whitened.angles.shape)
     c: FloatArray = np.zeros(robot.n)
     base: FloatArray = np.zeros(3)
-    weight = np.linalg.norm(whitened.weight)
+    weight_norm = np.linalg.norm(whitened.weight)
     for step in range(1, MOST_STEPS + 1):
         with_gravity = replace(readings, burden=replace(burden, gravity=gravity))
         rows = linearise_readings(robot, with_gravity, whitened, state, sag, c)
         triangle, load_triangle = rows.stack.triangle(), Triangle(joints=robot.n)
         nuisance = ["geometry", *(["base"] if free_base else []), *(["gravity"] if free_gravity else [])]
         for block in [] if loaded is None else regressor_blocks(robot, loaded, c):
-            read = build_whitened_rows(block, [JOINTS], c)
-            for part in (read.targets, read.encoders):
+            load_rows = build_whitened_rows(block, [JOINTS], c)
+            for part in (load_rows.targets, load_rows.encoders):
                 if part is not None:
                     load_triangle.add(part)
-        others = load_triangle.R[: load_triangle.rows] / (1.0 if loaded is None else loaded.sigma or 1.0)
-        reduced = reduce_problem(rows, triangle, nuisance, burden, others)
+        deflection_sigma = 1.0 if loaded is None else loaded.sigma or 1.0
+        deflection_rows = load_triangle.R[: load_triangle.rows] / deflection_sigma
+        reduced = reduce_problem(rows, triangle, nuisance, burden, deflection_rows)
         optimum = solve_mass_cones(reduced.A, reduced.b, reduced.cones)
-        move = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
-        after = rows.stack.widths["geometry"]
-        before, sag = sag, reduced.compute_sag(rows.torques, optimum.x)
-        state = state.displace(move[:after])
-        if free_base:  # linear: the step fits all of the tilt, not a change
-            base, move[after : after + 3] = move[after : after + 3].copy(), move[after : after + 3] - base
+        # Change of the nuisance unknowns: geometry, then three of the base, then two of gravity.
+        change = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
+        geometry_width = rows.stack.widths["geometry"]
+        previous_sag, sag = sag, reduced.compute_sag(rows.torques, optimum.x)
+        state = state.displace(change[:geometry_width])
+        if free_base:
+            # The tilt is linear in its compliances, so that the step fits all of the tilt, not its change.
+            in_base = slice(geometry_width, geometry_width + 3)
+            base, change[in_base] = change[in_base].copy(), change[in_base] - base
         if free_gravity:
-            turned = gravity + np.linalg.norm(gravity) * perpendicular_basis(gravity) @ move[-2:]
+            turned = gravity + np.linalg.norm(gravity) * compute_perpendicular_basis(gravity) @ change[-2:]
             gravity = turned * np.linalg.norm(gravity) / np.linalg.norm(turned)
-        c[reduced.seen] = reduced.unit * optimum.x[reduced.cones.first]
-        own = np.concatenate([triangle.span[name] for name in nuisance])
-        moved = np.linalg.norm(triangle.matrix[:, own] @ move) + weight * np.abs(sag - before).max()
-        small = _CONVERGED * np.sqrt(optimum.loss + reduced.outside) + _EXACT * np.linalg.norm(reduced.b)
-        if moved <= small:
+        c[reduced.observed_joints] = reduced.unit * optimum.x[reduced.cones.first]
+        nuisance_columns = np.concatenate([triangle.span[name] for name in nuisance])
+        nuisance_effect = np.linalg.norm(triangle.matrix[:, nuisance_columns] @ change)
+        prediction_change = nuisance_effect + weight_norm * np.abs(sag - previous_sag).max()
+        residual_norm = np.sqrt(optimum.loss + reduced.residual_squares)
+        if prediction_change <= _CONVERGED * residual_norm + _EXACT * np.linalg.norm(reduced.b):
             return WeightFit(state, gravity, sag, base, c, rows, reduced, optimum, step)
     raise MeasurementError(
         f"the fit of geometry and own weight did not converge in {MOST_STEPS} steps",
@@ -218,74 +231,79 @@ def fit_weight(
 
 
 def reduce_problem(
-    rows: WeightRows, triangle: Triangle, nuisance: Sequence[str], burden: Burden, others: FloatArray
+    rows: WeightRows, triangle: Triangle, nuisance: Sequence[str], burden: Burden, deflection_rows: FloatArray
 ) -> ReducedProblem:
     """Reduce linearised readings to a small convex problem whose unknowns are compliances and weights.
 
-    Columns of the geometry are projected out, and a QR decomposition compresses the remaining rows.
+    The columns of the geometry are projected out, and a QR decomposition compresses the remaining rows.
 
     Args:
         rows: linearised readings of positions.
-        triangle: triangular factor of these rows.
+        triangle: triangular factor of the linearised readings.
         nuisance: names of the terms that are projected out, such as the geometry.
         burden: bodies and springs.
-        others: (k, n + 1) rows of deflections under loads: columns of the compliances, then the reading.
+        deflection_rows: (k, n + 1) rows of deflections under known loads, in units of their sigma: columns of
+            the compliances, then the reading.
 
     Raises:
         NotObservableError: no joint's torque varies.
     """
     torque, varies = rows.torques.known, rows.varies
-    seen = np.flatnonzero(varies | others[:, :-1].any(axis=0))
-    if not len(seen):
+    # A joint whose torque is constant over the postures sags like a changed geometry, which is projected out.
+    observed = np.flatnonzero(varies | deflection_rows[:, :-1].any(axis=0))
+    if not len(observed):
         raise NotObservableError(
             "no joint's weight torque varies over the postures",
             where="observations",
             remedy="read postures in which the arm is stretched out and folded, wrist up and down",
         )
-    left = triangle.project_out(nuisance, RANK)
-    products = left.span["products"].reshape(rows.torques.unit.shape[1:])
-    parts, below, blocks, units, unknowns = [], [], [], [], []
-    for j in seen.tolist():
-        own = left.R[:, left.span["joints"][j]] * varies[j]
-        unit = 1.0 / float(np.hypot(np.linalg.norm(own), np.linalg.norm(others[:, j])))
-        block, which = burden.build_block(varies[j] & rows.torques.unit[:, j].any(axis=0))
-        parts.append(unit * np.column_stack([own, left.R[:, products[j, which]]]))
-        below.append(np.pad(unit * others[:, j, None], ((0, 0), (0, len(which)))))
+    projected = triangle.project_out(nuisance, RANK)
+    products = projected.span["products"].reshape(rows.torques.of_unknowns.shape[1:])
+    # For each joint: the columns of compliance and products in the rows of positions and of deflections.
+    position_parts, deflection_parts, blocks, units, unknowns = [], [], [], [], []
+    for j in observed.tolist():
+        joint_column = projected.R[:, projected.span["joints"][j]] * varies[j]
+        unit = 1.0 / float(np.hypot(np.linalg.norm(joint_column), np.linalg.norm(deflection_rows[:, j])))
+        block, which = burden.build_block(varies[j] & rows.torques.of_unknowns[:, j].any(axis=0))
+        position_parts.append(unit * np.column_stack([joint_column, projected.R[:, products[j, which]]]))
+        deflection_parts.append(np.pad(unit * deflection_rows[:, j, None], ((0, 0), (0, len(which)))))
         blocks.append(block)
         units.append(unit)
         unknowns.append(which)
-    unit_of = np.array(units)
-    by_weight = np.column_stack([*parts, left.rhs])
-    R = compute_triangular_factor(np.vstack([by_weight, np.column_stack([*below, others[:, -1]])]))
+    unit_of_joints = np.array(units)
+    from_positions = np.column_stack([*position_parts, projected.rhs])
+    from_deflections = np.column_stack([*deflection_parts, deflection_rows[:, -1]])
+    R = compute_triangular_factor(np.vstack([from_positions, from_deflections]))
     p = R.shape[1] - 1
     A, b = R[:p, :p], R[:p, p]
-    rotation, singular, _ = np.linalg.svd(A)
-    nothing = rotation[:, singular <= _NOTHING * singular[0]]  # rounding, which no x explains
-    beyond = nothing @ (nothing.T @ b)  # part of b outside the range of A
-    scale = np.where(varies, np.abs(torque).max(axis=0), rows.across)
+    left_vectors, singular, _ = np.linalg.svd(A)
+    null_vectors = left_vectors[:, singular <= _RANK_TOLERANCE * singular[0]]
+    unexplained = null_vectors @ (null_vectors.T @ b)  # part of b outside the range of A
+    scale = np.where(varies, np.abs(torque).max(axis=0), rows.crosswise_torque)
     # A joint without weight torque may be pulled by a known load, so its scale must not be zero.
-    scale = np.maximum(scale, _UPRIGHT * scale.max())[seen]
+    scale = np.maximum(scale, _NEGLIGIBLE_TORQUE * scale.max())[observed]
     return ReducedProblem(
         A=A,
-        b=b - beyond,
-        outside=float(beyond @ beyond) + (float(R[p, p] ** 2) if len(R) > p else 0.0),
-        rank=p - nothing.shape[1],
-        cones=MassCones(tuple(blocks), LARGEST_SAG / scale / unit_of),
-        unit=unit_of,
-        seen=seen,
+        b=b - unexplained,
+        residual_squares=float(unexplained @ unexplained) + (float(R[p, p] ** 2) if len(R) > p else 0.0),
+        rank=p - null_vectors.shape[1],
+        cones=MassCones(tuple(blocks), LARGEST_SAG / scale / unit_of_joints),
+        unit=unit_of_joints,
+        observed_joints=observed,
         unknowns=tuple(unknowns),
-        freedom=triangle.rows - triangle.rank(nuisance, RANK),
+        remaining_coordinates=triangle.rows - triangle.rank(nuisance, RANK),
     )
 
 
-def extract_weight(
+def extract_identified_weight(
     burden: Burden, fit: WeightFit, sigma: float, uncertainty: FloatArray
 ) -> IdentifiedWeight | None:
     """Return the identified weights with their covariance, to predict the sag; None with balancing springs.
 
-    Positions determine products of compliance and weight far better than either factor. About the optimum
-    ``A x = b + ε``. Each parameter has its bound's half-width as prior standard uncertainty; with D of all of
-    these, ``cov x = (AᵀA/σ² + D⁻²)⁻¹``. It is widened for joints whose own interval is wider.
+    Positions determine the products of compliance and weight far better than compliance or weight alone. Near
+    the optimum ``A x = b + ε``. The prior standard uncertainty of each parameter is the half-width of its
+    bound; with D the diagonal matrix of these, ``cov x = (AᵀA/σ² + D⁻²)⁻¹``. The covariance is widened for
+    joints whose standard uncertainty is greater.
 
     Args:
         burden: bodies that the joints carry in all observations.
@@ -296,30 +314,34 @@ def extract_weight(
     if burden.balancers:
         return None
     problem, x, n = fit.reduced, fit.optimum.x, len(fit.compliance)
-    # A compliance is bounded by its cap, and a product by the compliance, as units are those of the bounds.
-    reach = np.full(len(x), 1e-3 * float(np.abs(x).max()))
-    for (_, _, place, _), cap in zip(problem.blocks, problem.cones.cap.tolist(), strict=True):
-        reach[place] = np.maximum(reach[place.start], x[place.start])
-        reach[place.start] = cap
-    stacked = np.vstack([problem.A / max(sigma, _LEAST_SIGMA), np.diag(1.0 / reach)])
-    root = np.linalg.inv(compute_triangular_factor(stacked))
-    nominal, inertia_of = np.zeros((n, 4)), np.zeros((n, 4, len(burden.unknown[0])))
+    # A compliance is bounded by its cap. A product is bounded by the compliance, because each unknown is in
+    # units of its bound; a compliance near zero is replaced by a thousandth of the greatest parameter.
+    half_widths = np.full(len(x), 1e-3 * float(np.abs(x).max()))
+    for (_, _, span, _), cap in zip(problem.blocks, problem.cones.cap.tolist(), strict=True):
+        half_widths[span] = np.maximum(half_widths[span.start], x[span.start])
+        half_widths[span.start] = cap
+    stacked = np.vstack([problem.A / max(sigma, _LEAST_SIGMA), np.diag(1.0 / half_widths)])
+    root = np.linalg.inv(compute_triangular_factor(stacked))  # cov x = root rootᵀ
+    # Mass and first moments (4) of the bodies behind each joint: nominal, and of each unknown at its bound.
+    unknown_inertias, _ = burden.unknown
+    nominal, at_bound = np.zeros((n, 4)), np.zeros((n, 4, len(unknown_inertias)))
     for body in burden.bodies:
         nominal[body.joint] += 0.5 * (body.most + body.least) * np.array([1.0, *body.centre])
-    for k, (number, inertia) in enumerate(burden.unknown[0]):
-        inertia_of[burden.bodies[number].joint, :, k] = inertia
-    inertias, roots = np.tile(nominal, (n, 1, 1)), np.zeros((n, 4 * n, len(x)))
-    compliances = np.zeros((n, len(x)))
-    for j, unit, place, own in problem.blocks:
-        products = unit * np.column_stack([nominal.ravel(), inertia_of.reshape(4 * n, -1)[:, own]])
-        compliance = unit * float(np.linalg.norm(root[place.start]))
-        root[place] *= max(1.0, uncertainty[j] / compliance)
-        roots[j], compliances[j] = products @ root[place], unit * root[place.start]
-        if x[place.start] > 0.0:
-            inertias[j] = (products @ x[place] / (unit * x[place.start])).reshape(n, 4)
+    for k, (body_index, inertia) in enumerate(unknown_inertias):
+        at_bound[burden.bodies[body_index].joint, :, k] = inertia
+    inertias, product_roots = np.tile(nominal, (n, 1, 1)), np.zeros((n, 4 * n, len(x)))
+    compliance_roots = np.zeros((n, len(x)))
+    for j, unit, span, unknown_indices in problem.blocks:
+        # Matrix from the parameters of joint j to compliance times inertia of all bodies.
+        products = unit * np.column_stack([nominal.ravel(), at_bound.reshape(4 * n, -1)[:, unknown_indices]])
+        compliance_uncertainty = unit * float(np.linalg.norm(root[span.start]))
+        root[span] *= max(1.0, uncertainty[j] / compliance_uncertainty)
+        product_roots[j], compliance_roots[j] = products @ root[span], unit * root[span.start]
+        if x[span.start] > 0.0:
+            inertias[j] = (products @ x[span] / (unit * x[span.start])).reshape(n, 4)
     mass: FloatArray = inertias[..., 0]
     centre = inertias[..., 1:] / np.where(mass > 0.0, mass, 1.0)[..., None]
-    covariance_root = np.vstack([compliances, roots.reshape(4 * n * n, -1)])
+    covariance_root = np.vstack([compliance_roots, product_roots.reshape(4 * n * n, -1)])
     return IdentifiedWeight(mass, centre, fit.gravity, root=covariance_root)
 
 
@@ -339,10 +361,12 @@ def try_further_fit(
     *,
     free_base: bool,
 ) -> WeightFit | None:
-    """Fit once more with other bodies; return None where the readings do not suffice or the fit fails.
+    """Fit again with other bounds of the masses or a tilting base; return None if the fit fails.
+
+    The fit also counts as failed if it has more unknowns than coordinates.
 
     Args:
-        fit_with_bodies: function from bodies to the fit, with keyword `free_base`.
+        fit_with_bodies: function that returns the fit for some bodies, with the keyword `free_base`.
         bodies: bodies with bounds of their masses.
         load_coordinates: number of coordinates of deflections under known loads.
         free_base: whether the tilt of the base is estimated.
@@ -360,18 +384,22 @@ def compute_tilt_p_value(
 ) -> float:
     """Return the p-value of the hypothesis that the base does not tilt (F test).
 
-    It is 1 if a wrong mass explains the readings at least as well as a tilting base does.
+    The p-value is 1 if a wrong mass explains the readings at least as well as a tilting base does, or if even
+    with a tilting base the readings contradict the bounds of the masses.
 
     Args:
         rigid: fit without tilt.
         tilting: fit with the tilt of the base.
         burden: bodies and springs.
         load_coordinates: number of coordinates of deflections under known loads.
-        least: least mean square of the residuals, in the fit's unit.
+        least: least mean square of the residuals that is assumed, in the fit's unit squared.
     """
     noise = tilting.estimate_noise(load_coordinates, least)
     gain = (
-        rigid.optimum.loss + rigid.reduced.outside - tilting.optimum.loss - tilting.reduced.outside
+        rigid.optimum.loss
+        + rigid.reduced.residual_squares
+        - tilting.optimum.loss
+        - tilting.reduced.residual_squares
     ) / noise
     wrong_mass = find_contradicted_mass(
         fit_freed_masses(rigid.reduced, burden, rigid.estimate_noise(load_coordinates, least))
@@ -390,16 +418,17 @@ def fit_with_proved_corrections(
     *,
     free_base: bool,
 ) -> tuple[WeightFit, tuple[Body, ...], list[Finding]]:
-    """Fit, and fit again with a tilting base or wider bounds of a mass if the readings prove the need.
+    """Fit geometry, compliances and weights; repeat the fit with a tilting base or wider bounds of a mass.
 
-    Where the readings do not suffice for a further fit, the previous fit is kept.
+    A tilting base, or wider bounds of a mass, are used only if the readings prove the need. If a further fit
+    fails, the previous fit is returned.
 
     Args:
-        fit_with_bodies: function from bodies to the fit, with keyword `free_base`.
+        fit_with_bodies: function that returns the fit for some bodies, with the keyword `free_base`.
         burden: bodies and springs as stated.
         load_coordinates: number of coordinates of deflections under known loads.
-        least: least mean square of the residuals, in the fit's unit.
-        free_base: whether the base's tilt is estimated even if nothing proves it.
+        least: least mean square of the residuals that is assumed, in the fit's unit squared.
+        free_base: whether the tilt of the base is estimated even if the readings do not prove a tilt.
 
     Returns:
         The fit, the bodies with the bounds used in it, and the findings.
@@ -431,50 +460,53 @@ def fit_with_proved_corrections(
             )
         )
     freed = fit_freed_masses(fit.reduced, burden, fit.estimate_noise(load_coordinates, least))
-    wrong = find_contradicted_mass(freed)
-    if wrong is not None:
-        wider = widen_mass_bounds(bodies, wrong)
-        second = try_further_fit(fit_with_bodies, wider, load_coordinates, free_base=free_base)
+    wrong_mass = find_contradicted_mass(freed)
+    if wrong_mass is not None:
+        wrong_body, widened = bodies[wrong_mass.body], widen_mass_bounds(bodies, wrong_mass)
+        second = try_further_fit(fit_with_bodies, widened, load_coordinates, free_base=free_base)
         if second is None:
-            findings.append(report_contradicted_mass(bodies[wrong.body], wrong, covered=False))
+            findings.append(report_contradicted_mass(wrong_body, wrong_mass, covered=False))
+        # If the readings contradict even the wider bounds, this mass alone is not the cause.
         elif (
             second.compute_p_value_of_bounds(second.estimate_noise(load_coordinates, least), load_coordinates)
             > _BEYOND_CHANCE
         ):
-            findings.append(report_contradicted_mass(bodies[wrong.body], wrong))
-            return second, wider, findings
+            findings.append(report_contradicted_mass(wrong_body, wrong_mass))
+            return second, widened, findings
     elif (remark := report_unchecked_masses(bodies, freed)) is not None:
         findings.append(remark)
     return fit, bodies, findings
 
 
 def find_reasons_against(
-    fit: WeightFit, rank: int, freedom: int, *, stated: float | None
+    fit: WeightFit, rank: int, degrees_of_freedom: int, *, stated_sigma: float | None
 ) -> Iterator[Finding]:
     """Yield findings that reduce the trust in a result: too large residuals, and contradicted masses.
 
-    If the model is right, two sums of squares follow χ²: `outside`, of the residuals that no solution
-    explains, and `loss`, which the bounds of the masses add.
+    If the model is right, two sums of squares follow χ²: that of the residuals that no solution explains, and
+    the loss that the bounds of the masses add.
 
     Args:
         fit: fit of the robot and its weight.
         rank: number of compliances and weights that the readings determine.
-        freedom: degrees of freedom of the residuals.
-        stated: stated standard uncertainty of a coordinate [m]; None if it is estimated.
+        degrees_of_freedom: degrees of freedom of the residuals.
+        stated_sigma: stated standard uncertainty of a coordinate [m]; None if sigma comes from the residuals.
     """
-    outside, loss = fit.reduced.outside, fit.optimum.loss
-    p_value = special.fdtrc(rank, freedom, loss / rank / (outside / freedom))
-    if stated is not None and special.chdtrc(freedom, outside) < _BEYOND_CHANCE:
-        factor = float(np.sqrt(outside / freedom))
+    residual_squares, loss = fit.reduced.residual_squares, fit.optimum.loss
+    mean_square = residual_squares / degrees_of_freedom
+    p_value = special.fdtrc(rank, degrees_of_freedom, loss / rank / mean_square)
+    if stated_sigma is not None and special.chdtrc(degrees_of_freedom, residual_squares) < _BEYOND_CHANCE:
+        factor = float(np.sqrt(mean_square))
         yield Finding(
             code="residuals_exceed_sigma",
             weight="use_with_care",
-            message=f"the residuals give sigma = {length_text(factor * stated)}, but {length_text(stated)} "
-            "was stated: something bends or moves that neither geometry nor own weight explains",
+            message=f"the residuals give sigma = {length_text(factor * stated_sigma)}, but "
+            f"{length_text(stated_sigma)} was stated: something bends or moves that neither geometry nor own "
+            "weight explains",
             remedy="look for play in gears, links that bend, or a target or base that moved; the intervals "
             "use the larger sigma",
         )
-    elif stated is not None:
+    elif stated_sigma is not None:
         p_value = special.chdtrc(rank, loss)
     if p_value < _BEYOND_CHANCE:
         yield Finding(
@@ -490,46 +522,50 @@ def find_reasons_against(
 def compute_joint_results(
     robot: Robot, fit: WeightFit, sigma: float, rise: float
 ) -> tuple[tuple[JointCompliance, ...], FloatArray]:
-    """Compute the compliance of each joint with its interval, or the reason why no compliance is stated.
+    """Compute the compliance of each joint with its interval, or the reason why the compliance is unknown.
 
     Args:
         robot: n joints.
         fit: fit of the robot and its weight.
         sigma: standard uncertainty of a residual, in the fit's unit.
-        rise: rise of the loss above its optimum that bounds the intervals.
+        rise: increase of the loss above its minimum at the ends of the intervals.
 
     Returns:
-        The results of the joints; and (n,) the width that each interval would have with exact masses, over
-        its width, NaN without an interval.
+        The results of the joints; and (n,) the width that each interval would have if the masses were exact,
+        divided by the width of the interval, NaN without an interval.
     """
     problem = fit.reduced
     intervals = bound_compliances(problem.A, problem.b, fit.optimum, rise, problem.cones)
+    # Half-widths of the intervals if the masses were exact.
     exact = np.sqrt(rise) * np.linalg.norm(np.linalg.pinv(problem.A[:, problem.cones.first]), axis=1)
     joints, shares = [], np.full(robot.n, np.nan)
-    named = zip(robot.joint_names, robot.joint_kinds, fit.rows.torques.known.T, strict=True)
-    for name, kind, torque in named:
+    # At first every joint is not observable; the results of the observed joints are replaced below.
+    for name, kind, torque in zip(
+        robot.joint_names, robot.joint_kinds, fit.rows.torques.known.T, strict=True
+    ):
         reason = (
             f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
             "N·m): hang a known payload off its axis, or apply a known force that twists it"
         )
-        if np.abs(torque).max() <= _UPRIGHT * np.abs(fit.rows.torques.known).max():
+        if np.abs(torque).max() <= _NEGLIGIBLE_TORQUE * np.abs(fit.rows.torques.known).max():
             reason = (
                 "gravity does not load the joint in any of the postures: apply a known force that twists it"
             )
         joints.append(JointCompliance(name, kind, "not_observable", reason=reason))
-    for k, j in enumerate(problem.seen.tolist()):
+    for k, j in enumerate(problem.observed_joints.tolist()):
         name, unit, (low, high) = robot.joint_names[j], problem.unit[k], intervals[k]
         kind = robot.joint_kinds[j]
-        if not high < _AT_CAP * problem.cones.cap[k]:  # NaN where the program has no answer
+        if not high < _UNBOUNDED_SHARE * problem.cones.cap[k]:  # also true for NaN, if no end was found
             reason = (
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "
-                "which its weight torque differs, as a plan for own weight lists them, or attach a payload"
+                "which its weight torque differs (a plan for own weight lists such postures), or attach a "
+                "payload"
             )
             joints[j] = JointCompliance(name, kind, "not_observable", reason=reason)
             continue
         c = float(fit.compliance[j]) if fit.compliance[j] > _RIGID * high * unit else 0.0
         shares[j] = min(1.0, 2.0 * float(exact[k]) / (high - low))
-        explanation = "estimate and lower end of the interval are a rigid joint"
+        explanation = "the estimate and the lower end of the interval are those of a rigid joint"
         if c > 0.0:
             explanation = (
                 f"the interval reaches from rigid to {figure(high * unit / c, '.2g')} times the estimate"
@@ -548,28 +584,30 @@ def compute_joint_results(
 
 @dataclass(frozen=True, eq=False)
 class WeightEstimate:
-    """Compliances from own weight, with their evidence."""
+    """Compliances from own weight, with findings, residuals, uncertainties and certificate."""
 
-    joints: tuple[JointCompliance, ...]  #: one for each joint
-    #: (n,) width of the interval that exact masses would leave, over its width; NaN without an interval
+    joints: tuple[JointCompliance, ...]  #: compliance of each joint with its interval
+    #: (n,) width that a joint's interval would have if the masses were exact, divided by its width; NaN
+    #: without an interval
     shares: FloatArray
     fit: WeightFit  #: geometry, sag, and the last convex problem
-    reasons: tuple[Finding, ...]  #: reasons against its use, if any
-    remarks: tuple[Finding, ...]  #: what the readings do not check, for information
+    reasons: tuple[Finding, ...]  #: findings that reduce the trust in the result
+    remarks: tuple[Finding, ...]  #: findings that do not reduce the trust: what the readings do not check
     sigma: float  #: standard uncertainty of a coordinate [m], as stated or from the residuals
-    sigma_of_residuals: bool  #: whether it is from the residuals: none stated, or larger than stated
-    chi_square: float  #: χ² of all residuals by the stated sigma; the degrees of freedom if none is stated
-    degrees_of_freedom: int  #: number of readings less all that they determine
+    #: True if sigma comes from the residuals: no sigma is stated, or the residuals are larger than stated
+    sigma_of_residuals: bool
+    chi_square: float  #: χ² of all residuals for the stated sigma; the degrees of freedom if none is stated
+    degrees_of_freedom: int  #: number of coordinates read minus number of unknowns that they determine
     rms_residual: float  #: rms residual of a whitened coordinate [m]
-    rms_without_sag: float  #: the same, of the best geometry of an arm that does not bend [m]
-    confidence: float  #: level of the intervals
-    #: (N, T, 3) displacement of the targets by the sag, from the geometry that does not bend [m]
+    rms_without_sag: float  #: rms residual of a whitened coordinate for the best rigid arm [m]
+    confidence: float  #: confidence level of the intervals
+    #: (N, T, 3) displacement of the targets by the sag, relative to the fitted geometry without sag [m]
     displacement: FloatArray
-    residual: FloatArray  #: (N, T, 3) position less prediction [m]; zero where absent
+    residual: FloatArray  #: (N, T, 3) measured minus predicted position [m]; zero where nothing was read
     certificate: Certificate  #: certificate of the last convex program
     #: weights of the bodies as identified, to predict the sag; None with balancers
     weight: IdentifiedWeight | None
-    #: largest |∂τ_i/∂θ_j| c_i: effect of the sag on the torques, which the balance includes
+    #: largest |∂τ_i/∂θ_j| c_i: relative effect of the sag on the torques, which the fit takes into account
     largest_stiffness_ratio: float
 
 
@@ -586,14 +624,15 @@ def identify_weight(
 
     Args:
         robot: nominal robot, n joints; its axes and the places of the targets are estimated.
-        readings: N observations.
-        confidence: level of the intervals.
+        readings: N observations of positions, with bodies and gravity.
+        confidence: confidence level of the intervals.
         free_gravity: whether gravity's direction is estimated; else it is as stated.
-        free_base: whether the base's tilt is always estimated; else only where the readings prove it.
+        free_base: whether the base's tilt is always estimated; else only if the readings prove a tilt.
         loaded: deflections under known loads (loaded − unloaded), fitted together with the positions.
 
     Raises:
-        MeasurementError: no convergence, or positions and deflections are combined without stated sigmas.
+        MeasurementError: the fit does not converge, or positions and deflections are combined but not all of
+            their sigmas are stated.
         NotObservableError: fewer coordinates than unknowns, or no weight torque varies.
         SolverError: a convex program is not certified.
     """
@@ -602,7 +641,7 @@ def identify_weight(
         raise MeasurementError(
             "positions and deflections are combined, but not all of their uncertainties are stated",
             where="noise",
-            remedy="state `noise.sigma` of both",
+            remedy="state `noise.sigma` for the positions and for the deflections",
         )
     whitened, unit = poses.whitened, poses.sigma or 1.0
     rigid = calibrate(robot.chain, poses, start=pin.SE3.Identity(), hold_out=False)
@@ -611,13 +650,16 @@ def identify_weight(
         encoders = 0 if loaded.encoders is None else int(loaded.encoders.present.sum())
         load_coordinates = int(loaded.coordinates.sum()) + encoders
 
-    stated = readings
+    readings_with_stated_bounds = readings
 
     def fit_with_bodies(bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
         """Fit the readings with given bodies, whose bounds of the masses may differ from those stated."""
-        return fit_weight(
+        return fit_own_weight(
             robot,
-            replace(stated, burden=replace(stated.burden, bodies=bodies)),
+            replace(
+                readings_with_stated_bounds,
+                burden=replace(readings_with_stated_bounds.burden, bodies=bodies),
+            ),
             replace(whitened, weight=whitened.weight / unit),
             PoseState(rigid.axes, rigid.targets, np.zeros(len(poses))),
             free_gravity=free_gravity,
@@ -626,30 +668,32 @@ def identify_weight(
         )
 
     least = 1.0 if poses.sigma is not None else _LEAST_NOISE**2
-    fit, bodies, found = fit_with_proved_corrections(
+    fit, bodies, findings = fit_with_proved_corrections(
         fit_with_bodies, readings.burden, load_coordinates, least, free_base=free_base
     )
     readings = replace(readings, burden=replace(readings.burden, bodies=bodies))
     problem, loss = fit.reduced, fit.optimum.loss
-    rank, freedom = problem.rank, fit.count_degrees_of_freedom(load_coordinates)
-    factor = float(np.sqrt(problem.outside / freedom))  # rms of the residuals in units of the stated sigma
-    against = (
-        *(each for each in found if each.weight != "use"),
-        *find_reasons_against(fit, rank, freedom, stated=poses.sigma),
+    rank, degrees_of_freedom = problem.rank, fit.count_degrees_of_freedom(load_coordinates)
+    reasons = (
+        *(each for each in findings if each.weight != "use"),
+        *find_reasons_against(fit, rank, degrees_of_freedom, stated_sigma=poses.sigma),
     )
-    noisy = poses.sigma is None or any(reason.code == "residuals_exceed_sigma" for reason in against)
-    scale = factor if noisy else 1.0
-    radius = student_quantile(0.5 + 0.5 * confidence, freedom if noisy else None)
-    joints, shares = compute_joint_results(robot, fit, scale, (scale * radius) ** 2)
+    sigma_of_residuals = poses.sigma is None or any(
+        reason.code == "residuals_exceed_sigma" for reason in reasons
+    )
+    # Sigma in the unit of the fit: the rms residual, or 1 for the stated sigma.
+    scale = float(np.sqrt(problem.residual_squares / degrees_of_freedom)) if sigma_of_residuals else 1.0
+    quantile = student_quantile(0.5 + 0.5 * confidence, degrees_of_freedom if sigma_of_residuals else None)
+    joints, shares = compute_joint_results(robot, fit, scale, (scale * quantile) ** 2)
     statuses = [joint.status for joint in joints]
     missing = report_no_identified_joint(statuses, "read more postures, better masses or a known payload")
     uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
-    bent = fit.state.motion(sagging).points
-    bent = bent + differentiate_by_base_compliance(fit.rows.torques, bent) @ fit.base
+    predicted = fit.state.motion(sagging).points
+    predicted = predicted + differentiate_by_base_compliance(fit.rows.torques, predicted) @ fit.base
 
     def compute_sag_at(turn: FloatArray) -> FloatArray:
-        """Return the torques times compliances (N, n) [rad] after turning all angles by `turn` [rad]."""
+        """Return the sag (N, n) [rad], torques times compliances, with all joints turned by `turn` [rad]."""
         motion = fit.state.motion(replace(sagging, angles=sagging.angles + turn))
         return fit.compliance * compute_torques(robot, readings, motion).known
 
@@ -657,18 +701,18 @@ def identify_weight(
         joints=joints,
         shares=shares,
         fit=fit,
-        reasons=(*against, *missing),
-        remarks=tuple(each for each in found if each.weight == "use"),
+        reasons=(*reasons, *missing),
+        remarks=tuple(each for each in findings if each.weight == "use"),
         sigma=scale * unit,
-        sigma_of_residuals=noisy,
-        chi_square=float(freedom) if poses.sigma is None else problem.outside,
-        degrees_of_freedom=freedom,
-        rms_residual=unit * float(np.sqrt((problem.outside + loss) / (freedom + rank))),
+        sigma_of_residuals=sigma_of_residuals,
+        chi_square=float(degrees_of_freedom) if poses.sigma is None else problem.residual_squares,
+        degrees_of_freedom=degrees_of_freedom,
+        rms_residual=unit * float(np.sqrt((problem.residual_squares + loss) / (degrees_of_freedom + rank))),
         rms_without_sag=float(np.sqrt(rigid.rss / rigid.dof)),
         confidence=confidence,
-        displacement=bent - fit.state.motion(whitened).points,
-        residual=np.where(poses.present[..., None], whitened.points - bent, 0.0),
+        displacement=predicted - fit.state.motion(whitened).points,
+        residual=np.where(poses.present[..., None], whitened.points - predicted, 0.0),
         certificate=fit.optimum.certificate,
-        weight=extract_weight(readings.burden, fit, scale, uncertainty),
+        weight=extract_identified_weight(readings.burden, fit, scale, uncertainty),
         largest_stiffness_ratio=float(np.abs(differentiate_numerically(compute_sag_at, robot.n)).max()),
     )

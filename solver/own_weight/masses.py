@@ -1,13 +1,14 @@
 """Masses that the readings contradict, and masses that they do not check (method.md §14).
 
-The convex program of own weight gives each joint masses of its own: that makes its intervals outer bounds,
-and hides a wrong mass. Here all joints share them, ``x_j = c_j (1, ζ)`` with deviations ζ in units of their
-bounds, each with the standard uncertainty 1/√3 of what is uniform within them:
+The convex program of own weight lets each joint have different masses: its intervals are therefore outer
+bounds, and a wrong mass stays hidden. Here all joints share the masses, ``x_j = c_j (1, ζ)`` with deviations
+ζ in units of their bounds. Each ζ has the standard uncertainty 1/√3 of a uniform distribution within the
+bounds:
 
     minimise ‖A x(c, ζ) − b‖² + 3 Σ ζ_k²
 
-Each mass is left free in turn, to see by how much that falls. The program is not convex in (c, ζ), and no
-number of it is published as a result.
+The bounds of each mass are dropped in turn, to see by how much the minimum falls. The problem is not convex
+in (c, ζ), so that its compliances are not published as results.
 """
 
 from __future__ import annotations
@@ -24,24 +25,27 @@ from jointstiff.solver.mechanics.robot import Body
 from jointstiff.solver.own_weight.rows import Burden, ReducedProblem
 
 CONTRADICTED: Final = 9.0
-"""Fall of χ² with one mass free that contradicts it: 2 % of 200 campaigns with right masses have one."""
+"""Fall of χ² with one mass freed from its bounds, above which the readings contradict the mass: in 2 % of 200
+campaigns with right masses a mass was contradicted."""
 _CHECKED: Final = 5.0
-"""Standard uncertainties by which a doubled mass is off where nearly every campaign shows it (3 + 2)."""
+"""Ratio of a mass to its standard uncertainty, from which on nearly every campaign shows that a mass is twice
+the stated one: 3 standard uncertainties to contradict a mass, and 2 for the dispersion of the campaigns."""
 _MATTERS: Final = 0.1
-"""Relative change of a compliance that is worth a remark."""
+"""Relative change of a compliance from which on an unchecked mass is reported."""
 _FREE: Final = 1e-4
-"""Weight of the bounds of a mass left free, which settles a mass that no reading shows."""
+"""Factor on the prior of a mass that is freed from its bounds: so weak a prior only determines masses that no
+reading depends on."""
 
 
 @dataclass(frozen=True, eq=False)
 class FreedMass:
-    """Fit of masses that all joints share, one of them without its bounds."""
+    """Result of a fit in which one body's mass is freed from its bounds."""
 
-    body: int  #: index of the body whose mass is free
-    mass: float  #: mass that fits the readings best [kg]
-    uncertainty: float  #: standard uncertainty [kg]; infinite where no reading determines the mass
-    gain: float  #: fall of χ² with the mass free
-    doubled: FloatArray  #: (n_seen,) relative change of the compliances if the mass is twice that stated
+    body: int  #: index of the body
+    mass: float  #: mass of the body that fits the readings best [kg]
+    uncertainty: float  #: standard uncertainty of the mass [kg]; infinite if no reading determines the mass
+    gain: float  #: fall of χ² relative to the fit with all bounds
+    doubled: FloatArray  #: (m,) relative change of the m compliances if the mass is twice the stated mass
 
 
 def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> list[FreedMass]:
@@ -53,22 +57,31 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
         noise: mean square of the residuals, in units of sigma².
 
     Returns:
-        One fit for each uncertain mass that changes the torque of a joint.
+        One result for each uncertain mass that changes the torque of a joint.
     """
     from scipy.optimize import least_squares
 
-    # The unknowns are y = (c, ζ): n compliances, then the deviations of the masses.
-    blocks = [(place, len(problem.unit) + np.array(own, dtype=np.intp)) for *_, place, own in problem.blocks]
+    # The unknowns are y = (c, ζ): n compliances, then the deviations of the masses. A block has the slice of
+    # a joint's parameters in x, and the indices in y of the deviations that act on the joint.
+    blocks = [
+        (span, len(problem.unit) + np.array(unknown_indices, dtype=np.intp))
+        for *_, span, unknown_indices in problem.blocks
+    ]
     n, size = len(blocks), problem.A.shape[1]
-    count = max((k + 1 for own in problem.unknowns for k in own), default=0)
-    halves = [(k, number, half) for k, (number, (half, *_)) in enumerate(burden.unknown[0]) if half > 0.0]
+    count = max((k + 1 for unknown_indices in problem.unknowns for k in unknown_indices), default=0)
     means = [0.5 * (body.most + body.least) for body in burden.bodies]
-    least = np.full(n + count, -np.inf)
-    least[:n] = 0.0
-    seen = [(k, number, half) for k, number, half in halves if any((own == n + k).any() for _, own in blocks)]
-    for k, number, half in seen:
-        least[n + k] = -means[number] / half  # no mass is negative
-    bounds = (least, np.concatenate([problem.cones.cap, np.full(count, np.inf)]))
+    unknown_inertias, _ = burden.unknown
+    # Index of the unknown, index of the body and half-width of the bounds, for each uncertain mass on which
+    # readings depend. First moments have no mass: half is zero.
+    uncertain = [(k, body, half) for k, (body, (half, *_)) in enumerate(unknown_inertias) if half > 0.0]
+    acting = [
+        (k, body, half) for k, body, half in uncertain if any((in_y == n + k).any() for _, in_y in blocks)
+    ]
+    lower = np.full(n + count, -np.inf)
+    lower[:n] = 0.0
+    for k, body, half in acting:
+        lower[n + k] = -means[body] / half  # no mass is negative
+    bounds = (lower, np.concatenate([problem.cones.cap, np.full(count, np.inf)]))
     scale = np.sqrt(noise)
 
     def fit_masses(start: FloatArray, free: int | None) -> tuple[FloatArray, float, FloatArray]:
@@ -83,50 +96,52 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
         def compute_residuals(y: FloatArray) -> FloatArray:
             """Return the residuals of the readings, then of the prior, at y = (c, ζ)."""
             x = np.zeros(size)
-            for i, (place, own) in enumerate(blocks):
-                x[place] = y[i] * np.array([1.0, *y[own]])
+            for i, (span, in_y) in enumerate(blocks):
+                x[span] = y[i] * np.array([1.0, *y[in_y]])
             return np.concatenate([(problem.A @ x - problem.b) / scale, prior @ y])
 
         def compute_jacobian(y: FloatArray) -> FloatArray:
             """Return the Jacobian of the residuals with respect to y at y = (c, ζ)."""
             x_slopes = np.zeros((size, n + count))
-            for i, (place, own) in enumerate(blocks):
-                part = x_slopes[place]
-                part[:, i] = 1.0, *y[own]
-                part[1 + np.arange(len(own)), own] = y[i]
+            for i, (span, in_y) in enumerate(blocks):
+                joint_slopes = x_slopes[span]  # a view: writing to it changes x_slopes
+                joint_slopes[:, i] = 1.0, *y[in_y]
+                joint_slopes[1 + np.arange(len(in_y)), in_y] = y[i]
             return np.concatenate([problem.A @ x_slopes / scale, prior])
 
         found = least_squares(compute_residuals, start, compute_jacobian, bounds=bounds, x_scale="jac")
         return found.x, 2.0 * float(found.cost), np.asarray(found.jac)
 
-    by_joints = problem.A[:, problem.cones.first]
-    alone = np.clip(np.linalg.lstsq(by_joints, problem.b)[0], 0.0, problem.cones.cap)
-    common, loss, _ = fit_masses(np.concatenate([alone, np.zeros(count)]), None)
+    # The search starts from the compliances that fit the readings with nominal masses.
+    compliance_columns = problem.A[:, problem.cones.first]
+    nominal_fit = np.clip(np.linalg.lstsq(compliance_columns, problem.b)[0], 0.0, problem.cones.cap)
+    bounded_y, bounded_loss, _ = fit_masses(np.concatenate([nominal_fit, np.zeros(count)]), None)
     freed = []
-    for k, number, half in seen:
-        y, left, jacobian = fit_masses(common, k)
-        root = np.linalg.pinv(jacobian, rcond=0.0)
+    for k, body, half in acting:
+        y, freed_loss, jacobian = fit_masses(bounded_y, k)
+        root = np.linalg.pinv(jacobian, rcond=0.0)  # root rootᵀ is the covariance of y
         variance = float(root[n + k] @ root[n + k])
-        slope = root[:n] @ root[n + k] / variance
-        # A compliance near zero is replaced by its uncertainty with the mass held as stated.
-        rest = np.maximum(y[:n], np.linalg.norm(root[:n] - np.outer(slope, root[n + k]), axis=1))
-        doubled = means[number] / half * slope / np.where(rest > 0.0, rest, np.inf)
+        slope = root[:n] @ root[n + k] / variance  # change of the compliances with the deviation ζ_k
+        # A compliance near zero is replaced by its uncertainty for a mass that is fixed as stated.
+        reference = np.maximum(y[:n], np.linalg.norm(root[:n] - np.outer(slope, root[n + k]), axis=1))
+        doubled = means[body] / half * slope / np.where(reference > 0.0, reference, np.inf)
+        # The weak prior alone gives the variance 1 / (3 _FREE²): the readings must at least halve it.
         is_determined = 3.0 * _FREE**2 * variance < 0.5
-        mass = means[number] + half * float(y[n + k])
+        mass = means[body] + half * float(y[n + k])
         uncertainty = half * float(np.sqrt(variance)) if is_determined else np.inf
-        freed.append(FreedMass(number, mass, uncertainty, loss - left, doubled))
+        freed.append(FreedMass(body, mass, uncertainty, bounded_loss - freed_loss, doubled))
     return freed
 
 
 def find_contradicted_mass(freed: Sequence[FreedMass]) -> FreedMass | None:
     """Return the mass that the readings contradict most; None if they contradict none."""
-    known = (each for each in freed if np.isfinite(each.uncertainty))
-    worst = max(known, key=lambda each: each.gain, default=None)
+    determined = (each for each in freed if np.isfinite(each.uncertainty))
+    worst = max(determined, key=lambda each: each.gain, default=None)
     return None if worst is None or worst.gain <= CONTRADICTED else worst
 
 
 def widen_mass_bounds(bodies: Sequence[Body], wrong: FreedMass) -> tuple[Body, ...]:
-    """Return the bodies; the bounds of the wrong mass are widened to its fitted value ± two uncertainties."""
+    """Return the bodies, with the wrong mass's bounds widened to its fitted value ± two uncertainties."""
     low, high = wrong.mass - 2.0 * wrong.uncertainty, wrong.mass + 2.0 * wrong.uncertainty
     body = bodies[wrong.body]
     wide = replace(body, least=max(0.0, min(body.least, low)), most=max(body.most, high))
@@ -148,15 +163,15 @@ def report_contradicted_mass(body: Body, wrong: FreedMass, *, covered: bool = Tr
         message=f"the readings contradict the mass of {body.name}: they suggest {wrong.mass:.3g} kg "
         f"± {wrong.uncertainty:.2g} kg instead of {body.mass:.3g} kg, and χ² falls by {wrong.gain:.3g}. "
         f"{coverage}",
-        remedy=f"check the mass of {body.name}, its neighbours' and what hung on the flange; a known payload "
-        "in some of the postures tells stiffness and masses apart",
+        remedy=f"check the mass of {body.name}, the masses of its neighbours and what hung on the flange; a "
+        "known payload in some of the postures shows whether a stiffness or a mass is wrong",
     )
 
 
 def report_unchecked_masses(bodies: Sequence[Body], freed: Sequence[FreedMass]) -> Finding | None:
     """Build the finding about masses that affect a stiffness but are not checked by the readings.
 
-    None is returned if there are no such masses.
+    If the readings check all masses that matter, None is returned.
     """
     names, change = [], 0.0
     for each in freed:

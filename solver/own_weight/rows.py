@@ -1,12 +1,14 @@
-"""Rows of readings by own weight: bodies that joints carry, springs that balance them, and the readings.
+"""Linearised rows of readings by own weight: bodies, balancing springs, their torques, and the readings.
 
 A body of mass m whose centre of mass is at s + d, d unknown within a ball of radius R, twists joint j by
-``τ_j = m T_j(s) + (m d) · ∇T_j``, T_j the torque of a kilogram. With m = m₀ + ζ and ν = m d that is linear in
-(ζ, ν); a balancer of rate k and free length s₀ is linear in (k, k s₀). So each posture has torques of the
-nominal parameters, and of each unknown at its bound: Y.
+``τ_j = m T_j(s) + (m d) · ∇T_j``, T_j the torque of a kilogram. With m = m₀ + ζ and ν = m d the torque is
+linear in (ζ, ν); the torque of a balancer of rate k and free length s₀ is linear in (k, k s₀). Each posture
+therefore has a torque τ_j of the nominal parameters, and for each unknown k the torque Y_jk of the unknown at
+its bound.
 
-With θ the sag, ``p = f(q + θ; φ)`` and ``θ_j = c_j (τ_j + Σ_k Y_jk (π_k − π_k⁰))``, both torques taken in the
-posture that sags, so that at convergence the balance is exact. About (φ, θ):
+With θ the sag and φ the geometry, positions are ``p = f(q + θ; φ)`` with
+``θ_j = c_j (τ_j + Σ_k Y_jk (π_k − π_k⁰))``. Both torques are computed in the posture with sag, so that at
+convergence the balance is exact. Linearised about (φ, θ):
 
     p − f(q + θ; φ) + J_θ θ = J_φ δφ + Σ_j J_θj (τ_j c_j + Σ_k Y_jk η_jk),   η_jk = c_j (π_k − π_k⁰)
 """
@@ -32,7 +34,7 @@ from jointstiff.solver.geometry.poses import (
     Poses,
     PoseState,
     build_arm,
-    chain_axes,
+    list_chain_axes,
     transform_points,
 )
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY
@@ -41,98 +43,112 @@ from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body, Robot
 
 _GEOMETRY: Final = 0.01
-"""Standard uncertainty of axes and targets before any reading [m and rad]: a nominal arm is as good."""
+"""Prior standard uncertainty of axes and targets [m and rad]: that of a nominal arm."""
 _CONSTANT: Final = 5e-3
-"""Variation of a joint's torque over the postures, relative to the torque by a weight across its axis, below
-which it counts as constant: gravity's direction and that of a vertical axis are not known so well."""
+"""Variation of a joint's torque over the postures, relative to the torque with gravity perpendicular to the
+joint's axis, below which the torque counts as constant: smaller variations may come from errors in the
+directions of gravity and of a vertical axis."""
 _BASE: Final = 1e-6
-"""Standard uncertainty of the base's compliances before any reading [rad/(N·m)]: as soft as a joint."""
+"""Prior standard uncertainty of the base's compliances [rad/(N·m)]: the compliance of a soft joint."""
 
 
 @dataclass(frozen=True)
 class Balancer:
-    """A spring between base and a link, pulled from its free length.
+    """A balancing spring between the base and a link, stretched beyond its free length.
 
     Raises:
-        RequestError: a pair of bounds is not in order.
+        RequestError: bounds are negative, infinite or not in ascending order, or an upper bound is zero.
     """
 
-    joint: int  #: index of the joint that carries its further point
+    joint: int  #: index of the joint that carries the link with the spring's second point
     on_base: tuple[float, float, float]  #: point on the base, in R0 [m]
     on_link: tuple[float, float, float]  #: point on the link, in the frame that moves with the joint [m]
-    rate: tuple[float, float]  #: bounds of k [N/m]
-    pull: tuple[float, float]  #: bounds of k s₀ [N], s₀ the free length
+    rate: tuple[float, float]  #: bounds of the spring rate k [N/m]
+    pull: tuple[float, float]  #: bounds of k s₀ [N], with s₀ the free length
 
     def __post_init__(self) -> None:
         for low, high in (self.rate, self.pull):
             if not (np.isfinite([low, high]).all() and 0.0 <= low <= high and high > 0.0):
                 raise RequestError(
-                    "the bounds of a balancer's spring are not in order",
+                    "the bounds of a balancer's spring must be finite, not negative and in ascending order, "
+                    "and the upper bound must be greater than zero",
                     where="balancer",
-                    remedy="give the least, then the greatest rate in N/m, and rate times free length in N",
+                    remedy="give the least and then the greatest value of the rate in N/m, and of the rate "
+                    "times the free length in N",
                 )
 
 
 @dataclass(frozen=True, eq=False)
 class Burden:
-    """Bodies that the joints carry, each in all or some observations, and balancing springs."""
+    """Bodies that the joints carry, balancing springs, and gravity."""
 
     bodies: tuple[Body, ...]  #: links, tool, payloads
     balancers: tuple[Balancer, ...] = ()  #: springs between base and links
-    gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) in R0 [m/s²]
+    gravity: FloatArray = field(default_factory=lambda: STANDARD_GRAVITY)  #: (3,) acceleration in R0 [m/s²]
 
     @cached_property
     def unknown(self) -> tuple[list[tuple[int, FloatArray]], list[tuple[int, int, float]]]:
-        """List of the unknown masses and moments, in the order of `Torques`, and list of uncertain centres.
+        """Pair of two lists: the unknown masses and first moments, and the uncertain centres of mass.
 
-        An unknown is a body's index and the inertia (4,) [kg, kg·m] of its greatest deviation. A centre is
-        the index of the first of its three moments among the unknowns, the index of the body's mass (−1 if
-        the mass is exact), and the relative growth of the moments' bound with the mass.
+        An unknown is the index of a body, and the mass and first moment (4,) [kg, kg·m] of the greatest
+        deviation from the nominal body. The order is that of `Torques.of_unknowns`. An uncertain centre is
+        the index of the first of its three moments in the first list, the index of the body's mass in the
+        first list (−1 if the mass is exact), and the relative increase of the moments' bound at the greatest
+        mass.
         """
-        unknown: list[tuple[int, FloatArray]] = []
-        balls = []
-        for number, body in enumerate(self.bodies):
-            mean, half, own = 0.5 * (body.most + body.least), 0.5 * (body.most - body.least), -1
-            if half > 0.0:
-                own = len(unknown)
-                unknown.append((number, half * np.array([1.0, *body.centre])))
+        unknowns: list[tuple[int, FloatArray]] = []
+        uncertain_centres = []
+        for body_index, body in enumerate(self.bodies):
+            mean, half_range = 0.5 * (body.most + body.least), 0.5 * (body.most - body.least)
+            mass_index = -1
+            if half_range > 0.0:
+                mass_index = len(unknowns)
+                unknowns.append((body_index, half_range * np.array([1.0, *body.centre])))
             if body.radius > 0.0:
-                balls.append((len(unknown), own, half / mean))
-                unknown += [(number, body.radius * mean * axis) for axis in np.eye(4)[1:]]
-        return unknown, balls
+                uncertain_centres.append((len(unknowns), mass_index, half_range / mean))
+                unknowns += [(body_index, body.radius * mean * axis) for axis in np.eye(4)[1:]]
+        return unknowns, uncertain_centres
 
     def build_block(self, acts: BoolArray) -> tuple[Block, list[int]]:
-        """Build the cone of the unknowns that act on one joint.
+        """Build the layout of the unknowns of one joint: masses and springs in boxes, moments in balls.
 
         Args:
             acts: (K,) mask of the unknowns that change the torque of the joint.
 
         Returns:
-            The cone, and the indices of its unknowns among all K: masses and springs, then moments.
+            The block; and the indices of its unknowns among all K: masses and springs, then moments.
         """
-        balls = [
-            (first, own, ratio) for first, own, ratio in self.unknown[1] if acts[first : first + 3].any()
+        _, uncertain_centres = self.unknown
+        acting_centres = [
+            (first, mass_index, ratio)
+            for first, mass_index, ratio in uncertain_centres
+            if acts[first : first + 3].any()
         ]
-        moments = [first + i for first, _, _ in self.unknown[1] for i in range(3)]
-        boxes = [k for k in np.flatnonzero(acts).tolist() if k not in moments]
-        places = tuple((boxes.index(own), ratio) if own in boxes else (-1, 0.0) for _, own, ratio in balls)
-        return Block(len(boxes), places), boxes + [first + i for first, _, _ in balls for i in range(3)]
+        all_moments = [first + i for first, _, _ in uncertain_centres for i in range(3)]
+        # Masses and springs, and then the three moments of each centre, in the order of the block.
+        in_boxes = [k for k in np.flatnonzero(acts).tolist() if k not in all_moments]
+        in_balls = [first + i for first, _, _ in acting_centres for i in range(3)]
+        balls = tuple(
+            (in_boxes.index(mass_index), ratio) if mass_index in in_boxes else (-1, 0.0)
+            for _, mass_index, ratio in acting_centres
+        )
+        return Block(len(in_boxes), balls), in_boxes + in_balls
 
 
 @dataclass(frozen=True, eq=False)
 class WeightReadings:
-    """N observations of absolute positions. Arrays are checked and made read-only.
+    """N observations of absolute positions, with bodies and known loads, in checked read-only arrays.
 
     Raises:
-        MeasurementError: shapes disagree, or a number is not finite.
+        MeasurementError: shapes disagree, a number is not finite, or a body is on no joint of the robot.
     """
 
-    poses: Poses  #: angles, and positions in R0
-    burden: Burden  #: links, tool, payloads, balancers
-    carried: FloatArray  #: (N, bodies) 1 where a body hangs on, else 0
+    poses: Poses  #: joint angles, and positions of the targets in R0
+    burden: Burden  #: bodies (links, tool, payloads), balancing springs, and gravity
+    carried: FloatArray  #: (N, bodies) 1 where the robot carries a body, else 0
     force: FloatArray  #: (N, 3) known force on the robot [N]; zero without load
     moment: FloatArray  #: (N, 3) known moment about the load point [N·m]
-    load_point: FloatArray  #: (N, 3) where the force acts, flange frame [m]
+    load_point: FloatArray  #: (N, 3) point where the force acts, in the flange frame [m]
 
     def __post_init__(self) -> None:
         count = len(self.poses.angles)
@@ -145,37 +161,40 @@ class WeightReadings:
             raise MeasurementError(
                 f"the robot has no bodies, or a body is on none of its {self.poses.joint_map.n} joints",
                 where="masses",
-                remedy="state mass and centre of mass of each link, by the joint that carries it",
+                remedy="state for each link its mass, its centre of mass and the joint that carries it",
             )
 
 
 @dataclass(frozen=True, eq=False)
 class Torques:
-    """Torques in B postures: of nominal weights and loads, and of each of K unknowns at its bound."""
+    """Joint torques in B postures, for nominal masses and for each of K unknowns."""
 
-    known: FloatArray  #: (B, n) of loads and of the nominal parameters, the middles of their bounds [N·m]
-    unit: FloatArray  #: (B, n, K) of each deviation from them at its bound
-    by_gravity: FloatArray  #: (B, n, 3) derivative of those known by the vector of gravity [kg·m]
-    on_base: FloatArray  #: (B, 3) moment of nominal weights and loads about R0's origin [N·m]
+    known: FloatArray  #: (B, n) torque of loads, nominal masses and springs (middles of their bounds) [N·m]
+    of_unknowns: FloatArray  #: (B, n, K) torque of each unknown's deviation from nominal, at its bound [N·m]
+    #: (B, n, 3) derivative of the torque of nominal masses with respect to the vector of gravity [kg·m]
+    gravity_derivative: FloatArray
+    base_moment: FloatArray  #: (B, 3) moment of nominal weights and loads about R0's origin [N·m]
 
 
 @dataclass(frozen=True, eq=False)
 class WeightRows:
-    """The linearised readings of N observations.
+    """Linearised readings of N observations.
 
-    The terms of the stack are those of the equation above: `geometry` J_φ; `base`, its tilt about R0's origin
-    by C_xx, C_yy, C_xy [rad/(N·m)]; `gravity`, its direction about two axes across it [rad]; `joints`,
-    J_θj τ_j by c_j; `products`, J_θj Y_jk by η_jk, joint by joint.
+    The columns of the stack are derivatives of the positions with respect to the unknowns of five terms:
+    `geometry` φ; `base`, the compliances C_xx, C_yy, C_xy of a base that tilts about R0's origin [rad/(N·m)];
+    `gravity`, two angles [rad] of its direction; `joints`, the compliances c_j; and `products`, the η_jk of
+    compliances and deviations of the masses, joint by joint.
     """
 
-    stack: Stack  #: in units of sigma²
-    torques: Torques  #: torques of the N observations
-    across: FloatArray  #: (n,) greatest torque of the same weights and loads across each axis [N·m]
+    stack: Stack  #: rows of the observations, weighted with 1/sigma
+    torques: Torques  #: torques in the N observations
+    #: (n,) greatest torque of loads and weights, also with gravity perpendicular to the joint's axis [N·m]
+    crosswise_torque: FloatArray
 
     @property
     def varies(self) -> BoolArray:
         """(n,) mask of the joints whose torque varies over the postures."""
-        return np.asarray(np.ptp(self.torques.known, axis=0) > _CONSTANT * self.across)
+        return np.asarray(np.ptp(self.torques.known, axis=0) > _CONSTANT * self.crosswise_torque)
 
 
 def linearise_readings(
@@ -191,21 +210,24 @@ def linearise_readings(
     Args:
         robot: nominal robot.
         readings: N observations, with the assumed vector of gravity.
-        whitened: the same positions with their weights.
+        whitened: these positions with their weights.
         state: geometry to linearise about.
-        sag: (N, n) θ [rad].
+        sag: (N, n) sag θ of the joints to linearise about [rad].
         compliance: (n,) compliances [rad/(N·m)], for the effect of the direction of gravity on the sag.
     """
     motion = state.motion(replace(whitened, angles=whitened.angles + sag))
     torques = compute_torques(robot, readings, motion)
-    swings = motion.differentiate_by_angles()
-    gap = whitened.points - motion.points + np.einsum("ktin,kn->kti", swings, sag)
-    weighted = (whitened.weight @ swings).reshape(*swings.shape[:1], -1, swings.shape[-1])
+    J = motion.differentiate_by_angles()  # J_θ of the equation above
+    gap = whitened.points - motion.points + np.einsum("ktin,kn->kti", J, sag)
+    weighted = (whitened.weight @ J).reshape(*J.shape[:1], -1, J.shape[-1])
     geometry = whitened.weight @ motion.jacobian()
     gravity, count = readings.burden.gravity, len(gap)
     size = np.linalg.norm(gravity)
     tilted = np.einsum(
-        "kij,kjg,j->kig", weighted, torques.by_gravity @ (perpendicular_basis(gravity) * size), compliance
+        "kij,kjg,j->kig",
+        weighted,
+        torques.gravity_derivative @ (compute_perpendicular_basis(gravity) * size),
+        compliance,
     )
     terms = {
         "geometry": geometry.reshape(count, weighted.shape[1], -1),
@@ -214,17 +236,18 @@ def linearise_readings(
         ),
         "gravity": tilted,
         "joints": weighted * torques.known[:, None],
-        "products": (weighted[..., None] * torques.unit[:, None]).reshape(*weighted.shape[:2], -1),
+        "products": (weighted[..., None] * torques.of_unknowns[:, None]).reshape(*weighted.shape[:2], -1),
     }
-    left = (whitened.weight @ gap[..., None]).reshape(count, -1, 1)
+    readings_column = (whitened.weight @ gap[..., None]).reshape(count, -1, 1)
+    # A coordinate that was not read has weight zero, so that its columns of the geometry are zero.
     read = terms["geometry"].any(axis=2).sum(axis=1)
-    rows = np.concatenate([*terms.values(), left], axis=-1)
+    rows = np.concatenate([*terms.values(), readings_column], axis=-1)
     return WeightRows(
         stack=Stack(rows, read, {name: columns.shape[-1] for name, columns in terms.items()}),
         torques=torques,
-        across=np.maximum(
+        crosswise_torque=np.maximum(
             np.abs(torques.known).max(axis=0),
-            size * np.linalg.norm(torques.by_gravity, axis=2).max(axis=0),
+            size * np.linalg.norm(torques.gravity_derivative, axis=2).max(axis=0),
         ),
     )
 
@@ -235,12 +258,12 @@ def differentiate_by_base_compliance(torques: Torques, places: FloatArray) -> Fl
     The last axis of the result is the compliance. The base turns about R0's origin by ``φ = C M``; M is the
     moment of weights and loads about the axes x and y.
     """
-    (x, y), zero = torques.on_base[:, :2].T, np.zeros(len(places))
+    (x, y), zero = torques.base_moment[:, :2].T, np.zeros(len(places))
     turns = np.array([[x, zero, zero], [zero, y, zero], [y, x, zero]])  # (unknowns, 3, B)
     return np.stack([np.cross(turn.T[:, None], places) for turn in turns], axis=-1)
 
 
-def perpendicular_basis(vector: FloatArray) -> FloatArray:
+def compute_perpendicular_basis(vector: FloatArray) -> FloatArray:
     """Return two orthonormal vectors, columns of a (3, 2) matrix, that are perpendicular to a vector (3,)."""
     return np.asarray(np.linalg.svd(vector[None])[2][1:].T)
 
@@ -248,48 +271,50 @@ def perpendicular_basis(vector: FloatArray) -> FloatArray:
 def compute_torques(robot: Robot, readings: WeightReadings, motion: Motion) -> Torques:
     """Compute the joint torques of loads, bodies and balancers in the B postures of a motion.
 
-    Joint frames and the flange frame are those of the nominal robot, shifted onto the fitted axes.
+    The joint frames and the flange frame of the nominal robot are shifted onto the fitted axes.
     """
     burden, axes = readings.burden, motion.axes
-    still = Postures(robot, np.zeros((1, robot.n)))
-    frames, nominal = (part[0] for part in still.joint_frames)
-    origins = [axis.nearest(origin) for axis, origin in zip(axes, nominal, strict=True)]
-    places = [pin.SE3(R, origin) for R, origin in zip(frames, origins, strict=True)]
-    to_flange = still.flange_translation[0] - nominal[-1]
-    arm = build_arm(axes, places, pin.SE3(still.flange_rotation[0], origins[-1] + to_flange))
-    at = Postures(arm, motion.angles)
-    rotation, origin = at.joint_frames
-    levers = at.weight_levers  # (B, n, n, 4, 3)
+    home = Postures(robot, np.zeros((1, robot.n)))  # nominal robot with all angles zero
+    rotations, nominal_origins = (part[0] for part in home.joint_frames)
+    origins = [axis.nearest_point_to(origin) for axis, origin in zip(axes, nominal_origins, strict=True)]
+    frames = [pin.SE3(R, origin) for R, origin in zip(rotations, origins, strict=True)]
+    to_flange = home.flange_translation[0] - nominal_origins[-1]
+    arm = build_arm(axes, frames, pin.SE3(home.flange_rotation[0], origins[-1] + to_flange))
+    postures = Postures(arm, motion.angles)
+    rotation, origin = postures.joint_frames
+    levers = postures.weight_levers  # (B, n, n, 4, 3)
 
-    by_gravity, hangs = np.zeros(origin.shape), readings.carried.T[:, :, None, None]
-    on_base = readings.moment.copy()
+    gravity_derivative, is_carried = np.zeros(origin.shape), readings.carried.T[:, :, None, None]
+    base_moment = readings.moment.copy()
     for number, body in enumerate(burden.bodies):
         centre = origin[:, body.joint] + rotation[:, body.joint] @ np.array(body.centre)
         pull = 0.5 * (body.most + body.least) * readings.carried[:, number, None] * burden.gravity
-        on_base += np.cross(centre, pull)
-        kilogram = np.einsum("bjpi,p->bji", levers[:, :, body.joint], [1.0, *body.centre])
-        by_gravity += 0.5 * (body.most + body.least) * hangs[number] * kilogram
-    pulls = levers @ burden.gravity
-    unit = [
-        hangs[number, ..., 0] * (pulls[:, :, burden.bodies[number].joint] @ inertia)
-        for number, inertia in burden.unknown[0]
+        base_moment += np.cross(centre, pull)
+        of_one_kilogram = np.einsum("bjpi,p->bji", levers[:, :, body.joint], [1.0, *body.centre])
+        gravity_derivative += 0.5 * (body.most + body.least) * is_carried[number] * of_one_kilogram
+    inertia_torques = levers @ burden.gravity
+    unknown_inertias, _ = burden.unknown
+    of_unknowns = [
+        is_carried[number, ..., 0] * (inertia_torques[:, :, burden.bodies[number].joint] @ inertia)
+        for number, inertia in unknown_inertias
     ]
-    known = by_gravity @ burden.gravity
+    known = gravity_derivative @ burden.gravity
     for balancer in burden.balancers:
-        own, on_link = balancer.joint, np.array(balancer.on_link)
-        line = origin[:, own] + rotation[:, own] @ on_link - np.array(balancer.on_base)
+        joint, on_link = balancer.joint, np.array(balancer.on_link)
+        line = origin[:, joint] + rotation[:, joint] @ on_link - np.array(balancer.on_base)
         length = np.linalg.norm(line, axis=1, keepdims=True)
-        lever = np.einsum("bjpi,p->bji", levers[:, :, own], [1.0, *on_link])
-        for pull, (low, high) in ((-line, balancer.rate), (line / length, balancer.pull)):
-            torque = np.einsum("bji,bi->bj", lever, pull)
+        lever = np.einsum("bjpi,p->bji", levers[:, :, joint], [1.0, *on_link])
+        # The spring's force on the link, −k line + k s₀ line/length, is linear in k and k s₀.
+        for force, (low, high) in ((-line, balancer.rate), (line / length, balancer.pull)):
+            torque = np.einsum("bji,bi->bj", lever, force)
             known += 0.5 * (low + high) * torque
-            unit += [0.5 * (high - low) * torque] if high > low else []
+            of_unknowns += [0.5 * (high - low) * torque] if high > low else []
 
-    known += at.load(readings.load_point, readings.force, readings.moment)[1]
-    loaded = at.to_base(readings.load_point[:, None])[:, 0]
-    on_base += np.cross(loaded, readings.force)
-    of_unknowns = np.stack(unit, axis=-1) if unit else np.zeros((*known.shape, 0))
-    return Torques(known, of_unknowns, by_gravity, on_base)
+    known += postures.load(readings.load_point, readings.force, readings.moment)[1]
+    load_position = postures.to_base(readings.load_point[:, None])[:, 0]
+    base_moment += np.cross(load_position, readings.force)
+    stacked = np.stack(of_unknowns, axis=-1) if of_unknowns else np.zeros((*known.shape, 0))
+    return Torques(known, stacked, gravity_derivative, base_moment)
 
 
 def make_planned_rows_function(
@@ -303,71 +328,81 @@ def make_planned_rows_function(
     Args:
         robot: n joints.
         burden: bodies and springs.
-        targets: (T, 3) places of the targets in the flange frame [m].
-        compliance: (n,) nominal compliances, for the effect of errors of masses [rad/(N·m)].
+        targets: (T, 3) positions of the targets in the flange frame [m].
+        compliance: (n,) nominal compliances, which convert errors of masses to sag [rad/(N·m)].
         free_base: whether the rows have columns of a tilting base.
     """
-    axes, flange = chain_axes(robot.chain)
+    axes, flange = list_chain_axes(robot.chain)
     names = tuple(map(str, range(len(targets))))
 
     def compute_rows(joints: FloatArray) -> FloatArray:
         """Return the rows (N, 3 T, P) of unloaded readings in postures (N, n)."""
         angles = robot.joint_map.model_angles(joints)
         count, shape = len(joints), (len(joints), *targets.shape)
-        places = Postures(robot, angles).to_base(np.broadcast_to(targets, shape))
-        poses = Poses(joints, places, np.ones(shape[:2], dtype=np.bool_), names, robot.joint_map)
-        nothing, carried = np.zeros((count, 3)), np.ones((count, len(burden.bodies)))
-        readings = WeightReadings(poses, burden, carried, nothing, nothing, nothing)
+        positions = Postures(robot, angles).to_base(np.broadcast_to(targets, shape))
+        poses = Poses(joints, positions, np.ones(shape[:2], dtype=np.bool_), names, robot.joint_map)
+        no_load, carried = np.zeros((count, 3)), np.ones((count, len(burden.bodies)))
+        readings = WeightReadings(poses, burden, carried, no_load, no_load, no_load)
         state = PoseState(axes, transform_points(flange, targets), np.zeros(count))
-        found = linearise_readings(robot, readings, poses.whitened, state, np.zeros(angles.shape), compliance)
-        stack = found.stack.in_units({"geometry": _GEOMETRY, "base": _BASE})
-        part = {name: stack.rows[..., columns] for name, columns in stack.span.items()}
-        products = part["products"].reshape(*stack.rows.shape[:2], *found.torques.unit.shape[1:])
+        rows = linearise_readings(robot, readings, poses.whitened, state, np.zeros(angles.shape), compliance)
+        stack = rows.stack.in_units({"geometry": _GEOMETRY, "base": _BASE})
+        columns_of = {name: stack.rows[..., columns] for name, columns in stack.span.items()}
+        products = columns_of["products"].reshape(*stack.rows.shape[:2], *rows.torques.of_unknowns.shape[1:])
+        # With known compliances, all joints share the deviation of each mass: add their columns.
         masses = np.einsum("kmjp,j->kmp", products, compliance)
-        base = part["base"][..., : 3 * free_base]
-        return np.concatenate([part["joints"], part["geometry"], base, masses], axis=-1)
+        base = columns_of["base"][..., : 3 * free_base]  # no columns for a rigid base
+        return np.concatenate([columns_of["joints"], columns_of["geometry"], base, masses], axis=-1)
 
     return compute_rows
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedProblem:
-    """The convex problem of one step: ``‖A x − b‖² + outside``, x in the cones."""
+    """Convex problem of one step: minimise ``‖A x − b‖² + residual_squares`` over x in the cones.
 
-    A: FloatArray  #: (p, p) compressed, columns in the blocks' units
-    b: FloatArray  #: (p,)
-    outside: float  #: squares of the residuals that no x explains
+    The vector x has a block for each observed joint: the compliance, then its products with deviations of
+    masses.
+    """
+
+    A: FloatArray  #: (p, p) compressed rows; the columns of a joint are in the unit of the joint's compliance
+    b: FloatArray  #: (p,) compressed readings
+    residual_squares: float  #: sum of the squared residuals that no x explains
     rank: int  #: number of compliances and weights that the readings determine
-    cones: MassCones  #: blocks of the joints seen
-    unit: FloatArray  #: (n_seen,) unit of the blocks' c [rad/(N·m)]
-    seen: IndexArray  #: (n_seen,) joints whose torque varies
-    unknowns: tuple[list[int], ...]  #: for each of them, which of all unknowns its block has
-    freedom: int  #: number of coordinates of positions less the geometry that they determine
+    cones: MassCones  #: cones of the blocks
+    unit: FloatArray  #: (m,) unit of the compliance of each of the m observed joints [rad/(N·m)]
+    observed_joints: IndexArray  #: (m,) joints whose weight torque varies, or that a known load twists
+    unknowns: tuple[list[int], ...]  #: indices of the unknown masses in the block of each observed joint
+    #: number of coordinates of positions minus the number of geometry unknowns that they determine
+    remaining_coordinates: int
 
     @property
     def blocks(self) -> Iterator[tuple[int, float, slice, list[int]]]:
         """Joint, unit of its compliance [rad/(N·m)], slice in x, and indices of unknowns, for each block."""
-        for j, unit, start, own in zip(
-            self.seen.tolist(), self.unit.tolist(), self.cones.first.tolist(), self.unknowns, strict=True
+        for j, unit, start, unknown_indices in zip(
+            self.observed_joints.tolist(),
+            self.unit.tolist(),
+            self.cones.first.tolist(),
+            self.unknowns,
+            strict=True,
         ):
-            yield j, unit, slice(start, start + 1 + len(own)), own
+            yield j, unit, slice(start, start + 1 + len(unknown_indices)), unknown_indices
 
     def expand_solution(self, rows: WeightRows, x: FloatArray) -> FloatArray:
         """Return the unknowns (K,) of all terms of the rows, in SI units, for a solution x of this problem.
 
-        Unknowns that are not in the reduced problem are zero.
+        Unknowns that are not in this reduced problem, such as the geometry, are zero.
         """
         unknowns = np.zeros(sum(rows.stack.widths.values()))
-        products = rows.stack.span["products"].reshape(rows.torques.unit.shape[1:])
-        for j, unit, place, own in self.blocks:
-            unknowns[rows.stack.span["joints"][j]] = unit * x[place.start] * rows.varies[j]
-            unknowns[products[j, own]] = unit * x[place][1:]
+        products = rows.stack.span["products"].reshape(rows.torques.of_unknowns.shape[1:])
+        for j, unit, span, unknown_indices in self.blocks:
+            unknowns[rows.stack.span["joints"][j]] = unit * x[span.start] * rows.varies[j]
+            unknowns[products[j, unknown_indices]] = unit * x[span][1:]
         return unknowns
 
     def compute_sag(self, torques: Torques, x: FloatArray) -> FloatArray:
         """Return the sag (N, n) [rad] of the joints in N postures, for a solution x of the problem."""
         sag = np.zeros(torques.known.shape)
-        for j, unit, place, own in self.blocks:
-            from_unknowns = torques.unit[:, j][:, own] @ x[place][1:]
-            sag[:, j] = unit * (torques.known[:, j] * x[place.start] + from_unknowns)
+        for j, unit, span, unknown_indices in self.blocks:
+            from_unknowns = torques.of_unknowns[:, j][:, unknown_indices] @ x[span][1:]
+            sag[:, j] = unit * (torques.known[:, j] * x[span.start] + from_unknowns)
         return sag

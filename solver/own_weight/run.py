@@ -1,4 +1,4 @@
-"""A run by the robot's own weight: positions without load, and masses within bounds (method.md §14)."""
+"""Run of an identification by the robot's own weight, from positions without load (method.md §14)."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def choose_own_weight_if_unloaded(
 def run_by_weight(
     robot: Robot, m: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
 ) -> RunResult:
-    """Identify joint stiffnesses from positions that sag under the robot's own weight.
+    """Identify joint stiffnesses from positions of a robot that sags under its own weight.
 
     Args:
         robot: n joints, with bodies.
@@ -72,22 +72,22 @@ def run_by_weight(
 
     Raises:
         RequestError: the robot has no bodies, or the set has no positions.
-        JointstiffError: as `identify_weight` does.
+        JointstiffError: the readings do not determine any compliance, or the fit fails.
     """
     from jointstiff.solver.own_weight.identification import identify_weight
 
-    weight = options.weight or OwnWeight()
-    readings, observation = _collect_positions(robot, m, weight)
+    weight_options = options.weight or OwnWeight()
+    readings, observation = _collect_positions(robot, m, weight_options)
     # Deflections of targets in the flange frame have no absolute position; they are fitted as deflections.
-    deflections = m.present & m.in_flange
-    loaded = replace(m, present=deflections, deflection=np.where(deflections[..., None], m.deflection, 0.0))
+    in_flange = m.present & m.in_flange
+    deflections = replace(m, present=in_flange, deflection=np.where(in_flange[..., None], m.deflection, 0.0))
     estimate = identify_weight(
         robot,
         readings,
         confidence=options.confidence,
-        free_gravity=weight.estimate_gravity,
-        free_base=not weight.rigid_base,
-        loaded=loaded if deflections.any() else None,
+        free_gravity=weight_options.estimate_gravity,
+        free_base=not weight_options.rigid_base,
+        loaded=deflections if in_flange.any() else None,
     )
     joints = estimate.joints
     implausible = report_implausible_joints(joints)
@@ -95,8 +95,8 @@ def run_by_weight(
     assessment = derive_assessment(joints, findings)
     row, target = np.nonzero(readings.poses.present)
     displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
-    residual_length, moved_length = (
-        np.linalg.norm(part, axis=1) for part in (residual, displacement + residual)
+    residual_length, measured_length = (
+        np.linalg.norm(vectors, axis=1) for vectors in (residual, displacement + residual)
     )
     sigma_is_stated = readings.poses.sigma is not None
     model = None
@@ -106,7 +106,7 @@ def run_by_weight(
     return RunResult(
         assessment=build_assessment_message(assessment, joints),
         joints=list(build_joint_results(assessment, joints)),
-        compensation=float(1.0 - residual_length.mean() / moved_length.mean()),
+        compensation=float(1.0 - residual_length.mean() / measured_length.mean()),
         rms_residual=float(np.sqrt(np.square(residual_length).mean())),
         sigma=estimate.sigma,
         goodness=runs.Goodness(
@@ -118,7 +118,7 @@ def run_by_weight(
         ),
         identifiability=Identifiability(
             parameters=len(joints),
-            rank=len(estimate.fit.reduced.seen),
+            rank=len(estimate.fit.reduced.observed_joints),
             condition_number=None,
             combinations=[],
             stages=[],
@@ -171,14 +171,15 @@ def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tupl
             where="weight",
             remedy="give positions, `unloaded` alone or with `loaded`, or omit `weight`",
         )
-    first, second = (np.flatnonzero(mask.any(axis=1)) for mask in (unloaded, loaded))
-    observation = np.concatenate([first, second])
+    without_load, with_load = (np.flatnonzero(mask.any(axis=1)) for mask in (unloaded, loaded))
+    observation = np.concatenate([without_load, with_load])
+    # The covariance is that of a deflection, the difference of two positions: a position has half of it.
     covariance = np.broadcast_to(0.5 * m.covariance, (*m.present.shape, 3, 3))[observation]
-    under_load = np.repeat([0.0, 1.0], [len(first), len(second)])[:, None]
+    load_factor = np.repeat([0.0, 1.0], [len(without_load), len(with_load)])[:, None]
     poses = Poses(
         angles=m.joints[observation],
-        points=np.concatenate([m.position[first], (m.position + m.deflection)[second]]),
-        present=np.concatenate([unloaded[first], loaded[second]]),
+        points=np.concatenate([m.position[without_load], (m.position + m.deflection)[with_load]]),
+        present=np.concatenate([unloaded[without_load], loaded[with_load]]),
         targets=m.targets,
         joint_map=robot.joint_map,
         sigma=m.sigma,
@@ -199,8 +200,8 @@ def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tupl
             poses,
             Burden(robot.bodies, tuple(balancers), np.array(weight.gravity)),
             carried=np.ones((len(observation), len(robot.bodies))),
-            force=under_load * m.force[observation],
-            moment=under_load * m.moment[observation],
+            force=load_factor * m.force[observation],
+            moment=load_factor * m.moment[observation],
             load_point=m.load_point[observation],
         ),
         observation,
@@ -210,15 +211,15 @@ def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tupl
 def _build_model(robot: Robot, estimate: WeightEstimate) -> JointModel:
     """Build the joint model that predicts deflections under loads from an estimate by own weight.
 
-    Errors of masses correlate the joints to an unknown degree. By Cauchy and Schwarz
-    ``(Σ |A_j| u_j)² ≤ n Σ A_j² u_j²``, so n times the variances, uncorrelated, cover any correlation.
+    Errors of masses correlate the n joints to an unknown degree. The variances are therefore multiplied by n:
+    by the Cauchy-Schwarz inequality ``(Σ |A_j| u_j)² ≤ n Σ A_j² u_j²``, this covers any correlation.
     """
-    seen = np.array(
+    known = np.array(
         [j for j, joint in enumerate(estimate.joints) if joint.compliance is not None], dtype=np.intp
     )
-    compliance = estimate.fit.compliance  # joints without a published compliance sag, too
-    variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in estimate.joints])[seen]
-    likelihood = Likelihood(seen, compliance[seen], len(seen) * np.diag(variance))
+    compliance = estimate.fit.compliance  # includes joints without a published compliance: they sag, too
+    variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in estimate.joints])[known]
+    likelihood = Likelihood(known, compliance[known], len(known) * np.diag(variance))
     return JointModel(
         robot,
         compliance,
@@ -230,7 +231,7 @@ def _build_model(robot: Robot, estimate: WeightEstimate) -> JointModel:
 
 
 def _build_weight_result(estimate: WeightEstimate) -> WeightResult:
-    """Build the message of own weight: torque, sag and causes of uncertainty of each joint, and gravity."""
+    """Build the part of the result about own weight: torque, sag, causes of uncertainty, and gravity."""
     torque, sag = estimate.fit.rows.torques.known, np.abs(estimate.fit.sag).max(axis=0)
     shares = build_messages(
         WeightShare,

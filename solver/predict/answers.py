@@ -1,7 +1,7 @@
-"""Results that people read, filled from arrays: runs, their stored models, load cases, and maps.
+"""Messages of results, built from arrays: stored models of runs, load cases, and maps.
 
-A map says how far the tool bends at each place of a work area (method.md §11). Its task states tool,
-orientations, process wrench and limits, and so the postures that a place allows.
+A map states how far the tool is deflected at each place of a work area (method.md §11). The task of a map
+states tool, orientations, process wrench and limits, and so which postures a place allows.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ STATUSES: Final[tuple[cases.PlaceStatus, ...]] = get_args(cases.PlaceStatus)
 
 _REACHED, _OUT_OF_REACH, _JOINT_LIMITS, _UNSEEN, _OVERLOADED, _NOT_FOLLOWED = range(6)
 _TIE: Final = 1e-9
-"""Relative difference of two deflections that is rounding: wrists turned over bend alike."""
+"""Relative difference of two deflections that counts as rounding, as for a wrist that is turned over."""
 _FULL_TURN: Final = 2.0 * np.pi
 
 
@@ -56,10 +56,12 @@ class MapTask:
     force: FloatArray  #: (O, 3) on the robot, axes of R0 [N]
     moment: FloatArray  #: (O, 3) about the load point, axes of R0 [N·m]
     direction: FloatArray  #: (O, 3) unit vectors along which compliance is requested, axes of R0
-    place: FloatArray  #: (3,) place of the tool, flange frame [m]: it is brought to the places
+    place: FloatArray  #: (3,) point of the tool that is brought to the places of the map, flange frame [m]
     load_point: FloatArray  #: (3,) where the force acts, flange frame [m]
-    limits: FloatArray  #: (n, 2) least and greatest angles as the controller shows them [rad]; ∓inf for none
-    #: (n,) controller's angles [rad] to which postures stay nearest; None chooses the stiffest postures
+    #: (n, 2) least and greatest angles as the controller shows them [rad]; ∓inf for no limit
+    limits: FloatArray
+    #: (n,) controller's angles [rad] to which the nearest posture is chosen; None to choose the stiffest
+    #: posture
     near: FloatArray | None
     confidence: float  #: level of the intervals
 
@@ -81,15 +83,15 @@ class MapTask:
 
 
 def compute_tool_rotations(tool_axis: FloatArray, directions: FloatArray, turns: int) -> FloatArray:
-    """Compute the orientations of the flange that point a tool along directions, turned about the tool axis.
+    """Compute the orientations of the flange in which a tool points along directions, at several turns.
 
-    At angle zero the flange's x axis, projected on the plane perpendicular to the tool, points along x of R0,
-    projected on the plane perpendicular to the direction. Where x is parallel to the axis, y is used instead.
+    At turn zero, the flange's x axis and the x axis of R0 have the same projection on the plane perpendicular
+    to the tool. If an x axis is parallel to the tool, the y axis is used instead.
 
     Args:
         tool_axis: (3,) unit vector in the flange frame.
         directions: (D, 3) unit vectors in R0.
-        turns: number A of angles about the tool axis, evenly over a full turn.
+        turns: number A of angles about the tool axis, evenly spread over a full turn.
 
     Returns:
         (D·A, 3, 3) axes of the flange in R0 as columns; the A angles of a direction follow each other.
@@ -102,7 +104,7 @@ def compute_tool_rotations(tool_axis: FloatArray, directions: FloatArray, turns:
 def _build_frame_about(axis: FloatArray) -> FloatArray:
     """Return right-handed orthonormal axes (3, 3) as columns, for a given last axis (3,).
 
-    The first axis is nearest to x, or to y if the given axis is along x.
+    The first axis is as near to x as possible, or to y if the given axis is along x.
     """
     x, y = np.eye(3)[:2] - np.outer(axis[:2], axis)
     across = x if np.linalg.norm(x) > 1e-6 else y
@@ -115,8 +117,8 @@ def find_postures_within_limits(
 ) -> tuple[IndexArray, IndexArray, FloatArray, IndexArray, IndexArray]:
     """Find all postures within the limits of task and robot that bring the tool to given places.
 
-    Near a singularity the inverse kinematics may miss solutions. If the task keeps near a posture, the branch
-    of this posture is then followed, and the posture found is used if no other solution is nearer.
+    Near a singularity the inverse kinematics may miss solutions. If the task states a posture `near`, its
+    branch of solutions is then followed, and the posture found is used if no other solution is nearer.
 
     Args:
         robot: n joints.
@@ -125,63 +127,64 @@ def find_postures_within_limits(
         places: (P, 3) in R0 [m].
 
     Returns:
-        For K postures: (K,) index of the place, (K,) index of the orientation, (K, n) controller's angles
-        [rad]. Then (S,) the indices of places that some posture reaches, within the limits or not; and (L,)
-        the indices of places where the branch could not be followed.
+        For K postures: (K,) index of the place, (K,) index of the orientation, and (K, n) controller's angles
+        [rad]. Then (S,) indices of the places that a posture reaches, within the limits or not; and (L,)
+        indices of the places at which the branch could not be followed.
     """
     count = len(task.rotation)
+    # Pose of the flange at every place in every orientation
     poses = np.zeros((len(places), count, 4, 4))
     poses[..., 3, 3] = 1.0
     poses[..., :3, :3] = task.rotation
     poses[..., :3, 3] = places[:, None] - task.rotation @ task.place
     goals = poses.reshape(-1, 4, 4)
     solutions, complete = inverse.solve(goals)
-    lost = np.zeros(0, dtype=np.intp)
+    not_followed = np.zeros(0, dtype=np.intp)
     arm = inverse.arm
-    of_arm = None if task.near is None else inverse.select_arm_joints(task.near)
-    if of_arm is not None:
-        rows = np.flatnonzero(~complete)
-        near = np.tile(arm.joint_map.model_angles(of_arm[None]), (len(rows), 1))
-        followed, known = inverse.follow_branches(goals[rows], near)
-        others = np.round(compute_angle_gaps(solutions[rows], near[:, None]), 6)
-        known &= np.round(compute_angle_gaps(followed, near), 6) <= np.fmin.reduce(
-            others, axis=1, initial=np.inf
-        )
-        solutions[rows] = np.nan
-        solutions[rows[known], 0] = followed[known]
-        lost = np.unique(rows[~known] // count)
+    near_angles = None if task.near is None else inverse.select_arm_joints(task.near)
+    if near_angles is not None:
+        incomplete = np.flatnonzero(~complete)
+        near = np.tile(arm.joint_map.model_angles(near_angles[None]), (len(incomplete), 1))
+        followed, usable = inverse.follow_branches(goals[incomplete], near)
+        # The followed posture is used only if no other solution is nearer.
+        other_gaps = np.round(compute_angle_gaps(solutions[incomplete], near[:, None]), 6)
+        least_gaps = np.fmin.reduce(other_gaps, axis=1, initial=np.inf)
+        usable &= np.round(compute_angle_gaps(followed, near), 6) <= least_gaps
+        solutions[incomplete] = np.nan
+        solutions[incomplete[usable], 0] = followed[usable]
+        not_followed = np.unique(incomplete[~usable] // count)
     pose, branch = np.nonzero(np.isfinite(solutions).all(axis=2))
     limits = inverse.select_arm_joints(task.limits.T).T
-    kept, angles = fit_to_ranges(arm, solutions[pose, branch], limits, of_arm)
+    kept, angles = fit_to_ranges(arm, solutions[pose, branch], limits, near_angles)
     joints = inverse.insert_held_joints(angles)
     place, orientation = np.divmod(pose, count)
     kept &= ((joints >= task.limits[:, 0]) & (joints <= task.limits[:, 1])).all(axis=1)
     model_angles = robot.joint_map.model_angles(joints)
     kept &= ((model_angles >= robot.limits[:, 0]) & (model_angles <= robot.limits[:, 1])).all(axis=1)
-    return place[kept], orientation[kept], joints[kept], np.unique(place), lost
+    return place[kept], orientation[kept], joints[kept], np.unique(place), not_followed
 
 
 @dataclass(frozen=True, eq=False)
 class DeflectionMap:
-    """P places of a map. Numbers are NaN where a place is not `reached`."""
+    """Map of P places. The numbers of a place are NaN if the place is not `reached`."""
 
     status: IndexArray  #: (P,) index into `STATUSES`
     orientation: IndexArray  #: (P,) index of the orientation
-    #: (P, n) posture without the load, controller's angles [rad]; given where limits are kept
+    #: (P, n) posture without the load, controller's angles [rad]; NaN where no posture is within the limits
     joints: FloatArray
     displacement: FloatArray  #: (P, 3) displacement of the place, loaded minus unloaded, axes of R0 [m]
     along: FloatArray  #: (P,) compliance along the direction, uᵀ C_tt u [m/N]
-    across: FloatArray  #: (P,) greatest compliance across it [m/N]
+    across: FloatArray  #: (P,) greatest compliance perpendicular to the direction [m/N]
     #: (P, 2) interval of the displacement's length from the readings alone [m]; NaN if unknown
     readings: FloatArray
-    with_model_error: FloatArray  #: (P, 2) with the model error, too [m]; NaN where there is no bound
-    #: (P,) load, or what the readings say of the place, beyond the campaign's: above EXTRAPOLATED it
-    #: extrapolates; NaN without a model error
+    with_model_error: FloatArray  #: (P, 2) interval that includes the model error [m]; NaN if it has no bound
+    #: (P,) greater ratio of load, or of leverage, to the campaign's greatest: above EXTRAPOLATED the place is
+    #: extrapolated; NaN without a model error
     extrapolation: FloatArray
 
     @classmethod
     def all_out_of_reach(cls, count: int, joints: int) -> DeflectionMap:
-        """Return a map of `count` places, all out of reach, with NaN for every number.
+        """Return a map of `count` places that are all out of reach, with NaN for every number.
 
         Args:
             count: number P of places.
@@ -195,7 +198,7 @@ class DeflectionMap:
 
     @property
     def reached(self) -> BoolArray:
-        """(P,) mask of the places that are reached, and so have numbers."""
+        """(P,) mask of the places that the tool reaches and whose numbers are known."""
         return np.asarray(self.status == _REACHED)
 
     @property
@@ -228,20 +231,24 @@ def map_places(
         places: (P, 3) in R0 [m].
     """
     robot, result = model.robot, DeflectionMap.all_out_of_reach(len(places), model.robot.n)
-    place, orientation, joints, solved, lost = find_postures_within_limits(robot, task, inverse, places)
+    place, orientation, joints, solved, not_followed = find_postures_within_limits(
+        robot, task, inverse, places
+    )
+    # Places with a posture within the limits get another status below.
     result.status[solved] = _JOINT_LIMITS
-    result.status[lost] = _NOT_FOLLOWED
+    result.status[not_followed] = _NOT_FOLLOWED
     if not len(joints):
         return result
     home = np.zeros(robot.n) if task.near is None else task.near
-    size = far = np.abs(joints - home).max(axis=1, initial=0.0)
+    travel = np.abs(joints - home).max(axis=1, initial=0.0)
+    size = travel  # quantity that the chosen posture minimises
     if task.near is None:
         cases = task.cases(orientation, joints)
         size = np.linalg.norm(model.linear_displacement(cases, model.unloaded(cases)), axis=1)
     with np.errstate(divide="ignore"):
         rank = np.round(np.log(size) / _TIE)  # sizes that differ by rounding get the same rank
     # The last key sorts first: places, then rank, travel from home, and orientation.
-    order = np.lexsort((orientation, far, rank, place))
+    order = np.lexsort((orientation, travel, rank, place))
     best = order[np.unique(place[order], return_index=True)[1]]  # first posture of each place
     loaded = map_postures(model, error, task, orientation[best], joints[best])
     for name, column in vars(loaded).items():
@@ -274,6 +281,7 @@ def map_postures(
     bearable = np.flatnonzero(~overloaded)
     if not len(bearable):
         return result
+    # The kinematics without load are used again only if no case was removed.
     cases = cases[bearable] if overloaded.any() else cases
     bent = model.deflect(cases, None if overloaded.any() else unloaded)
     unseen, direction = bent.unseen.any(axis=1), task.direction[orientation[bearable]]
@@ -291,8 +299,9 @@ def map_postures(
         bound = error.bound(cases, bent.leverage, task.confidence)
         length = np.linalg.norm(bent.displacement, axis=1)
         half = np.where(np.isfinite(bound.radius), bound.radius, np.nan)
-        held = np.where(np.isnan(half)[:, None], np.nan, columns["readings"])
-        ends = np.fmin(np.maximum(length - half, 0.0), held[:, 0]), np.fmax(length + half, held[:, 1])
+        # The interval contains that from the readings; it is NaN where the model error has no bound.
+        inner = np.where(np.isnan(half)[:, None], np.nan, columns["readings"])
+        ends = np.fmin(np.maximum(length - half, 0.0), inner[:, 0]), np.fmax(length + half, inner[:, 1])
         columns["with_model_error"] = np.stack(ends, axis=1)
         beyond = np.maximum(bound.load_ratio, bound.leverage_ratio)
         columns["extrapolation"] = np.where(np.isfinite(beyond), beyond, np.inf)
@@ -314,7 +323,7 @@ Answer = TypeVar("Answer", bound=Message)
 def build_messages_where(
     kind: type[Answer], where: Sequence[bool] | BoolArray, **columns: npt.NDArray[Any] | Sequence[Any]
 ) -> list[Answer | None]:
-    """Build one message of a class for each row of columns where a mask is true; None for the other rows.
+    """Build one message for each row of columns where a mask is true; None for the other rows.
 
     Args:
         kind: class of the messages.
@@ -324,10 +333,10 @@ def build_messages_where(
     Returns:
         N messages or None, in the order of the rows.
     """
-    there = np.flatnonzero(where).tolist()
+    rows = np.flatnonzero(where).tolist()
     answers: list[Answer | None] = [None] * len(where)
-    chosen = build_messages(kind, **{name: [column[i] for i in there] for name, column in columns.items()})
-    for i, answer in zip(there, chosen, strict=True):
+    built = build_messages(kind, **{name: [column[i] for i in rows] for name, column in columns.items()})
+    for i, answer in zip(rows, built, strict=True):
         answers[i] = answer
     return answers
 
@@ -374,7 +383,7 @@ def build_stored_model(
 def _describe_joint_model(model: JointModel) -> dict[str, Any]:
     """Return the fields of a stored model in which only joints bend.
 
-    `estimate` and `covariance` are of the joints in `seen`, without constraints; `compliance` obeys them.
+    `estimate` and `covariance` of the joints in `seen` neglect the constraints, which `compliance` obeys.
     """
     names, likelihood, bounds = model.robot.joint_names, model.likelihood, model.constraints.bounds
     weight = None
@@ -402,11 +411,11 @@ def _describe_joint_model(model: JointModel) -> dict[str, Any]:
 def _describe_elastic_model(model: ElasticPredictor) -> dict[str, Any]:
     """Return the fields of a stored model in which joints, links and base bend."""
     names, n = model.robot.joint_names, model.robot.n
-    own = np.zeros(model.columns.width)
-    own[model.kept] = model.entries
+    compliances = np.zeros(model.columns.width)
+    compliances[model.kept] = model.entries
     root = np.zeros(0) if model.root is None else model.root[np.triu_indices(len(model.kept))]
     return {
-        "compliance": own[model.columns.joints].tolist(),
+        "compliance": compliances[model.columns.joints].tolist(),
         "seen": [names[j] for j in np.flatnonzero(model.seen)],
         **dict.fromkeys(("estimate", "covariance", "order"), ()),
         "information_root": None,
@@ -486,7 +495,7 @@ def build_forward_model(
 
 
 def _fill_missing_limits(values: Sequence[float | None], limit: float) -> FloatArray:
-    """Return values as an array, in which a limit replaces each None."""
+    """Return values as an array (n,) with a limit in place of each None."""
     return np.array([limit if value is None else value for value in values], dtype=np.float64)
 
 
@@ -500,34 +509,35 @@ def build_case_results(
 ) -> list[cases.CaseResult]:
     """Build the message of each load case's result.
 
-    A case that twists an unknown joint has a remark instead of numbers.
+    A case that twists a joint of unknown compliance has a remark instead of numbers.
 
     Args:
         bent: deflections of B cases.
         bound: bounds of the model error of these displacements; None if the model error is unknown.
-        directions: (B, 3) unit vectors along which stiffness is requested; NaN where there are none.
+        directions: (B, 3) unit vectors along which stiffness is requested; NaN where no direction is
+            requested.
         confidence: level of the intervals.
         labels: names of the cases.
         budget: uncertainty budget of the run; None if the run has none.
     """
     unseen, intervals, names = bent.unseen, bent.interval(confidence), bent.model.robot.joint_names
-    there = np.asarray(~unseen.any(axis=1))
+    valid = np.asarray(~unseen.any(axis=1))
     with_error: Sequence[cases.ModelErrorInterval | None] = [None] * len(labels)
-    radius, known = np.full(len(labels), np.inf), np.full((len(labels), 6, 2), np.nan)
+    radius, from_readings = np.full(len(labels), np.inf), np.full((len(labels), 6, 2), np.nan)
     if intervals is not None:
-        known = np.where(there[:, None, None], intervals, np.nan)
+        from_readings = np.where(valid[:, None, None], intervals, np.nan)
     if bound is not None:
         radius = bound.radius
         with_error = build_messages_where(
             cases.ModelErrorInterval,
-            there & np.isfinite(radius),
+            valid & np.isfinite(radius),
             displacement=bound.interval(bent.displacement, intervals),
             radius=radius,
             load_ratio=bound.load_ratio,
             leverage_ratio=bound.leverage_ratio,
         )
     remarks = [[] if bound is None else _list_extrapolation_remarks(bound, b) for b in range(len(labels))]
-    for b in np.flatnonzero(~there).tolist():
+    for b in np.flatnonzero(~valid).tolist():
         twisted = ", ".join(np.array(names)[unseen[b]])
         remarks[b] = [
             f"the load or own weight twists {twisted}, which the readings of the run do not determine: the "
@@ -537,19 +547,19 @@ def build_case_results(
     return build_messages(
         cases.CaseResult,
         label=labels,
-        displacement=np.where(there[:, None], bent.displacement, np.nan),
-        rotation=np.where(there[:, None], bent.rotation, np.nan),
-        readings_only=known[:, :3],
-        rotation_interval=known[:, 3:],
+        displacement=np.where(valid[:, None], bent.displacement, np.nan),
+        rotation=np.where(valid[:, None], bent.rotation, np.nan),
+        readings_only=from_readings[:, :3],
+        rotation_interval=from_readings[:, 3:],
         with_model_error=with_error,
-        compliance=_build_compliance_messages(bent, directions, there),
+        compliance=_build_compliance_messages(bent, directions, valid),
         remarks=remarks,
-        budget=[each if known else None for each, known in zip(budgets, there, strict=True)],
+        budget=[each if is_valid else None for each, is_valid in zip(budgets, valid, strict=True)],
     )
 
 
 def _list_extrapolation_remarks(bound: ModelErrorBound, b: int) -> list[str]:
-    """Return remarks on how far load case b exceeds the measured loads and postures; empty if it does not."""
+    """Return remarks on how far load case b exceeds what was measured; empty if it does not exceed that."""
     load, leverage = float(bound.load_ratio[b]), float(bound.leverage_ratio[b])
     remarks = []
     if np.isinf(load):
@@ -567,20 +577,21 @@ def _list_extrapolation_remarks(bound: ModelErrorBound, b: int) -> list[str]:
 
 
 def _build_compliance_messages(
-    bent: Deflection, directions: FloatArray, there: BoolArray
+    bent: Deflection, directions: FloatArray, valid: BoolArray
 ) -> list[cases.CartesianCompliance | None]:
     """Build the message of each load case's Cartesian compliance.
 
     Args:
         bent: deflections of B load cases.
-        directions: (B, 3) unit vectors along which stiffness is stated; NaN states none.
-        there: (B,) load cases that have numbers; the others get None.
+        directions: (B, 3) unit vectors along which stiffness is requested; NaN where no direction is
+            requested.
+        valid: (B,) mask of load cases that have numbers; the other cases get None.
     """
-    found, worst, known = bent.compliance, bent.compliance.worst, ~np.isnan(directions[:, 0])
-    u = np.where(known[:, None], directions, [1.0, 0.0, 0.0])
+    found, worst, requested = bent.compliance, bent.compliance.worst, ~np.isnan(directions[:, 0])
+    u = np.where(requested[:, None], directions, [1.0, 0.0, 0.0])  # any direction where none is requested
     along = build_messages_where(
         cases.DirectionalStiffness,
-        there & known,
+        valid & requested,
         direction=u,
         lateral_free=found.stiffness_lateral_free(u),
         lateral_blocked=found.stiffness_lateral_blocked(u),
@@ -590,11 +601,11 @@ def _build_compliance_messages(
     )
     return build_messages_where(
         cases.CartesianCompliance,
-        there,
+        valid,
         **{name: found.matrix[:, moved, load] for name, (moved, load) in _BLOCKS.items()},
         symmetric=found.symmetric,
         along=along,
-        worst=build_messages_where(cases.WorstDirection, there, **vars(worst)),
+        worst=build_messages_where(cases.WorstDirection, valid, **vars(worst)),
     )
 
 
@@ -612,11 +623,13 @@ def _build_budget_messages(
     if budget is None:
         return [None] * len(radius)
     joints = bent.model.robot.joint_names
-    shown = [joints.index(name) for name in budget.joints]
+    in_budget = [joints.index(name) for name in budget.joints]
     covariances = np.zeros((len(budget.components), len(joints), len(joints)))
     for k, part in enumerate(budget.components):
-        size = np.array(part.contributions)
-        covariances[np.ix_([k], shown, shown)] = np.outer(size, size) * np.array(part.correlation)
+        deviations = np.array(part.contributions)
+        covariances[np.ix_([k], in_budget, in_budget)] = np.outer(deviations, deviations) * np.array(
+            part.correlation
+        )
     budgets = []
     for contributions, model_error in zip(
         bent.length_uncertainties(covariances).tolist(), radius.tolist(), strict=True
@@ -652,11 +665,12 @@ def summarise_map(table: DeflectionMap, places: FloatArray, tool: FloatArray) ->
         tool: (O, 3) direction of the tool in each orientation, in R0.
     """
     reached, length = np.flatnonzero(table.reached), table.length
-    ends: Sequence[cases.MapPlace | None] = (None, None)
+    worst_and_stiffest: Sequence[cases.MapPlace | None] = (None, None)
     percentiles: dict[str, float] = {}
     if len(reached):
+        # Indices of the place with the greatest deflection, and of that with the least
         order = [reached[np.argmax(length[reached])], reached[np.argmin(length[reached])]]
-        ends = build_messages(
+        worst_and_stiffest = build_messages(
             cases.MapPlace,
             position=places[order],
             joints=table.joints[order],
@@ -675,7 +689,7 @@ def summarise_map(table: DeflectionMap, places: FloatArray, tool: FloatArray) ->
         "places": len(table),
         "counts": {name: int((table.status == i).sum()) for i, name in enumerate(STATUSES)},
         "percentiles": percentiles,
-        "worst": ends[0],
-        "stiffest": ends[1],
+        "worst": worst_and_stiffest[0],
+        "stiffest": worst_and_stiffest[1],
         "extrapolated": int((table.extrapolation[reached] > EXTRAPOLATED).sum()),
     }

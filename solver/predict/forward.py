@@ -1,9 +1,9 @@
-"""Forward models: where a load takes the tool, what the readings say of it, and which command undoes it.
+"""Forward models: the deflection under a load, its uncertainty, and the command that compensates it.
 
-Prediction, maps and programs ask a `ForwardModel`, and nothing else tells joints from elastic links
-(method.md §9). A compensated path (§12) wants its *loaded* postures. Their torques are known before any
-command is, so no iteration is needed for joints: ``q_cmd = θ − c ∘ τ(θ)``. The mirror of a deflection that is
-computed at the wanted posture, ``x − δ(x)``, has an error of second order.
+Predictions, maps and programs use a `ForwardModel`, of elastic joints or of joints and links (method.md §9).
+A compensated path (§12) states the wanted *loaded* postures θ. Their torques do not depend on the command, so
+that no iteration is needed for joints: ``q_cmd = θ − c ∘ τ(θ)``. The simpler command ``x − δ(x)``, with the
+deflection δ computed at the wanted pose x, has an error of second order.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
 from jointstiff.solver.mechanics.robot import Robot
 
 LARGEST_TURN: Final = 0.25
-"""Greatest deflection of a joint, or rotation of the flange, under a load of a process [rad]."""
+"""Greatest rotation of a joint, or of the flange, under load for which the models are valid [rad]."""
 _SINGULAR: Final = 1e-12
-"""Eigenvalue, relative to the greatest, in equilibrated compliances, that is rounding."""
+"""Ratio of the least to the greatest singular value below which a scaled compliance matrix is singular."""
 
 
 @dataclass(frozen=True, eq=False)
 class WorstDirection:
-    """The direction in which a force moves the place most, in B load cases."""
+    """Direction in which a force moves the place of the tool most, for B load cases."""
 
     compliance: FloatArray  #: (B,) greatest eigenvalue of C_tt [m/N]
     direction: FloatArray  #: (B, 3) unit vector, axes of R0
@@ -50,20 +50,21 @@ class WorstDirection:
 class CartesianCompliance:
     """``C_x = J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(c) J_xᵀ`` in the loaded posture of B load cases.
 
-    It maps a further small wrench at the place (N, then N·m) to the displacement of the place (m) and the
-    rotation of the flange (rad), axes of R0. Directions are unit vectors (B, 3).
+    C_x maps a further small wrench at the place (N, then N·m) to the displacement of the place (m) and the
+    rotation of the flange (rad), axes of R0. C_tt is the block (3, 3) of C_x from force to displacement.
+    Directions are unit vectors (B, 3).
     """
 
     matrix: FloatArray  #: (B, 6, 6) blocks [m/N, m/(N·m); rad/N, rad/(N·m)]
-    #: (B,) whether the load has a potential: a dead moment has none, and leaves C asymmetric
+    #: (B,) whether C_x is symmetric, as the load has a potential; a moment fixed in R0 has no potential
     symmetric: BoolArray
-    #: returns (B, 6, n) factors L, M with ``∂C/∂c_j = L_j M_jᵀ``, and (n, n) covariance of the compliances
-    #: [(rad/(N·m))²]; None if it is unknown
-    by_joint: Callable[[], tuple[FloatArray, FloatArray, FloatArray]] | None
+    #: function that returns the factors L and M, each (B, 6, n), with ``∂C_x/∂c_j = L_j M_jᵀ``, and the
+    #: covariance (n, n) of the compliances [(rad/(N·m))²]; None if the covariance is unknown
+    differentiate: Callable[[], tuple[FloatArray, FloatArray, FloatArray]] | None
 
     @property
     def translation(self) -> FloatArray:
-        """(B, 3, 3) C_tt [m/N]."""
+        """(B, 3, 3) matrices C_tt from a force at the place to the displacement of the place [m/N]."""
         return self.matrix[:, :3, :3]
 
     def along(self, direction: FloatArray) -> FloatArray:
@@ -73,13 +74,14 @@ class CartesianCompliance:
     def across(self, direction: FloatArray) -> FloatArray:
         """Return the greatest compliance (B,) [m/N] in the plane perpendicular to each direction.
 
-        It is the greater eigenvalue of the symmetric part of C_tt projected on this plane.
+        This is the greater eigenvalue of the symmetric part of C_tt projected on the plane.
         """
+        # Any vector that is not nearly parallel to the direction gives a basis of the plane.
         helper = np.where(np.abs(direction[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
         first = unit_vectors(cross(direction.T, helper.T).T)
         plane = np.stack([first, cross(direction.T, first.T).T], axis=1)  # (B, 2, 3)
-        form = plane @ self.translation @ plane.transpose(0, 2, 1)
-        a, b, c = form[:, 0, 0], 0.5 * (form[:, 0, 1] + form[:, 1, 0]), form[:, 1, 1]
+        projected = plane @ self.translation @ plane.transpose(0, 2, 1)
+        a, b, c = projected[:, 0, 0], 0.5 * (projected[:, 0, 1] + projected[:, 1, 0]), projected[:, 1, 1]
         return np.asarray(0.5 * (a + c) + np.hypot(0.5 * (a - c), b))
 
     def stiffness_lateral_free(self, direction: FloatArray) -> FloatArray:
@@ -94,7 +96,7 @@ class CartesianCompliance:
     def stiffness_rotation_blocked(self, direction: FloatArray) -> FloatArray:
         """Return ``uᵀ K_tt u`` (B,), K = C_x⁻¹ [N/m]: stiffness if all but motion along u is blocked.
 
-        It is inf where C_x is singular.
+        The stiffness is inf where C_x is singular.
         """
         return _compute_inverse_form(self.matrix, np.pad(direction, ((0, 0), (0, 3))))
 
@@ -108,23 +110,27 @@ class CartesianCompliance:
         symmetric = 0.5 * (self.translation + self.translation.transpose(0, 2, 1))
         values, vectors = np.linalg.eigh(symmetric)
         worst, v = values[:, -1], fix_axis_signs(vectors[:, :, -1])
-        if self.by_joint is None:
+        if self.differentiate is None:
             unknown = np.full(len(v), np.nan)
             return WorstDirection(worst, v, unknown, unknown)
-        left, right, covariance = self.by_joint()
-        along, against = (vectors.transpose(0, 2, 1) @ factor[:, :3] for factor in (left, right))
-        slopes = 0.5 * (along * against[:, -1:] + against * along[:, -1:])  # (B, 3, n): v_mᵀ ∂C/∂c_j v
+        left, right, covariance = self.differentiate()
+        # Both factors in the axes of the eigenvectors; then (B, 3, n) slopes v_mᵀ (∂C/∂c_j) v, v the last
+        # one.
+        left_m, right_m = (vectors.transpose(0, 2, 1) @ factor[:, :3] for factor in (left, right))
+        slopes = 0.5 * (left_m * right_m[:, -1:] + right_m * left_m[:, -1:])
         variance = np.einsum("bmi,ij,bmj->bm", slopes, covariance, slopes)
         with np.errstate(divide="ignore", invalid="ignore"):
-            turned = (variance[:, :2] / np.square(worst[:, None] - values[:, :2])).sum(axis=1)
-        angle = np.minimum(np.sqrt(np.where(np.isnan(turned), np.inf, turned)), 0.5 * np.pi)
+            angle_variance = (variance[:, :2] / np.square(worst[:, None] - values[:, :2])).sum(axis=1)
+        # Equal eigenvalues give 0/0: the direction is then unknown, and the angle at most a quarter turn.
+        angle_variance = np.where(np.isnan(angle_variance), np.inf, angle_variance)
+        angle = np.minimum(np.sqrt(angle_variance), 0.5 * np.pi)
         return WorstDirection(worst, v, np.sqrt(variance[:, -1]), angle)
 
     def deviation_along(self, direction: FloatArray) -> FloatArray:
         """Return the standard uncertainty (B,) of the compliance ``uᵀ C_tt u`` [m/N]; NaN if unknown."""
-        if self.by_joint is None:
+        if self.differentiate is None:
             return np.full(len(direction), np.nan)
-        left, right, covariance = self.by_joint()
+        left, right, covariance = self.differentiate()
         slope = (direction[:, None] @ left[:, :3] * (direction[:, None] @ right[:, :3]))[:, 0]
         return np.asarray(np.sqrt(np.einsum("bi,ij,bj->b", slope, covariance, slope)))
 
@@ -137,12 +143,12 @@ def _compute_inverse_form(matrices: FloatArray, direction: FloatArray) -> FloatA
     scale = np.sqrt(np.abs(np.diagonal(matrices, axis1=1, axis2=2)))
     scale = np.where(scale > 0.0, scale, 1.0)
     equilibrated = matrices / scale[:, :, None] / scale[:, None]
-    singular = np.linalg.svd(equilibrated, compute_uv=False)
-    regular = singular[:, -1] > _SINGULAR * singular[:, 0]
-    out = np.full(len(matrices), np.inf)
+    singular_values = np.linalg.svd(equilibrated, compute_uv=False)
+    regular = singular_values[:, -1] > _SINGULAR * singular_values[:, 0]
+    forms = np.full(len(matrices), np.inf)
     u = (direction / scale)[regular]
-    out[regular] = (u * np.linalg.solve(equilibrated[regular], u[..., None])[..., 0]).sum(axis=1)
-    return out
+    forms[regular] = (u * np.linalg.solve(equilibrated[regular], u[..., None])[..., 0]).sum(axis=1)
+    return forms
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,10 +156,11 @@ class ForwardModel(ABC):
     """Model of the loaded robot: joints alone, or joints and links."""
 
     first_order: ClassVar[bool]
-    """Whether it is linear in the load, without own weight and complementary stiffness."""
+    """True if deflections are linear in the load, so that own weight and complementary stiffness are
+    neglected."""
 
     robot: Robot  #: n joints
-    #: degrees of freedom of a sigma that comes from residuals; None for one that was given
+    #: degrees of freedom of a sigma that comes from residuals; None for a sigma that was given
     degrees_of_freedom: float | None = field(default=None, kw_only=True)
 
     @abstractmethod
@@ -164,8 +171,8 @@ class ForwardModel(ABC):
 
         Args:
             cases: B load cases.
-            unloaded: kinematics of the cases without the load; None computes them.
-            near: kinematics near the loaded postures; None starts at the unloaded ones.
+            unloaded: kinematics of the cases without the load; None to compute them here.
+            near: kinematics of postures where the search for the loaded postures starts; None for `unloaded`.
 
         Raises:
             RequestError: a load has no stable equilibrium.
@@ -173,7 +180,7 @@ class ForwardModel(ABC):
 
     @abstractmethod
     def compute_commands(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Return angles (B, n) [rad] to command, so that the deflected robot reaches the wanted postures.
+        """Compute the angles (B, n) [rad] to command for the deflected robot to reach the wanted postures.
 
         Args:
             wanted: B loaded postures.
@@ -255,9 +262,9 @@ class Deflection(ABC):
 
     @abstractmethod
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return two masks (B,): whether compliances along directions (B, 3), and across them, are known.
+        """Return two masks (B,): compliance along each direction (B, 3) is known, and compliance across is.
 
-        Forces in these directions may twist joints that the load itself does not twist.
+        Forces in these directions may twist joints of unknown compliance that the load itself does not twist.
         """
 
     def interval(self, confidence: float) -> FloatArray | None:
@@ -292,7 +299,7 @@ class Deflection(ABC):
         )
 
     def length_uncertainties(self, covariances: FloatArray) -> FloatArray:
-        """Return the standard uncertainty of each displacement's length by source, ``√(uᵀ A C_k Aᵀ u)``.
+        """Return the standard uncertainty ``√(uᵀ A C_k Aᵀ u)`` of each displacement's length by source k.
 
         u is the direction of the displacement, and A its derivatives with respect to the compliances.
 
@@ -300,7 +307,7 @@ class Deflection(ABC):
             covariances: (K, p, p) covariance C_k of the compliances from each of K sources [(rad/(N·m))²].
 
         Returns:
-            (B, K) [m]; zero where nothing moves.
+            (B, K) [m]; zero for a displacement of zero.
         """
         row = np.einsum("bi,bip->bp", unit_vectors(self.displacement), self.rows[:, :3])
         variance = np.einsum("bp,kpq,bq->bk", row, covariances, row)
@@ -333,21 +340,23 @@ class CorrectionLimits:
 
 @dataclass(frozen=True, eq=False)
 class Compensation:
-    """Commands for m wanted postures, with what they reach by the forward model of the loaded robot."""
+    """Commands for m wanted postures, with the poses that the loaded robot reaches by the forward model."""
 
     commanded: FloatArray  #: (m, n) angles as the controller shows them [rad]
-    #: (m, 6) from the wanted to the commanded pose of the place: displacement [m], then rotation vector
-    #: [rad], axes of R0
+    #: (m, 6) from the wanted pose to the unloaded pose of the command: displacement of the place [m], then
+    #: rotation vector [rad], axes of R0
     correction: FloatArray
-    #: (m, 6) from the wanted to the loaded pose under the command: the certificate [m, rad]
+    #: (m, 6) from the wanted pose to the loaded pose of the command [m, rad]; nearly zero if it was fully
+    #: corrected
     residual: FloatArray
     uncorrected: FloatArray  #: (m, 6) from the wanted to the loaded pose without correction [m, rad]
     #: (m,) standard uncertainty of the deflection along itself, from the readings [m]; NaN if unknown
     uncertainty: FloatArray
-    leverage: FloatArray  #: (m,) the greatest of a displacement in any direction [m]; zero if unknown
-    share: FloatArray  #: (m,) share of the full correction that the command carries, 0 to 1
-    uncertain: BoolArray  #: (m,) left alone, as the uncertainty of the deflection exceeds it
-    capped: BoolArray  #: (m,) held back by the limits
+    leverage: FloatArray  #: (m,) greatest standard uncertainty in any direction [m]; zero if unknown
+    share: FloatArray  #: (m,) fraction of the full correction that the command contains, 0 to 1
+    #: (m,) mask of postures without correction, as the uncertainty of the deflection exceeds the deflection
+    uncertain: BoolArray
+    capped: BoolArray  #: (m,) mask of postures whose correction was reduced to the limits
 
 
 def compensate(
@@ -361,12 +370,13 @@ def compensate(
 
     Args:
         model: model of the loaded robot.
-        wanted: m postures that bring the tool to the wanted places while nothing bends: `joints` are their
-            angles as the controller would show them, the load acts there.
+        wanted: m load cases in the wanted loaded postures. `joints` are the controller's angles that would
+            bring the tool to the wanted places if nothing bent.
         limits: greatest corrections.
-        ramp: (m,) shares of the corrections (`ramp_shares`); None corrects in full.
-        hold: function that changes commands (m, n) so that the joints that are free to move reach the same
-            poses, and the other joints stay; None if all joints are free.
+        ramp: (m,) fraction of each correction to apply, such as from `compute_ramp_shares`; None for full
+            corrections.
+        hold: function that changes commands (m, n) so that fixed joints keep their angles and the other
+            joints reach the same poses; None if no joint is fixed.
 
     Raises:
         RequestError: a load twists a joint of unknown compliance, has no stable equilibrium, or cannot be
@@ -390,21 +400,21 @@ def compensate(
 
     def apply_commands(angles: FloatArray) -> tuple[Postures, FloatArray]:
         """Return the unloaded kinematics of commands (m, n), and their difference (m, 6) from the goal."""
-        under = Postures(robot, angles if hold is None else hold(angles))
-        place = under.to_base(wanted.place[:, None])[:, 0]
-        return under, _compute_pose_difference(*wanted_poses, place, under.flange_rotation)
+        commanded = Postures(robot, angles if hold is None else hold(angles))
+        place = commanded.to_base(wanted.place[:, None])[:, 0]
+        return commanded, _compute_pose_difference(*wanted_poses, place, commanded.flange_rotation)
 
-    under, correction = apply_commands(model.compute_commands(wanted, goal, share))
-    # `cap` (m,) is the share of each correction that the limits allow.
+    unloaded, correction = apply_commands(model.compute_commands(wanted, goal, share))
+    # `cap` (m,) is the fraction of each correction that the limits allow.
     size = np.stack([np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)])
-    most = np.array([[limits.displacement], [limits.rotation]])
-    cap: FloatArray = np.min(np.where(size > most, most / np.where(size > 0.0, size, 1.0), 1.0), axis=0)
+    limit = np.array([[limits.displacement], [limits.rotation]])
+    cap: FloatArray = np.min(np.where(size > limit, limit / np.where(size > 0.0, size, 1.0), 1.0), axis=0)
     if (cap < 1.0).any():
         reduced = model.compute_commands(wanted, goal, share * cap)
-        under, correction = apply_commands(np.where(cap[:, None] < 1.0, reduced, under.q))
-    reached = model.deflect(wanted, under, near=goal)
+        unloaded, correction = apply_commands(np.where(cap[:, None] < 1.0, reduced, unloaded.q))
+    reached = model.deflect(wanted, unloaded, near=goal)
     return Compensation(
-        commanded=robot.joint_map.controller_angles(under.q),
+        commanded=robot.joint_map.controller_angles(unloaded.q),
         correction=correction,
         residual=_compute_pose_difference(*wanted_poses, reached.place, reached.axes),
         uncorrected=uncorrected.motion,
@@ -417,20 +427,20 @@ def compensate(
 
 
 def _compute_pose_difference(
-    place: FloatArray, axes: FloatArray, there: FloatArray, axes_there: FloatArray
+    place: FloatArray, axes: FloatArray, other_place: FloatArray, other_axes: FloatArray
 ) -> FloatArray:
-    """Return the difference (m, 6) of two sets of poses: displacement [m], then rotation vector [rad], in R0.
+    """Return the motion (m, 6) from poses to other poses: displacement [m], then rotation vector [rad].
 
     Args:
-        place: (m, 3) places of the first poses [m].
-        axes: (m, 3, 3) axes of the first poses.
-        there: (m, 3) places of the second poses [m].
-        axes_there: (m, 3, 3) axes of the second poses.
+        place: (m, 3) places of the first poses in R0 [m].
+        axes: (m, 3, 3) axes of the first poses in R0.
+        other_place: (m, 3) places of the other poses [m].
+        other_axes: (m, 3, 3) axes of the other poses.
     """
-    return np.concatenate([there - place, rotation_vectors(axes_there, axes)], axis=1)
+    return np.concatenate([other_place - place, rotation_vectors(other_axes, axes)], axis=1)
 
 
-def residuals(
+def compute_pose_residuals(
     model: ForwardModel, wanted: LoadCases, goal: FloatArray, commanded: FloatArray, near: FloatArray
 ) -> FloatArray:
     """Compute how far loaded poses are from the wanted poses under given commands.
@@ -440,7 +450,7 @@ def residuals(
         wanted: m loads and places.
         goal: (m, 4, 4) wanted poses of the flange in R0 [m].
         commanded: (m, n) angles of the model without the loads [rad].
-        near: (m, n) angles near the loaded postures, where the search for the balance starts [rad].
+        near: (m, n) angles at which the search for the loaded postures starts [rad].
 
     Returns:
         (m, 6) differences, loaded minus wanted: displacement [m], then rotation vector [rad], axes of R0.
@@ -448,39 +458,39 @@ def residuals(
     Raises:
         RequestError: a load has no stable equilibrium.
     """
-    under, expected = (Postures(model.robot, angles) for angles in (commanded, near))
-    axes, reached = goal[:, :3, :3], model.deflect(wanted, under, expected)
+    unloaded, start = (Postures(model.robot, angles) for angles in (commanded, near))
+    axes, reached = goal[:, :3, :3], model.deflect(wanted, unloaded, start)
     place = (axes @ wanted.place[..., None])[..., 0] + goal[:, :3, 3]
     return _compute_pose_difference(place, axes, reached.place, reached.axes)
 
 
-def ramp_shares(robot: Robot, wanted: LoadCases, length: float) -> FloatArray:
-    """Return the share (m,) of each correction: it rises after the load begins, and falls before it ends.
+def compute_ramp_shares(robot: Robot, wanted: LoadCases, length: float) -> FloatArray:
+    """Return the fraction (m,) of each correction: rising after the load begins, falling before it ends.
 
     Args:
         robot: n joints.
         wanted: m postures along a path, with their loads.
-        length: length of path over which the share rises from 0 to 1 [m]; 0 gives 1 everywhere.
+        length: length of path over which the fraction rises from 0 to 1 [m]; 0 gives 1 everywhere.
     """
     if length <= 0.0:
         return np.ones(len(wanted))
-    here = Postures(robot, robot.joint_map.model_angles(wanted.joints))
-    steps = np.linalg.norm(np.diff(here.to_base(wanted.place[:, None])[:, 0], axis=0), axis=1)
+    postures = Postures(robot, robot.joint_map.model_angles(wanted.joints))
+    steps = np.linalg.norm(np.diff(postures.to_base(wanted.place[:, None])[:, 0], axis=0), axis=1)
     loaded = (wanted.force != 0.0).any(axis=1) | (wanted.moment != 0.0).any(axis=1)
-    since = _measure_path_since_load(loaded, steps)
-    until = _measure_path_since_load(loaded[::-1], steps[::-1])[::-1]
-    share: FloatArray = np.clip(np.minimum(since, until) / length, 0.0, 1.0)
-    return share
+    path_before = _measure_path_since_load(loaded, steps)
+    path_after = _measure_path_since_load(loaded[::-1], steps[::-1])[::-1]
+    fraction: FloatArray = np.clip(np.minimum(path_before, path_after) / length, 0.0, 1.0)
+    return fraction
 
 
 def _measure_path_since_load(loaded: BoolArray, steps: FloatArray) -> FloatArray:
-    """Return the length of path (m,) from where the load began to each posture [m].
+    """Return the length of path (m,) [m] from the posture at which the load began to each posture.
 
-    The length is zero at postures without load, and inf up to the first unloaded posture if the path begins
-    under load.
+    The length is zero at postures without load. If the path begins under load, the length is inf up to the
+    first posture without load.
 
     Args:
-        loaded: (m,) postures under load.
+        loaded: (m,) mask of the postures under load.
         steps: (m − 1,) distances between consecutive postures [m].
     """
     length = np.zeros(len(loaded))

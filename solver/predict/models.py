@@ -1,17 +1,18 @@
 """Models of the loaded robot: elastic joints in the exact balance, elastic links, and the model error.
 
 Elastic joints balance springs, load and own weight. Links bend to first order in the load (method.md §9).
-Their covariance is that of Bayesian least squares: the readings, and a normal prior of the penalised entries
-about zero, whose standard deviation is half the root mean square of the elements' traces, in the penalty's
-units. The cone is left out. What the readings leave open is bounded by how much the links bend at all.
+The covariance of elastic models follows from Bayesian least squares: the readings, and a normal prior of the
+penalised entries about zero. Its standard deviation is half the root mean square of the elements' traces, in
+units of the penalty. The cone is neglected. Entries that the readings do not determine have the uncertainty
+of the prior, which follows from how much the links bend on the whole.
 
 The model error is an empirical bound from postures held out, one after the other (method.md §11): if a new
-posture is exchangeable with those measured, its score lies among theirs as likely at one place as at another
-(Vovk, Gammerman & Shafer, *Algorithmic Learning in a Random World*, 2005). The targets of a posture share its
-place (Lee, Barber & Willett, *Distribution-free inference with hierarchical data*, 2023). Here each score is
-of a fit of its own, so the argument is no proof: residuals of held-out postures have no guarantee without
-assumptions on their distribution (Barber, Candès, Ramdas & Tibshirani, *Predictive inference with the
-jackknife+*, 2021).
+posture is exchangeable with the measured postures, every rank of its score among their scores is as likely
+(Vovk, Gammerman & Shafer, *Algorithmic Learning in a Random World*, 2005). The scores of all targets of a
+posture count together as one posture (Lee, Barber & Willett, *Distribution-free inference with hierarchical
+data*, 2023). Here each score comes from another fit, so the argument is no proof: residuals of held-out
+postures have no guarantee without assumptions on their distribution (Barber, Candès, Ramdas & Tibshirani,
+*Predictive inference with the jackknife+*, 2021).
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from jointstiff.solver.estimation.problem import Constraints
 from jointstiff.solver.estimation.resampling import build_method_stacks, fit_subsets
 from jointstiff.solver.links.choice import Folds, fit_fold
 from jointstiff.solver.links.fit import ElasticEstimate
-from jointstiff.solver.links.model import ElasticColumns, elastic_blocks
+from jointstiff.solver.links.model import ElasticColumns, generate_elastic_blocks
 from jointstiff.solver.mechanics.block import (
     Balance,
     OwnWeight,
@@ -60,52 +61,54 @@ from jointstiff.solver.predict.forward import (
 )
 
 _UNSEEN: Final = 1e-9
-"""Share of a row in what the readings do not determine, below which it is rounding."""
+"""Relative size below which the part of a row in undetermined directions counts as rounding."""
 _BLOCK: Final = 500
-"""Rows whose ends are found together: each takes some matrices of n × n numbers."""
+"""Number of rows whose interval ends are computed at once, to save memory: each row needs n × n matrices."""
 _LEAST_SIGMA: Final = 1e-15
-"""Rounding of a position [m]: no reading is better."""
+"""Least standard uncertainty of a reading [m]: the rounding of a position."""
 _WEIGHT_STEPS: Final = 8
-"""Steps in which the own weight of the commanded posture settles; each gains three digits."""
+"""Number of iterations for the own weight in the commanded posture; each gains three digits."""
 _TILT: Final = 5e-3
-"""Torque of own weight, relative to another joint's, that a vertical axis has if not quite vertical."""
+"""Torque of own weight about a nominally vertical axis, relative to the greatest torque, that counts as
+zero."""
 _SOFTEST: Final = 0.5
-"""Largest share of the joints' stiffness by which a load may reduce the stiffness; no process has a greater
-load."""
+"""Greatest fraction by which a load may reduce a joint's stiffness; loads of real processes reduce it
+less."""
 _SHARE_OF_TRACE: Final = 0.5
-"""Prior standard deviation of an entry relative to the elements' root mean square trace: on exact beams held
-out, 95 % intervals of displacements then hold 97 % (20 and 40 postures) and 95 % (100) of the truth."""
+"""Prior standard deviation of an entry relative to the elements' root mean square trace. In simulations with
+beams, 95 % intervals then contain 97 % (20 and 40 postures) and 95 % (100) of the true displacements."""
 _JOINT_PRIOR: Final = 10.0
-"""Prior standard deviation of a joint's compliance, in units of what would explain all deflections."""
+"""Prior standard deviation of a joint's compliance, relative to one that would explain all deflections."""
 _LEAST_PRIOR: Final = 1e-6
-"""The same of an entry at the least, where no element bends."""
+"""Least prior standard deviation of an entry, for models in which no element bends."""
 _NEWTON_STEPS: Final = 20
 _REACHED: Final = 1e-12
-"""Distance [m] and angle [rad] from the wanted pose that is rounding."""
+"""Distance [m] and angle [rad] from the wanted pose that count as rounding."""
 _DAMPING: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedWeight(OwnWeight):
-    """Own weight as an identification found it with the compliances: deflections hold the sag."""
+    """Own weight that was identified together with the compliances, so that deflections include the sag."""
 
     absolute: ClassVar[bool] = True
 
-    #: (n + 4 n², r) root of the covariance of all c_j, then of c_j m_jl and c_j m_jl s_jl, l the fastest but
-    #: for these four [rad/(N·m), times kg, kg·m]
+    #: (n + 4 n², r) root of the covariance: rows of all c_j, then for each j and each link l the four rows of
+    #: c_j m_jl and c_j m_jl s_jl (mass, and mass times centre) [rad/(N·m), times kg, kg·m]
     root: FloatArray = field(kw_only=True)
 
     def compute_turn_root(self, postures: Postures, torque: FloatArray) -> FloatArray:
-        """Return (B, n, r) L with L Lᵀ the covariance of the joints' deflections [rad²] in B postures.
+        """Return L (B, n, r) with L Lᵀ the covariance of the joints' deflections [rad²] in B postures.
 
         Args:
             postures: B postures.
             torque: (B, n) torques of the loads alone [N·m].
         """
         n = len(torque.T)
-        units = postures.weight_levers @ self.gravity
-        own = np.einsum("bjlp,jlpr->bjr", units, self.root[n:].reshape(n, n, 4, -1))
-        return np.asarray(torque[..., None] * self.root[:n] + own)
+        # Torques (B, n, n, 4) per unit of mass, and of mass times centre, of each link
+        unit_torques = postures.weight_levers @ self.gravity
+        of_weight = np.einsum("bjlp,jlpr->bjr", unit_torques, self.root[n:].reshape(n, n, 4, -1))
+        return np.asarray(torque[..., None] * self.root[:n] + of_weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +118,11 @@ class JointModel(ForwardModel):
     first_order = False
 
     compliance: FloatArray  #: (n,) [rad/(N·m)]; zero where nothing is known
-    #: likelihood of the compliances that were seen, without constraints, in SI units; None if unknown
+    #: likelihood of the compliances that the readings show, without constraints, in SI units; None if unknown
     likelihood: Likelihood | None
-    constraints: Constraints  #: on all n compliances
-    #: own weight of the links; None leaves it out, as the controller's zero includes its sag; with an
-    #: identified weight, deflections include the sag
+    constraints: Constraints  #: constraints on all n compliances
+    #: own weight of the links; None neglects it, as the zero of the controller's angles includes the sag;
+    #: with an identified weight, deflections include the sag
     weight: OwnWeight | None = None
 
     @classmethod
@@ -133,7 +136,7 @@ class JointModel(ForwardModel):
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """(n, n) covariance of the unconstrained estimate [(rad/(N·m))²]; zero for unseen joints."""
+        """(n, n) covariance of the unconstrained estimate [(rad/(N·m))²]; zero without an estimate."""
         covariance = np.zeros((self.robot.n, self.robot.n))
         if self.likelihood is not None:
             covariance[np.ix_(self.likelihood.joints, self.likelihood.joints)] = self.likelihood.covariance
@@ -158,14 +161,15 @@ class JointModel(ForwardModel):
             self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded
         )
         loaded = equilibrium.loaded
-        still, reached = (at.to_base(cases.place[:, None]) for at in (unloaded, loaded))
+        unloaded_place, reached = (at.to_base(cases.place[:, None]) for at in (unloaded, loaded))
         jacobian = loaded.pose_jacobian_at(reached)
+        # The last step of the balance is added to first order, which saves another computation of kinematics.
         step = (jacobian @ equilibrium.step[..., None])[..., 0]
         axes = loaded.flange_rotation + skew(step[:, 3:]) @ loaded.flange_rotation
-        turned = rotation_vectors(axes, unloaded.flange_rotation)
+        rotation = rotation_vectors(axes, unloaded.flange_rotation)
         return JointDeflection(
             model=self,
-            motion=np.concatenate([(reached - still)[:, 0] + step[:, :3], turned], axis=1),
+            motion=np.concatenate([(reached - unloaded_place)[:, 0] + step[:, :3], rotation], axis=1),
             place=reached[:, 0] + step[:, :3],
             axes=axes,
             cases=cases,
@@ -174,7 +178,7 @@ class JointModel(ForwardModel):
         )
 
     def compute_commands(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Return the angles (B, n) to command, ``θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` [rad].
+        """Compute the angles (B, n) to command, ``q_cmd = θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` [rad].
 
         θ are the wanted angles, s the share, c the compliances, τ the torques of the load and g those of own
         weight. With an identified own weight, deflections include the sag: g(q_cmd) is then left out.
@@ -188,8 +192,8 @@ class JointModel(ForwardModel):
         if self.weight.absolute:
             return goal.q - step * torque
         for _ in range(_WEIGHT_STEPS):
-            rest = self.weight.torque_and_stiffness(self.robot, Postures(self.robot, commanded))[0]
-            commanded = goal.q - step * (torque - rest)
+            weight_torque = self.weight.torque_and_stiffness(self.robot, Postures(self.robot, commanded))[0]
+            commanded = goal.q - step * (torque - weight_torque)
         return commanded
 
     def linear_displacement(self, cases: LoadCases, unloaded: Postures) -> FloatArray:
@@ -197,9 +201,9 @@ class JointModel(ForwardModel):
         torque = unloaded.load(cases.load_point, cases.force, cases.moment)[1]
         if self.weight is not None and self.weight.absolute:
             torque = torque + self.weight.torque_and_stiffness(self.robot, unloaded)[0]
-        turned = self.compliance * torque
+        rotation = self.compliance * torque
         jacobian = unloaded.jacobian_at(unloaded.to_base(cases.place[:, None]))[:, 0]
-        return np.asarray((jacobian @ turned[..., None])[..., 0])
+        return np.asarray((jacobian @ rotation[..., None])[..., 0])
 
     def find_overloads(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
         """Return a mask (B,) of loads that turn or soften a joint more than the model allows."""
@@ -211,19 +215,19 @@ class JointModel(ForwardModel):
 
     @cached_property
     def _unseen_directions(self) -> FloatArray:
-        """(u, n) coefficients of combinations of scaled compliances that the readings do not determine."""
+        """(u, n) coefficients of the u combinations of compliances that the readings do not determine."""
         identity = np.eye(self.robot.n)
         if self.likelihood is None:
             return identity[:0]
-        hidden = np.delete(identity, self.likelihood.joints, axis=0)
+        without_estimate = np.delete(identity, self.likelihood.joints, axis=0)
         if self.likelihood.given_rows is None:
-            return hidden
+            return without_estimate
         spectrum = Spectrum(self.likelihood.given_rows)
-        scaled = spectrum.null_space / spectrum.scale * spectrum.scale.max()
-        return np.concatenate([hidden, scaled @ identity[self.likelihood.joints]])
+        combinations = spectrum.null_space / spectrum.scale * spectrum.scale.max()
+        return np.concatenate([without_estimate, combinations @ identity[self.likelihood.joints]])
 
-    def unseen(self, rows: FloatArray) -> BoolArray:
-        """Return a mask (B, n) of joints whose undetermined compliance changes the value of a function.
+    def find_undetermined_joints(self, rows: FloatArray) -> BoolArray:
+        """Return a mask (B, n) of joints of undetermined compliance on which a function depends.
 
         Args:
             rows: (B, w, n) coefficients of w linear functions of the compliances in each of B cases.
@@ -232,8 +236,8 @@ class JointModel(ForwardModel):
             return np.zeros((len(rows), self.robot.n), dtype=np.bool_)
         size = np.abs(rows).max(axis=(1, 2), initial=0.0)[:, None, None]
         parts = rows @ self._unseen_directions.T  # (B, w, u)
-        counts = (np.abs(parts) > _UNSEEN * size).any(axis=1)  # (B, u)
-        joints = (counts[:, :, None] & (np.abs(self._unseen_directions) > _UNSEEN)).any(axis=1)
+        matters = (np.abs(parts) > _UNSEEN * size).any(axis=1)  # (B, u)
+        joints = (matters[:, :, None] & (np.abs(self._unseen_directions) > _UNSEEN)).any(axis=1)
         return np.asarray(joints)
 
     def find_interval_ends(
@@ -242,7 +246,8 @@ class JointModel(ForwardModel):
         """Return the ends of intervals of linear functions aᵀc under the constraints (method.md §9).
 
         The unconstrained interval is cut to the bounds, and widened to contain the estimate and the interval
-        of the profile likelihood. Without the profile the coverage is the same, and no program is solved.
+        of the profile likelihood. Without the profile likelihood the coverage is the same, and the
+        computation is faster, as no optimisation is needed.
 
         Args:
             rows: (K, n) coefficients a of the functions.
@@ -250,7 +255,7 @@ class JointModel(ForwardModel):
             by_profile: whether the profile likelihood widens the intervals.
 
         Returns:
-            (K, 2) in the unit of aᵀc; None where no uncertainty is known.
+            Ends (K, 2) in the unit of aᵀc; None if no uncertainty is known.
         """
         likelihood = self.likelihood
         if likelihood is None:
@@ -260,13 +265,13 @@ class JointModel(ForwardModel):
         ends: FloatArray = compute_interval_ends(
             likelihood, constraints, part, radii, value, by_profile=False
         )[0]
-        # With an order of joints the profile allows less than the bounds: the free ends are wider.
+        # With an order of joints, the interval of the profile likelihood lies within these ends already.
         if not by_profile or constraints.order:
             return ends
-        some = np.flatnonzero(((part @ likelihood.covariance) * part).sum(axis=1) > 0.0)
-        for start in range(0, len(some), _BLOCK):
-            block = some[start : start + _BLOCK]
-            with suppress(SolverError):  # the free ends cover by themselves, wherever the truth lies
+        uncertain = np.flatnonzero(((part @ likelihood.covariance) * part).sum(axis=1) > 0.0)
+        for start in range(0, len(uncertain), _BLOCK):
+            block = uncertain[start : start + _BLOCK]
+            with suppress(SolverError):  # the ends without the profile likelihood have the coverage, too
                 ends[block] = compute_interval_ends(
                     likelihood, constraints, part[block], radii, value[block]
                 )[0]
@@ -275,7 +280,7 @@ class JointModel(ForwardModel):
 
 @dataclass(frozen=True, eq=False)
 class JointDeflection(Deflection):
-    """Deflections by elastic joints; rows and compliance are of the loaded posture."""
+    """Deflections due to elastic joints; `rows` and `compliance` hold in the loaded posture."""
 
     model: JointModel
     cases: LoadCases  #: loads and places
@@ -284,12 +289,12 @@ class JointDeflection(Deflection):
 
     @cached_property
     def _motion_by_joint_turn(self) -> FloatArray:
-        """(B, 6, n) derivatives of `motion` by the turn c ∘ τ: ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹``."""
+        """(B, 6, n) derivatives of `motion` with respect to c ∘ τ: ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹``."""
         return self.jacobian @ self.balance.softened
 
     @cached_property
     def _torque(self) -> FloatArray:
-        """(B, n) torque whose deflection is uncertain with c [N·m]; without an identified own weight."""
+        """(B, n) torques of the joints [N·m], without those of an identified own weight."""
         if self.model.weight is None or not self.model.weight.absolute:
             return self.balance.torque
         return self.balance.loaded.load(self.cases.load_point, self.cases.force, self.cases.moment)[1]
@@ -301,7 +306,7 @@ class JointDeflection(Deflection):
 
     @cached_property
     def covariance_root(self) -> FloatArray | None:
-        """(B, 6, r) L with ``L Lᵀ`` the covariance of `motion`, identified sag included; None if unknown."""
+        """(B, 6, r) L with L Lᵀ the covariance of `motion`, identified sag included; None if unknown."""
         if isinstance(self.model.weight, IdentifiedWeight):
             turn_root = self.model.weight.compute_turn_root(self.balance.loaded, self._torque)
             return np.asarray(self._motion_by_joint_turn @ turn_root)
@@ -309,12 +314,13 @@ class JointDeflection(Deflection):
 
     @property
     def unseen(self) -> BoolArray:
-        """(B, n) mask of joints that load or own weight twists, and whose compliance is not determined."""
-        unseen, weight = self.model.unseen(self.rows), self.model.weight
+        """(B, n) mask of joints of undetermined compliance that load or own weight twists."""
+        unseen, weight = self.model.find_undetermined_joints(self.rows), self.model.weight
         if isinstance(weight, IdentifiedWeight):
-            own = np.abs(self.balance.torque - self._torque)
-            hidden = ~weight.root[: self.model.robot.n].any(axis=1)
-            unseen |= hidden & (own > _TILT * own.max(axis=1, keepdims=True))
+            weight_torque = np.abs(self.balance.torque - self._torque)
+            # A joint without uncertainty was not identified, so its own weight must not twist it.
+            not_identified = ~weight.root[: self.model.robot.n].any(axis=1)
+            unseen |= not_identified & (weight_torque > _TILT * weight_torque.max(axis=1, keepdims=True))
         return unseen
 
     @property
@@ -322,18 +328,20 @@ class JointDeflection(Deflection):
         """Cartesian compliance at the places, in the loaded postures."""
         matrix = (self._motion_by_joint_turn * self.model.compliance) @ self.jacobian.transpose(0, 2, 1)
         symmetric = (self.cases.moment == 0.0).all(axis=1)
-        by_joint = None if self.model.likelihood is None else self._compliance_by_joint
-        return CartesianCompliance(matrix, symmetric, by_joint)
+        differentiate = None if self.model.likelihood is None else self._differentiate_compliance
+        return CartesianCompliance(matrix, symmetric, differentiate)
 
-    def _compliance_by_joint(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return L (B, 6, n) and M (B, 6, n) with ``∂C/∂c_j = L_j M_jᵀ``, and the covariance (n, n) of c."""
-        # (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c)
+    def _differentiate_compliance(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return L and M, each (B, 6, n), with ``∂C_x/∂c_j = L_j M_jᵀ``, and the covariance (n, n) of c."""
+        # This is (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c), with K the stiffness due to the load.
         feedback = self.balance.stiffness @ (self.balance.softened * self.model.compliance)
         stiffened = np.eye(self.model.robot.n) + feedback
         return self._motion_by_joint_turn, self.jacobian @ stiffened.transpose(0, 2, 1), self.model.covariance
 
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return two masks (B,): whether all joints that move the places along, or across, are known.
+        """Return two masks (B,): whether the compliance along a direction is known, and that across it.
+
+        A compliance is known if all joints that move the place this way have a known compliance.
 
         Args:
             direction: (B, 3) unit vectors.
@@ -342,7 +350,7 @@ class JointDeflection(Deflection):
         along = np.square(np.einsum("bi,bij->bj", direction, linear))
         across = np.maximum(np.einsum("bij,bij->bj", linear, linear) - along, 0.0)
         unknown_along, unknown_across = (
-            self.model.unseen(rows[:, None]).any(axis=1) for rows in (along, across)
+            self.model.find_undetermined_joints(rows[:, None]).any(axis=1) for rows in (along, across)
         )
         return np.asarray(~unknown_along), np.asarray(~unknown_across)
 
@@ -364,7 +372,7 @@ class JointDeflection(Deflection):
     ) -> FloatArray | None:
         """Return intervals (K, 2) of K linear functions of the compliances, shifted to exact values.
 
-        The shift corrects that the balance is not linear in the compliances.
+        The shift is necessary because the balance is not linear in the compliances.
 
         Args:
             rows: (K, n) coefficients of the functions.
@@ -387,16 +395,19 @@ class ElasticPredictor(ForwardModel):
 
     first_order = True
 
-    columns: ElasticColumns  #: columns of the richest model
-    kept: IndexArray  #: (p,) columns that the model has
-    entries: FloatArray  #: (p,) compliances
-    #: (p, p) upper triangular, root rootᵀ the covariance of the entries; None if it is unknown
+    columns: ElasticColumns  #: columns of the model with all joints, links and base
+    kept: IndexArray  #: (p,) indices of the columns that this model has
+    entries: FloatArray  #: (p,) entries of the compliance matrices, one for each of these columns
+    #: (p, p) upper triangular L with L Lᵀ the covariance of the entries; None if the covariance is unknown
     root: FloatArray | None
-    seen: BoolArray  #: (n,) joints that the readings saw
+    seen: BoolArray  #: (n,) mask of the joints whose compliance the readings show
 
     @classmethod
     def from_estimate(cls, robot: Robot, elastic: ElasticEstimate) -> ElasticPredictor:
-        """Build the model from an estimate of joints and links; a normal prior completes its covariance."""
+        """Build the model from an estimate of joints and links.
+
+        The covariance is that of the readings together with a normal prior; see the head of this module.
+        """
         companion, form = elastic.companion, elastic.companion.formulation
         entries, root = elastic.entries[form.columns], None
         if companion.sigma is not None:
@@ -429,7 +440,7 @@ class ElasticPredictor(ForwardModel):
         compliances = np.zeros(self.columns.width)
         compliances[self.kept] = self.entries
         coupling = to_matrix(compliances[self.columns.coupling], self.columns.n)
-        links = [to_matrix(compliances[self.columns.link(frame)], 6) for frame in self.columns.frames]
+        links = [to_matrix(compliances[self.columns.link_columns(frame)], 6) for frame in self.columns.frames]
         return np.diag(compliances[self.columns.joints]) + coupling, np.array(links).reshape(-1, 6, 6)
 
     def deflect(
@@ -439,22 +450,24 @@ class ElasticPredictor(ForwardModel):
         near: Postures | None = None,  # noqa: ARG002  # nothing is balanced
     ) -> ElasticDeflection:
         """Compute the deflections of joints, links and base, to first order at the unloaded posture."""
-        return self._bend(cases, self.unloaded(cases) if unloaded is None else unloaded)
+        return self._deflect_linearly(cases, self.unloaded(cases) if unloaded is None else unloaded)
 
-    def _bend(
+    def _deflect_linearly(
         self, cases: LoadCases, unloaded: Postures, share: FloatArray | None = None
     ) -> ElasticDeflection:
-        """Compute the deflections to first order in the load, multiplied by a share (B,); None is 1."""
+        """Compute the deflections to first order in the load, times fractions `share` (B,) if given."""
+        # Axes (B, L, 3, 3) and origins (B, L, 3) of the frames at which links and base bend
         R, origin = (part[:, list(self.columns.frames)] for part in spring_frames(unloaded))
         place, load_point = (unloaded.to_base(p[:, None]) for p in (cases.place, cases.load_point))
         jacobian = unloaded.pose_jacobian_at(place)
         load_jacobian = unloaded.jacobian_at(load_point)[:, 0]
         torque = unloaded.joint_torque(load_jacobian, cases.force, cases.moment)
+        # Motion of the place per motion of each frame, and the wrench of the load in each frame
         moves = np.zeros((*R.shape[:2], 6, 6))
         moves[..., :3, :3] = moves[..., 3:, 3:] = R
         moves[..., :3, 3:] = -skew(place - origin) @ R
-        about = cases.moment[:, None] + np.cross(load_point - origin, cases.force[:, None])
-        wrench = np.concatenate([cases.force[:, None, None] @ R, about[:, :, None] @ R], axis=-1)
+        moment = cases.moment[:, None] + np.cross(load_point - origin, cases.force[:, None])
+        wrench = np.concatenate([cases.force[:, None, None] @ R, moment[:, :, None] @ R], axis=-1)
         of_joints, of_links = self.matrices
         motion = (jacobian @ (torque @ of_joints)[..., None])[..., 0]
         motion = motion + (moves @ (wrench @ of_links).mT)[..., 0].sum(axis=1)
@@ -481,38 +494,39 @@ class ElasticPredictor(ForwardModel):
         """
         target, q = goal.to_base(wanted.place[:, None])[:, 0], goal.q
         for _ in range(_NEWTON_STEPS):
-            bent = self._bend(wanted, Postures(self.robot, q), share)
-            turned = rotation_vectors(goal.flange_rotation, bent.axes)
-            off = np.concatenate([target - bent.place, turned], axis=1)
-            if (np.abs(off) <= _REACHED).all():
+            bent = self._deflect_linearly(wanted, Postures(self.robot, q), share)
+            rotation = rotation_vectors(goal.flange_rotation, bent.axes)
+            deviation = np.concatenate([target - bent.place, rotation], axis=1)
+            if (np.abs(deviation) <= _REACHED).all():
                 return q
             jacobian = bent.jacobian
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
-            q = q + (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, off[..., None]))[..., 0]
+            q = q + (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, deviation[..., None]))[..., 0]
         raise RequestError(
             "no posture near this one brings the loaded tool to its place",
-            where=f"cases[{int(np.argmax(np.abs(off).max(axis=1)))}]",
-            remedy="move the part away from the singularity, or give no load here",
+            where=f"cases[{int(np.argmax(np.abs(deviation).max(axis=1)))}]",
+            remedy="move the part away from the singularity, or state no load in this posture",
         )
 
     def linear_displacement(self, cases: LoadCases, unloaded: Postures) -> FloatArray:
         """Return the displacements (B, 3) of the places [m]."""
-        return self._bend(cases, unloaded).displacement
+        return self._deflect_linearly(cases, unloaded).displacement
 
     def find_overloads(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
         """Return a mask (B,) of loads that turn the flange by more than a linear model describes."""
-        turned = np.linalg.norm(self._bend(cases, unloaded).rotation, axis=1)
-        return np.asarray(turned > LARGEST_TURN)
+        angle = np.linalg.norm(self._deflect_linearly(cases, unloaded).rotation, axis=1)
+        return np.asarray(angle > LARGEST_TURN)
 
 
 @dataclass(frozen=True, eq=False)
 class ElasticDeflection(Deflection):
-    """Deflections by elastic joints, and by L elastic links and base, in the unloaded posture."""
+    """Deflections due to elastic joints, and to L elastic links and base, in the unloaded posture."""
 
     model: ElasticPredictor
     jacobian: FloatArray  #: (B, 6, n) jacobian of the places [m/rad, then rad/rad], axes of R0
     torque: FloatArray  #: (B, n) torque of the joints [N·m]
-    moves: FloatArray  #: (B, L, 6, 6) moves of the places with each link's frame: translation, then rotation
+    #: (B, L, 6, 6) motion of the places per motion of each link's frame; both translation, then rotation
+    moves: FloatArray
     wrench: FloatArray  #: (B, L, 6) wrench of the load in each link's frame [N, then N·m]
 
     @cached_property
@@ -523,19 +537,19 @@ class ElasticDeflection(Deflection):
         rows[..., columns.joints] = self.jacobian * self.torque[:, None]
         rows[..., columns.coupling] = differentiate_bilinear_form(self.jacobian, self.torque[:, None])
         for i, frame in enumerate(columns.frames):
-            rows[..., columns.link(frame)] = differentiate_bilinear_form(
+            rows[..., columns.link_columns(frame)] = differentiate_bilinear_form(
                 self.moves[:, i], self.wrench[:, i, None]
             )
         return rows[..., self.model.kept]
 
     @cached_property
     def covariance_root(self) -> FloatArray | None:
-        """(B, 6, p) L with L Lᵀ the covariance of `motion`; None if the covariance is unknown."""
+        """(B, 6, p) matrices L with L Lᵀ the covariance of `motion`; None if the covariance is unknown."""
         return None if self.model.root is None else np.asarray(self.rows @ self.model.root)
 
     @property
     def unseen(self) -> BoolArray:
-        """(B, n) mask of joints that the load twists and whose compliance the readings do not show."""
+        """(B, n) mask of joints that the load twists although the readings do not show their compliance."""
         twisted = np.abs(self.jacobian * self.torque[:, None]).max(axis=1) > 0.0
         return np.asarray(twisted & ~self.model.seen)
 
@@ -548,17 +562,20 @@ class ElasticDeflection(Deflection):
         return CartesianCompliance(matrix, np.ones(len(matrix), dtype=np.bool_), None)
 
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
-        """Return two masks (B,), for compliance along and across directions: whether all joints are known."""
+        """Return two masks (B,): whether the compliance along a direction is known, and that across it.
+
+        Both are known if the readings show the compliances of all joints.
+        """
         known = np.full(len(direction), self.model.seen.all())
         return known, known
 
 
 MOST_LEFT_OUT: Final = 200
-"""Postures that are left out, evenly spread over a larger set."""
+"""Greatest number of postures that are left out in turn, evenly spread over a larger set."""
 MOST_STEPS: Final = 500
-"""Steps of the distribution of scores that are kept: a quantile is rounded up by at most 0.2 %."""
+"""Number of steps of the distribution of scores that are kept: a quantile is rounded up by at most 0.2 %."""
 _PARTS: Final = 20
-"""Parts of the postures that are left out in turn where links bend."""
+"""Number of parts of the postures that are left out in turn in models with elastic links."""
 _SAME_POSTURE: Final = 1e-6
 """Difference of joint angles [rad] below which two observations share a posture."""
 _SLACK: Final = 1e-9
@@ -568,19 +585,20 @@ EXTRAPOLATED: Final = 1.01
 
 @dataclass(frozen=True, eq=False)
 class ModelErrorBound:
-    """Radii of balls about B predicted displacements, to hold the truth with the model error."""
+    """Bound of the model error: radii of balls about B predicted displacements that contain the true ones."""
 
     radius: FloatArray  #: (B,) [m]; inf where nothing is known
-    #: `force` or `moment` if no load of the campaign had one: under one, nothing is known
+    #: `force` or `moment` if no load of the campaign had this part, so that its effect is unknown; else None
     unmeasured: str | None
-    #: (B,) size of the load over the greatest that was measured; above EXTRAPOLATED it is
+    #: (B,) size of the load over the greatest measured size; above EXTRAPOLATED the prediction is
+    #: extrapolated
     load_ratio: FloatArray
-    #: (B,) how much less the readings say of the place under that load than of the worst target that was
-    #: read; above EXTRAPOLATED it is. Both widen the ball.
+    #: (B,) uncertainty of the displacement per size of load, over that of the worst measured target; above
+    #: EXTRAPOLATED the prediction is extrapolated. Either ratio above 1 widens the ball.
     leverage_ratio: FloatArray
 
     def interval(self, displacement: FloatArray, of_readings: FloatArray | None) -> FloatArray:
-        """Return intervals (B, 3, 2) of displacements [m] that contain the balls and given intervals.
+        """Return intervals (B, 3, 2) of displacements [m] that contain the balls and the readings' intervals.
 
         Args:
             displacement: (B, 3) predicted [m].
@@ -596,39 +614,40 @@ class ModelErrorBound:
 
 @dataclass(frozen=True, eq=False)
 class ModelError:
-    """Residuals of readings in postures that were left out of the fit."""
+    """Model error: distribution of the residuals of readings in postures that were left out of the fit."""
 
-    postures: int  #: number P of postures that it rests on
-    #: (S,) ascending: length of a residual over its growth, the root of the size of its load or that of
-    #: `noise` [m], less what is the readings' own in it; inf where the others do not determine it
+    postures: int  #: number P of postures that were left out in turn
+    #: (S,) ascending scores [m]: length of a residual, without the part due to noise of the reading, over the
+    #: factor by which residuals grow with load; inf if the other postures do not determine the prediction
     score: FloatArray
-    share: FloatArray  #: (S,) share of the postures' readings with that score at most, times P/(P + 1)
-    force: float  #: unit of the size of a load [N]; zero where none was measured
-    moment: float  #: unit of the size of a moment [N·m], likewise; the greatest load has size 1
+    share: FloatArray  #: (S,) share of readings with at most this score, times P/(P + 1)
+    force: float  #: force of size 1 [N]; zero if no force was measured. The greatest load has size 1
+    moment: float  #: moment of size 1 [N·m]; zero if no moment was measured
     least_load: float  #: least size of a load
-    leverage: float  #: greatest ``√λ_max(A C Aᵀ)`` of a target over the size of its load [m]
-    #: standard deviation of a coordinate of a reading, by the residuals where links bend: a residual grows
-    #: with it and the leverage [m]; None where noise is stated or nothing but joints bends, and a residual
-    #: grows with the root of the load
+    #: greatest uncertainty of a target's displacement, ``√λ_max(A C Aᵀ)``, over the size of its load [m]
+    leverage: float
+    #: standard deviation of a coordinate of a reading [m], estimated in a model with elastic links: residuals
+    #: then grow with the leverage over this noise. None if noise was stated or only joints bend: residuals
+    #: then grow with the root of the load
     noise: float | None = None
-    left_out: PostureJackknife | None = None  #: the fits without each posture; None where they are not known
+    left_out: PostureJackknife | None = None  #: fits without each posture; None if not known
 
     @staticmethod
     def count_needed_postures(confidence: float) -> int:
-        """Return the least number ``⌈1/α⌉ − 1`` of postures that gives a bound at a confidence 1 − α."""
+        """Return the least number ``⌈1/α⌉ − 1`` of postures that gives a bound at the confidence 1 − α."""
         return ceil(1.0 / (1.0 - confidence) - _SLACK) - 1
 
     def quantile(self, confidence: float) -> float:
-        """Return the quantile of the scores [m] at a probability; inf with too few postures."""
-        place = int(np.searchsorted(self.share, confidence - _SLACK))
-        return float(self.score[place]) if place < len(self.score) else float("inf")
+        """Return the quantile of the scores [m] at a probability; inf if there are too few postures."""
+        step = int(np.searchsorted(self.share, confidence - _SLACK))
+        return float(self.score[step]) if step < len(self.score) else float("inf")
 
     def bound(self, cases: LoadCases, leverage: FloatArray, confidence: float) -> ModelErrorBound:
         """Return the bound of the model error at predicted places.
 
-        Within the campaign's loads the radius grows with the root of the load, as the error is part elastic,
-        part friction. With elastic links and no stated noise, it grows with the standard deviation of a
-        reading. Beyond the campaign's loads or postures, it grows in proportion.
+        Within the campaign's loads the radius grows with the root of the load, as the error is partly
+        elastic, partly friction. With elastic links and no stated noise, it grows with the leverage over the
+        noise of a reading. Beyond the campaign's loads or leverages, it grows in proportion to them.
 
         Args:
             cases: B load cases.
@@ -651,7 +670,8 @@ class ModelError:
 def _compute_residual_growth(load: FloatArray, leverage: FloatArray, noise: float | None) -> FloatArray:
     """Return the factor (B,) by which residuals grow with sizes of loads (B,) and leverages (B,) [m].
 
-    With a noise [m] the factor is 1 at zero leverage; without one (None), 1 at the greatest load measured.
+    With a noise [m] the factor is 1 at zero leverage within the measured loads; without noise (None), it is 1
+    at the greatest measured load.
     """
     if noise is None:
         return np.maximum(np.sqrt(load), load)
@@ -663,7 +683,8 @@ def compute_load_sizes(
 ) -> FloatArray:
     """Return the sizes ``|F|/most_force + |M|/most_moment`` (B,) of loads (B, 3).
 
-    A size is inf if the load has a force or moment although none was measured: the greatest is then zero.
+    A size is inf if the load has a force although `most_force` is zero, as none was measured, or likewise a
+    moment.
     """
     size = np.zeros(len(force))
     for vector, greatest in ((force, most_force), (moment, most_moment)):
@@ -678,12 +699,13 @@ def leave_postures_out(
 ) -> ModelError:
     """Estimate the model error: refit without each posture in turn, and predict the readings taken there.
 
-    The refits use the method, weighting and bounds of the run, the weights of its robust loss, and K_c at the
-    compliances of the run. Priors and an order of joints are left out, so residuals are rather too large.
+    The refits use the run's method, weighting, bounds, weights of a robust loss, and K_c at the run's
+    compliances. Priors and an order of joints are neglected, so residuals are rather too large than too
+    small.
 
     Raises:
         RequestError: no posture can be left out.
-        JointstiffError: as the refits do.
+        JointstiffError: a refit fails.
     """
     rounded = np.round(measurements.joints / _SAME_POSTURE)
     posture = np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1)
@@ -713,71 +735,76 @@ def leave_postures_out(
     compliance = np.zeros((len(of_reading), len(blocks.visible)))
     compliance[left_out] = fits[np.searchsorted(groups, of_reading[left_out])][:, blocks.visible]
     residual = blocks.deflection.T - np.einsum("rv,vir->ri", compliance, blocks.regressor)
-    half = blocks.regressor.transpose(2, 1, 0) @ model.root[blocks.visible]
-    lacking = np.full(len(of_reading), 1.0 / (count - 1))
-    error = _compute_model_error(measurements, np.where(left_out, of_reading, -1), residual, half, lacking)
+    root = blocks.regressor.transpose(2, 1, 0) @ model.root[blocks.visible]
+    # Without one of `count` postures, the covariance of the estimate grows by about this fraction.
+    added_variance = np.full(len(of_reading), 1.0 / (count - 1))
+    error = _compute_model_error(
+        measurements, np.where(left_out, of_reading, -1), residual, root, added_variance
+    )
     return replace(error, left_out=PostureJackknife(fits, count))
 
 
 def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEstimate) -> ModelError:
     """Estimate the model error with elastic links: refit without each of `_PARTS` parts of the postures.
 
-    With so many parts, each fit uses nearly the whole set. Without the readings of a part,
-    whitened rows A, the covariance ``C = L Lᵀ`` becomes ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
+    With so many parts, each fit uses nearly the whole set. If a part with whitened rows A is left out, the
+    covariance ``C = L Lᵀ`` of the entries becomes ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
 
     Raises:
-        UnsupportedMethodError: there is one posture only.
+        UnsupportedMethodError: the set has one posture only.
     """
     model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.companion.sigma
     parts = CrossValidation(folds=_PARTS, draws=1)
     folds = Folds(robot, measurements, elastic.model.columns, model.seen, parts)
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
     of_reading = np.nonzero(measurements.present)[0]
-    residual, lacking = np.empty((len(of_reading), 3)), np.empty(len(of_reading))
-    half = np.zeros((len(of_reading), 3, 1 if model.root is None else len(model.root)))
+    residual, added_variance = np.empty((len(of_reading), 3)), np.empty(len(of_reading))
+    prediction_root = np.zeros((len(of_reading), 3, 1 if model.root is None else len(model.root)))
     for number, part in enumerate(folds.held_out):
         compliances, _ = fit_fold(folds, elastic.model, number, (elastic.penalty,))
-        blocks = list(elastic_blocks(robot, measurements[part], folds.columns))
+        blocks = list(generate_elastic_blocks(robot, measurements[part], folds.columns))
         rows = np.concatenate([columns[block.measurements.present] for block, columns in blocks])
-        own = np.flatnonzero(np.isin(of_reading, part))
-        residual[own] = rows[..., -1] - rows[..., :-1] @ compliances[0]
-        lacking[own] = len(part) / len(measurements)
+        in_part = np.flatnonzero(np.isin(of_reading, part))
+        residual[in_part] = rows[..., -1] - rows[..., :-1] @ compliances[0]
+        added_variance[in_part] = len(part) / len(measurements)
         if model.root is not None and sigma is not None:
             root = rows[..., model.kept] @ model.root
             white = [
                 block.whiten(columns[..., model.kept] @ model.root)[block.measurements.present]
                 for block, columns in blocks
             ]
-            known = np.concatenate(white).reshape(-1, root.shape[-1]) / sigma
-            factor = np.linalg.cholesky(np.eye(known.shape[1]) - known.T @ known)
-            half[own] = root @ np.linalg.inv(factor).T
+            AL = np.concatenate(white).reshape(-1, root.shape[-1]) / sigma
+            factor = np.linalg.cholesky(np.eye(AL.shape[1]) - AL.T @ AL)
+            prediction_root[in_part] = root @ np.linalg.inv(factor).T
     posture = np.unique(measurements.joints, axis=0, return_inverse=True)[1].reshape(-1)
     variance = float(np.trace(covariance, axis1=-2, axis2=-1)[measurements.present].mean()) / 3.0
     # A stated sigma is subtracted from the scores, so only an estimated noise is kept.
     noise = sigma * np.sqrt(variance) if sigma and measurements.sigma is None else None
-    return _compute_model_error(measurements, posture[of_reading], residual, half, lacking, noise)
+    return _compute_model_error(
+        measurements, posture[of_reading], residual, prediction_root, added_variance, noise
+    )
 
 
 def _compute_model_error(
     measurements: Measurements,
     posture: IndexArray,
     residual: FloatArray,
-    half: FloatArray,
-    lacking: FloatArray,
+    prediction_root: FloatArray,
+    added_variance: FloatArray,
     noise: float | None = None,
 ) -> ModelError:
     """Compute the model error from R residuals of held-out readings, without the noise of the readings.
 
-    A residual contains the error of the prediction and the noise of the reading. Their squares add up in the
-    mean only, so all scores are multiplied by one factor for the noise, which keeps their order. The standard
-    error of the mean square is added to the factor, to be on the safe side.
+    A residual contains the error of the prediction and the noise of the reading. As the squares of both add
+    up only in the mean, the noise is subtracted from all scores by one common factor. The standard error of
+    the mean square is added to the factor, so that scores are rather too large than too small.
 
     Args:
         measurements: N observations.
         posture: (R,) index of each reading's posture; −1 for a posture that was not left out.
         residual: (R, 3) residuals of the readings in fits without their postures [m]; NaN where undetermined.
-        half: (R, 3, p) matrices H, H Hᵀ the covariance of a prediction [m²]; zero if unknown.
-        lacking: (R,) share by which the covariance is greater in the fit without the posture.
+        prediction_root: (R, 3, p) matrices H with H Hᵀ the covariance of a prediction [m²]; zero if unknown.
+        added_variance: (R,) fraction by which the covariance grows in the fit without the posture.
         noise: standard deviation of a coordinate of a reading [m]; None if residuals grow with the load only.
     """
     of_reading = np.nonzero(measurements.present)[0]
@@ -788,24 +815,27 @@ def _compute_model_error(
     greatest = float(load.max())
     load = load / greatest
     loaded = load[of_reading] > 0.0
-    deviation = greatest_deviation(half)
+    deviation = greatest_deviation(prediction_root)
     scored = np.flatnonzero(loaded & (posture >= 0))
-    posture, size = (
-        posture[scored],
-        np.square(_compute_residual_growth(load[of_reading[scored]], deviation[scored], noise)),
-    )
+    posture = posture[scored]
+    growth_squared = np.square(_compute_residual_growth(load[of_reading[scored]], deviation[scored], noise))
     trace = np.trace(measurements.covariance, axis1=-2, axis2=-1)
     variance = np.broadcast_to(trace, measurements.present.shape)[measurements.present][scored]
-    own = (measurements.sigma or 0.0) ** 2 * variance
-    own = own + lacking[scored] * np.square(half[scored]).sum(axis=(1, 2))
-    squares, left = np.square(residual[scored]).sum(axis=1) / size, 1.0
+    # Expected square of a residual that is due to noise of the readings
+    noise_squares = (measurements.sigma or 0.0) ** 2 * variance
+    noise_squares = noise_squares + added_variance[scored] * np.square(prediction_root[scored]).sum(
+        axis=(1, 2)
+    )
+    squares, remaining_share = np.square(residual[scored]).sum(axis=1) / growth_squared, 1.0
     known = np.isfinite(squares)
-    if known.any() and (whole := float(squares[known].mean())) > 0.0:
+    if known.any() and (mean_square := float(squares[known].mean())) > 0.0:
         counts = np.bincount(posture[known])
         means = np.bincount(posture[known], squares[known])[counts > 0] / counts[counts > 0]
-        error = float(means.std(ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else whole
-        left = min(1.0, max(0.0, 1.0 - float((own / size)[known].mean()) / whole) + error / whole)
-    score, share = merge_score_steps(posture, np.sqrt(np.where(known, left * squares, np.inf)))
+        # Standard error of the mean square, from the spread of the postures' means
+        error = float(means.std(ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else mean_square
+        noise_share = float((noise_squares / growth_squared)[known].mean()) / mean_square
+        remaining_share = min(1.0, max(0.0, 1.0 - noise_share) + error / mean_square)
+    score, share = merge_score_steps(posture, np.sqrt(np.where(known, remaining_share * squares, np.inf)))
     return ModelError(
         postures=len(np.unique(posture)),
         score=score,
@@ -819,14 +849,15 @@ def _compute_model_error(
 
 
 def merge_score_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Merge scores into about `MOST_STEPS` steps of their distribution; all postures have the same weight.
+    """Merge scores into about `MOST_STEPS` steps of their distribution; postures have equal weights.
 
     Args:
         posture: (R,) index of each reading's posture.
         score: (R,) score of each reading.
 
     Returns:
-        (S,) ascending scores, each the greatest of its step; and (S,) the share of scores up to each step.
+        (S,) ascending scores, each the greatest of its step; and (S,) the share of scores up to each step,
+        times P/(P + 1) for P postures.
     """
     postures, index, counts = np.unique(posture, return_inverse=True, return_counts=True)
     order = np.argsort(score, kind="stable")

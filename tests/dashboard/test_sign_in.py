@@ -14,13 +14,13 @@ from support.api import posted
 from support.processes import Service
 
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.security.keys import digest, mint, mint_token
+from jointstiff.service.security.keys import hash_secret, make_key, make_secret_token
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 NOW = datetime.now(UTC)
-KEY = mint("tablet hall 3", "operator", NOW, None)
-ADMIN = mint("admin Smith", "admin", NOW, None)
+KEY = make_key("tablet hall 3", "operator", NOW, None)
+ADMIN = make_key("admin Smith", "admin", NOW, None)
 
 FOLLOW = Path(__file__).with_name("follow.js").read_text(encoding="utf-8")
 
@@ -94,16 +94,16 @@ def test_a_session_that_ends_meanwhile_asks_for_the_key(visit, run, database):
     tablet.settle()
     (cookie,) = tablet.page.context.cookies()
     with Store.open(database) as store:
-        store.sessions.end(digest(cookie["value"]))
+        store.sessions.end(hash_secret(cookie["value"]))
     tablet.page.evaluate("run => { location.hash = `#/runs/${run}` }", run)
     expect(tablet.page.get_by_role("heading", name="Sign in")).to_be_visible()
 
 
 def test_a_link_signs_in_once_and_leaves_the_address(visit, run, database):
-    token = mint_token("jsl")
+    token = make_secret_token("jsl")
     with Store.open(database) as store:
         now = datetime.now(UTC)
-        store.sessions.offer(digest(token), KEY.record.id, now, now + timedelta(minutes=10))
+        store.sessions.offer(hash_secret(token), KEY.record.id, now, now + timedelta(minutes=10))
     first, second = visit(), visit("phone")
     first.go(f"#/sign-in/{token}")
     expect(first.page.locator("h1")).not_to_have_text("Sign in")

@@ -18,7 +18,7 @@ from support.processes import Service
 from support.proxy import proxied
 
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.security.keys import mint
+from jointstiff.service.security.keys import make_key
 from jointstiff.service.store.store import Store
 
 pytestmark = pytest.mark.process
@@ -96,7 +96,7 @@ def test_eight_clients_that_pause_five_seconds_in_a_body_of_300_kb_get_eight_ans
 def test_a_role_is_required_before_the_body_is_sent(tmp_path, connect):
     """A client without a key, or with one of another role, gets its answer in the first bytes of a body."""
     database = f"sqlite:///{tmp_path / 'jointstiff.db'}"
-    viewer = mint("viewer", "viewer", datetime.now(UTC), None)
+    viewer = make_key("viewer", "viewer", datetime.now(UTC), None)
     with Store.open(database) as store:
         store.keys.add(viewer.record)
     service = Service(database, "--workers", "0", "--require-key")

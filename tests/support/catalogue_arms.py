@@ -18,7 +18,7 @@ STIFFNESSES = np.array([3.8e6, 3.1e6, 2.5e6, 0.45e6, 0.25e6, 0.09e6])
 
 
 @cache
-def nominal_robots() -> tuple[KnownRobot, ...]:
+def build_nominal_robots() -> tuple[KnownRobot, ...]:
     """Return all arms of the catalogue."""
     return tuple(KnownRobot(arm.name, prepare_robot(nominal_robot(arm)).robot) for arm in catalogue().arms)
 

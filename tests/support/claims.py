@@ -65,14 +65,14 @@ class Claims(Queue):
 
     # What an engine does beyond a queue
 
-    def active(self) -> dict[str, float]:
+    def running_parts(self) -> dict[str, float]:
         return self.used
 
     def recover(self, executors: Iterable[str]) -> None:
         dead = list(executors)
-        for name, executor in self.pending().items():
+        for name, executor in self.claimed_parts().items():
             if executor in dead:
                 self._client._sys_db.reenqueue_for_recovery(name, dead, _QUEUE)
 
     def stop(self) -> None:
-        self.hand_over(name for name, executor in self.pending().items() if executor == "alive")
+        self.put_back(name for name, executor in self.claimed_parts().items() if executor == "alive")

@@ -104,9 +104,9 @@ class Constructs:
                 [(name, part.encode("latin-1")) for name, part in files], leave_others=True
             )
         except ProgramError as error:
-            return {}, ["refused", *self._faults(subject, error.faults, error.left)]
+            return {}, ["refused", *self._faults(subject, error.faults, error.left_moves)]
         kept = [f"kept {each.line} {each.target}" for each in program.left_alone]
-        return _described(program), [*self._faults(subject, program.faults, program.left), *kept]
+        return _described(program), [*self._faults(subject, program.faults, program.left_moves), *kept]
 
     def _faults(
         self, subject: Subject, faults: tuple[Fault, ...], left: tuple[ReadMove, ...]

@@ -27,7 +27,7 @@ def description() -> dict[str, Any]:
 
 def composed(store: Store, posture: AccessPolicy | None = None) -> FastAPI:
     """Compose an application that takes its description from the first one: it costs a second."""
-    app = create_app(store, posture=posture)
+    app = create_app(store, policy=posture)
     app.openapi = description
     return app
 

@@ -6,12 +6,12 @@ from typing import Any
 from support.in_process import Client
 
 from jointstiff.service.security.admission import AccessPolicy
-from jointstiff.service.security.keys import digest, mint, mint_token
+from jointstiff.service.security.keys import hash_secret, make_key, make_secret_token
 from jointstiff.service.store.store import Store
 
 NOW = datetime.now(UTC)
 ROLES = ("viewer", "operator", "admin")
-KEYS = {role: mint(f"{role}'s key", role, NOW, None) for role in ROLES}
+KEYS = {role: make_key(f"{role}'s key", role, NOW, None) for role in ROLES}
 
 
 def bearer(role: str | None) -> dict[str, str]:
@@ -31,8 +31,8 @@ def offered(
     store: Store, key_id: str = KEYS["viewer"].record.id, lasts: timedelta = timedelta(minutes=10)
 ) -> str:
     """Store a one-time link; its time runs from now, however long the suite has run before."""
-    token, now = mint_token("jsl"), datetime.now(UTC)
-    store.sessions.offer(digest(token), key_id, now, now + lasts)
+    token, now = make_secret_token("jsl"), datetime.now(UTC)
+    store.sessions.offer(hash_secret(token), key_id, now, now + lasts)
     return token
 
 

@@ -49,14 +49,14 @@ _SHORT: Final = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial
 _WEIGHTS: Final = {"covariance": "", "characteristic_length": "/L", "uniform": "/u"}
 _CONSTRAINTS: Final = {False: "free", True: "≥ 0"}
 _METHODS_ABREAST: Final = 4
-"""Columns of methods that a table of 80 characters has room for."""
+"""Number of columns of methods for which a table of 80 characters has room."""
 _LONGEST_NAME: Final = 24
 
 Cell = Callable[[ComparedRun, int], Line]
 """Function that formats a cell of a table, for a run and the index of a joint."""
 
 
-def report(_job: Comparison, result: ComparisonResult, view: View) -> Report:
+def _make_report(_job: Comparison, result: ComparisonResult, view: View) -> Report:
     """Return the report: ratios of two sides, then runs in a column for each method, then failed methods.
 
     `view.details` adds rows that repeat the numbers of other rows.
@@ -74,6 +74,7 @@ def report(_job: Comparison, result: ComparisonResult, view: View) -> Report:
 def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
     """Return tables of both sides' stiffnesses and their ratios, and a line on the avoided deflection."""
     by_id = {entry.run_id: entry for entry in result.entries}
+    # The leading run of each side, from which the ratios were computed.
     first, second = (by_id[side.run_id] for side in result.sides)
     joints, same_method = result.joints, _short_name(first) == _short_name(second)
     parts: list[Part] = [
@@ -100,8 +101,8 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
     if avoided is not None:
         measured = "no observation is common to both sides"
         if avoided.measured is not None:
-            shown = _share_text(avoided.measured)
-            measured = f"measured {shown} in {avoided.matching} observations on both sides"
+            percentage = _percentage_text(avoided.measured)
+            measured = f"measured {percentage} in {avoided.matching} observations on both sides"
         predicted = format_percent(avoided.predicted)
         parts.append(
             Line(f"  deflection avoided by the second side: {measured}; predicted {predicted} in all")
@@ -149,13 +150,13 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
             ),
             Column("remark", ["held equal" if joint.equal else "" for joint in joints], text=True),
         ],
-        title="Both in one problem, no joint softer on the second side",
-        caption=f"{unit.quantity} in {unit.label_of(joints)}, interval under all constraints; the order "
-        f"increases χ² by {ordered.chi_square_increase:.3g}",
+        title="Both sides identified together, no joint softer on the second side",
+        caption=f"{unit.quantity} in {unit.label_of(joints)}, interval under all constraints; the constraint "
+        f"that no joint is softer increases χ² by {ordered.chi_square_increase:.3g}",
     )
 
 
-def _share_text(share: Estimate) -> str:
+def _percentage_text(share: Estimate) -> str:
     """Format a share in %, with its standard uncertainty if it has one."""
     if not share.standard_uncertainty:
         return format_percent(share.value)
@@ -164,42 +165,49 @@ def _share_text(share: Estimate) -> str:
 
 def _list_method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
     """Return tables of the joints with a column for each method and a legend, and a table of whole fits."""
-    unit, drawn = view.unit, next((entry.draws for entry in entries if entry.draws), None)
-    cell: Cell = (
-        partial(_drawn_cell, unit) if drawn else lambda entry, j: unit.format_concise(entry.joints[j])
+    unit, resampling = view.unit, next((entry.draws for entry in entries if entry.draws), None)
+    format_cell: Cell = (
+        partial(_resampled_cell, unit)
+        if resampling
+        else lambda entry, j: unit.format_concise(entry.joints[j])
     )
     # Runs with a constraint that changes no number are not shown, but the legend mentions them.
-    alike = not view.details and drawn is None and _constraints_change_nothing(entries, cell)
-    shown = [entry for entry in entries if not entry.positive] if alike else entries
+    hides_constrained = (
+        not view.details and resampling is None and _constraints_change_nothing(entries, format_cell)
+    )
+    shown = [entry for entry in entries if not entry.positive] if hides_constrained else entries
     title = f"{unit.quantity.capitalize()} in {unit.label_of(entries[0].joints)}"
-    if drawn is not None:
+    if resampling is not None:
         title += (
-            f", mean & standard deviation of\n{drawn.repetitions} fits of {drawn.size} configurations drawn "
-            f"at random (seed {drawn.seed})"
+            f", mean & standard deviation of\n{resampling.repetitions} fits of {resampling.size} "
+            f"configurations drawn at random (seed {resampling.seed})"
         )
-    parts: list[Part] = [*_joint_tables(shown, title, cell, _legend(shown, alike=alike, drawn=bool(drawn)))]
-    if drawn is not None:
+    legend = _legend(shown, hides_constrained=hides_constrained, resampled=resampling is not None)
+    parts: list[Part] = [*_joint_tables(shown, title, format_cell, legend)]
+    if resampling is not None:
         parts += _shares_tables(entries)
     return [*parts, _fits_table(shown)]
 
 
-def _constraints_change_nothing(entries: Sequence[ComparedRun], cell: Cell) -> bool:
-    """Return whether each fit with compliances ≥ 0 shows the same numbers as the free fit."""
+def _constraints_change_nothing(entries: Sequence[ComparedRun], format_cell: Cell) -> bool:
+    """Return whether each fit with the constraint compliance ≥ 0 shows the same numbers as the free fit."""
     by_constraint: dict[bool, dict[tuple[str, str], list[str]]] = {False: {}, True: {}}
     for entry in entries:
-        numbers = [str(cell(entry, j)) for j in range(len(entry.joints))]
+        numbers = [str(format_cell(entry, j)) for j in range(len(entry.joints))]
         by_constraint[entry.positive][entry.side, _short_name(entry)] = numbers
     return by_constraint[False] == by_constraint[True]
 
 
-def _joint_tables(entries: Sequence[ComparedRun], title: str, cell: Cell, caption: str = "") -> list[Table]:
+def _joint_tables(
+    entries: Sequence[ComparedRun], title: str, format_cell: Cell, caption: str = ""
+) -> list[Table]:
     """Return tables of the joints with at most `_METHODS_ABREAST` methods each; the first has the caption."""
     methods = list(dict.fromkeys(map(_short_name, entries)))
     return [
         _joint_table(
             [entry for entry in entries if _short_name(entry) in methods[start : start + _METHODS_ABREAST]],
             f"{title}, continued" if start else title,
-            cell,
+            format_cell,
             "" if start else caption,
         )
         for start in range(0, len(methods), _METHODS_ABREAST)
@@ -207,46 +215,53 @@ def _joint_tables(entries: Sequence[ComparedRun], title: str, cell: Cell, captio
 
 
 def _shares_tables(entries: Sequence[ComparedRun]) -> list[Part]:
-    """Return tables of each joint's share of resampled fits that are negative, rigid or undetermined.
+    """Return tables of the share of resampled fits in which a joint is negative, rigid or undetermined.
 
-    If all shares are zero, a line says so instead.
+    If all shares are zero, return a line with this statement instead.
     """
-    drawn = [
+    resampled_joints = [
         joint
         for entry in entries
         for j, joint in enumerate(entry.resampling.joints if entry.resampling else [])
         if entry.joints[j].status != "not_observable"
     ]
-    if not any(joint.share_negative or joint.share_infinite or joint.share_undetermined for joint in drawn):
-        return [Line("No fit was negative, rigid or undetermined for any joint.")]
+    if not any(
+        joint.share_negative or joint.share_infinite or joint.share_undetermined for joint in resampled_joints
+    ):
+        return [Line("No fit gave a joint a negative, infinite or undetermined stiffness.")]
     return [*_joint_tables(entries, "Share of fits negative / rigid / undetermined, in %", _shares_cell)]
 
 
-def _joint_table(entries: Sequence[ComparedRun], title: str, cell: Cell, caption: str) -> Table:
+def _joint_table(entries: Sequence[ComparedRun], title: str, format_cell: Cell, caption: str) -> Table:
     """Return a table with a row for each joint, side and constraint, and a column for each method."""
     by_row: dict[tuple[SideName, bool], dict[str, ComparedRun]] = {}
     for entry in sorted(entries, key=lambda each: (each.side, each.positive)):
         by_row.setdefault((entry.side, entry.positive), {}).setdefault(_short_name(entry), entry)
     methods = list(dict.fromkeys(map(_short_name, entries)))
-    several = len({entry.side for entry in entries}) > 1
-    heading = "side" if several else "sign"
+    has_two_sides = len({entry.side for entry in entries}) > 1
     lines = [(j, joint, row) for j, joint in enumerate(entries[0].joints) for row in by_row]
-    first = next(iter(by_row))
+    first_row = next(iter(by_row))  # only the first row of a joint has the joint's name
 
-    def column(method: str) -> Column:
-        cells = [cell(by_row[row][method], j) if method in by_row[row] else Line("") for j, _, row in lines]
+    def make_column(method: str) -> Column:
+        cells = [
+            format_cell(by_row[row][method], j) if method in by_row[row] else Line("") for j, _, row in lines
+        ]
         return Column(method, cells, as_line)
 
     return Table(
         [
             Column(
                 "joint",
-                [joint.name if row == first else "" for _, joint, row in lines],
+                [joint.name if row == first_row else "" for _, joint, row in lines],
                 text=True,
                 widest=_LONGEST_NAME,
             ),
-            Column(heading, [_row_name(*row, several_sides=several) for _, _, row in lines], text=True),
-            *map(column, methods),
+            Column(
+                "side" if has_two_sides else "sign",
+                [_row_name(side, positive, with_side=has_two_sides) for _, _, (side, positive) in lines],
+                text=True,
+            ),
+            *map(make_column, methods),
         ],
         title=title,
         caption=caption,
@@ -254,9 +269,10 @@ def _joint_table(entries: Sequence[ComparedRun], title: str, cell: Cell, caption
     )
 
 
-def _row_name(side: SideName, positive: bool, *, several_sides: bool) -> str:
-    """Return the name of a table's row: its constraint, such as "free"; with several sides "1 free"."""
-    return f"{f'{_SIDES.index(side) + 1} ' * several_sides}{_CONSTRAINTS[positive]}"
+def _row_name(side: SideName, positive: bool, *, with_side: bool) -> str:
+    """Return the name of a table's row: the constraint, such as "free", or side and constraint: "1 free"."""
+    side_number = f"{_SIDES.index(side) + 1} " if with_side else ""
+    return f"{side_number}{_CONSTRAINTS[positive]}"
 
 
 def _table_sort_key(entry: ComparedRun) -> tuple[int, int, bool, int]:
@@ -270,26 +286,27 @@ def _short_name(entry: ComparedRun) -> str:
     return _SHORT[entry.method] + _WEIGHTS[entry.weighting]
 
 
-def _drawn_cell(unit: StiffnessUnit, entry: ComparedRun, j: int) -> Line:
+def _resampled_cell(unit: StiffnessUnit, entry: ComparedRun, j: int) -> Line:
     """Format the mean and standard deviation of a joint over the resampled fits of a run."""
-    drawn = _resampled_joint(entry, j)
-    mean, deviation = (None, None) if drawn is None else mean_and_deviation(drawn, unit)
+    statistics = _resampled_joint(entry, j)
+    mean, deviation = (None, None) if statistics is None else mean_and_deviation(statistics, unit)
     if mean is None:
-        return Line("rigid" if drawn and drawn.share_infinite else "—", "dim")
+        return Line("rigid" if statistics and statistics.share_infinite else "—", "dim")
     text = format_rounded(mean, deviation, ".2g")
     if deviation is not None:
         text += f" & {format_rounded(deviation, deviation)}"
-    if drawn is not None and (own := unit.for_kind(drawn.kind)) is not unit:
-        text += f" {own.label}"
+    # A prismatic joint has another unit than the table, which the cell states.
+    if statistics is not None and (joint_unit := unit.for_kind(statistics.kind)) is not unit:
+        text += f" {joint_unit.label}"
     return Line(text, "bad" if mean < 0 else "")
 
 
 def _shares_cell(entry: ComparedRun, j: int) -> Line:
     """Format the shares [%] of resampled fits in which joint `j` is negative, rigid, or undetermined."""
-    drawn = _resampled_joint(entry, j)
-    if drawn is None or entry.joints[j].status == "not_observable":
+    statistics = _resampled_joint(entry, j)
+    if statistics is None or entry.joints[j].status == "not_observable":
         return Line("—", "dim")
-    shares = (drawn.share_negative, drawn.share_infinite, drawn.share_undetermined)
+    shares = (statistics.share_negative, statistics.share_infinite, statistics.share_undetermined)
     return Line("/".join(f"{100 * share:.2g}" for share in shares), "bad" if shares[0] else "")
 
 
@@ -300,9 +317,9 @@ def _resampled_joint(entry: ComparedRun, j: int) -> ResampledJoint | None:
 
 def _fits_table(entries: Sequence[ComparedRun]) -> Table:
     """Return a table with a row for each fit: explained deflection, residual, condition number."""
-    several = len({entry.side for entry in entries}) > 1
+    has_two_sides = len({entry.side for entry in entries}) > 1
     names = [
-        f"{_short_name(entry)} {_row_name(entry.side, entry.positive, several_sides=several)}"
+        f"{_short_name(entry)} {_row_name(entry.side, entry.positive, with_side=has_two_sides)}"
         for entry in entries
     ]
     columns = [
@@ -329,8 +346,11 @@ def _resampled_cells(resampling: ResamplingResult | None) -> tuple[str, str]:
     )
 
 
-def _legend(entries: Sequence[ComparedRun], *, alike: bool, drawn: bool) -> str:
-    """Return a caption that explains the abbreviations used in the tables."""
+def _legend(entries: Sequence[ComparedRun], *, hides_constrained: bool, resampled: bool) -> str:
+    """Return a caption that explains the abbreviations used in the tables.
+
+    `hides_constrained` is true if runs with a constraint are not shown, because no constraint is active.
+    """
     methods = {_SHORT[entry.method]: METHOD_NAMES[entry.method] for entry in entries}
     lengths = {f"{entry.characteristic_length:.3g}" for entry in entries if entry.characteristic_length}
     of_lengths = f" of {', '.join(sorted(lengths))} m" if lengths else ""
@@ -346,9 +366,9 @@ def _legend(entries: Sequence[ComparedRun], *, alike: bool, drawn: bool) -> str:
         "free: unconstrained",
         "≥ 0: compliances zero or positive" if any(entry.positive for entry in entries) else "",
         "drawn: explained share of all configurations, mean & standard deviation over the drawn fits"
-        if drawn
+        if resampled
         else "3.188(17): 3.188 with standard uncertainty 0.017",
-        "≥ 0 gives the same numbers as free: no constraint is active" if alike else "",
+        "≥ 0 gives the same numbers as free: no constraint is active" if hides_constrained else "",
     ]
     return "; ".join(line for line in lines if line)
 
@@ -364,23 +384,23 @@ def _failure_lines(entries: Sequence[ComparedRun]) -> list[Line]:
     ]
 
 
-def charts(result: ComparisonResult) -> list[Chart]:
+def make_charts(result: ComparisonResult) -> list[Chart]:
     """Return charts of each configuration's deflection and, for each method, of its residual.
 
     These charts correspond to figures 7 and 8 of the paper.
     """
-    charts: list[Chart] = []
+    drawn: list[Chart] = []
     for side in result.sides:
         entries = [entry for entry in result.entries if entry.side == side.side and entry.left]
         # If a method has a run with the constraint and a run without, the constrained run is drawn: it is
         # sorted last.
-        kept = {_short_name(entry): entry for entry in sorted(entries, key=lambda each: each.positive)}
-        charts.append(
+        by_method = {_short_name(entry): entry for entry in sorted(entries, key=lambda each: each.positive)}
+        drawn.append(
             Chart(
                 f"Deflection of each configuration and what is left after compensation, mean over the targets"
                 f"{f', {side.side} side' * (len(result.sides) > 1)}",
                 side.configurations,
-                {"measured": side.deflection, **{name: entry.left for name, entry in kept.items()}},
+                {"measured": side.deflection, **{name: entry.left for name, entry in by_method.items()}},
                 1e3,
                 "mm",
             )
@@ -391,8 +411,8 @@ def charts(result: ComparisonResult) -> list[Chart]:
             for side in result.sides
         }
         title = "Deflection of each configuration that both sides have, mean over the targets"
-        charts.insert(0, Chart(title, common, series, 1e3, "mm"))
-    return charts
+        drawn.insert(0, Chart(title, common, series, 1e3, "mm"))
+    return drawn
 
 
 def _deflection_by_label(side: ComparedSide) -> dict[str, float | None]:
@@ -465,12 +485,13 @@ def entries_sheet(job: Comparison) -> Sheet:
     A number that is unknown, or an upper limit that does not exist, is an empty cell.
     """
     rows: list[_Row] = []
-    pairs: list[tuple[JointResult | None, ResampledJoint | None]]  # each joint, with its resampled fits
+    # Each joint with its statistics over the resampled fits; a failed run has one pair without joint.
+    pairs: list[tuple[JointResult | None, ResampledJoint | None]]
     for entry in job.result.entries if job.result else ():
-        fit = _Row.model_construct(fit=entry, constraint="positive" if entry.positive else "unconstrained")
-        drawn = entry.resampling.joints if entry.resampling else [None] * len(entry.joints)
-        pairs = [*zip(entry.joints, drawn, strict=True)] or [(None, None)]
-        rows += [fit.model_copy(update={"joint": joint, "drawn": own}) for joint, own in pairs]
+        row = _Row.model_construct(fit=entry, constraint="positive" if entry.positive else "unconstrained")
+        statistics = entry.resampling.joints if entry.resampling else [None] * len(entry.joints)
+        pairs = [*zip(entry.joints, statistics, strict=True)] or [(None, None)]
+        rows += [row.model_copy(update={"joint": joint, "drawn": of_joint}) for joint, of_joint in pairs]
     kinds = [None if row.joint is None else row.joint.kind for row in rows]
     return Sheet.with_joint_kinds(Sheet.from_messages(rows, _COLUMNS), kinds)
 
@@ -492,16 +513,16 @@ def configurations_sheet(job: Comparison) -> Sheet:
             "constraint": "positive" if entry.positive else "unconstrained",
             "configuration": label,
             "deflection [m]": measured,
-            "left [m]": left,
+            "left [m]": residual,
         }
         for entry in (result.entries if result else ())
-        for label, measured, left in zip(
+        for label, measured, residual in zip(
             sides[entry.side].configurations, sides[entry.side].deflection, entry.left, strict=False
         )
     )
 
 
-def _compute(inputs: Inputs, request: ComparisonRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: ComparisonRequest) -> Work:
     """Return the work of a comparison, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.comparison.work import prepare_comparison
 
@@ -512,16 +533,16 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest](
     message=Comparison,
     request=ComparisonRequest,
     options=CampaignComparison,
-    compute=_compute,
-    report=report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("campaigns",),
-    charts=charts,
+    make_charts=make_charts,
     title="Comparison",
     examples={"two sets": {"run_ids": ["ID_OF_A_RUN", "ID_OF_ANOTHER"], "ordered": True}},
     files=tuple(
         File(
             name=f"{name}.csv",
-            description=f"{words}, as a table for spreadsheets; units in the headers",
+            description=f"{words}; units in the headers",
             sheet=sheet,
             made_of="result",
         )
@@ -531,15 +552,15 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest](
             (
                 "configurations",
                 configurations_sheet,
-                "deflection by configuration, and what each run leaves",
+                "deflection of each configuration, and the residual of each run",
             ),
         )
     ),
     description="""Compare stored runs of one measurement set, or of two; nothing is identified again.
 
-Runs of one set stand side by side: methods, constraints, other options. Of two sets (motor and secondary
-encoders, before and after, units A and B) there is also for each joint the ratio of its stiffnesses with
-Fieller's interval, and whether it has changed; and the share of the deflection that the second side avoids,
-measured where both sides have the observation, and predicted. With `ordered`, also both sides in one problem
-in which no joint is softer on the second side.""",
+Runs of one set are shown side by side: methods, constraints, other options. Of two sets (motor
+and secondary encoders, before and after, units A and B) the answer also has the ratio of each joint's
+stiffnesses with Fieller's interval, and whether the stiffness has changed; and the share of the deflection
+that the second side avoids, measured where both sides have the observation, and predicted. With `ordered`,
+both sides are also identified in one problem in which no joint is softer on the second side.""",
 )

@@ -83,7 +83,7 @@ def prepare_comparison(inputs: Inputs, request: ComparisonRequest) -> QuickWork:
         result=partial(compare_runs, inputs, request, runs),
         input_hash=hash_texts(*(each.run.provenance.input_hash for each in runs), options),
         robot_id=runs[0].prepared.robot_id,
-        details={"measurement_set_id": sets[0], "second_set_id": (*sets, None)[1]},
+        details={"measurement_set_id": sets[0], "second_set_id": sets[1] if len(sets) > 1 else None},
     )
 
 
@@ -96,20 +96,23 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
         RequestError: the robots of two sets have different joints, or the runs cannot be compared.
         SolverError: an optimum could not be certified.
     """
-    by_set: dict[str, list[MeasuredRun]] = {}
+    runs_by_set: dict[str, list[MeasuredRun]] = {}
     for each in runs:
-        by_set.setdefault(each.run.request.measurement_set_id, []).append(each)
-    by_side = dict(zip(_SIDES, by_set.values(), strict=False))
-    leading = {name: of_side[0] for name, of_side in by_side.items()}
-    sides = [_make_side_message(name, of_side, leading[name].run) for name, of_side in by_side.items()]
+        runs_by_set.setdefault(each.run.request.measurement_set_id, []).append(each)
+    # With one set there is only the first side.
+    runs_by_side = dict(zip(_SIDES, runs_by_set.values(), strict=False))
+    leading = {name: side_runs[0] for name, side_runs in runs_by_side.items()}
+    sides = [
+        _make_side_message(name, side_runs, leading[name].run) for name, side_runs in runs_by_side.items()
+    ]
     side_of_set = {side.measurement_set_id: side for side in sides}
-    verdicts = [each.run.result.assessment for each in runs if each.run.result is not None]
+    assessments = [each.run.result.assessment for each in runs if each.run.result is not None]
     # Only the first warning of each code and place is kept.
     warnings: dict[tuple[str, str | None], Finding] = {}
     for finding in (finding for each in runs for finding in _list_warnings(each.run)):
         warnings.setdefault((finding.code, finding.where), finding)
     result = ComparisonResult(
-        assessment=combine_assessments(verdicts or [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]),
+        assessment=combine_assessments(assessments or [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]),
         confidence=request.confidence or runs[0].run.request.confidence,
         sides=sides,
         entries=[_make_entry(each.run, side_of_set[each.run.request.measurement_set_id]) for each in runs],
@@ -118,9 +121,9 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
         ordered=None,
         warnings=list(warnings.values()),
     )
-    if len(by_side) == 1:
+    if len(runs_by_side) == 1:
         return result.model_copy(update={"assessment": assess_with_run("comparison", [], result.assessment)})
-    return _add_ratios(inputs, request, by_side, leading, result)
+    return _add_ratios(inputs, request, runs_by_side, leading, result)
 
 
 def _list_warnings(run: Run) -> list[Finding]:
@@ -131,7 +134,7 @@ def _list_warnings(run: Run) -> list[Finding]:
 def _make_entry(run: Run, side: ComparedSide) -> ComparedRun:
     """Return the message of a compared run; its field `left` has the residual [m] of each configuration."""
     result, request = run.result, run.request
-    left = {} if result is None else result.mean_lengths("residual")
+    residuals = {} if result is None else result.mean_lengths("residual")
     return ComparedRun(
         run_id=run.id,
         side=side.side,
@@ -147,7 +150,7 @@ def _make_entry(run: Run, side: ComparedSide) -> ComparedRun:
         condition_number=result.identifiability.condition_number if result else None,
         draws=request.resampling,
         resampling=result.resampling if result else None,
-        left=[left.get(label) for label in side.configurations] if left else [],
+        left=[residuals.get(label) for label in side.configurations] if residuals else [],
     )
 
 
@@ -172,23 +175,23 @@ def _make_side_message(name: SideName, runs: Sequence[MeasuredRun], leading: Run
 def _add_ratios(
     inputs: Inputs,
     request: ComparisonRequest,
-    by_side: Mapping[SideName, Sequence[MeasuredRun]],
+    runs_by_side: Mapping[SideName, Sequence[MeasuredRun]],
     leading: Mapping[SideName, MeasuredRun],
     result: ComparisonResult,
 ) -> ComparisonResult:
     """Return a copy of `result` with stiffness ratios, avoided deflection and, on request, the ordered fit.
 
     Args:
-        inputs: fetch measurement sets.
-        request: of the comparison.
-        by_side: all runs of each side.
+        inputs: source of measurement sets, which are fetched by id.
+        request: request of the comparison; with `ordered`, no joint may be softer on the second side.
+        runs_by_side: all runs of each side.
         leading: the first run of each side, from which ratios are computed.
-        result: of the comparison so far.
+        result: result of the comparison so far.
 
     Raises:
         RequestError: a leading run has failed, or the runs cannot be compared.
     """
-    leading_runs = [(name, run.run, run.run.result) for name, run in leading.items()]
+    leading_runs = [(name, each.run, each.run.result) for name, each in leading.items()]
     failed = next((name for name, _, run_result in leading_runs if run_result is None), None)
     if failed is not None:
         raise RequestError(
@@ -196,10 +199,10 @@ def _add_ratios(
             where="run_ids",
             remedy="read the `error` of the run, and give a run that succeeded",
         )
-    sides = [_make_solver_side(inputs, leading[name], by_side[name]) for name in _SIDES]
+    sides = [_make_solver_side(inputs, leading[name], runs_by_side[name]) for name in _SIDES]
     pair = compare_sides(*sides, confidence=result.confidence, ordered=request.ordered)
     warnings = [
-        _place_finding(finding, name) for name, run, _ in leading_runs for finding in _list_warnings(run)
+        _add_side_to_place(finding, name) for name, run, _ in leading_runs for finding in _list_warnings(run)
     ]
     if models_differ(sides[0].robot, sides[1].robot):
         warnings.append(_OTHER_MODEL)
@@ -209,15 +212,18 @@ def _add_ratios(
                 code="configurations_differ",
                 weight="use",
                 message=f"{len(pair.unlike)} observations have the same label but different postures or "
-                f"loads, or no common target; first '{pair.unlike[0]}'",
+                f"loads, or no common target; the first of these observations is '{pair.unlike[0]}'",
                 remedy="measure the same postures under the same load, or give different labels",
             )
         )
-    verdicts = {name: run_result.assessment for name, _, run_result in leading_runs if run_result is not None}
+    run_assessments = {
+        name: run_result.assessment for name, _, run_result in leading_runs if run_result is not None
+    }
     assessments = [
-        each.model_copy(update={"reasons": [_place_finding(reason, name) for reason in each.reasons]})
-        for name, each in verdicts.items()
+        each.model_copy(update={"reasons": [_add_side_to_place(reason, name) for reason in each.reasons]})
+        for name, each in run_assessments.items()
     ]
+    # A mistake of units is also the reason why no observations match.
     reasons = [pair.unit_mistake] if pair.unit_mistake else [] if pair.avoided.matching else [_NOTHING_COMMON]
     no_ratio = [joint.name for joint in pair.joints if joint.ratio is None]
     if no_ratio:
@@ -235,7 +241,7 @@ def _add_ratios(
     )
 
 
-def _place_finding(finding: Finding, side: SideName) -> Finding:
+def _add_side_to_place(finding: Finding, side: SideName) -> Finding:
     """Return a copy of a finding whose `where` begins with the side, such as "first.observations[2]"."""
     where = f"{side}.{finding.where}" if finding.where else side
     return finding.model_copy(update={"where": where})
@@ -249,9 +255,9 @@ def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[Measu
     """
     run, prepared = leading.run, leading.prepared
     if run.request.weight is not None or run.request.priors:
-        other = "was identified by own weight" if run.request.weight is not None else "uses priors"
+        obstacle = "was identified by own weight" if run.request.weight is not None else "uses priors"
         raise RequestError(
-            f"the run '{run.id}' {other}, whose errors may be common to both sets, but the sets must be "
+            f"the run '{run.id}' {obstacle}, whose errors may be common to both sets, but the sets must be "
             "independent",
             where="run_ids",
             remedy="identify the measurement set under external loads and without `priors`, and give the "
@@ -260,16 +266,16 @@ def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[Measu
     if run.request.leave_out:
         set_id = run.request.measurement_set_id
         prepared = inputs.measured(set_id, "run_ids", run.request.leave_out)
-    causes = [cause.pair for cause in run.request.causes]
+    causes = [cause.name_and_first_label for cause in run.request.causes]
     measurements = fit_causes(prepared.robot, prepared.measurements, causes)
-    stiffness = run.result.complementary_stiffness if run.result else None
+    k_c = run.result.complementary_stiffness if run.result else None
     model = _rebuild_joint_model(run, prepared.robot)
     return Side(
         robot=prepared.robot,
         measurements=measurements,
         compliance=model.compliance,
         constraints=model.constraints,
-        complementary_stiffness=stiffness is not None and stiffness.included,
+        complementary_stiffness=k_c is not None and k_c.included,
         free=_make_free_estimate(_find_unconstrained_run(run, runs), prepared.robot),
     )
 
@@ -299,10 +305,10 @@ def _find_unconstrained_run(run: Run, runs: Sequence[MeasuredRun]) -> Run:
     """
     if not has_active_constraint(run):
         return run
-    for each in (each.run for each in runs if each.run.result is not None):
-        free = all(getattr(each.request, name) == value for name, value in UNCONSTRAINED.items())
-        if free and _influential_options(each) == _influential_options(run):
-            return each
+    for other in (each.run for each in runs if each.run.result is not None):
+        is_free = all(getattr(other.request, name) == value for name, value in UNCONSTRAINED.items())
+        if is_free and _influential_options(other) == _influential_options(run):
+            return other
     return run
 
 
@@ -327,7 +333,7 @@ def _influential_options(run: Run) -> dict[str, Any]:
 def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
     """Return a run's estimate before constraints: n compliances and their covariance (n, n).
 
-    Parts of the covariance, from readings and from assumed errors, are returned separately.
+    The estimate also has the parts of the covariance: one from the readings, one from each assumed error.
     """
     model, result = _rebuild_joint_model(run, robot), run.result
     if result is None:
@@ -335,21 +341,22 @@ def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
     joints, likelihood, n = result.joints, model.likelihood, robot.n
     values = [np.nan if joint.compliance is None else joint.compliance for joint in joints]
     compliance = np.array(values, dtype=np.float64)
-    shown, undetermined = np.isfinite(compliance), np.isnan(compliance)
+    has_compliance, undetermined = np.isfinite(compliance), np.isnan(compliance)
     covariance = np.zeros((n, n))
     readings: FloatArray | None = None
     assumed: dict[str, FloatArray] = {}
     # The likelihood has the estimate before constraints, of the joints that the readings determine.
     if likelihood is not None and result.budget is not None:
         compliance[likelihood.joints] = likelihood.centre
-        compliance[~shown] = np.nan
+        compliance[~has_compliance] = np.nan
         undetermined = ~np.isin(np.arange(n), likelihood.joints)
         covariance[np.ix_(likelihood.joints, likelihood.joints)] = likelihood.covariance
-        covariance *= np.outer(shown, shown)
-        place = np.ix_(np.flatnonzero(shown), np.flatnonzero(shown))
+        covariance *= np.outer(has_compliance, has_compliance)
+        # Rows and columns of the joints that the uncertainty budget has.
+        budget_entries = np.ix_(np.flatnonzero(has_compliance), np.flatnonzero(has_compliance))
         for part in result.budget.components:
             part_covariance = np.zeros((n, n))
-            part_covariance[place] = np.outer(part.contributions, part.contributions) * np.array(
+            part_covariance[budget_entries] = np.outer(part.contributions, part.contributions) * np.array(
                 part.correlation
             )
             if part.source == "readings":
@@ -377,11 +384,13 @@ class ComparedSet:
 
     set_id: str  # id of the measurement set
     leave_out: Sequence[str]  # labels of observations that the runs of this set omit
-    options: RunOptions  # options of the leading run, which is compared with that of another set
+    options: RunOptions  # options of the leading run, which is compared with the leading run of another set
 
 
 def request_comparison(
-    sets: Sequence[ComparedSet], chosen: CampaignComparison, make: Callable[[RunRequest, bool], Run | None]
+    sets: Sequence[ComparedSet],
+    options: CampaignComparison,
+    identify: Callable[[RunRequest, bool], Run | None],
 ) -> ComparisonRequest:
     """Make the runs of one set or of two sets, and return the request that compares these runs.
 
@@ -390,38 +399,42 @@ def request_comparison(
 
     Args:
         sets: one set to compare methods, or two sets to compare with each other.
-        chosen: methods, constraints, resampling.
-        make: identifies a request, and returns the run or None; the flag is true if the comparison is
+        options: methods, constraints and resampling of the comparison.
+        identify: identifies a request, and returns the run or None; the flag is true if the comparison is
             possible without this run.
     """
-    confidence = chosen.confidence or sets[0].options.confidence
-    common = {"elasticity": "joints", "confidence": confidence, "resampling": chosen.resampling}
+    confidence = options.confidence or sets[0].options.confidence
+    common = {"elasticity": "joints", "confidence": confidence, "resampling": options.resampling}
     method_options = [
         RunOptions(**method.model_dump(), **common, positive=constraint == "positive")
-        for method in chosen.methods
-        for constraint in chosen.constraints
+        for method in options.methods
+        for constraint in options.constraints
     ]
     runs: list[Run] = []
     for each in sets:
         stated = each.options.model_dump(exclude={"leave_out"})
         # An elasticity that the user names is kept, so that anything but joints is refused later.
         named = {} if stated["elasticity"] == "automatic" else {"elasticity": stated["elasticity"]}
-        own = RunOptions.model_validate({**stated, **common, **named})
-        listed = (
-            [own, *(other for other in method_options if other != own)] if len(sets) > 1 else method_options
-        )
+        leading = RunOptions.model_validate({**stated, **common, **named})
+        run_options = method_options
+        if len(sets) > 1:
+            run_options = [leading, *(other for other in method_options if other != leading)]
 
-        def make_run(options: RunOptions, each: ComparedSet = each, own: RunOptions = own) -> Run | None:
+        # `each` and `leading` are bound as defaults, because they change with the loop.
+        def make_run(
+            chosen: RunOptions, each: ComparedSet = each, leading: RunOptions = leading
+        ) -> Run | None:
             readings = {"measurement_set_id": each.set_id, "leave_out": list(each.leave_out)}
-            return make(RunRequest.model_validate({**options.model_dump(), **readings}), options != own)
+            request = RunRequest.model_validate({**chosen.model_dump(), **readings})
+            return identify(request, chosen != leading)
 
-        by_options = [(options, make_run(options)) for options in listed]
-        free = own.model_copy(update=UNCONSTRAINED)
-        if free not in listed and any(
-            options == own and run and has_active_constraint(run) for options, run in by_options
+        runs_with_options = [(chosen, make_run(chosen)) for chosen in run_options]
+        unconstrained = leading.model_copy(update=UNCONSTRAINED)
+        if unconstrained not in run_options and any(
+            chosen == leading and run and has_active_constraint(run) for chosen, run in runs_with_options
         ):
-            by_options.append((free, make_run(free)))
-        runs += [run for _, run in by_options if run is not None]
+            runs_with_options.append((unconstrained, make_run(unconstrained)))
+        runs += [run for _, run in runs_with_options if run is not None]
     return ComparisonRequest(
-        run_ids=[run.id for run in runs], ordered=chosen.ordered, confidence=chosen.confidence
+        run_ids=[run.id for run in runs], ordered=options.ordered, confidence=options.confidence
     )

@@ -21,7 +21,7 @@ _REQUEST_BYTES: Final = 1024 * 1024
 _SHOWN: Final = 500
 """Greatest number of sets in the table of a report, which begins with the sets that need attention."""
 _MOST_JOINTS: Final = 8
-"""Greatest number of joint names for which the table has columns; with more names, no joint has a column."""
+"""Greatest number of joints for which the table has columns; a fleet with more joints has no such column."""
 _OUTCOMES: Final[dict[FleetOutcome, tuple[str, Style]]] = {
     "failed": ("failed", "bad"),
     "do_not_use": (VERDICTS["do_not_use"], "bad"),
@@ -36,7 +36,7 @@ def outcome_of_row(row: FleetRow) -> FleetOutcome:
     return row.verdict or "failed"
 
 
-def _report(_job: Fleet, result: FleetResult, view: View) -> Report:
+def _make_report(_job: Fleet, result: FleetResult, view: View) -> Report:
     """Return a headline, the number of sets by outcome, and the table of sets, worst first."""
     order = list(_OUTCOMES)
     rows = sorted(result.rows, key=lambda row: order.index(outcome_of_row(row)))
@@ -124,16 +124,17 @@ def sets_sheet(job: Fleet) -> Sheet:
     kinds: list[JointKind | None] = []
     for each in job.result.rows if job.result else ():
         row = _SheetRow.model_construct(set=each, detail=None if each.error is None else each.error.detail)
-        numbers = [
+        joint_fields = [
             {"joint": name, "stiffness": value, "interval": each.stiffness_interval[name]}
             for name, value in each.stiffness.items()
         ]
-        rows += [row.model_copy(update=of_joint) for of_joint in numbers or [{}]]
+        # A failed set has no joints: one row without a joint shows the error.
+        rows += [row.model_copy(update=fields) for fields in joint_fields or [{}]]
         kinds += [each.joint_kinds.get(name, "revolute") for name in each.stiffness] or [None]
     return Sheet.with_joint_kinds(Sheet.from_messages(rows, _COLUMNS), kinds)
 
 
-def _compute(inputs: Inputs, request: FleetRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: FleetRequest) -> Work:
     """Return the work of a fleet, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.fleet.work import FleetWork
 
@@ -144,8 +145,8 @@ FLEET: Final = Kind[Fleet, FleetRequest](
     message=Fleet,
     request=FleetRequest,
     options=FleetOptions,
-    compute=_compute,
-    report=_report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("sets",),
     title="Fleet",
     stepped=True,
@@ -154,7 +155,8 @@ FLEET: Final = Kind[Fleet, FleetRequest](
     files=(
         File(
             name="table.csv",
-            description="a row a set and joint: stiffness with its interval, verdict; or why there is none.",
+            description="one row for each set and joint: stiffness with its interval, verdict; or the "
+            "error of the set.",
             sheet=sets_sheet,
             made_of="result",
         ),

@@ -30,9 +30,9 @@ from jointstiff.service.resources.inputs import Inputs, NamedSet
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 SETS_A_STEP: Final = 10
-"""Sets in a step, which takes a quarter of a second, if joints alone are identified."""
+"""Number of sets in a step, which takes a quarter of a second, if only joints are elastic."""
 _SETS_A_STEP_AUTOMATIC: Final = 1
-"""Sets in a step if the elastic model is chosen automatically: a set with elastic links takes seconds."""
+"""Number of sets in a step if the elastic model is chosen automatically: elastic links take seconds."""
 _RETRIED_ERRORS: Final = (StoreUnavailableError, MemoryError)
 """Errors that the set did not cause: the step is carried out again, here or by another worker."""
 
@@ -50,7 +50,8 @@ class FleetWork(Work):
         Raises:
             RequestError: a set does not exist, or the fleet has no set, or too many.
         """
-        self._inputs, self._first = inputs, 0
+        self._inputs = inputs
+        self._first = 0  # number of the first set in `_sets`; not 0 in the work of a single step
         self._sets = inputs.named_sets(request.measurement_set_ids, "measurement_set_ids")
         _refuse_count(len(self._sets))
         run = request.run
@@ -61,8 +62,8 @@ class FleetWork(Work):
         self._blocks = cut_into_spans(len(self._sets), size)
         self.input_hash = hash_texts(*(each.content for each in self._sets), run.model_dump_json())
         # A request without ids means all robots at this moment: the stored request lists the ids.
-        found = [each.id for each in self._sets]
-        self.details = {"request": request.model_copy(update={"measurement_set_ids": found})}
+        set_ids = [each.id for each in self._sets]
+        self.details = {"request": request.model_copy(update={"measurement_set_ids": set_ids})}
 
     def steps(self) -> tuple[Span, ...]:
         """Return a step for each block of sets; no steps if one block has all sets, whose runs are quick."""
@@ -84,7 +85,10 @@ class FleetWork(Work):
         }
 
     def conclude(self, parts: Sequence[Arrays]) -> FleetResult:
-        """Return the result of the fleet: the rows of all sets, and the number of sets with each outcome."""
+        """Return the result of the fleet: the rows of all sets, and the number of sets with each outcome.
+
+        `parts` are the arrays of all steps; if empty, all sets are identified now.
+        """
         table = concatenate_steps(parts or map(self.compute, self._blocks))
         ends = np.cumsum(table["sizes"])
         texts = np.split(table["rows"], ends[:-1])
@@ -94,10 +98,10 @@ class FleetWork(Work):
 
     def detach_for_step(self, span: Span) -> FleetWork:
         """Return work with the sets of a step in memory, for another process, which cannot use the store."""
-        part, sets = copy(self), self._sets[slice(*span)]
+        step_work, sets = copy(self), self._sets[slice(*span)]
         in_memory = _SetsInMemory.fetch(self._inputs, sets, self._options)
-        vars(part).update(_inputs=in_memory, _sets=sets, _first=span[0], details={})
-        return part
+        vars(step_work).update(_inputs=in_memory, _sets=sets, _first=span[0], details={})
+        return step_work
 
     @cached_property
     def _is_quick(self) -> bool:
@@ -137,7 +141,10 @@ class _SetsInMemory:
 
     @classmethod
     def fetch(cls, inputs: Inputs, sets: Iterable[NamedSet], options: Mapping[str, Any]) -> _SetsInMemory:
-        """Fetch the sets, or their errors, from the store, without observations that `options` leave out."""
+        """Fetch sets from the store, without the observations that the option `leave_out` names.
+
+        Instead of a set that cannot be used, the error is kept.
+        """
         fetched = dict[str, PreparedSet | JointstiffError]()
         for named_set in sets:
             try:
@@ -150,10 +157,10 @@ class _SetsInMemory:
 
     def measured(self, set_id: str, _where: str, _leave_out: Sequence[str] = ()) -> PreparedSet:
         """Return a set by its id, or raise the error of an unusable set."""
-        found = self._sets[set_id]
-        if isinstance(found, JointstiffError):
-            raise found
-        return found
+        set_or_error = self._sets[set_id]
+        if isinstance(set_or_error, JointstiffError):
+            raise set_or_error
+        return set_or_error
 
 
 def _make_row(named_set: NamedSet, result: RunResult | None, error: Problem | None) -> FleetRow:

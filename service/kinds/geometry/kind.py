@@ -42,13 +42,13 @@ if TYPE_CHECKING:
 _MILLI, _MICRO = 1e3, 1e6
 
 
-_CONTROLLER_LEVEL = 0.01
+_SIGNIFICANCE_LEVEL = 0.01
 """p-value below which the report says that the controller's angles do not fit the readings."""
 _LEAST_PROBABILITY = 1e-6
 """Smallest probability that is shown; a smaller probability is shown as this number "or less"."""
 
 
-def report(_job: Geometry, result: GeometryResult, view: View) -> Report:
+def _make_report(_job: Geometry, result: GeometryResult, view: View) -> Report:
     """Return the report: axes, links and a summary; `view.details` adds the evidence and notes."""
     parts: list[Part] = [_axes_table(result)]
     if view.details:
@@ -56,10 +56,10 @@ def report(_job: Geometry, result: GeometryResult, view: View) -> Report:
     if result.links:
         parts.append(_links_table(result.links))
     parts.append(Line("\n".join(f"  {line}" for line in _summary_lines(result, details=view.details))))
-    notes = [finding for finding in result.findings if finding.weight == "use"]
-    return Report(
-        [*parts, *(Line(f"  {f.where}: {f.message}; {f.remedy}", "dim") for f in notes if view.details)]
-    )
+    if view.details:
+        notes = [finding for finding in result.findings if finding.weight == "use"]
+        parts += [Line(f"  {note.where}: {note.message}; {note.remedy}", "dim") for note in notes]
+    return Report(parts)
 
 
 def _evidence_parts(result: GeometryResult) -> list[Part]:
@@ -129,8 +129,8 @@ def _sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
             Column("axial", [list(sweep.axial_rms.values()) for sweep in sweeps], micro),
         ],
         title="Sweeps, each fitted separately",
-        caption="residuals by target, root mean square in µm; scale: rotation of the joint over that of "
-        "the controller",
+        caption="residuals by target, root mean square in µm; scale: rotation of the joint divided by "
+        "the rotation that the controller shows",
     )
 
 
@@ -138,24 +138,25 @@ def _tracker_frame_table(result: GeometryResult) -> Table:
     """Return a table of the transform from the tracker's frame to R0, with its standard uncertainties."""
     transform, micro = result.transform_tracker_to_base, number_formatter(".3g", _MICRO)
     covariance = result.transform_covariance
-    spread = [None] * 6 if covariance is None else [sqrt(covariance[i][i]) for i in range(6)]
+    # Standard uncertainties of the translation along x, y, z [m], then of the rotation about x, y, z [rad].
+    uncertainties = [None] * 6 if covariance is None else [sqrt(covariance[i][i]) for i in range(6)]
     return Table(
         [
             Column("", list("xyz"), text=True),
             Column("R", transform.rotation, vector_formatter("+.7f", 1.0, " ")),
             Column("t", transform.translation, number_formatter(".3f", _MILLI)),
-            Column("u shift", spread[:3], micro),
-            Column("u turn", spread[3:], micro),
+            Column("u shift", uncertainties[:3], micro),
+            Column("u turn", uncertainties[3:], micro),
         ],
         title=f"Tracker to R0, placed by {'the nominal model' if result.base == 'nominal' else 'the axes'}",
-        caption="y = R x + t; t in mm; u: standard uncertainty of a translation in µm and of a rotation in "
-        "µrad, axes of R0",
+        caption="y = R x + t, with x in the tracker's frame and y in R0; t in mm; u: standard uncertainty of "
+        "a translation in µm and of a rotation in µrad, axes of R0",
     )
 
 
 def _targets_table(result: GeometryResult) -> Table:
     """Return a table of the targets' positions in the flange frame."""
-    rows = [_place_in_mm(target.position, target.covariance) for target in result.targets]
+    rows = [_position_cells(target.position, target.covariance) for target in result.targets]
     return Table(
         [
             Column("target", [target.name for target in result.targets], text=True),
@@ -166,16 +167,16 @@ def _targets_table(result: GeometryResult) -> Table:
     )
 
 
-def _place_in_mm(position: Sequence[float], covariance: Sequence[Sequence[float]] | None) -> list[str]:
-    """Format three coordinates [m] in mm, each with the standard uncertainty of its last digits."""
-    spread = [None if covariance is None else _MILLI * sqrt(covariance[i][i]) for i in range(3)]
-    return [format_concise(_MILLI * part, u, ".4f") for part, u in zip(position, spread, strict=True)]
+def _position_cells(position: Sequence[float], covariance: Sequence[Sequence[float]] | None) -> list[str]:
+    """Format three coordinates [m] in mm, each with the standard uncertainty of the last digits."""
+    uncertainties = [None if covariance is None else _MILLI * sqrt(covariance[i][i]) for i in range(3)]
+    return [format_concise(_MILLI * part, u, ".4f") for part, u in zip(position, uncertainties, strict=True)]
 
 
 def _wrist_parts(wrist: WristResult) -> list[Part]:
     """Return a table of the estimates of the wrist centre, and lines on the distances between them."""
     centres = [*wrist.estimates, wrist.combined]
-    rows = [_place_in_mm(centre.base, centre.base_covariance) for centre in centres]
+    rows = [_position_cells(centre.base, centre.base_covariance) for centre in centres]
     table = Table(
         [
             Column("by", [centre.way for centre in centres], text=True),
@@ -190,10 +191,10 @@ def _wrist_parts(wrist: WristResult) -> list[Part]:
         f"{pair.probability:.2g})"
         for pair in wrist.distances
     ]
-    return [table, Line("\n".join(f"  {line}" for line in [*lines, _axes_miss_text(wrist)]))]
+    return [table, Line("\n".join(f"  {line}" for line in [*lines, _axes_distance_text(wrist)]))]
 
 
-def _axes_miss_text(wrist: WristResult) -> str:
+def _axes_distance_text(wrist: WristResult) -> str:
     """Describe the distance between the last three axes, and whether the decoupled method applies."""
     applies = "applies" if wrist.decoupled_method else "does not apply"
     return (
@@ -255,14 +256,14 @@ def _summary_lines(result: GeometryResult, *, details: bool) -> list[str]:
         fits = "does not fit" if result.fit == "one_by_one" else "fits"
         lines.append(f"one robot {fits} all sweeps ({_fit_probability(result.agreement_probability)})")
     if result.controller_probability is not None:
-        fit = "fit" if result.controller_probability >= _CONTROLLER_LEVEL else "do not fit"
+        fit = "fit" if result.controller_probability >= _SIGNIFICANCE_LEVEL else "do not fit"
         lines.append(
             f"the controller's angles {fit} the readings ({_fit_probability(result.controller_probability)})"
         )
     if result.no_wrist is not None:
         lines.append(f"no wrist centre: {result.no_wrist}")
     if result.wrist is not None and not details:
-        lines.append(_axes_miss_text(result.wrist))
+        lines.append(_axes_distance_text(result.wrist))
     if details:
         tables = (f"{table.convention} {_MICRO * table.deviation:.1f} µm" for table in result.dh)
         lines.append(f"deviation of the DH tables (all numbers in the JSON): {', '.join(tables)}")
@@ -276,7 +277,7 @@ def _fit_probability(probability: float) -> str:
     return f"noise alone gives a worse fit with probability {percent} %{or_less}"
 
 
-def charts(result: GeometryResult) -> list[Chart]:
+def make_charts(result: GeometryResult) -> list[Chart]:
     """Return a chart of each axis's standard uncertainty of position, across the axis."""
     names = [axis.name for axis in result.axes]
     series = {"position": [axis.position_uncertainty for axis in result.axes]}
@@ -297,7 +298,7 @@ _AXES: Final = {
 }
 
 
-def compute(inputs: Inputs, request: GeometryRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: GeometryRequest) -> Work:
     """Check robot and readings, and return the work that identifies the geometry.
 
     Raises:
@@ -315,13 +316,14 @@ def compute(inputs: Inputs, request: GeometryRequest) -> Work:
             where="robot_id",
             remedy="give `robot_id` or `robot`",
         )
-    nominal, robot_hash = None, ""
+    nominal, robot_hash = None, ""  # a robot in the request is hashed with the other options
     if request.robot is not None:
         with as_request_errors("robot"):
             nominal = prepare_robot(request.robot).robot
     elif request.robot_id is not None:
         nominal, robot_hash = inputs.robot(request.robot_id, "robot_id")
     with as_request_errors():
+        # A request has sweeps, or poses, which need a nominal model: checked above.
         readings: SweepSet | Poses
         if request.sweeps is None and nominal is not None:
             readings = to_poses(request, nominal)
@@ -406,21 +408,22 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     message=Geometry,
     request=GeometryRequest,
     options=GeometryRequest,
-    compute=compute,
-    report=report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("readings",),
-    charts=charts,
+    make_charts=make_charts,
     files=(
         File(
             name="axes.csv",
-            description="a row an axis: a point and the direction in R0 at model angle zero, uncertainties.",
+            description="one row for each axis: a point and the direction in R0 at model angle zero, "
+            "uncertainties.",
             sheet=axes_sheet,
             made_of="result",
         ),
     ),
     title="Geometry of a robot",
     max_bytes=READINGS_BYTES,
-    reported=False,
+    has_report=False,
     examples=_EXAMPLES,
     description="""Identify a robot's geometry from sweeps of single joints, or from unloaded poses.
 

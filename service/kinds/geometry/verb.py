@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.service.kinds.geometry.kind import GEOMETRY
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
 from jointstiff.service.resources.documents import read_object, read_robot
 
 if TYPE_CHECKING:
@@ -64,34 +64,36 @@ def geometry(
     Args:
         door: `Here` or a `Client`, which has this function as a method and does the work.
         readings: a file, a document, or the message of the request.
-        options: a `GeometryRequest`; fields by name replace its own.
+        options: a `GeometryRequest`; keyword arguments replace options of the same name.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
             notebook, if it takes more than 2 s.
         cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
             `cancelled`.
         executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
+            executor.
         fields: fields of `GeometryRequest`.
 
     Returns:
         The Geometry, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    with Follow(on_progress, cancel, executor) as follow:
-        door, given = door.begun(follow), dict[str, Any](fields)
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door, named_options = door.begun(monitor), dict[str, Any](fields)
         if isinstance(readings, str | PathLike):
             request = read_object(Path(readings))
         else:
             request = {} if readings is None else dict(readings)
-        robot = given.get("robot")
+        robot = named_options.get("robot")
         robot = read_robot(robot) if isinstance(robot, str) else robot
         if isinstance(robot, Message):  # a robot replaces the id of a stored robot in the request
-            given |= {"robot": robot.model_dump(mode="json"), "robot_id": None}
-        return door.done(GEOMETRY, request | merge_options(GeometryRequest, options, given), {}, follow)
+            named_options |= {"robot": robot.model_dump(mode="json"), "robot_id": None}
+        request |= merge_options(GeometryRequest, options, named_options)
+        return door.done(GEOMETRY, request, {}, monitor)
 
 
 describe_fields(geometry, GeometryRequest)

@@ -58,7 +58,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
 }
 
 
-def _compute(inputs: Inputs, request: MapRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: MapRequest) -> Work:
     """Return the work of a map, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.map.work import prepare_map
 
@@ -79,11 +79,13 @@ _REASONS: Final[Mapping[PlaceStatus, str]] = {
 }
 
 
-def _report(job: Map, result: MapResult, _view: View) -> Report:
+def _make_report(job: Map, result: MapResult, _view: View) -> Report:
     """Return counts of places without posture, quantiles of the deflection, and worst and stiffest place."""
     counts = result.counts
-    unanswered = ", ".join(f"{counts[name]} {reason}" for name, reason in _REASONS.items() if counts[name])
-    lines = [unanswered or f"all {result.places} places reached"]
+    without_posture = ", ".join(
+        f"{counts[name]} {reason}" for name, reason in _REASONS.items() if counts[name]
+    )
+    lines = [without_posture or f"all {result.places} places reached"]
     if result.percentiles:
         values = {percent: 1e6 * size for percent, size in result.percentiles.items()}
         lines.append(
@@ -104,6 +106,7 @@ def _extremes_table(
 ) -> Table:
     """Return a table of the worst and the stiffest place: posture, deflection, intervals, compliance."""
     micro, joints = number_formatter(".3g", 1e6), [each.joints for each in places]
+    # A map that was stored without the kinds of the joints is of a robot with revolute joints only.
     posture = Column(
         "controller's angles", [[*map(degrees, each)] for each in joints], vector_formatter(".1f"), "°"
     )
@@ -126,7 +129,7 @@ def _extremes_table(
     )
 
 
-def charts(result: MapResult) -> list[Chart]:
+def make_charts(result: MapResult) -> list[Chart]:
     """Return a chart of the quantiles of the deflection over the places; none if no place is reached."""
     names = [f"{percent} %" for percent in result.percentiles]
     series = {"deflection": [*result.percentiles.values()]}
@@ -134,23 +137,23 @@ def charts(result: MapResult) -> list[Chart]:
     return [Chart(title, names, series, 1e6, "µm", "quantiles")] if names else []
 
 
-def area(sheet: Sheet) -> Area:
-    """Return the plane slice through the greatest deflection of a map, which `plot` draws.
+def make_area_map(sheet: Sheet) -> Area:
+    """Return a map of the deflection in one plane of the grid, which `plot` draws.
 
-    The slice is normal to the axis of R0 along which the map has the fewest places.
+    The plane has the greatest deflection, and is normal to the axis of R0 along which the grid is shortest.
     """
     places = {axis: [1e3 * float(value) for value in sheet.columns[f"{axis} [m]"]] for axis in "xyz"}
     values = [float("nan") if value is None else float(value) for value in sheet.columns["deflection [m]"]]
     normal = min("zyx", key=lambda axis: len(set(places[axis])))
     reached = [i for i, value in enumerate(values) if isfinite(value)]
-    height = places[normal][max(reached, key=lambda i: values[i])] if reached else places[normal][0]
-    in_slice = [i for i, value in enumerate(places[normal]) if value == height]
+    height = places[normal][max(reached, key=lambda i: values[i])] if reached else places[normal][0]  # in mm
+    in_plane = [i for i, value in enumerate(places[normal]) if value == height]
     first, second = (axis for axis in "xyz" if axis != normal)
     return Area(
         f"Deflection at {normal} = {height:.0f} mm",
-        [places[first][i] for i in in_slice],
-        [places[second][i] for i in in_slice],
-        [values[i] for i in in_slice],
+        [places[first][i] for i in in_plane],
+        [places[second][i] for i in in_plane],
+        [values[i] for i in in_plane],
         (f"{first} [mm]", f"{second} [mm]", "deflection [µm]"),
         1e6,
     )
@@ -160,11 +163,11 @@ MAP: Final = Kind[Map, MapRequest](
     message=Map,
     request=MapRequest,
     options=MapOptions,
-    compute=_compute,
-    report=_report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("run",),
-    charts=charts,
-    area=area,
+    make_charts=make_charts,
+    make_area_map=make_area_map,
     title="Map of a work area",
     stepped=True,
     examples=_EXAMPLES,

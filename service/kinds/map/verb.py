@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.deflection import MapOptions
 from jointstiff.service.kinds.map.kind import MAP
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -54,27 +54,28 @@ def map(  # noqa: A001 - the name of the command
     Args:
         door: `Here` or a `Client`, which has this function as a method and does the work.
         run: what `identify` returned, or a campaign, which is identified now.
-        options: a `MapOptions`; fields by name replace its own.
+        options: a `MapOptions`; keyword arguments replace options of the same name.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
             notebook, if it takes more than 2 s.
         cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
             `cancelled`.
         executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
+            executor.
         fields: fields of `MapOptions`.
 
     Returns:
         The Map, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    with Follow(on_progress, cancel, executor) as follow:
-        door = door.begun(follow)
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door = door.begun(monitor)
         request = {"run_id": door.identified(run, executor)}
-        return door.done(MAP, request | merge_options(MapOptions, options, fields), {}, follow)
+        return door.done(MAP, request | merge_options(MapOptions, options, fields), {}, monitor)
 
 
 describe_fields(map, MapOptions)

@@ -43,9 +43,9 @@ from jointstiff.solver.predict.answers import (
 )
 
 POSES_A_STEP: Final = 10_000
-"""Postures (places times orientations) in a step, which takes a quarter of a second."""
-_ELASTIC: Final = 5
-"""Factor of time and memory for a posture if links are elastic, relative to elastic joints alone."""
+"""Number of postures (places times orientations) in a step, which takes a quarter of a second."""
+_ELASTIC_LINKS_FACTOR: Final = 5
+"""Time and memory for a posture if links are elastic, relative to elastic joints alone."""
 _LEAST_LENGTH: Final = 1e-9
 """Length below which a direction counts as the zero vector."""
 
@@ -95,19 +95,23 @@ class MapWork(Work):
         Raises:
             JointstiffError: the springs have no stable equilibrium under the load.
         """
-        table, used = DeflectionMap(**concatenate_steps(parts)) if parts else self.table, self._run_model
+        table = DeflectionMap(**concatenate_steps(parts)) if parts else self.table
+        run_model = self._run_model
         tool = self._task.rotation @ _unit_vector(self.request.tool_axis, "tool_axis")
         numbers = summarise_map(table, self.places, tool)
         return MapResult(
-            assessment=assess_with_run("map", self._reasons(numbers), used.result.assessment),
+            assessment=assess_with_run("map", self._list_reasons(numbers), run_model.result.assessment),
             joint_kinds=joint_kinds_by_name(self.robot),
-            model_error_postures=used.postures,
-            remarks=used.remarks(self.request.confidence),
+            model_error_postures=run_model.postures,
+            remarks=run_model.remarks(self.request.confidence),
             **numbers,
         )
 
-    def _reasons(self, numbers: Mapping[str, Any]) -> list[Finding]:
-        """Return the reasons not to use the map, or to use it with care, besides the reasons of its run."""
+    def _list_reasons(self, numbers: Mapping[str, Any]) -> list[Finding]:
+        """Return the reasons not to use the map, or to use it with care, in addition to those of its run.
+
+        `numbers` are the fields of the map's summary, by name.
+        """
         counts, places, worst = numbers["counts"], numbers["places"], numbers["worst"]
         return [
             *find_implausible_deflection(None if worst is None else worst.deflection, self._run_model.result),
@@ -152,7 +156,7 @@ class MapWork(Work):
 
     def _blocks(self) -> tuple[Span, ...]:
         """Cut the places into spans that each take about a quarter of a second, and return the spans."""
-        poses = POSES_A_STEP // _ELASTIC if self._run_model.model.first_order else POSES_A_STEP
+        poses = POSES_A_STEP // _ELASTIC_LINKS_FACTOR if self._run_model.model.first_order else POSES_A_STEP
         size = max(1, poses // len(self._task.rotation))
         return cut_into_spans(len(self.places), size)
 
@@ -182,16 +186,17 @@ def make_grid(request: MapOptions) -> FloatArray:
         )
     places = int(np.prod(request.grid))
     poses = places * len(request.directions) * request.turns
-    for counted, count, most in (
+    for noun, count, limit in (
         ("places", places, MAX_PLACES),
         ("places times directions times turns", poses, MAX_POSES),
     ):
-        if count > most:
+        if count > limit:
             raise RequestError(
-                f"the map has {count:,} {counted}, but at most {most:,} are possible",
+                f"the map has {count:,} {noun}, but at most {limit:,} are possible",
                 where="grid",
                 remedy="use a coarser grid, fewer orientations, or several maps",
             )
+    # An axis with a single place has the place in the middle of the area.
     axes = [
         np.linspace(low, high, count) if count > 1 else np.array([0.5 * (low + high)])
         for low, high, count in zip(least, greatest, request.grid, strict=True)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _DOWN: Final = -0.9999
 """Component along z of R0 below which a unit vector counts as pointing down."""
 _TIGHT: Final = 0.3
-"""Certified efficiency below which the bound, not the list, is probably poor, as with many parameters."""
+"""Certified efficiency below which the bound is probably loose, rather than the list of readings poor."""
 _CRITERIA = {
     "relative_a": "relative uncertainty of the joints",
     "work_area": "predictions in the work area",
@@ -39,15 +39,20 @@ _CRITERIA = {
 }
 
 
-def report(job: Plan, result: PlanResult, view: View) -> Report:
+def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
     """Return the joints' predicted uncertainties, the list of readings, and lines on the plan's quality."""
     struck_out = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items())
-    certificate = "certified:" if result.efficiency >= _TIGHT else "certified, but the bound is not tight:"
+    # A certificate is a proved lower bound of the list's efficiency.
+    certificate = (
+        "certified:"
+        if result.efficiency >= _TIGHT
+        else "certified, but the list is probably better than this bound:"
+    )
     lines = [
-        f"{certificate} at least {100 * result.efficiency:.1f} % of the best list's information "
-        f"({_CRITERIA[result.criterion]})",
+        f"{certificate} the list gives at least {100 * result.efficiency:.1f} % of the information of the "
+        f"best possible list (criterion: {_CRITERIA[result.criterion]})",
         f"{result.feasible} of {result.considered} readings were feasible"
-        + (f"; struck out: {struck_out}" if struck_out else ""),
+        + (f"; not feasible: {struck_out}" if struck_out else ""),
     ]
     if result.goal_share is not None:
         lines.append(
@@ -71,16 +76,17 @@ def report(job: Plan, result: PlanResult, view: View) -> Report:
             "the list has only the new readings, but the predicted uncertainties also use the readings "
             "of the campaign so far: identify old and new readings together"
         )
-    readings = _readings_table(job, result, boxes=view.details)
+    readings = _readings_table(job, result, has_tick_boxes=view.details)
     return Report([_joints_table(result), readings, *map(Line, lines)])
 
 
 def _joints_table(result: PlanResult) -> Table:
-    """Return a table of each joint's uncertainty after the plan and now.
+    """Return a table of each joint's uncertainty: after the plan, and from the readings so far ("now").
 
     Cells are empty for joints that no load of the plan twists.
     """
-    joints, empty = result.joints, [None] * len(result.left_out)
+    joints = result.joints
+    empty = [None] * len(result.left_out)  # cells of joints that no load of the plan twists
     columns = [
         Column("joint", [*(joint.name for joint in joints), *result.left_out], text=True),
         Column("plan", [*(_uncertainty_cell(joint, joint.standard_uncertainty) for joint in joints), *empty]),
@@ -100,7 +106,8 @@ def _joints_table(result: PlanResult) -> Table:
 def _relative_uncertainty(joint: PlannedJoint, uncertainty: float | None) -> float | None:
     """Return the relative uncertainty of a joint's compliance, which is also that of its stiffness.
 
-    `uncertainty` is of the compliance; None if it or the compliance is unknown.
+    `uncertainty` is the standard uncertainty of the compliance. Return None if `uncertainty` or the
+    compliance is unknown.
     """
     if uncertainty is None or joint.relative is None:
         return None
@@ -109,39 +116,45 @@ def _relative_uncertainty(joint: PlannedJoint, uncertainty: float | None) -> flo
 
 
 def _uncertainty_cell(joint: PlannedJoint, uncertainty: float | None) -> str | None:
-    """Format an uncertainty in % of the compliance, or in units of compliance if that is unknown."""
-    share = _relative_uncertainty(joint, uncertainty)
-    if share is not None:
-        return f"{figure(100 * share, '.2g')} %"
+    """Format an uncertainty in % of the compliance, or in units of compliance if the compliance is unknown.
+
+    Return None if the uncertainty is unknown.
+    """
+    relative = _relative_uncertainty(joint, uncertainty)
+    if relative is not None:
+        return f"{figure(100 * relative, '.2g')} %"
     unit = "nm/N" if joint.kind == "prismatic" else "nrad/(N·m)"
     return None if uncertainty is None else f"{figure(1e9 * uncertainty, '.3g')} {unit}"
 
 
-def _readings_table(job: Plan, result: PlanResult, *, boxes: bool) -> Table:
-    """Return the table of readings: posture, force, direction; `boxes` adds columns to tick on paper."""
+def _readings_table(job: Plan, result: PlanResult, *, has_tick_boxes: bool) -> Table:
+    """Return the table of readings: posture, force, direction.
+
+    `has_tick_boxes` adds two columns of boxes to tick on paper: measured without load, and with load.
+    """
     readings = result.readings
-    gauged = any(each.direction is not None for each in readings)
+    has_gauges = any(each.direction is not None for each in readings)
     prismatic, blocks = _prismatic_joints(result), max((each.block for each in readings), default=1)
-    angles = [
+    postures = [
         Column(name, [1e3 * each.joints[j] for each in readings], number_formatter(".1f"), "mm")
         if j in prismatic
         else Column(name, [degrees(each.joints[j]) for each in readings], number_formatter(".1f"), "°")
         for j, name in enumerate(_joint_names(result))
     ]
-    ticks = [Column(name, ["[   ]"] * len(readings), text=True) for name in ("unloaded", "loaded")]
+    tick_boxes = [Column(name, ["[   ]"] * len(readings), text=True) for name in ("unloaded", "loaded")]
     return Table(
         [
             Column("reading", [each.label for each in readings], text=True),
             *([Column("block", [str(each.block) for each in readings], text=True)] if blocks > 1 else []),
-            *angles,
+            *postures,
             Column("force", [hypot(*each.force) for each in readings], number_formatter(".0f"), "N"),
             Column("direction", [_force_direction_text(job, each) for each in readings], text=True),
             *(
                 [Column("read along", [_gauge_direction_text(each) for each in readings], text=True)]
-                if gauged
+                if has_gauges
                 else []
             ),
-            *(ticks if boxes else []),
+            *(tick_boxes if has_tick_boxes else []),
         ],
         title="Readings, in order",
         caption=f"v…: readings to validate the model, not to fit it. Targets: {', '.join(result.targets)}. "
@@ -159,9 +172,9 @@ def _joint_names(result: PlanResult) -> list[str]:
     """Return the names of all joints, or "axis 1" and so on if a stored plan does not name every joint."""
     if result.joint_kinds:
         return list(result.joint_kinds)
-    known = [joint.name for joint in result.joints]
+    names = [joint.name for joint in result.joints]
     count = len(result.readings[0].joints) if result.readings else 0
-    return known if len(known) == count else [f"axis {j + 1}" for j in range(count)]
+    return names if len(names) == count else [f"axis {j + 1}" for j in range(count)]
 
 
 def _force_direction_text(job: Plan, reading: PlannedReading) -> str:
@@ -208,16 +221,17 @@ def readings_sheet(plan: Plan) -> Sheet:
         f"joint_{j + 1} [{'mm' if j in prismatic else 'deg'}]" for j in range(len(result.readings[0].joints))
     ]
     point_names = [f"load point {axis} [mm]" for axis in "xyz"]
+    # Only gauges along an axis of R0 have a column; any other direction is in the column `remark`.
     gauge_axes = {
         axis for each in result.readings if (axis := _gauge_direction_text(each)) in ("x", "y", "z")
     }
-    gauged = any(each.direction is not None for each in result.readings)
-    states = ("along",) if gauged else ("unloaded", "loaded")
-    empty = [
+    has_gauges = any(each.direction is not None for each in result.readings)
+    states = ("along",) if has_gauges else ("unloaded", "loaded")
+    columns_to_fill_in = [
         f"{target} {state} {axis} [mm]"
         for target in result.targets
         for state in states
-        for axis in (sorted(gauge_axes) if gauged else "xyz")
+        for axis in (sorted(gauge_axes) if has_gauges else "xyz")
     ]
     return Sheet.from_rows(
         {
@@ -230,15 +244,18 @@ def readings_sheet(plan: Plan) -> Sheet:
             **{name: round(1e3 * part, 3) for name, part in zip(point_names, result.load_point, strict=True)},
             "anchor": None if each.anchor is None else each.anchor + 1,
             "validation": int(each.held_out),
-            **({"remark": f"read along {_gauge_direction_text(each)}"} if gauged else {}),
-            **dict.fromkeys(empty),
+            **({"remark": f"read along {_gauge_direction_text(each)}"} if has_gauges else {}),
+            **dict.fromkeys(columns_to_fill_in),
         }
         for each in result.readings
     )
 
 
-def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[str, Any]:
-    """Return the JSON object of a campaign with the planned readings, whose positions are still null."""
+def make_campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[str, Any]:
+    """Return the JSON object of a campaign with the planned readings, whose positions are still null.
+
+    `source` is the robot, or the campaign that the plan continues.
+    """
     options, result = plan.request, plan.result
     robot = source.robot if isinstance(source, Campaign) else source
     encoders = source.measurement_set.encoders if isinstance(source, Campaign) else "motor"
@@ -272,20 +289,22 @@ def campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> dict[st
     }
 
 
-def charts(result: PlanResult) -> list[Chart]:
+def make_charts(result: PlanResult) -> list[Chart]:
     """Return a chart of each joint's standard uncertainty: after this plan, after random plans, and now."""
-    joints, known = result.joints, all(joint.relative is not None for joint in result.joints)
+    joints, all_known = result.joints, all(joint.relative is not None for joint in result.joints)
     # Without the compliance of every joint, uncertainties of compliances are drawn, not relative ones.
-    value = _relative_uncertainty if known else lambda _, uncertainty: uncertainty
+    plotted_value = _relative_uncertainty if all_known else lambda _, uncertainty: uncertainty
     series = {
-        "this plan": [value(joint, joint.standard_uncertainty) for joint in joints],
-        "random plans": [value(joint, joint.random) for joint in joints],
-        "now": [value(joint, joint.before) for joint in joints],
+        "this plan": [plotted_value(joint, joint.standard_uncertainty) for joint in joints],
+        "random plans": [plotted_value(joint, joint.random) for joint in joints],
+        "now": [plotted_value(joint, joint.before) for joint in joints],
     }
-    drawn = {name: values for name, values in series.items() if any(each is not None for each in values)}
-    quantity, factor, unit = ("stiffness", 1e2, "%") if known else ("compliance", 1e9, "10⁻⁹ rad/(N·m)")
+    known_series = {
+        name: values for name, values in series.items() if any(each is not None for each in values)
+    }
+    quantity, factor, unit = ("stiffness", 1e2, "%") if all_known else ("compliance", 1e9, "10⁻⁹ rad/(N·m)")
     title, names = f"Standard uncertainty of each {quantity}", [joint.name for joint in joints]
-    return [Chart(title, names, drawn, factor, unit, "joints", logarithmic=True)]
+    return [Chart(title, names, known_series, factor, unit, "joints", logarithmic=True)]
 
 
 _EXAMPLES: Final[dict[str, Any]] = {
@@ -306,7 +325,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
 }
 
 
-def compute(inputs: Inputs, request: PlanRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: PlanRequest) -> Work:
     """Return the work of a plan, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.plan.work import prepare_plan
 
@@ -317,18 +336,17 @@ PLAN: Final = Kind[Plan, PlanRequest](
     message=Plan,
     request=PlanRequest,
     options=PlanOptions,
-    compute=compute,
-    report=report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("robot_or_set",),
-    charts=charts,
+    make_charts=make_charts,
     title="Plan of a campaign",
     max_bytes=READINGS_BYTES,
     examples=_EXAMPLES,
     files=(
         File(
             name="readings.csv",
-            description="the readings of a plan in their order as a table for spreadsheets, units in the "
-            "headers.",
+            description="the readings of a plan in their order, units in the headers.",
             sheet=readings_sheet,
             made_of="result",
         ),

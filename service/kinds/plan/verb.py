@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from jointstiff.schemas.plan import PlanOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.plan.kind import PLAN
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
-from jointstiff.service.resources.documents import read_planned
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.resources.documents import read_plan_source
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -74,36 +74,44 @@ def plan(
 
     Args:
         door: `Here` or a `Client`, which has this function as a method and does the work.
-        source: the campaign to go on with; or, to begin one, a robot: a document, the name of a file, or of
-            an arm of the catalogue.
-        options: a `PlanOptions`; fields by name replace its own.
+        source: the campaign to continue; or, to begin a campaign, a robot: a document, the name of a file, or
+            the name of an arm of the catalogue.
+        options: a `PlanOptions`; keyword arguments replace options of the same name.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
             notebook, if it takes more than 2 s.
         cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
             `cancelled`.
         executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
+            executor.
         fields: fields of `PlanOptions`.
 
     Returns:
         The Plan, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    with Follow(on_progress, cancel, executor) as follow:
-        door = door.begun(follow)
-        planned = read_planned(source)
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door = door.begun(monitor)
+        planned = read_plan_source(source)
         if isinstance(planned, RobotDocument):
             request: dict[str, Any] = {"robot_id": door.described(planned)}
         else:
-            set_id, own = door.measured(planned)
+            set_id, run_options = door.measured(planned)
             # Causes and left-out readings of the campaign's run apply, unless options replace them.
-            chosen = {} if own is None else own.model_dump(mode="json", include={"causes", "leave_out"})
-            request = {"measurement_set_id": set_id, **{name: each for name, each in chosen.items() if each}}
-        return door.done(PLAN, request | merge_options(PlanOptions, options, fields), {}, follow)
+            inherited = (
+                {}
+                if run_options is None
+                else run_options.model_dump(mode="json", include={"causes", "leave_out"})
+            )
+            request = {
+                "measurement_set_id": set_id,
+                **{name: value for name, value in inherited.items() if value},
+            }
+        return door.done(PLAN, request | merge_options(PlanOptions, options, fields), {}, monitor)
 
 
 describe_fields(plan, PlanOptions)

@@ -42,12 +42,12 @@ from jointstiff.solver.own_weight.rows import Burden, make_planned_rows_function
 from jointstiff.solver.own_weight.run import run_by_weight
 from jointstiff.solver.result import build_assessment_message
 
-_LARGEST_RELATIVE: Final = 0.5
+_LARGEST_RELATIVE_UNCERTAINTY: Final = 0.5
 """Relative uncertainty of a compliance above which the compliance is not used as a nominal value."""
-_TOO_LITTLE: Final = frozenset({"no_joint_identified", "no_residual_freedom", "few_postures"})
-"""Reasons against the campaign so far that more readings remove: they do not prevent a plan."""
-_LINKS: Final = frozenset({"deflection_unexplained"})
-"""Reasons that elastic links explain: the plan allows for elastic links, so they do not prevent it."""
+_TOO_FEW_READINGS: Final = frozenset({"no_joint_identified", "no_residual_freedom", "few_postures"})
+"""Reasons of a verdict "do not use" that more readings remove: these reasons do not prevent a plan."""
+_ELASTIC_LINKS: Final = frozenset({"deflection_unexplained"})
+"""Reasons that elastic links explain: a plan allows for elastic links, so these reasons do not prevent it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         )
     if request.measurement_set_id is None:
         robot, content = inputs.robot(str(request.robot_id), "robot_id")
-        planned = PlanInput(robot, str(request.robot_id), content)
+        plan_input = PlanInput(robot, str(request.robot_id), content)
     else:
         prepared = inputs.measured(request.measurement_set_id, "measurement_set_id", request.leave_out)
         if request.load is None and not prepared.measurements.force.any():
@@ -89,26 +89,27 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
             request = request.model_copy(update={"load": OwnWeight()})
         by_weight = isinstance(request.load, OwnWeight)
         if not by_weight:
-            causes = [cause.pair for cause in request.causes]
+            causes = [cause.name_and_first_label for cause in request.causes]
             readings = fit_causes(prepared.robot, prepared.measurements.require_loads(), causes)
             prepared = replace(prepared, measurements=readings)
-        planned = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)
+        plan_input = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
     return QuickWork(
-        result=partial(_compute_plan, planned, request),
-        input_hash=hash_texts(planned.content, options),
-        robot_id=planned.robot_id,
+        result=partial(_compute_plan, plan_input, request),
+        input_hash=hash_texts(plan_input.content, options),
+        robot_id=plan_input.robot_id,
     )
 
 
-def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
+def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResult:
     """Identify the campaign so far, if the plan continues one, then plan readings, and return the plan.
 
     Raises:
         RequestError: the robot or the campaign lacks data that the plan needs, the verdict on the campaign so
             far is "do not use", or no plan satisfies the request.
     """
-    robot, prepared = planned.robot, planned.prepared
+    robot, prepared = plan_input.robot, plan_input.prepared
+    # What the campaign so far tells; NaN and None where it is unknown.
     nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
     if prepared is not None and isinstance(request.load, OwnWeight):
         by_weight = RunOptions(weight=request.load)
@@ -120,7 +121,7 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
             request.accept_verdict,
             "the campaign so far",
             "measurement_set_id",
-            passed_over=_TOO_LITTLE,
+            ignored_codes=_TOO_FEW_READINGS,
         )
     elif prepared is not None:
         settings = Settings.from_options(RunOptions(), robot)
@@ -130,17 +131,19 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
         # A compliance with a great uncertainty is no nominal value: it stays NaN.
         for j, joint in enumerate(estimate.joints):
             u = joint.standard_uncertainty
-            if joint.compliance and u is not None and u < _LARGEST_RELATIVE * joint.compliance:
+            if joint.compliance and u is not None and u < _LARGEST_RELATIVE_UNCERTAINTY * joint.compliance:
                 nominal[j] = joint.compliance
         prediction = predict(robot, prepared.measurements, estimate.compliance, balanced=estimate.balanced)
-        judgement = assess(joints, estimate, prediction, screening)
-        assessment = build_assessment_message(judgement, estimate.joints)
+        solver_assessment = assess(joints, estimate, prediction, screening)
+        assessment = build_assessment_message(solver_assessment, estimate.joints)
         refuse_unaccepted(
             assessment,
             request.accept_verdict,
             "the campaign so far",
             "measurement_set_id",
-            passed_over=_TOO_LITTLE | _LINKS if screening.links_need_validation else _TOO_LITTLE,
+            ignored_codes=_TOO_FEW_READINGS | _ELASTIC_LINKS
+            if screening.links_need_validation
+            else _TOO_FEW_READINGS,
         )
         unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
     so_far = None if prepared is None else prepared.measurements
@@ -150,18 +153,20 @@ def _compute_plan(planned: PlanInput, request: plans.PlanRequest) -> PlanResult:
     if isinstance(request.goal, DecisionGoal) or getattr(request.goal, "force", None) is not None:
         raise RequestError(
             "a plan cannot have a decision as its goal, nor a goal for the deflection under a force "
-            "other than "
-            "the load of the plan",
+            "other than the load of the plan",
             where="goal",
             remedy="give a goal for the uncertainty of the joints, or of the deflection under the plan's "
             "load; or pursue this goal in a live campaign",
         )
-    wanted = to_design_request(
+    design_request = to_design_request(
         request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
     )
     names, _ = choose_targets(request, robot, so_far)
-    found = to_plan_result(wanted, plan_campaign(robot, wanted), robot, names, assessment)
-    return found.model_copy(update={"assessment": assess_with_run("plan", _list_reasons(found), assessment)})
+    plan_result = to_plan_result(
+        design_request, plan_campaign(robot, design_request), robot, names, assessment
+    )
+    plan_assessment = assess_with_run("plan", _list_reasons(plan_result), assessment)
+    return plan_result.model_copy(update={"assessment": plan_assessment})
 
 
 def _list_reasons(result: PlanResult) -> list[Finding]:
@@ -174,20 +179,21 @@ def _list_reasons(result: PlanResult) -> list[Finding]:
             "need in `joints`"
         )
         reasons.append(make_reason("joint_left_out", "use_with_care", message, remedy))
-    poor = [each.name for each in result.joints if (each.relative or 0.0) > _POOR]
-    if poor:
-        message = f"after this plan {', '.join(poor)} would still be uncertain by over {100 * _POOR:.0f} %"
+    uncertain = [each.name for each in result.joints if (each.relative or 0.0) > _UNCERTAIN]
+    if uncertain:
+        names = ", ".join(uncertain)
+        message = f"after this plan {names} would still be uncertain by over {100 * _UNCERTAIN:.0f} %"
         remedy = "plan more readings, a larger load, or targets farther from the flange"
         reasons.append(make_reason("joint_stays_uncertain", "use_with_care", message, remedy))
     return reasons
 
 
-_POOR: Final = 0.5
+_UNCERTAIN: Final = 0.5
 """Greatest standard uncertainty, relative to the compliance, with which a plan determines a joint."""
 
 
 _LACK_OF_FIT: Final = 0.1
-"""Share of the mean deflection that joints leave unexplained, above which a plan allows for elastic links."""
+"""Share of the mean deflection unexplained by elastic joints, above which a plan allows for elastic links."""
 _LINK_SHARE: Final = 0.3
 """Deflection by links relative to deflection by joints, if no campaign determines this ratio."""
 _SIGMA: Final = 2e-5
@@ -210,7 +216,7 @@ def to_design_request(
         robot: n joints.
         nominal: (n,) compliances from the campaign so far [rad/(N·m)]; NaN for an unknown compliance.
         sigma: standard deviation of the campaign's readings [m]; None if it is unknown.
-        unexplained: share of the campaign's mean deflection that joints leave unexplained; None if unknown.
+        unexplained: share of the campaign's mean deflection that elastic joints do not explain; or None.
         so_far: readings of the campaign; None if the plan begins a campaign.
 
     Raises:
@@ -220,34 +226,34 @@ def to_design_request(
     nominal = nominal.copy()
     for name, stiffness in request.stiffness.items():
         nominal[robot.joint_index(name, f"stiffness.{name}")] = 1.0 / stiffness
-    prior = np.full(robot.n, np.inf)
-    for name, known in request.priors.items():
+    prior_uncertainty = np.full(robot.n, np.inf)  # inf: nothing is known before the plan
+    for name, prior in request.priors.items():
         j = robot.joint_index(name, f"priors.{name}")
         # Uncertainty of the compliance c = 1/k: u(c) = u(k)/k².
-        prior[j] = known.standard_uncertainty / known.stiffness**2
-        nominal[j] = 1.0 / known.stiffness
+        prior_uncertainty[j] = prior.standard_uncertainty / prior.stiffness**2
+        nominal[j] = 1.0 / prior.stiffness
     names, targets = choose_targets(request, robot, so_far)
-    load = request.load if isinstance(request.load, OwnWeight) else None
-    if load and not (robot.bodies and np.isfinite(nominal).any()):
+    own_weight = request.load if isinstance(request.load, OwnWeight) else None
+    if own_weight and not (robot.bodies and np.isfinite(nominal).any()):
         raise RequestError(
             "a plan for own weight needs the masses of the robot and the stiffness of at least one joint",
             where="load",
             remedy="state `bodies` of the robot, and a guess of the joints' `stiffness`",
         )
-    if load and (load.balancers or load.estimate_gravity):
+    if own_weight and (own_weight.balancers or own_weight.estimate_gravity):
         raise RequestError(
             "a plan for own weight supports neither balancers nor an estimate of gravity",
             where="load",
             remedy="state `gravity` instead; for a robot with balancers, choose the postures by hand",
         )
-    if load and (request.work_area or request.tracker or request.directions):
+    if own_weight and (request.work_area or request.tracker or request.directions):
         raise RequestError(
             "a plan for own weight supports neither a work area nor a tracker's station nor directions of "
             "gauges",
             where="load",
             remedy="omit `work_area`, `tracker` and `directions`; give the noise of the readings as `sigma`",
         )
-    wanted = [robot.joint_index(name, "joints") for name in request.joints]
+    wanted_joints = [robot.joint_index(name, "joints") for name in request.joints]
     area, directions = request.work_area, _gauge_directions(request)
     lack_of_fit = unexplained is not None and _LACK_OF_FIT < unexplained < 1.0
     return PlanRequest(
@@ -260,12 +266,12 @@ def to_design_request(
         ),
         readings=request.readings,
         nominal=nominal,
-        prior=prior,
+        prior=prior_uncertainty,
         cell=_check_facing(request.surroundings, names),
         criterion=request.criterion or ("relative_a" if area is None else "work_area"),
         postures=_candidate_postures(request, robot),
         candidates=request.candidates,
-        joints=np.array(wanted, dtype=np.intp) if wanted else None,
+        joints=np.array(wanted_joints, dtype=np.intp) if wanted_joints else None,
         work_area=None if area is None else np.array(area),
         directions=directions,
         links=lack_of_fit if request.elastic_links is None else request.elastic_links,
@@ -274,14 +280,14 @@ def to_design_request(
         angle=request.distinct_angle,
         validation=request.validation,
         so_far=so_far,
-        by_weight=None
-        if load is None
+        own_weight_rows=None
+        if own_weight is None
         else make_planned_rows_function(
             robot,
-            Burden(robot.bodies, gravity=np.array(load.gravity)),
+            Burden(robot.bodies, gravity=np.array(own_weight.gravity)),
             targets,
             np.nan_to_num(nominal),
-            free_base=not load.rigid_base,
+            free_base=not own_weight.rigid_base,
         ),
         seed=request.seed,
         goal=None if isinstance(request.goal, DecisionGoal) else request.goal,
@@ -298,17 +304,17 @@ def to_plan_result(
     """Convert the solver's plan to the message that is returned to the user.
 
     Args:
-        request: that the solver planned from.
-        plan: of the solver.
+        request: the solver's request, from which the plan was made.
+        plan: plan of the solver.
         robot: n joints.
-        names: of the targets.
+        names: names of the targets.
         assessment: verdict on the campaign so far; None if the plan begins a campaign.
     """
     parameters = plan.pool.parameters
     chosen = parameters.joints
     c = parameters.nominal[chosen]  # compliances to which the plan's uncertainties are relative
-    known = parameters.known[chosen]  # whether each compliance is known, or only a guess of its size
-    digits = len(str(len(plan.joints)))
+    known = parameters.known[chosen]  # true if the compliance is known, false for a guess of its size
+    digits = len(str(len(plan.joints)))  # of the greatest number in a label
     return plans.PlanResult(
         efficiency=plan.efficiency,
         efficiencies=dict(plan.efficiencies),
@@ -317,7 +323,11 @@ def to_plan_result(
         joint_kinds=joint_kinds_by_name(robot),
         readings=build_messages(
             plans.PlannedReading,
-            label=[f"{'v' if held else 'p'}{i:0{digits}d}" for i, held in enumerate(plan.validation, 1)],
+            # Labels such as v03 for readings that validate the model, and p03 for readings to fit.
+            label=[
+                f"{'v' if validates else 'p'}{number:0{digits}d}"
+                for number, validates in enumerate(plan.validation, 1)
+            ],
             joints=plan.joints,
             force=plan.force,
             anchor=[None if anchor < 0 else anchor for anchor in plan.anchor.tolist()],
@@ -333,8 +343,8 @@ def to_plan_result(
             kind=[robot.joint_kinds[j] for j in chosen],
             standard_uncertainty=c * plan.uncertainty,
             relative=np.where(known, plan.uncertainty, np.nan),
-            before=c * plan.before,
-            random=c * plan.random.uncertainty,
+            before=c * plan.uncertainty_before,
+            random=c * plan.random_plans.uncertainty,
             one_at_a_time=c * plan.one_at_a_time.uncertainty,
         ),
         left_out=[
@@ -343,7 +353,7 @@ def to_plan_result(
         criterion=request.criterion,
         elastic_links=request.links,
         weights_gap=max(plan.weights_gap, 0.0),
-        random_efficiency=plan.random.efficiency,
+        random_efficiency=plan.random_plans.efficiency,
         one_at_a_time_efficiency=plan.one_at_a_time.efficiency,
         deflection_uncertainty=plan.deflection and plan.deflection[0],
         worst_deflection_uncertainty=plan.deflection and plan.deflection[1],
@@ -380,12 +390,16 @@ def choose_targets(
         )
     # A campaign has one target for each direction of a gauge: keep the first target at each position,
     # rounded to 1 µm.
-    first = np.sort(np.unique(np.round(positions, 6), axis=0, return_index=True)[1])
-    return tuple(so_far.targets[t] for t in first), positions[first]
+    _, first_targets = np.unique(np.round(positions, 6), axis=0, return_index=True)
+    kept = np.sort(first_targets)
+    return tuple(so_far.targets[t] for t in kept), positions[kept]
 
 
 def _choose_load_point(request: plans.PlanRequest, so_far: Measurements | None) -> FloatArray:
-    """Return the load point (3,) in the flange frame [m], from the request or the greatest force so far."""
+    """Return the load point (3,) in the flange frame [m], from the request or else from the campaign.
+
+    The campaign's load point is that of its greatest force. Without a campaign, it is the flange's origin.
+    """
     if request.load_point is not None:
         refuse_far_point(request.load_point, "load_point")
         return np.array(request.load_point)
@@ -398,7 +412,8 @@ def _choose_load_point(request: plans.PlanRequest, so_far: Measurements | None) 
 def _choose_loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None) -> Loads:
     """Return the loads of the request or, if the request has none, loads like those of the campaign.
 
-    The campaign's loads become a dead weight if all of them pull down, otherwise forces in any direction.
+    If all forces of the campaign pull down, the load is a dead weight, otherwise a force in any direction;
+    its size is the greatest force of the campaign.
     """
     limits = np.full(robot.n, np.inf)
     for name, limit in request.torque_limits.items():
@@ -408,18 +423,19 @@ def _choose_loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements
         return Loads("dead_weight", 0.0, limits)
     if load is not None:
         anchors = np.array(load.anchors) if isinstance(load, plans.Cable) else np.empty((0, 3))
-        size = load.newtons if isinstance(load, plans.DeadWeight) else load.force
-        return Loads(load.kind, size, limits, anchors)
-    size = 0.0 if so_far is None else float(np.linalg.norm(so_far.force, axis=1).max())
-    if so_far is None or size == 0.0:
+        newtons = load.newtons if isinstance(load, plans.DeadWeight) else load.force
+        return Loads(load.kind, newtons, limits, anchors)
+    newtons = 0.0 if so_far is None else float(np.linalg.norm(so_far.force, axis=1).max())
+    if so_far is None or newtons == 0.0:
         raise RequestError(
             "the loads are missing",
             where="load",
             remedy="give `load`: its kind (dead_weight, any_direction or cable) and its force in N, or the "
             "mass of a dead_weight in kg",
         )
-    down = so_far.force[:, 2] < -0.999 * np.linalg.norm(so_far.force, axis=1)
-    return Loads("dead_weight" if down.all() else "any_direction", size, limits)
+    # A force counts as pulling down if it is at most about 2.6° from the vertical.
+    pulls_down = so_far.force[:, 2] < -0.999 * np.linalg.norm(so_far.force, axis=1)
+    return Loads("dead_weight" if pulls_down.all() else "any_direction", newtons, limits)
 
 
 def _gauge_directions(request: plans.PlanRequest) -> FloatArray | None:
@@ -439,17 +455,22 @@ def _gauge_directions(request: plans.PlanRequest) -> FloatArray | None:
     return np.asarray(vectors / length)
 
 
-def _check_facing(around: plans.Surroundings, names: tuple[str, ...]) -> plans.Surroundings:
-    """Check that `facing` has a direction for each target, and return the surroundings in targets' order."""
-    if not around.facing:
-        return around
-    if set(around.facing) != set(names) or not all(any(axis) for axis in around.facing.values()):
+def _check_facing(surroundings: plans.Surroundings, names: tuple[str, ...]) -> plans.Surroundings:
+    """Check that `facing` has a direction for each target; return a copy with `facing` in targets' order.
+
+    `facing` has the direction in which the reflector of each target faces.
+    """
+    if not surroundings.facing:
+        return surroundings
+    if set(surroundings.facing) != set(names) or not all(map(any, surroundings.facing.values())):
         raise RequestError(
-            f"`facing` has directions for {', '.join(around.facing)}, but the targets are {', '.join(names)}",
+            f"`facing` has directions for {', '.join(surroundings.facing)}, but the targets are "
+            f"{', '.join(names)}",
             where="surroundings.facing",
             remedy="give a direction that is not zero for each target, or omit `facing`",
         )
-    return around.model_copy(update={"facing": {name: around.facing[name] for name in names}})
+    in_order = {name: surroundings.facing[name] for name in names}
+    return surroundings.model_copy(update={"facing": in_order})
 
 
 def _candidate_postures(request: plans.PlanRequest, robot: Robot) -> FloatArray | None:

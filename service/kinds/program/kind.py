@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from jointstiff.schemas.program import (
     Program,
     ProgramOptions,
+    ProgramPoint,
     ProgramRequest,
     ProgramResult,
 )
@@ -48,7 +49,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
 }
 
 
-def _compute(inputs: Inputs, request: ProgramRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: ProgramRequest) -> Work:
     """Return the work of a program, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.program.work import prepare_compensation
 
@@ -68,7 +69,7 @@ _CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
 """Pattern of a file's content in a job's JSON; texts of users cannot match: their quotes are escaped."""
 
 
-_SHOWN = 8
+_SHOWN_POINTS = 8
 _REASONS = {
     "no_load": "without load",
     "uncertain": "whose deflection is less than its uncertainty",
@@ -76,13 +77,13 @@ _REASONS = {
 }
 
 
-def _report(_job: Program, result: ProgramResult, _view: View) -> Report:
+def _make_report(_job: Program, result: ProgramResult, _view: View) -> Report:
     """Return the report: counts of corrected targets, quantiles of distances, worst points, remarks."""
-    left = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in result.left_alone.items())
+    reasons = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in result.left_alone.items())
     capped = f"; {result.capped} corrections reduced by the limits" if result.capped else ""
-    alone = f"; not corrected: {left}" if left else ""
+    uncorrected = f"; not corrected: {reasons}" if reasons else ""
     moves = f"; {result.moves_left} of {result.moves} moves left unchanged" if result.moves_left else ""
-    counts = Line(f"{result.corrected} of {result.points} targets corrected{capped}{alone}{moves}")
+    counts = Line(f"{result.corrected} of {result.points} targets corrected{capped}{uncorrected}{moves}")
     worst: list[Part] = [_worst_table(result)] if result.worst else []
     return Report([counts, _distances_table(result), *worst, *map(Line, result.remarks)])
 
@@ -95,13 +96,13 @@ def _distances_table(result: ProgramResult) -> Table:
         "  part from rounding": result.rounding,
         "displacement of targets": result.correction,
     }
-    shown = number_formatter(".4f", 1e3)
+    format_mm = number_formatter(".4f", 1e3)
     return Table(
         [
             Column("quantity", list(rows), text=True),
-            Column("median", [each and each.median for each in rows.values()], shown),
-            Column("95 %", [each and each.p95 for each in rows.values()], shown),
-            Column("greatest", [each and each.greatest for each in rows.values()], shown),
+            Column("median", [each and each.median for each in rows.values()], format_mm),
+            Column("95 %", [each and each.p95 for each in rows.values()], format_mm),
+            Column("greatest", [each and each.greatest for each in rows.values()], format_mm),
         ],
         title="Distance of the loaded tool from its target, mm",
     )
@@ -109,7 +110,7 @@ def _distances_table(result: ProgramResult) -> Table:
 
 def _worst_table(result: ProgramResult) -> Table:
     """Return a table of the points with the greatest deflections."""
-    points, interval = result.worst[:_SHOWN], interval_formatter(".3f", 1e3, " … ")
+    points, interval = result.worst[:_SHOWN_POINTS], interval_formatter(".3f", 1e3, " … ")
     return Table(
         [
             Column("point", [point.number for point in points]),
@@ -123,14 +124,19 @@ def _worst_table(result: ProgramResult) -> Table:
                 "mm",
             ),
             Column("with model error", [point.interval_with_model_error for point in points], interval, "mm"),
-            Column("residual", points, lambda p: f"{1e3 * p.residual:.4f}{p.capped * ' (capped)'}", "mm"),
+            Column("residual", points, _residual_cell, "mm"),
         ],
         title="Worst points",
     )
 
 
-def charts(result: ProgramResult) -> list[Chart]:
-    """Return a chart of the worst points: distance from the target, with and without correction."""
+def _residual_cell(point: ProgramPoint) -> str:
+    """Format the residual of a point in mm, with a remark if limits reduced the correction."""
+    return f"{1e3 * point.residual:.4f}{' (capped)' if point.capped else ''}"
+
+
+def make_charts(result: ProgramResult) -> list[Chart]:
+    """Return a chart of the worst points: distance of the tool from its target, corrected and uncorrected."""
     points = result.worst
     series = {
         "without correction": [point.deflection for point in points],
@@ -146,15 +152,15 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     message=Program,
     request=ProgramRequest,
     options=ProgramOptions,
-    compute=_compute,
-    report=_report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("run", "files"),
-    charts=charts,
+    make_charts=make_charts,
     title="Compensated program",
     stepped=True,
     max_bytes=16 * 1024 * 1024,
     is_form=True,
-    answered=lambda document: _CONTENT.sub('"content":null', document),  # files have their own addresses
+    to_answer=lambda document: _CONTENT.sub('"content":null', document),  # files have their own addresses
     files=(
         File(
             name="points.csv",
@@ -173,10 +179,9 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     examples=_EXAMPLES,
     description="""Compensate a program: the loaded tool then reaches the programmed points.
 
-Send the program as fields `files` of a form (a .src with its .dat, if it has one), and the run, tool,
-base, loads and the state of
-the controller's accuracy option as JSON in a field `options`. Only numbers change: the corrected files are
-its file `program`, every point with its deflection, correction, interval and predicted residual its file
-`points.csv`. A program that is not understood as a whole is refused by line, and nothing is stored. Programs
-of more than 10,000 targets are jobs with progress.""",
+Send the program as fields `files` of a form (a .src with its .dat, if it has one), and run, tool,
+base, loads and the controller's accuracy option as JSON in a field `options`. Only numbers change. The file
+`program` has the compensated program, `points.csv` each point's deflection, correction, interval and
+predicted residual. A program that is not understood as a whole is refused by line, and nothing is stored.
+Programs of more than 10,000 targets are jobs with progress.""",
 )

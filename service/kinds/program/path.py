@@ -73,8 +73,9 @@ class ProgramFrames:
         notation, targets = choose_frame_notation(program), program.targets
         world = _stated_pose(notation, options.world, "world")
         flange = _stated_pose(notation, options.flange, "flange")
-        # A target in joint angles needs its base only for a load along the axes of the base.
-        unused = targets.by_joints & (options.axes != "base")
+        # A target in joint angles needs its base only for a load along the axes of the base; index −1 means
+        # that the target has no base frame.
+        unused = targets.given_as_joints & (options.axes != "base")
         bases = np.where(unused, -1, targets.base)
         tool = _find_target_frames(flange, notation, options.tools, targets.frames, targets.tool, "tools")
         base = _find_target_frames(world, notation, options.bases, targets.frames, bases, "bases")
@@ -93,46 +94,47 @@ class ProgramFrames:
         Raises:
             RequestError: neither the targets nor the request have an angle about the tool's axis.
         """
-        wanted = np.empty((len(indices), 4, 4))
+        flange = np.empty((len(indices), 4, 4))
         for start in range(0, len(indices), BLOCK):
             block = slice(start, start + BLOCK)
-            targets, poses = indices[block], np.full_like(wanted[block], np.nan)
-            stated = program.targets.values[targets] if values is None else values[block]
-            for notation, rows in program.targets.by_notation(targets):
-                numbers = stated[rows, : 3 + notation.count]
+            targets, poses = indices[block], np.full_like(flange[block], np.nan)  # poses of the tools
+            written = program.targets.values[targets] if values is None else values[block]
+            for notation, rows in program.targets.group_by_notation(targets):
+                numbers = written[rows, : 3 + notation.count]
                 if notation.has_pose:
-                    poses[rows] = notation.poses(numbers)
+                    poses[rows] = notation.to_poses(numbers)
                 elif not notation.is_joints:
                     poses[rows] = self._poses_from_axis(notation, numbers)
-            wanted[block] = self.base.select(targets) @ poses @ self.tool.select_inverse(targets)
-        return wanted
+            flange[block] = self.base.select(targets) @ poses @ self.tool.select_inverse(targets)
+        return flange
 
     def positions(self, program: Program, indices: IndexArray) -> FloatArray:
         """Return positions (m, 3) of m targets in R0 [m]; rows of targets in joint angles are meaningless."""
-        length = np.array([each.length for each in program.targets.notations])
-        position = length[program.targets.notation[indices], None] * program.targets.values[indices, :3]
+        length_unit = np.array([each.length for each in program.targets.notations])  # in m
+        position = length_unit[program.targets.notation[indices], None] * program.targets.values[indices, :3]
         base = self.base.select(indices)
         return np.asarray((base[:, :3, :3] @ position[..., None])[..., 0] + base[:, :3, 3])
 
     def numbers_of_poses(self, program: Program, indices: IndexArray, flange: FloatArray) -> FloatArray:
         """Convert poses (m, 4, 4) of the flange in R0 [m] to numbers (m, 7) as the program writes them.
 
-        NaN fills columns that a target's notation does not have, and the rows of targets in joint angles.
+        Of several numbers for the same pose (angles differ by whole turns), the nearest to the program's
+        numbers are returned. NaN fills columns that a notation does not have, and rows of joint targets.
         """
         poses = self.base.select_inverse(indices) @ flange @ self.tool.select(indices)
         numbers = np.full((len(indices), NUMBERS), np.nan)
-        for notation, rows in program.targets.by_notation(indices):
-            near = program.targets.values[indices[rows], : 3 + notation.count]
+        for notation, rows in program.targets.group_by_notation(indices):
+            programmed = program.targets.values[indices[rows], : 3 + notation.count]
             if notation.is_joints:
                 continue
             if notation.has_pose:
-                new = notation.values(poses[rows], near)
+                new = notation.from_poses(poses[rows], programmed)
             else:
-                new = near.copy()
+                new = programmed.copy()
                 new[:, :3] = poses[rows, :3, 3] / notation.length
                 # The program's axis vector points from tip to spindle and keeps its length.
-                size = np.linalg.norm(near[:, 3:], axis=1, keepdims=True)
-                new[:, 3:] = -size * poses[rows, :3, 2][:, : notation.count]
+                axis_length = np.linalg.norm(programmed[:, 3:], axis=1, keepdims=True)
+                new[:, 3:] = -axis_length * poses[rows, :3, 2][:, : notation.count]
             numbers[rows, : new.shape[1]] = new
         return numbers
 
@@ -190,43 +192,49 @@ def _find_target_frames(
         RequestError: a frame has no numbers, has two sets of numbers, or is not in the program; or its
             numbers do not form a pose.
     """
-    given: dict[str | None, FloatArray] = {
+    stated_poses: dict[str | None, FloatArray] = {
         _fold_name(frame.name): _stated_pose(notation, frame.values, f"{where}[{i}].values")
         for i, frame in enumerate(stated)
     }
-    if len(given) < len(stated):
+    if len(stated_poses) < len(stated):
         raise RequestError(
-            "two frames have the same name, or two have none",
+            "two frames have the same name, or two frames have no name",
             where=where,
             remedy="give each frame only once",
         )
     poses = np.tile(outer, (len(frames) + 1, 1, 1))  # the last pose is `outer`, for index −1
     used: set[str | None] = set()
-    for place in np.unique(chosen[chosen >= 0]).tolist():
-        frame = frames[place]
+    for index in np.unique(chosen[chosen >= 0]).tolist():
+        frame = frames[index]
         if frame.pose is None:
-            used.add(key := _find_stated_frame(frame, given, where))
-            poses[place] = outer @ given[key]
-        elif _fold_name(frame.name) in given:
+            used.add(key := _find_stated_frame(frame, stated_poses, where))
+            poses[index] = outer @ stated_poses[key]
+        elif _fold_name(frame.name) in stated_poses:
             reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
             raise RequestError(reason, where=where, remedy="omit this frame")
         else:
-            poses[place] = outer @ frame.pose
-    for name in (frame.name for frame in stated if _fold_name(frame.name) not in used):  # it may be misspelt
-        all_known = "a frame without name is not used, because every frame of the program has numbers"
-        reason = all_known if name is None else f"the program does not use the frame {quote_text(name)}"
+            poses[index] = outer @ frame.pose
+    # A frame that the program does not use is refused, because its name may be misspelt.
+    for name in (frame.name for frame in stated if _fold_name(frame.name) not in used):
+        reason = (
+            "a frame without name is not used, because every frame of the program has numbers"
+            if name is None
+            else f"the program does not use the frame {quote_text(name)}"
+        )
         raise RequestError(reason, where=where, remedy="omit this frame, or correct its name")
     return _Frames(poses, chosen)
 
 
-def _find_stated_frame(frame: FrameName, given: Mapping[str | None, FloatArray], where: str) -> str | None:
-    """Return the key of a frame's pose in `given`: the frame's name, or None for the pose without name.
+def _find_stated_frame(
+    frame: FrameName, stated_poses: Mapping[str | None, FloatArray], where: str
+) -> str | None:
+    """Return the key of a frame's pose in `stated_poses`: the frame's name, or None for a pose without name.
 
     Raises:
-        RequestError: `given` has neither key.
+        RequestError: `stated_poses` has neither key.
     """
     for key in (_fold_name(frame.name), None):
-        if key in given:
+        if key in stated_poses:
             return key
     raise RequestError(
         f"the program uses the frame {quote_text(frame.name)}, but does not define its numbers",
@@ -250,11 +258,11 @@ def _stated_pose(notation: Notation, values: Sequence[float] | None, where: str)
             where=where,
             remedy=f"give the position, then {notation.orientation.value}, in the program's units",
         )
-    return notation.pose(values)
+    return notation.to_pose(values)
 
 
 _MORE_LINES: Final = 1_000
-"""Lines that a table of loads may have besides two lines for each point: even a blank line takes memory."""
+"""Lines that a table of loads may have in addition to two lines for each point: blank lines take memory."""
 _REMEDY: Final = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are moments, Mx [N.m] …"
 
 
@@ -287,6 +295,7 @@ def collect_loads(
     if table is not None:
         return _read_load_table(table, points)
     stated: Sequence[ProcessLoad] = options.segments if options.load is None else [options.load]
+    # Row 0 is the zero load, for visits without load.
     moments = np.array([load.moment for load in stated]).reshape(-1, 3)
     values = np.zeros((len(stated) + 1, 6))
     values[1:, :3] = FORCE[options.units.force] * np.array([load.force for load in stated]).reshape(-1, 3)
@@ -323,25 +332,27 @@ def _read_load_table(content: bytes, points: IndexArray) -> Loads:
     Raises:
         FilesError: a line of the file has a mistake; the error has the line.
     """
-    most = int(points.max(initial=0))
+    point_count = int(points.max(initial=0))
     text = content.decode("utf-8-sig", errors="replace")
-    lines, once = 2 * most + _MORE_LINES, f"number the points from 1 to {most}"
+    most_lines, most_cells = 2 * point_count + _MORE_LINES, 8 * (2 * point_count + _MORE_LINES)
+    number_points = f"number the points from 1 to {point_count}, and give each point at most once"
     # A huge file is refused before it is split into cells, which would take much memory.
-    if any(text.count(sign) > lines for sign in "\n\r") or any(
-        text.count(sign) > 8 * lines for sign in ",;\t"
+    if any(text.count(sign) > most_lines for sign in "\n\r") or any(
+        text.count(sign) > most_cells for sign in ",;\t"
     ):
-        raise _table_fault(1, "the table has more lines or cells than the program has points", once)
+        raise _table_fault(1, "the table has too many lines or cells for the program's points", number_points)
     try:
         rows, _ = split_table_rows(text)
     except csv.Error:
         raise _table_fault(1, "the file of loads is not a readable CSV table", _REMEDY) from None
     columns = _load_columns(rows[0] if rows else [])
-    values, load_of_point = [np.zeros(6)], np.zeros(most + 1, dtype=np.intp)
+    values, load_of_point = [np.zeros(6)], np.zeros(point_count + 1, dtype=np.intp)
     for line, row in enumerate(rows[1:], 2):
         if any(row):
             point, load = _parse_load_row(line, row, columns)
-            if not 1 <= point <= most or load_of_point[point]:
-                raise _table_fault(line, f"point {point} occurs twice, or is not in the program", once)
+            if not 1 <= point <= point_count or load_of_point[point]:
+                reason = f"point {point} occurs twice, or is not in the program"
+                raise _table_fault(line, reason, number_points)
             load_of_point[point] = len(values)
             values.append(load)
     return Loads(np.array(values), load_of_point[points])
@@ -363,13 +374,13 @@ def _parse_load_row(
         raise _table_fault(
             line, "a cell is missing, or a number is out of range", "give a finite number in each column"
         )
-    for (place, factor), size in zip(columns, numbers, strict=True):
-        load[place] = factor * size
+    for (component, factor), number in zip(columns, numbers, strict=True):
+        load[component] = factor * number
     return point, load
 
 
 def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
-    """Return a pair for each column but the first: its index in (Fx, …, Mz), and its factor to SI units.
+    """Return (index in (Fx, …, Mz), factor to SI units) for each column except the first.
 
     Raises:
         FilesError: a header is unknown, or a column is missing or occurs twice.
@@ -377,14 +388,16 @@ def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
     columns = []
     for cell in header[1:]:
         try:
-            column = parse_vector_header(cell, ("force", "moment"))
+            parsed = parse_vector_header(cell, ("force", "moment"))
         except RequestError:
-            column = None
-        if column is None:
+            parsed = None
+        if parsed is None:
             raise _table_fault(1, f"the header {cell[:40]!r} is not understood", _REMEDY)
-        columns.append((3 * (column[0] == "moment") + column[1], column[2]))
-    places = [place for place, _ in columns]
-    if header[:1] != ["point"] or len(set(places)) < len(places) or not {0, 1, 2} <= set(places):
+        quantity, axis, factor = parsed
+        columns.append((3 * (quantity == "moment") + axis, factor))
+    components = [component for component, _ in columns]
+    # Moments may be absent, but not forces: components 0, 1 and 2 are Fx, Fy and Fz.
+    if header[:1] != ["point"] or len(set(components)) < len(components) or not {0, 1, 2} <= set(components):
         raise _table_fault(1, "a column is missing, or occurs twice", _REMEDY)
     return columns
 
@@ -413,11 +426,8 @@ class _Word:
     def ranges(self, numbers: FloatArray) -> FloatArray:
         """Return least and greatest angle (m, 2) [rad] that each number (m,) allows; ∓inf for NaN."""
         if self.bit is not None:
-            whole = np.nan_to_num(numbers).astype(np.int64)
-            low, high = (
-                np.where(whole >> self.bit & 1, -np.inf, 0.0),
-                np.where(whole >> self.bit & 1, 0.0, np.inf),
-            )
+            is_negative = np.nan_to_num(numbers).astype(np.int64) >> self.bit & 1
+            low, high = np.where(is_negative, -np.inf, 0.0), np.where(is_negative, 0.0, np.inf)
         elif self.kind == "quadrant":
             low, high = np.pi / 2 * numbers, np.pi / 2 * (numbers + 1)
         else:
@@ -426,7 +436,7 @@ class _Word:
         return np.stack([np.where(unknown, -np.inf, low), np.where(unknown, np.inf, high)], axis=1)
 
     def update_number(self, number: int, angle: float) -> int:
-        """Return the number that allows an angle [rad], with the bits of other joints unchanged."""
+        """Return the number that allows an angle [rad]; bits of `number` for other joints are kept."""
         if self.bit is not None:
             return number & ~(1 << self.bit) | int(angle < 0.0) << self.bit
         return int(
@@ -472,7 +482,7 @@ class StatedConfigurations:
         return ranges
 
     def list_word_edits(
-        self, indices: IndexArray, wanted: FloatArray, commanded: FloatArray
+        self, indices: IndexArray, programmed: FloatArray, corrected: FloatArray
     ) -> list[tuple[int, Edit]]:
         """Return (target index, edit) for each configuration word that a correction makes wrong.
 
@@ -480,19 +490,20 @@ class StatedConfigurations:
 
         Args:
             indices: (m,) indices of targets.
-            wanted: (m, 6) controller's angles before the correction [rad].
-            commanded: (m, 6) controller's angles after the correction [rad].
+            programmed: (m, 6) controller's angles before the correction [rad].
+            corrected: (m, 6) controller's angles after the correction [rad].
         """
         changed: dict[tuple[int, int], int] = {}  # numbers by target and column
         for word, column, members in self._iterate_words(indices):
             numbers = self._word_numbers(indices[members], column)
             low, high = word.ranges(numbers).T
-            before, after = wanted[members, word.joint], commanded[members, word.joint]
-            agreed = (low - _NEAR <= before) & (before <= high + _NEAR)
-            disagrees = (after < low - _ROUNDING) | (after > high + _ROUNDING)
-            for i in np.flatnonzero(agreed & disagrees & np.isfinite(numbers)):
-                place = int(indices[members[i]]), column
-                changed[place] = word.update_number(changed.get(place, int(numbers[i])), float(after[i]))
+            before, after = programmed[members, word.joint], corrected[members, word.joint]
+            agreed_before = (low - _NEAR <= before) & (before <= high + _NEAR)
+            disagrees_after = (after < low - _ROUNDING) | (after > high + _ROUNDING)
+            for i in np.flatnonzero(agreed_before & disagrees_after & np.isfinite(numbers)):
+                # A number with sign bits has several joints: earlier changes of other bits are kept.
+                key = int(indices[members[i]]), column
+                changed[key] = word.update_number(changed.get(key, int(numbers[i])), float(after[i]))
         return [
             (index, self._edit_number(index, column, number)) for (index, column), number in changed.items()
         ]
@@ -505,25 +516,25 @@ class StatedConfigurations:
         return start, end, f"'B{number:0{end - start - 3}b}'" if binary else str(number)
 
     def _iterate_words(self, indices: IndexArray) -> Iterator[tuple[_Word, int, IndexArray]]:
-        """Yield (word, column of its numbers, positions (k,) in `indices` of the targets with this word)."""
+        """Yield (word, column of the word's numbers, positions (k,) in `indices` of the word's targets)."""
         targets = self._program.targets
         words = [tuple(name for name, _ in literal.words) for literal in targets.literals]
-        different = list(dict.fromkeys(words))
-        of_literal = np.array([different.index(names) for names in words], dtype=np.intp)
-        of_target = of_literal[targets.literal[indices]]
-        for i, names in enumerate(different):
-            members = np.flatnonzero(of_target == i)
+        word_lists = list(dict.fromkeys(words))  # each different list of words, once
+        list_of_literal = np.array([word_lists.index(names) for names in words], dtype=np.intp)
+        list_of_target = list_of_literal[targets.literal[indices]]
+        for i, names in enumerate(word_lists):
+            members = np.flatnonzero(list_of_target == i)
             for column, name in enumerate(names, NUMBERS):
                 for word in _WORDS[name]:
                     yield word, column, members
 
     def _word_numbers(self, indices: IndexArray, column: int) -> FloatArray:
-        """Return the numbers (m,) of a word at m targets; NaN for a fraction or a too great number."""
+        """Return the numbers (m,) of a word at m targets; NaN if the number is a fraction or too great."""
         numbers = self._program.targets.values[indices, column]
         return np.where((numbers == np.round(numbers)) & (np.abs(numbers) < _MOST), numbers, np.nan)
 
 
-_SAME: Final = 1e-6
+_EQUAL_POSTURES: Final = 1e-6
 """Greatest difference of joint angles with which two postures count as equal [rad]."""
 _REASONS: Final = {
     Unreached.OUT_OF_REACH: (
@@ -590,13 +601,13 @@ class Visits:
                 program.sources[0].name, None, "the program has no move", "send a program with moves"
             )
             raise ProgramError([fault])
-        unique, begin, place = np.unique(visits, return_index=True, return_inverse=True)
+        unique, first_visit, index_in_unique = np.unique(visits, return_index=True, return_inverse=True)
         # Renumber the targets from the order of their indices to the order of their first visits.
-        by_visit = np.argsort(begin)
-        rank = np.empty_like(by_visit)
-        rank[by_visit] = np.arange(len(by_visit))
-        first, number = begin[by_visit], rank[place]
-        loads = collect_loads(options, table, program.moves.line[program.moves.of_visit], number + 1)
+        order = np.argsort(first_visit)
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order))
+        first, number = first_visit[order], rank[index_in_unique]
+        loads = collect_loads(options, table, program.moves.line[program.moves.move_of_visit], number + 1)
         if not (loads.of_visit.any() or options.absolute):
             raise RequestError(
                 "no move is under load",
@@ -609,7 +620,7 @@ class Visits:
             program, visits[loads.of_visit != load[number]], reason, "use a separate target for each load"
         )
         loaded = np.flatnonzero((load > 0) | options.absolute)
-        return cls(visits, unique[by_visit], number, first, loads, loaded)
+        return cls(visits, unique[order], number, first, loads, loaded)
 
 
 def find_path(
@@ -623,16 +634,16 @@ def find_path(
     """
     frames, stated = ProgramFrames.from_program(program, options), StatedConfigurations(program)
     joints = _find_wanted_postures(program, options, frames, stated, robot, inverse, visits.targets)
-    # All visits of a target must have the posture of its first visit, except for whole turns.
-    apart = joints - joints[visits.first][visits.number]
-    apart = np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))).max(axis=1)
+    # All visits of a target must have the posture of its first visit; angles may differ by whole turns.
+    difference = joints - joints[visits.first][visits.number]
+    apart = np.abs(difference - 2 * np.pi * np.round(difference / (2 * np.pi))).max(axis=1)
     reason = "moves reach this target in two different configurations of the arm"
     remedy = "use a separate target for each configuration"
-    _refuse_targets(program, visits.targets[apart > _SAME], reason, remedy)
-    load = visits.loads.of_visit[visits.first]
+    _refuse_targets(program, visits.targets[apart > _EQUAL_POSTURES], reason, remedy)
+    loads = visits.loads.values[visits.loads.of_visit[visits.first]]
     with as_request_errors("program"):
         wanted = joints[visits.first]
-        cases = _make_load_cases(options, frames, robot, visits.order, wanted, visits.loads.values[load])
+        cases = _make_load_cases(options, frames, robot, visits.order, wanted, loads)
     return ProgramPath(program, frames, stated, visits.order, cases)
 
 
@@ -665,18 +676,18 @@ def _find_wanted_postures(
     Raises:
         ProgramError: a target is not reached, or its arm configuration is ambiguous.
     """
-    targets, unit = program.targets, program.targets.angle_unit[visits, None]
-    by_joints = targets.by_joints[visits]
-    given = np.where(by_joints[:, None], targets.values[visits, :6] * unit, np.nan)
-    _refuse_new_letters(program, visits, by_joints)
+    targets, angle_unit = program.targets, program.targets.angle_unit[visits, None]
+    is_joint_target = targets.given_as_joints[visits]
+    programmed_joints = np.where(is_joint_target[:, None], targets.values[visits, :6] * angle_unit, np.nan)
+    _refuse_changed_configuration_letters(program, visits, is_joint_target)
     poses = frames.flange_poses(program, visits)
     ranges = stated.ranges(visits)
-    is_stated = np.isfinite(ranges).any(axis=(1, 2))
-    start = start_joints(options, robot)
+    has_configuration = np.isfinite(ranges).any(axis=(1, 2))
+    start = convert_start_joints(options, robot)
     # A linear move keeps the arm's configuration; a joint move takes the configuration that is stated.
-    by_joint = program.moves.by_joint & is_stated & stated.binds_joint_moves
+    takes_stated = program.moves.is_visit_of_joint_move & has_configuration & stated.binds_joint_moves
     with as_request_errors("robot"):
-        joints, unreached = choose_postures(inverse, poses, given, ranges, by_joint, start)
+        joints, unreached = choose_postures(inverse, poses, programmed_joints, ranges, takes_stated, start)
     faults = [
         _make_fault(program, int(visits[row]), *_REASONS[Unreached(unreached[row])])
         for row in np.flatnonzero(unreached)
@@ -686,10 +697,10 @@ def _find_wanted_postures(
     return joints
 
 
-def start_joints(options: ProgramOptions, robot: Robot) -> FloatArray | None:
-    """Return the joints (n,) of the option `start`, near the first target, as the controller shows them.
+def convert_start_joints(options: ProgramOptions, robot: Robot) -> FloatArray | None:
+    """Convert the option `start`, the controller's joint positions near the first target, to rad or m.
 
-    In rad or m; None if the request has no `start`.
+    Return the positions (n,); None if the request has no `start`.
 
     Raises:
         RequestError: the number of joints does not fit the robot.
@@ -700,22 +711,31 @@ def start_joints(options: ProgramOptions, robot: Robot) -> FloatArray | None:
     return np.asarray(joint_factors(robot, options.units) * np.array(options.start))
 
 
-def _refuse_new_letters(program: Program, visits: IndexArray, by_joints: BoolArray) -> None:
+def _refuse_changed_configuration_letters(
+    program: Program, visits: IndexArray, is_joint_target: BoolArray
+) -> None:
     """Refuse a change of FANUC's configuration letters (N/F, U/D, T/B) between two pose targets.
 
     The letters do not determine joint angles, so that the posture after the change is unknown unless a
-    target in joint angles lies between. Raises a `ProgramError` with the targets.
+    target in joint angles lies between the two targets. Raises a `ProgramError` with the targets.
     """
-    literals, before, changed = program.targets.literals, "", []
-    of_visit = program.targets.literal[visits].tolist() if any(each.letters for each in literals) else ()
-    for target, literal, joints in zip(visits.tolist(), of_visit, by_joints.tolist(), strict=False):
+    literals = program.targets.literals
+    # A program without letters is not searched: the empty sequence ends the loop at once.
+    literal_of_visit = (
+        program.targets.literal[visits].tolist() if any(each.letters for each in literals) else ()
+    )
+    previous_letters = ""  # of the last pose target with letters since the last joint target
+    changed_targets = []
+    for target, literal, joints in zip(
+        visits.tolist(), literal_of_visit, is_joint_target.tolist(), strict=False
+    ):
         letters = "" if joints else literals[literal].letters
-        if before and letters and letters != before:
-            changed.append(target)
-        before = "" if joints else letters or before
-    remedy = "insert a move to joint angles before it, or split the program there"
+        if previous_letters and letters and letters != previous_letters:
+            changed_targets.append(target)
+        previous_letters = "" if joints else letters or previous_letters
+    remedy = "insert a move to joint angles before this target, or split the program before this target"
     reason = "the arm changes its configuration (N/F, U/D, T/B)"
-    _refuse_targets(program, np.array(changed, dtype=np.intp), reason, remedy)
+    _refuse_targets(program, np.array(changed_targets, dtype=np.intp), reason, remedy)
 
 
 def _make_load_cases(
@@ -726,7 +746,7 @@ def _make_load_cases(
     joints: FloatArray,
     loads: FloatArray,
 ) -> LoadCases:
-    """Return the load cases of m targets, with loads in R0 and points in the flange frame.
+    """Return the load cases of m targets, with loads along the axes of R0 and points in the flange frame.
 
     Args:
         options: options with the axes of the loads, and the point where the loads act.
@@ -737,18 +757,18 @@ def _make_load_cases(
         loads: (m, 6) force [N] and moment [N·m] along the axes of the options.
     """
     tool = frames.tool.select(targets)
-    place = tool[:, :3, 3].copy()
-    point = place
+    place = tool[:, :3, 3].copy()  # the tool's centre point
+    load_point = place
     if options.load_point is not None:
-        length = LENGTH[options.units.length]
-        refuse_far_point(options.load_point, "load_point", length=length)
-        point = np.tile(length * np.array(options.load_point), (len(targets), 1))
+        length_unit = LENGTH[options.units.length]
+        refuse_far_point(options.load_point, "load_point", length=length_unit)
+        load_point = np.tile(length_unit * np.array(options.load_point), (len(targets), 1))
     force, moment = loads[:, :3].copy(), loads[:, 3:].copy()
     if options.axes != "robot":
         if options.axes == "base":
             axes = frames.base.select(targets)[:, :3, :3]
         else:
-            flange = Postures(robot, robot.joint_map.model_angles(joints)).flange_rotation
-            axes = flange @ tool[:, :3, :3]
+            flange_rotation = Postures(robot, robot.joint_map.model_angles(joints)).flange_rotation
+            axes = flange_rotation @ tool[:, :3, :3]
         force, moment = np.einsum("bij,bj->bi", axes, force), np.einsum("bij,bj->bi", axes, moment)
-    return LoadCases(joints.copy(), force, moment, point.copy(), place)
+    return LoadCases(joints.copy(), force, moment, load_point.copy(), place)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.kinds.program.kind import PROGRAM
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -67,36 +67,39 @@ def compensate(
         door: `Here` or a `Client`, which has this function as a method and does the work.
         run: what `identify` returned, or a campaign, which is identified now.
         files: the program, a .src with its .dat; and the table of loads, if `loads` names one.
-        options: a `ProgramOptions`; fields by name replace its own.
+        options: a `ProgramOptions`; keyword arguments replace options of the same name.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
             notebook, if it takes more than 2 s.
         cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
             `cancelled`.
         executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; the numbers have the same bits. Refused by a `Client`.
+            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
+            executor.
         fields: fields of `ProgramOptions`, and `force`, short for `load`.
 
     Returns:
         The Program, with its result in SI units. If the computation fails, its state is `failed`.
 
     Raises:
-        CampaignError: a source or an option cannot be used; the error's `problem` says why, and the remedy.
+        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
         RefusedError: the service refuses the request.
         OSError: a file cannot be read.
     """
-    with Follow(on_progress, cancel, executor) as follow:
-        door, given, paths = door.begun(follow), dict[str, Any](fields), list(map(Path, files))
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door, named_options, paths = door.begun(monitor), dict[str, Any](fields), list(map(Path, files))
         request: dict[str, Any] = {"run_id": door.identified(run, executor)}
         if options is None:
             request["units"] = {"length": "m", "angle": "deg", "force": "N"}
-        if "force" in given:
-            given["load"] = {"force": given.pop("force")}
-        table = given.get("loads")
+        if "force" in named_options:
+            named_options["load"] = {"force": named_options.pop("force")}
+        # `loads` may be the path of the table, or only the name of a table that is one of `files`.
+        table = named_options.get("loads")
         if table is not None and Path(table).is_file():
-            given["loads"] = Path(table).name
+            named_options["loads"] = Path(table).name
             paths.append(Path(table))
         contents = {path.name: path.read_bytes() for path in paths}
-        return door.done(PROGRAM, request | merge_options(ProgramOptions, options, given), contents, follow)
+        request |= merge_options(ProgramOptions, options, named_options)
+        return door.done(PROGRAM, request, contents, monitor)
 
 
 describe_fields(compensate, ProgramOptions)

@@ -30,7 +30,7 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.robots import joint_kinds_by_name
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.kinds.program.path import ProgramPath, Visits, find_path, start_joints
+from jointstiff.service.kinds.program.path import ProgramPath, Visits, convert_start_joints, find_path
 from jointstiff.service.kinds.work import (
     Arrays,
     Span,
@@ -57,6 +57,7 @@ from jointstiff.service.tables.table import Sheet
 from jointstiff.solver import messages
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -65,8 +66,8 @@ from jointstiff.solver.predict.forward import (
     CorrectionLimits,
     ForwardModel,
     compensate,
-    ramp_shares,
-    residuals,
+    compute_pose_residuals,
+    compute_ramp_shares,
 )
 from jointstiff.solver.predict.models import EXTRAPOLATED
 
@@ -77,12 +78,12 @@ STEP_POINTS: Final = 2_000
 _MAX_REMARKS: Final = 50
 _MAX_UNPACKED: Final = 256 * 1024 * 1024
 """Greatest size of a file after decompression, which protects the memory."""
-_TURNED: Final = 0.05
+_SINGULAR_TURN: Final = 0.05
 """Turn of a joint by a correction [rad] that indicates a singularity: usual turns are a few milliradians."""
 _TOLERANCE: Final = 1e-4
 """Angle by which a joint's limit may be exceeded [rad]."""
-_POSTURE: Final = (*(f"place {axis} [m]" for axis in "xyz"), *(f"J{j} [deg]" for j in range(1, 7)))
-_LOADED: Final = (
+_POSTURE_COLUMNS: Final = (*(f"place {axis} [m]" for axis in "xyz"), *(f"J{j} [deg]" for j in range(1, 7)))
+_LOADED_COLUMNS: Final = (
     *(f"deflection {axis} [mm]" for axis in "xyz"),
     "deflection [mm]",
     "deflection rotation [mrad]",
@@ -123,7 +124,8 @@ class WrittenPoints:
 
     path: ProgramPath  # path of the program
     corrections: Corrections  # corrections of the points under load
-    # (k, 6) motion from the wanted pose to the pose under load with the written numbers [m, rad]
+    # (k, 6) motion from the wanted pose to the pose that the loaded robot reaches if it moves to the written
+    # numbers [m, rad]
     residual: FloatArray
     rounding: FloatArray  # (k,) length of the residual's part that is due to the program's rounded digits [m]
     changed: BoolArray  # (k,) whether a number of the target was changed
@@ -147,6 +149,7 @@ class WrittenPoints:
         corrections = self.corrections
         half = np.stack([self.quantile * corrections.uncertainty, corrections.model_error])
         half = np.where(np.isfinite(half), half, np.nan)
+        # half[0] is from readings only, half[1] with model error.
         # The interval with model error must not be narrower than the interval from readings only.
         half[1] = np.where(np.isnan(half[1]), np.nan, np.fmax(half[0], half[1]))
         deflection = _vector_lengths(corrections.uncorrected[:, :3])
@@ -157,14 +160,14 @@ class WrittenPoints:
         corrections, targets = self.corrections, self.path.program.targets
         order = np.argsort(-_vector_lengths(corrections.uncorrected[:, :3]), kind="stable")[:MAX_WORST]
         points = corrections.points[order]
-        target = self.path.targets[points]
+        worst_targets = self.path.targets[points]
         readings, with_error = self._intervals[:, order]
-        names = [targets.names[i] for i in target.tolist()]
+        names = [targets.names[i] for i in worst_targets.tolist()]
         return messages.build_messages(
             ProgramPoint,
             number=points + 1,
-            name=["".join(each if each.isprintable() else "?" for each in name) for name in names],
-            line=targets.line[target],
+            name=["".join(sign if sign.isprintable() else "?" for sign in name) for name in names],
+            line=targets.line[worst_targets],
             place=self.place[points],
             deflection=_vector_lengths(corrections.uncorrected[order, :3]),
             deflection_rotation=_vector_lengths(corrections.uncorrected[order, 3:]),
@@ -181,7 +184,7 @@ class WrittenPoints:
         )
 
     def _loaded_columns(self, block: slice) -> FloatArray:
-        """Return the numbers (b, 22) in the columns `_LOADED` for a block of b points under load."""
+        """Return the numbers (b, 22) in the columns `_LOADED_COLUMNS` for a block of b points under load."""
         corrections = self.corrections
         return np.column_stack(
             [
@@ -196,13 +199,18 @@ class WrittenPoints:
         )
 
     def pack_table(self) -> bytes:
-        """Return a table of all points, in the order of the path, as bytes that `points_sheet` reads."""
+        """Return a table of all points, in the order of the path, as bytes that `points_sheet` reads.
+
+        Points without load have NaN in the columns `_LOADED_COLUMNS`.
+        """
         corrections, path = self.corrections, self.path
-        numbers = np.full((len(_POSTURE) + len(_LOADED), len(path.targets)), np.nan, dtype=np.float32)
-        numbers[:3], numbers[3 : len(_POSTURE)] = self.place.T, np.degrees(self.arm).T
+        numbers = np.full(
+            (len(_POSTURE_COLUMNS) + len(_LOADED_COLUMNS), len(path.targets)), np.nan, dtype=np.float32
+        )
+        numbers[:3], numbers[3 : len(_POSTURE_COLUMNS)] = self.place.T, np.degrees(self.arm).T
         for start in range(0, len(corrections.points), BLOCK):
             block = slice(start, start + BLOCK)
-            numbers[len(_POSTURE) :, corrections.points[block]] = self._loaded_columns(block).T
+            numbers[len(_POSTURE_COLUMNS) :, corrections.points[block]] = self._loaded_columns(block).T
         remark = np.full(len(path.targets), _REMARKS.index("no load"), dtype=np.uint8)
         remark[corrections.points] = _REMARKS.index("")
         remark[corrections.points[corrections.capped]] = _REMARKS.index("capped")
@@ -210,7 +218,10 @@ class WrittenPoints:
         targets = path.program.targets
         names = "\n".join([targets.names[i] for i in path.targets.tolist()]).encode("latin-1")
         files = np.array([source.name for source in path.program.sources])
-        places = targets.source[path.targets].astype(np.uint8), targets.line[path.targets].astype(np.int32)
+        source, line = (
+            targets.source[path.targets].astype(np.uint8),
+            targets.line[path.targets].astype(np.int32),
+        )
         content = io.BytesIO()
         # Neighbouring points differ little: stored as differences of their bits, first bytes together, then
         # second bytes and so on, a column is compressed to a third.
@@ -218,7 +229,7 @@ class WrittenPoints:
         byte_planes = (np.ascontiguousarray(each.view(np.uint8).reshape(-1, 4).T) for each in differences)
         for plane in byte_planes:
             np.save(content, plane, allow_pickle=False)
-        for array in (remark, *places, files, np.frombuffer(names, dtype=np.uint8)):
+        for array in (remark, source, line, files, np.frombuffer(names, dtype=np.uint8)):
             np.save(content, array, allow_pickle=False)
         return content.getvalue()
 
@@ -227,7 +238,7 @@ def points_sheet(content: bytes) -> Sheet:
     """Return the table of points from bytes of `WrittenPoints.pack_table`; NaN for an empty cell."""
     stored = io.BytesIO(content)
     numbers = dict[str, FloatArray]()
-    for name in _POSTURE + _LOADED:
+    for name in _POSTURE_COLUMNS + _LOADED_COLUMNS:
         differences = np.ascontiguousarray(np.load(stored, allow_pickle=False).T).view(np.uint32)
         numbers[name] = np.cumsum(differences, dtype=np.uint32).view(np.float32)
     remark, source, line, files, names = (np.load(stored, allow_pickle=False) for _ in range(5))
@@ -272,44 +283,23 @@ def write_compensated_program(
     Raises:
         ProgramError: a correction leads out of the joints' limits, or a corrected target is not reached.
     """
-    robot, program, frames = model.robot, path.program, path.frames
+    robot, program = model.robot, path.program
     _refuse_out_of_limits(path, robot, corrections)
     targets, rewriting = path.targets[corrections.points], Rewriting(program)
     residual, changed = np.empty((len(targets), 6)), np.zeros(len(targets), dtype=np.bool_)
     unreached: list[int] = []
     for rows in rewriting.blocks(targets):
-        block, cases = targets[rows], path.cases[corrections.points[rows]]
-        by_joints, unit = program.targets.by_joints[block], program.targets.angle_unit[block, None]
-        commanded = Postures(robot, robot.joint_map.model_angles(corrections.commanded[rows]))
-        values = frames.numbers_of_poses(program, block, commanded.flange_pose)
-        before, after = (
-            inverse.select_arm_joints(each) for each in (cases.joints, corrections.commanded[rows])
-        )
-        values[by_joints, :6] = (after / unit)[by_joints]
-        values[corrections.share[rows] == 0.0] = np.nan  # a target without correction keeps its text
-        corrected = np.flatnonzero(~by_joints & (corrections.share[rows] > 0.0))
-        word_edits = path.stated.list_word_edits(block[corrected], before[corrected], after[corrected])
-        numbers = rewriting.replace(block, values, word_edits)
-        as_read = program.targets.values[block, :NUMBERS]
-        changed[rows] = (np.isfinite(as_read) & (as_read != numbers)).any(axis=1)
-        # Pose and joints of the written numbers, and the wanted pose of the numbers before.
-        angles = robot.joint_map.model_angles(inverse.insert_held_joints(numbers[:, :6] * unit))
-        posed = np.flatnonzero(~by_joints)
-        poses, goal = (frames.flange_poses(program, block[posed], each[posed]) for each in (numbers, as_read))
-        of_arm = inverse.select_arm_joints(commanded.q)
-        start = commanded if inverse.arm is robot and len(posed) == len(block) else None
-        arm_angles, reached = inverse.refine_from(poses, start or Postures(inverse.arm, of_arm[posed]))
-        angles[posed] = inverse.insert_held_joints(arm_angles, of_model=True)
-        unreached += corrections.points[rows[posed[~reached]]].tolist()
-        wanted = robot.joint_map.model_angles(cases.joints)
-        wanted_poses = np.empty((len(block), 4, 4))
-        wanted_poses[posed], wanted_poses[by_joints] = goal, flange_poses(robot, wanted[by_joints])
-        residual[rows] = residuals(model, cases, wanted_poses, angles, wanted + angles - commanded.q)
+        block = targets[rows]
+        corrected = Postures(robot, robot.joint_map.model_angles(corrections.commanded[rows]))
+        written = _write_corrected_numbers(path, corrections, rows, corrected, inverse, rewriting)
+        programmed = program.targets.values[block, :NUMBERS]
+        changed[rows] = (np.isfinite(programmed) & (programmed != written)).any(axis=1)
+        cases = path.cases[corrections.points[rows]]
+        residual[rows], reached = _compute_residuals(path, cases, block, written, corrected, model, inverse)
+        unreached += corrections.points[rows[~reached]].tolist()
     if unreached:
-        reason, remedy = (
-            "the robot does not reach the corrected target",
-            "move the part away from the singularity",
-        )
+        reason = "the robot does not reach the corrected target"
+        remedy = "move the part away from the singularity"
         raise ProgramError([path.make_fault(point, reason, remedy) for point in sorted(unreached)])
     points = WrittenPoints(
         path=path,
@@ -324,24 +314,112 @@ def write_compensated_program(
     return rewriting.files(), points
 
 
+def _write_corrected_numbers(
+    path: ProgramPath,
+    corrections: Corrections,
+    rows: IndexArray,
+    corrected: Postures,
+    inverse: InverseKinematics,
+    rewriting: Rewriting,
+) -> FloatArray:
+    """Write the corrected numbers of b targets into the text; return the numbers (b, 7) as written.
+
+    Args:
+        path: path of the program.
+        corrections: corrections of all points under load.
+        rows: (b,) indices in `corrections` of the points to write.
+        corrected: corrected postures of these points.
+        inverse: inverse kinematics, with the choice of the joints that belong to the arm.
+        rewriting: text of the program, in which the numbers are replaced.
+    """
+    targets, points = path.program.targets, corrections.points[rows]
+    block = path.targets[points]
+    is_joint_target, angle_unit = targets.given_as_joints[block], targets.angle_unit[block, None]
+    numbers = path.frames.numbers_of_poses(path.program, block, corrected.flange_pose)
+    programmed_arm = inverse.select_arm_joints(path.cases.joints[points])
+    corrected_arm = inverse.select_arm_joints(corrections.commanded[rows])
+    numbers[is_joint_target, :6] = (corrected_arm / angle_unit)[is_joint_target]
+    numbers[corrections.share[rows] == 0.0] = np.nan  # a target without correction keeps its text
+    # Only targets that are poses state a configuration of the arm, which a correction can make wrong.
+    poses = np.flatnonzero(~is_joint_target & (corrections.share[rows] > 0.0))
+    word_edits = path.stated.list_word_edits(block[poses], programmed_arm[poses], corrected_arm[poses])
+    return rewriting.replace(block, numbers, word_edits)
+
+
+def _compute_residuals(
+    path: ProgramPath,
+    cases: LoadCases,
+    block: IndexArray,
+    written: FloatArray,
+    corrected: Postures,
+    model: ForwardModel,
+    inverse: InverseKinematics,
+) -> tuple[FloatArray, BoolArray]:
+    """Compute how far the loaded robot is from the programmed poses, if it moves to the written numbers.
+
+    Args:
+        path: path of the program.
+        cases: programmed postures of b targets, with loads.
+        block: (b,) indices of the targets.
+        written: (b, 7) numbers of the targets in the compensated program.
+        corrected: corrected postures before the numbers were rounded.
+        model: model of the loaded robot.
+        inverse: inverse kinematics of the robot.
+
+    Returns:
+        Residuals (b, 6) [m, rad], and a mask (b,) of the targets that the robot reaches.
+    """
+    robot, program, frames = model.robot, path.program, path.frames
+    is_joint_target, angle_unit = (
+        program.targets.given_as_joints[block],
+        program.targets.angle_unit[block, None],
+    )
+    pose_rows = np.flatnonzero(~is_joint_target)
+    # Angles of the written numbers: read directly from joint targets, solved for pose targets.
+    written_angles = robot.joint_map.model_angles(inverse.insert_held_joints(written[:, :6] * angle_unit))
+    programmed = program.targets.values[block, :NUMBERS]
+    written_poses, programmed_poses = (
+        frames.flange_poses(program, block[pose_rows], numbers[pose_rows])
+        for numbers in (written, programmed)
+    )
+    corrected_arm = inverse.select_arm_joints(corrected.q)
+    # If all targets are poses of a robot without linear axes, the kinematics are not computed again.
+    start = corrected if inverse.arm is robot and len(pose_rows) == len(block) else None
+    arm_angles, pose_reached = inverse.refine_from(
+        written_poses, start or Postures(inverse.arm, corrected_arm[pose_rows])
+    )
+    written_angles[pose_rows] = inverse.insert_held_joints(arm_angles, of_model=True)
+    reached = np.ones(len(block), dtype=np.bool_)
+    reached[pose_rows] = pose_reached
+    wanted_angles = robot.joint_map.model_angles(cases.joints)
+    wanted_poses = np.empty((len(block), 4, 4))
+    wanted_poses[pose_rows] = programmed_poses
+    wanted_poses[is_joint_target] = flange_poses(robot, wanted_angles[is_joint_target])
+    # The loaded robot is near the wanted posture, moved by the rounding of the written numbers.
+    near = wanted_angles + written_angles - corrected.q
+    return compute_pose_residuals(model, cases, wanted_poses, written_angles, near), reached
+
+
 def _wanted_positions(path: ProgramPath, robot: Robot) -> FloatArray:
     """Return the wanted positions (m, 3) of the tool's centre point, in R0 [m]."""
     positions = path.frames.positions(path.program, path.targets)
-    by_joints = np.flatnonzero(path.program.targets.by_joints[path.targets])
-    if len(by_joints):
-        goal = Postures(robot, robot.joint_map.model_angles(path.cases.joints[by_joints]))
-        positions[by_joints] = goal.to_base(path.cases.place[by_joints, None])[:, 0]
+    joint_targets = np.flatnonzero(path.program.targets.given_as_joints[path.targets])
+    if len(joint_targets):
+        wanted = Postures(robot, robot.joint_map.model_angles(path.cases.joints[joint_targets]))
+        positions[joint_targets] = wanted.to_base(path.cases.place[joint_targets, None])[:, 0]
     return positions
 
 
-def _refuse_out_of_limits(path: ProgramPath, robot: Robot, found: Corrections) -> None:
+def _refuse_out_of_limits(path: ProgramPath, robot: Robot, corrections: Corrections) -> None:
     """Raise a `ProgramError` if a correction leads beyond the limits of a joint."""
     low, high = robot.limits.T
-    angles = robot.joint_map.model_angles(found.commanded)
+    angles = robot.joint_map.model_angles(corrections.commanded)
     outside = ((angles < low - _TOLERANCE) | (angles > high + _TOLERANCE)).any(axis=1)
     reason = "the corrected target is outside of the joints' limits"
     remedy = "move the part, or omit its load"
-    faults = [path.make_fault(int(found.points[row]), reason, remedy) for row in np.flatnonzero(outside)]
+    faults = [
+        path.make_fault(int(corrections.points[row]), reason, remedy) for row in np.flatnonzero(outside)
+    ]
     if faults:
         raise ProgramError(faults)
 
@@ -374,7 +452,8 @@ class ProgramWork(Work):
                 "the controller already compensates the deflection under load, which must not be "
                 "compensated twice",
                 where="accuracy_option",
-                remedy="switch the controller's accuracy option off, repeat the measurement, and give `off`",
+                remedy="switch the controller's accuracy option off, repeat the measurement, and set "
+                "`accuracy_option` to `off`",
             )
         self.robot_id, self._request = robot_id, request
         options = request.model_dump_json(exclude={"run_id", "files"})
@@ -407,7 +486,7 @@ class ProgramWork(Work):
         """Inverse kinematics of the robot, near the posture `start` of the request."""
         robot = self._run_model.model.robot
         with as_request_errors():
-            return InverseKinematics(robot, start_joints(self._request, robot))
+            return InverseKinematics(robot, convert_start_joints(self._request, robot))
 
     @cached_property
     def _path(self) -> ProgramPath:
@@ -420,7 +499,7 @@ class ProgramWork(Work):
     def _ramp(self) -> FloatArray:
         """Share (m,) of the full correction at each point, which rises and falls along `ramp_length`."""
         length = LENGTH[self._request.units.length] * self._request.ramp_length
-        return ramp_shares(self._run_model.model.robot, self._path.cases, length)
+        return compute_ramp_shares(self._run_model.model.robot, self._path.cases, length)
 
     def steps(self) -> Sequence[Span]:
         """Return spans of the points under load as steps; no steps for a short program."""
@@ -475,15 +554,20 @@ class ProgramWork(Work):
         contents, points = write_compensated_program(
             self._path, corrections, self._run_model.model, self._inverse, quantile
         )
-        program, left, assessment = (
-            self._program,
-            len(self._program.left),
-            self._assess_corrections(corrections),
-        )
-        if (self._request.mark or assessment.verdict == "do_not_use" or left) and points.changed.any():
-            counts = datetime.now(UTC).date(), len(program.moves) + left, left
+        program, unchanged_moves = self._program, len(self._program.left_moves)
+        assessment = self._assess_corrections(corrections)
+        if (
+            self._request.mark or assessment.verdict == "do_not_use" or unchanged_moves
+        ) and points.changed.any():
+            # The comment that marks the program as compensated goes into the first file.
             contents[0] = insert_mark(
-                program.format, contents[0], self._run_model.run.id, assessment.verdict, *counts
+                program.format,
+                contents[0],
+                self._run_model.run.id,
+                assessment.verdict,
+                datetime.now(UTC).date(),
+                len(program.moves) + unchanged_moves,
+                unchanged_moves,
             )
         files = [compress_file(source.name, contents.pop(0)) for source in program.sources]
         return self._make_result(points, files, assessment)
@@ -494,13 +578,13 @@ class ProgramWork(Work):
         Raises:
             VerdictError: limits reduce corrections, and the request has no `accept_verdict`.
         """
-        left, points = len(self._program.left), len(corrections.points)
-        moves, capped = len(self._program.moves) + left, int(corrections.capped.sum())
+        unchanged, points = len(self._program.left_moves), len(corrections.points)
+        moves, capped = len(self._program.moves) + unchanged, int(corrections.capped.sum())
         lengths = np.linalg.norm(corrections.uncorrected[:, :3], axis=1)
         turn = np.abs(corrections.commanded - self._path.cases.joints[corrections.points]).max(
             axis=1, initial=0.0
         )
-        near_singularity, run = int((turn > _TURNED).sum()), self._run_model.result
+        near_singularity, run = int((turn > _SINGULAR_TURN).sum()), self._run_model.result
         reasons = [
             *find_implausible_deflection(float(lengths.max(initial=0.0)), run),
             *find_far_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
@@ -510,19 +594,19 @@ class ProgramWork(Work):
             message = "nothing is corrected: no point is loaded, or each deflection is below its uncertainty"
             remedy = "state the load; measure more if the deflections matter"
             reasons.append(make_reason("nothing_corrected", "use_with_care", message, remedy))
-        if left:
-            message = f"{moves - left} of {moves} moves were corrected, {left} were left unchanged"
+        if unchanged:
+            message = f"{moves - unchanged} of {moves} moves were corrected, {unchanged} were left unchanged"
             remedy = "check that the unchanged moves need no correction"
             reasons.append(make_reason("moves_left", "use_with_care", message, remedy))
         if capped:
-            weight: Verdict = "do_not_use" if capped == points else "use_with_care"
+            verdict: Verdict = "do_not_use" if capped == points else "use_with_care"
             message = f"the limits reduce the corrections of {capped} of {points} points"
             remedy = "check the load and its unit, then raise `max_displacement` or `max_rotation`"
-            reasons.append(make_reason("corrections_capped", weight, message, remedy))
+            reasons.append(make_reason("corrections_capped", verdict, message, remedy))
         if near_singularity:
             message = (
                 f"{near_singularity} of {points} points are near a singularity: joints turn by over "
-                f"{_TURNED:g} rad"
+                f"{_SINGULAR_TURN:g} rad"
             )
             remedy = "move the part away from the singularity"
             reasons.append(make_reason("near_singularity", "use_with_care", message, remedy))
@@ -547,7 +631,7 @@ class ProgramWork(Work):
     ) -> ProgramResult:
         """Return the result message of the corrected points and written files."""
         corrections, program = points.corrections, self._program
-        left: dict[LeftAlone, int] = {
+        uncorrected_targets: dict[LeftAlone, int] = {
             "no_load": len(points.path.targets) - len(corrections.points),
             "uncertain": int(corrections.uncertain.sum()),
             "not_used": len(program.targets) - len(points.path.targets),
@@ -562,11 +646,11 @@ class ProgramWork(Work):
             assessment=assessment,
             format=kind,
             points=len(program.targets),
-            moves=len(program.moves) + len(program.left),
-            moves_left=len(program.left),
+            moves=len(program.moves) + len(program.left_moves),
+            moves_left=len(program.left_moves),
             corrected=int(points.changed.sum()),
             capped=int(corrections.capped.sum()),
-            left_alone={reason: count for reason, count in left.items() if count},
+            left_alone={reason: count for reason, count in uncorrected_targets.items() if count},
             deflection=deflection,
             correction=correction,
             residual=residual,
@@ -583,12 +667,13 @@ class ProgramWork(Work):
         lines: dict[str, list[int]] = {}
         for remark in self._program.left_alone:
             lines.setdefault(remark.text, []).append(remark.line)
-        for each in self._program.left:
+        for each in self._program.left_moves:
             lines.setdefault(f"left unchanged: {each.reason}; {each.remedy}", []).append(each.line)
-        left = [f"{_line_numbers(numbers)}: {reason}" for reason, numbers in lines.items()]
-        more = [f"… and {len(left) - _MAX_REMARKS} more remarks"] if len(left) > _MAX_REMARKS else []
+        uncorrected = [f"{_line_numbers(numbers)}: {reason}" for reason, numbers in lines.items()]
+        hidden = len(uncorrected) - _MAX_REMARKS
+        more = [f"… and {hidden} more remarks"] if hidden > 0 else []
         remarks = self._run_model.remarks(self._request.confidence)
-        return [*remarks, *left[:_MAX_REMARKS], *more]
+        return [*remarks, *uncorrected[:_MAX_REMARKS], *more]
 
 
 def _line_numbers(lines: Sequence[int]) -> str:

@@ -44,19 +44,19 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.resources.inputs import Inputs
 
-_WORDS: Final = {
+_VERDICT_CELLS: Final = {
     "uncertain": Line("uncertain", "care"),
     "at_bound": Line("at bound", "care"),
     "not_observable": Line("not observable", "dim"),
     "use_with_care": Line("use with care", "care"),
     "do_not_use": Line("do not use", "bad"),
 }
-"""Words for the status of a joint or, for an identified joint, for the verdict."""
+"""Cell in the column of verdicts, by status of the joint or, for an identified joint, by verdict."""
 _GRADES: Final = {0.05: "well determined", 0.2: "determined"}
 """Words for a good joint, by the greatest half width of the interval relative to the stiffness."""
 
 
-def report(job: Run, result: RunResult, view: View) -> Report:
+def _make_report(job: Run, result: RunResult, view: View) -> Report:
     """Return the report: joints, summary of the fit, and advice; `view.details` adds the evidence."""
     parts: list[Part] = [
         _joints_table(job, result, view.unit),
@@ -85,14 +85,14 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
     if request.weight is not None:
         method = "by the robot's own weight"
     cells = [unit.cells(joint) for joint in joints]
-    prior = [_prior_cell(joint, known=joint.name in request.priors) for joint in joints]
+    prior_cells = [_prior_cell(joint, has_prior=joint.name in request.priors) for joint in joints]
     return Table(
         [
             Column("joint", [joint.name for joint in joints], text=True),
             Column(unit.quantity, [value for value, _, _ in cells]),
             Column("std. uncertainty", [uncertainty for _, uncertainty, _ in cells]),
             Column(f"{100 * request.confidence:g} % interval", [interval for _, _, interval in cells]),
-            *([Column("prior/data", prior)] if request.priors else []),
+            *([Column("prior/data", prior_cells)] if request.priors else []),
             Column("verdict", joints, _verdict_cell, text=True),
         ],
         title=f"Joint {unit.quantity}, {method}, {constraint}",
@@ -101,15 +101,19 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
 
 
 def before_after_table(before: RunResult, after: RunResult, unit: StiffnessUnit) -> Table:
-    """Return a table that compares two runs: verdict, explained deflection, residual, stiffnesses."""
+    """Return a table that compares two runs: verdict, explained deflection, residual and stiffnesses.
 
-    def column(result: RunResult) -> list[str]:
-        share = result.compensation
+    `before` and `after` are results of the same joints, such as before and after readings were left out.
+    """
+
+    def format_cells(result: RunResult) -> list[str]:
+        explained = result.compensation
         cells = {joint.name: unit.cells(joint) for joint in result.joints}
         return [
             VERDICTS[result.assessment.verdict],
-            "—" if share is None else f"{100 * share:.1f} %",
+            "—" if explained is None else f"{100 * explained:.1f} %",
             length_text(result.rms_residual),
+            # Value and standard uncertainty; the third part of `cells` is the interval.
             *(f"{cells[joint.name][0]} ± {cells[joint.name][1]}" for joint in before.joints),
         ]
 
@@ -117,8 +121,8 @@ def before_after_table(before: RunResult, after: RunResult, unit: StiffnessUnit)
     return Table(
         [
             Column("", names, text=True),
-            Column("before", column(before)),
-            Column("after", column(after)),
+            Column("before", format_cells(before)),
+            Column("after", format_cells(after)),
         ],
         title="Before and after",
         caption=f"{unit.quantity} with its standard uncertainty in {unit.label_of(before.joints)}",
@@ -126,17 +130,20 @@ def before_after_table(before: RunResult, after: RunResult, unit: StiffnessUnit)
 
 
 def _weight_lines(weight: WeightResult) -> Iterator[Line]:
-    """Yield lines on the share of uncertain masses in the intervals, and on the residual without sag."""
+    """Yield lines on intervals widened by uncertain masses, and on the residual with and without sag.
+
+    Sag is the deflection of the arm under its own weight.
+    """
     shares = [f"{each.joint} {100 * each.masses:.0f} %" for each in weight.joints if each.masses is not None]
     if shares:
         yield Line(f"  share of uncertain masses in each interval: {', '.join(shares)}")
-    before, after = weight.rms_without_sag, weight.rms_residual
+    rms_without_sag, rms_with_sag = weight.rms_without_sag, weight.rms_residual
     yield Line(
-        f"  without sag, the best geometry leaves {length_text(before)} rms of a coordinate; "
-        f"with sag, {length_text(after)}"
+        f"  without sag, the best geometry leaves {length_text(rms_without_sag)} rms of a coordinate; "
+        f"with sag, {length_text(rms_with_sag)}"
         + (
             ": the sag of the arm under its own weight is too small to improve the fit much"
-            if after > 0.9 * before
+            if rms_with_sag > 0.9 * rms_without_sag
             else ""
         )
     )
@@ -145,28 +152,31 @@ def _weight_lines(weight: WeightResult) -> Iterator[Line]:
 def _verdict_cell(joint: JointResult) -> Line:
     """Return a joint's cell in the column of verdicts: how well it is determined, or why not to use it."""
     if joint.status != "identified" or joint.verdict != "use":
-        return _WORDS[joint.verdict if joint.status == "identified" else joint.status]
+        return _VERDICT_CELLS[joint.verdict if joint.status == "identified" else joint.status]
     low, high = joint.stiffness_interval or (None, None)
     if low is None or high is None or not joint.stiffness:
         return Line("no interval", "care")
-    limits = [limit for limit in _GRADES if (high - low) / 2 / joint.stiffness <= limit]
-    return Line(_GRADES[limits[0]] if limits else "roughly known", "good")
+    relative_half_width = (high - low) / 2 / joint.stiffness
+    grades = [grade for limit, grade in _GRADES.items() if relative_half_width <= limit]  # best first
+    return Line(grades[0] if grades else "roughly known", "good")
 
 
-def _prior_cell(joint: JointResult, *, known: bool) -> str:
-    """Format the ratio of information on a joint from its prior to information from the readings.
+def _prior_cell(joint: JointResult, *, has_prior: bool) -> str:
+    """Format the ratio of the information on a joint from the prior to that from the readings.
 
-    `known` is true if the joint has a prior.
+    Without readings of the joint, the cell says "prior only"; without a prior, it is a dash.
     """
     if joint.prior_to_data is not None:
         return f"{joint.prior_to_data:.2g}"
-    return "prior only" if known and joint.status != "not_observable" else "—"
+    return "prior only" if has_prior and joint.status != "not_observable" else "—"
 
 
 def _fit_summary(result: RunResult) -> Line:
     """Return a line with the explained share of the deflection, the residual, and sigma."""
-    share = result.compensation
-    explained = "" if share is None else f"explains {100 * share:.1f} % of the mean deflection, "
+    compensation = result.compensation
+    explained = (
+        "" if compensation is None else f"explains {100 * compensation:.1f} % of the mean deflection, "
+    )
     sigma = (
         ""
         if result.sigma is None
@@ -206,9 +216,9 @@ def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str
 def _advised_reading_text(advice: Advice, kinds: Sequence[JointKind]) -> str:
     """Describe an advised reading in words: force, direction and posture."""
     size = sqrt(sum(part**2 for part in advice.force))
-    along = ", ".join(f"{part / size + 0.0:.2f}" for part in advice.force)  # + 0.0 turns −0 into 0
+    direction = ", ".join(f"{part / size + 0.0:.2f}" for part in advice.force)  # + 0.0 turns −0 into 0
     posture = advice.observation or f"{posture_text(advice.joints, kinds)} if free of collisions"
-    return f"{figure(size)} N along ({along}) in posture {posture}"
+    return f"{figure(size)} N along ({direction}) in posture {posture}"
 
 
 def _predicted_gain_text(run: Run, advice: Advice, joint: JointResult) -> str:
@@ -217,21 +227,22 @@ def _predicted_gain_text(run: Run, advice: Advice, joint: JointResult) -> str:
     The prediction is valid only for the partial pose with covariance weights and without priors.
     """
     request = run.request
+    # u(c) is the standard uncertainty of the joint's compliance c.
     u, ratio = joint.standard_uncertainty, advice.uncertainty_ratio
     if request.method != "partial_pose" or request.weighting != "covariance" or request.priors:
         return ""
     if ratio is None or u is None or not joint.compliance:
-        after = advice.standard_uncertainty
+        predicted_u = advice.standard_uncertainty
         return (
             ""
-            if after is None
-            else f": u(c) becomes {1e6 * after:.2g} {JOINT_UNITS[joint.kind].micro_compliance}"
+            if predicted_u is None
+            else f": u(c) becomes {1e6 * predicted_u:.2g} {JOINT_UNITS[joint.kind].micro_compliance}"
         )
-    before = 100 * u / abs(joint.compliance)
-    return f": u {before:.2g} % → {ratio * before:.2g} %"
+    percent = 100 * u / abs(joint.compliance)
+    return f": u {percent:.2g} % → {ratio * percent:.2g} %"
 
 
-_SIGMA = {
+_SIGMA_TESTS = {
     "consistent": "consistent with sigma",
     "residuals_too_large": "residuals larger than sigma predicts",
     "residuals_too_small": "residuals smaller than sigma predicts",
@@ -240,28 +251,28 @@ _SIGMA = {
 
 def detail_lines(result: RunResult) -> list[Line]:
     """Return lines for `--details`: suspicious readings, fit, sources of uncertainty, observability."""
-    lines = [Line(f"  {line}", "care") for line in _suspicious_lines(result)]
+    suspicious = [Line(f"  {line}", "care") for line in _suspicious_lines(result)]
+    causes = format_tested_causes(result)
     others = (
         *_goodness_lines(result),
         *_budget_lines(result),
         *_complementary_stiffness_lines(result),
-        *(f"causes tested with the joints, p-value: {line}" for line in list_tested_causes(result)),
+        *([f"causes tested with the joints, p-value: {causes}"] if causes else []),
         *_identifiability_lines(result.identifiability),
     )
-    return [*lines, *(Line(f"  {line}", "dim") for line in others)]
+    return [*suspicious, *(Line(f"  {line}", "dim") for line in others)]
 
 
-def list_tested_causes(result: RunResult) -> Iterator[str]:
-    """Yield one line with the systematic causes that were fitted with the joints, and their p-values.
+def format_tested_causes(result: RunResult) -> str:
+    """Format the systematic causes that were fitted with the joints, with p-values; "" if there are none.
 
-    Yield nothing if no causes were fitted.
+    A cause may act only since an observation, `first`, such as a step of the tracker.
     """
-    if result.causes:
-        begins = {None: ""} | {each.first: f" since {each.first}" for each in result.causes if each.first}
-        yield ", ".join(
-            f"{cause.name.replace('_', ' ')}{begins[cause.first]} {cause.p_value:.1g}"
-            for cause in result.causes
-        )
+    texts = []
+    for cause in result.causes:
+        since = f" since {cause.first}" if cause.first else ""
+        texts.append(f"{cause.name.replace('_', ' ')}{since} {cause.p_value:.1g}")
+    return ", ".join(texts)
 
 
 def _goodness_lines(result: RunResult) -> Iterator[str]:
@@ -269,14 +280,14 @@ def _goodness_lines(result: RunResult) -> Iterator[str]:
     goodness = result.goodness
     if goodness.sigma_source == "given" and goodness.degrees_of_freedom > 0:
         ratio = goodness.chi_square / goodness.degrees_of_freedom
-        verdict = f": {_SIGMA[goodness.test]}" if goodness.test else ""
+        verdict = f": {_SIGMA_TESTS[goodness.test]}" if goodness.test else ""
         yield (
             f"χ²/dof {ratio:.2f}{verdict} (1 if model and sigma are right; "
             f"{goodness.degrees_of_freedom:.4g} degrees of freedom)"
         )
 
 
-_SOURCES = {
+_UNCERTAINTY_SOURCES = {
     "readings": "readings",
     "force_scale": "scale of the force",
     "force_direction": "direction of the force",
@@ -300,9 +311,10 @@ def _budget_lines(result: RunResult) -> Iterator[str]:
     for part in budget.components:
         shares = [100 * u / abs(c) for u, c in zip(part.contributions, compliances, strict=True) if c]
         if shares:
+            # If least and greatest share have the same text, the set has one member, and one number is shown.
             ends = sorted({f"{min(shares):.2g}", f"{max(shares):.2g}"}, key=float)
             excluded = "" if part.included else ", not in the intervals"
-            source = _SOURCES.get(part.source, part.source)
+            source = _UNCERTAINTY_SOURCES.get(part.source, part.source)
             yield (
                 f"uncertainty from {source} (type {part.evaluation}{excluded}): "
                 f"{' to '.join(ends)} % of a compliance"
@@ -310,17 +322,17 @@ def _budget_lines(result: RunResult) -> Iterator[str]:
 
 
 def _complementary_stiffness_lines(result: RunResult) -> Iterator[str]:
-    """Yield a line on the complementary stiffness K_c, the change of the load's torques with deflection."""
-    size = result.complementary_stiffness
-    if size is None:
+    """Yield a line on the complementary stiffness K_c: how the load's torques change as the arm deflects."""
+    k_c = result.complementary_stiffness
+    if k_c is None:
         return
-    shift = "" if size.largest_shift is None else f" by at most {size.largest_shift:.2g} std. uncertainties"
-    verb = (
-        f"included ({size.iterations} refit{'s' if size.iterations > 1 else ''}); it changes"
-        if size.included
+    shift = "" if k_c.largest_shift is None else f" by at most {k_c.largest_shift:.2g} std. uncertainties"
+    treatment = (
+        f"included ({k_c.iterations} refit{'s' if k_c.iterations > 1 else ''}); it changes"
+        if k_c.included
         else "neglected; including it changes"
     )
-    yield f"complementary stiffness {verb} a compliance{shift} (K_c/k at most {size.largest_ratio:.2g})"
+    yield f"complementary stiffness {treatment} a compliance{shift} (K_c/k at most {k_c.largest_ratio:.2g})"
 
 
 def _suspicious_lines(result: RunResult) -> Iterator[str]:
@@ -357,7 +369,7 @@ _MODEL_NAMES = {
 }
 _NO_COMPLIANCE: Final = 1e-9
 """Share of the greatest principal compliance, below which a compliance is rounding error, shown as 0."""
-_CHOSEN = {"given": "given", "cross_validation": "by cross-validation"}
+_CHOICE_SOURCES = {"given": "given", "cross_validation": "by cross-validation"}
 
 
 def _choice_lines(choice: ModelChoice, links: LinksResult | None, *, details: bool) -> list[Part]:
@@ -377,7 +389,8 @@ def _choice_evidence(choice: ModelChoice, links: LinksResult | None) -> list[Par
 def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
     """Return tables and lines on elastic links: shares, compliances, compared models, certificate."""
     certificate = links.certificate
-    of_optimum = "of the optimum" if choice.loss == "squared" else "of the optimum a target"
+    # With squared loss the gap is of all fitted readings together, otherwise of a residual's mean length.
+    of_optimum = "of the optimum" if choice.loss == "squared" else "of the optimum, per target"
     parts: list[Part] = [_elements_table(links)]
     if links.links:
         parts.append(_links_table(links, choice.elasticity))
@@ -387,10 +400,11 @@ def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
         parts.append(choice_table(choice))
     lines = (
         (
-            f"{_MODEL_NAMES[choice.elasticity]} ({_CHOSEN[choice.source]}), loss {choice.loss} "
-            f"({_CHOSEN[links.loss_source]}), penalty {links.penalty:.3g} ({_CHOSEN[links.penalty_source]})"
+            f"{_MODEL_NAMES[choice.elasticity]} ({_CHOICE_SOURCES[choice.source]}), loss {choice.loss} "
+            f"({_CHOICE_SOURCES[links.loss_source]}), penalty {links.penalty:.3g} "
+            f"({_CHOICE_SOURCES[links.penalty_source]})"
         ),
-        (f"the readings determine {links.effective_freedom:.1f} of {links.parameters} parameters"),
+        f"the readings determine {links.effective_freedom:.1f} of {links.parameters} parameters",
         f"certified: within {certificate.gap:.1e} sigma {of_optimum}; no negative eigenvalue",
     )
     return parts + [Line(f"  {line}", "dim") for line in lines]
@@ -398,8 +412,12 @@ def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
 
 def links_line(links: LinksResult, choice: ModelChoice) -> Line:
     """Return a line on the deflection that elastic links explain, compared with elastic joints alone."""
-    model, losses = choice.elasticity, {**choice.losses, choice.elasticity: choice.loss}
-    scores = {each.model: each.compensation for each in choice.models if each.loss == losses[each.model]}
+    model = choice.elasticity
+    # Each model is scored with its best loss, but the model of this run with the loss of this run.
+    loss_of_model = {**choice.losses, model: choice.loss}
+    scores = {
+        each.model: each.compensation for each in choice.models if each.loss == loss_of_model[each.model]
+    }
     if choice.simplest is None or not {"joints", model} <= set(scores):
         return Line(
             f"  {_MODEL_NAMES[model]}: {format_percent(1.0 - links.unexplained)} of the squared deflection"
@@ -413,22 +431,26 @@ def links_line(links: LinksResult, choice: ModelChoice) -> Line:
 
 
 def _elements_table(links: LinksResult) -> Table:
-    """Return a table of the share of each elastic element (joint, link, base) in the squared deflection."""
+    """Return a table of the share of each elastic element (joint, link, base) in the squared deflection.
+
+    A row has the share over all observations, and its least and greatest value in one observation.
+    """
     elements = links.elements
     names = [
         f"link behind {each.joint}" if each.kind == "link" else each.joint or each.kind for each in elements
     ]
-    least: list[float | None] = [min(each.by_observation) for each in elements]
-    greatest: list[float | None] = [max(each.by_observation) for each in elements]
+    least_shares: list[float | None] = [min(each.by_observation) for each in elements]
+    greatest_shares: list[float | None] = [max(each.by_observation) for each in elements]
     return Table(
         [
             Column("element", [*names, "unexplained"], text=True),
             Column("overall", [*(each.share for each in elements), links.unexplained], format_percent),
-            Column("least", [*least, None], format_percent),
-            Column("greatest", [*greatest, None], format_percent),
+            Column("least", [*least_shares, None], format_percent),
+            Column("greatest", [*greatest_shares, None], format_percent),
         ],
         title="Share of the squared deflection",
-        caption="sum 100 %; what the run explains of the mean deflection is a share of lengths",
+        caption="overall shares sum to 100 %; they are shares of squared lengths, so that they differ from "
+        "the explained share of the mean deflection",
     )
 
 
@@ -450,16 +472,18 @@ def _links_table(links: LinksResult, model: ElasticModel) -> Table:
 def _base_table(base: ElasticCompliance) -> Table:
     """Return a table of the base: direction, compliance and stiffness for each principal direction."""
     rows = []
-    for name, parts, of_compliance, of_stiffness, scale in (
+    for motion, principal_compliances, compliance_unit, stiffness_unit, stiffness_factor in (
         ("translation", base.translation, "µm/kN", "N/µm", 1e-6),
         ("rotation", base.rotation, "µrad/(kN·m)", "N·m/rad", 1.0),
     ):
-        for part in parts:
-            soft = part.value > _NO_COMPLIANCE * parts[0].value
-            compliance = f"{1e9 * part.value if soft else 0.0:.3g} {of_compliance}"
-            stiffness = f"{figure(scale / part.value, '.3g')} {of_stiffness}" if soft else "rigid"
-            direction = ", ".join(f"{component:.2f}" for component in part.direction)
-            rows.append((name, direction, compliance, stiffness))
+        for each in principal_compliances:  # greatest first
+            is_elastic = each.value > _NO_COMPLIANCE * principal_compliances[0].value
+            compliance = f"{1e9 * each.value if is_elastic else 0.0:.3g} {compliance_unit}"
+            stiffness = (
+                f"{figure(stiffness_factor / each.value, '.3g')} {stiffness_unit}" if is_elastic else "rigid"
+            )
+            direction = ", ".join(f"{component:.2f}" for component in each.direction)
+            rows.append((motion, direction, compliance, stiffness))
     titles = ("base", "direction in R0", "compliance", "stiffness")
     return Table(
         [
@@ -472,11 +496,11 @@ def _base_table(base: ElasticCompliance) -> Table:
     )
 
 
-def _principal_compliances(link: ElasticCompliance, kind: str) -> str:
-    """Format a link's principal compliances; `kind` is "translation" (µm/kN) or "rotation" (µrad/(kN·m))."""
-    values = link.translation if kind == "translation" else link.rotation
-    rounding = _NO_COMPLIANCE * values[0].value
-    return ", ".join(f"{1e9 * each.value if each.value > rounding else 0.0:.3g}" for each in values)
+def _principal_compliances(link: ElasticCompliance, motion: str) -> str:
+    """Format a link's principal compliances, for "translation" [µm/kN] or for "rotation" [µrad/(kN·m)]."""
+    values = link.translation if motion == "translation" else link.rotation
+    rounding_error = _NO_COMPLIANCE * values[0].value  # values are sorted, greatest first
+    return ", ".join(f"{1e9 * each.value if each.value > rounding_error else 0.0:.3g}" for each in values)
 
 
 def choice_table(choice: ModelChoice) -> Table:
@@ -489,22 +513,23 @@ def choice_table(choice: ModelChoice) -> Table:
             Column("compensation", [each.compensation for each in models], format_percent),
             Column("std. error", [each.standard_error for each in models], format_percent),
             Column("penalty", [each.penalty for each in models], number_formatter(".2g")),
-            Column("", [_model_mark(each, choice) for each in models], text=True),
+            Column("", [_model_remarks(each, choice) for each in models], text=True),
         ],
         title="Compensation of held-out configurations",
-        caption="mean over the folds ± standard error; the simplest model within one standard error of the "
-        "best is marked, each with its loss of least residual",
+        caption="mean over the folds of the cross-validation, with its standard error; the last column marks "
+        "the best model, and the simplest model within one standard error, each with its best loss",
     )
 
 
-def _model_mark(scored: ScoredModel, choice: ModelChoice) -> str:
+def _model_remarks(scored: ScoredModel, choice: ModelChoice) -> str:
     """Return the remarks on a model and loss, such as "this run" or "best"; "" if it has none."""
     is_chosen = (scored.model, scored.loss) == (choice.elasticity, choice.loss)
-    marks = ["this run"] if is_chosen else []
+    remarks = ["this run"] if is_chosen else []
+    # `simplest` and `best` name models, each with its best loss.
     if scored.loss == choice.losses.get(scored.model):
-        marks += ["simplest within one standard error"] * (scored.model == choice.simplest)
-        marks += ["best"] * (scored.model == choice.best)
-    return ", ".join(marks)
+        remarks += ["simplest within one standard error"] if scored.model == choice.simplest else []
+        remarks += ["best"] if scored.model == choice.best else []
+    return ", ".join(remarks)
 
 
 def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit) -> Table:
@@ -512,8 +537,8 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
 
     The compensation is the share of the mean deflection that a fit explains, over all configurations.
     """
-    drawn = run.request.resampling
-    sample = f"{drawn.size} configurations drawn at random" if drawn else ""
+    options = run.request.resampling
+    sample = f"{options.size} configurations drawn at random" if options else ""
     moments = [mean_and_deviation(joint, unit) for joint in resampling.joints]
     joints, compensation = resampling.joints, resampling.compensation_mean
     deviation = resampling.compensation_deviation
@@ -521,22 +546,24 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
     if compensation is not None and deviation is not None:
         names.append("compensation")
 
-    def column(name: str, values: list[str], last: float | None) -> Column:
-        whole = [] if len(names) == len(values) else [format_percent(last)]
-        return Column(name, [*values, *whole])
+    def make_column(title: str, joint_cells: list[str], last_cell: float | None) -> Column:
+        has_last_row = len(names) > len(joint_cells)  # the row of the compensation
+        return Column(title, [*joint_cells, *([format_percent(last_cell)] if has_last_row else [])])
 
     return Table(
         [
             Column("joint", names, text=True),
-            column("mean", [_rounded_or_dash(mean, u) for mean, u in moments], compensation),
-            column("deviation", [_rounded_or_dash(u, u) for _, u in moments], deviation),
-            column("negative", [f"{100 * joint.share_negative:.3g} %" for joint in joints], None),
-            column("rigid", [f"{100 * joint.share_infinite:.3g} %" for joint in joints], None),
-            column("undetermined", [f"{100 * joint.share_undetermined:.3g} %" for joint in joints], None),
+            make_column("mean", [_rounded_or_dash(mean, u) for mean, u in moments], compensation),
+            make_column("deviation", [_rounded_or_dash(u, u) for _, u in moments], deviation),
+            make_column("negative", [f"{100 * joint.share_negative:.3g} %" for joint in joints], None),
+            make_column("rigid", [f"{100 * joint.share_infinite:.3g} %" for joint in joints], None),
+            make_column(
+                "undetermined", [f"{100 * joint.share_undetermined:.3g} %" for joint in joints], None
+            ),
         ],
         title=f"{resampling.repetitions} fits of {sample}",
         caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation of one fit; "
-        "compensation on all",
+        "compensation: explained share over all configurations",
     )
 
 
@@ -560,7 +587,7 @@ def mean_and_deviation(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[floa
     return mean, deviation
 
 
-def charts(result: RunResult) -> list[Chart]:
+def make_charts(result: RunResult) -> list[Chart]:
     """Return charts: stiffnesses, the joints' shares of the deflection, measured and residual deflection."""
     drawn: list[Chart] = []
     for kind, factor, unit in (("revolute", 1e-6, "10⁶ N·m/rad"), ("prismatic", 1e-6, "N/µm")):
@@ -576,8 +603,8 @@ def charts(result: RunResult) -> list[Chart]:
         shares = {"share": [each.share for each in result.contributions]}
         names = [each.joint for each in result.contributions]
         drawn.append(Chart("Share of the predicted deflection", names, shares, 1e2, "%", "joints"))
-    measured, left = result.mean_lengths("deflection"), result.mean_lengths("residual")
-    series = {"measured": [*measured.values()], "left by the model": [*left.values()]}
+    measured, residual = result.mean_lengths("deflection"), result.mean_lengths("residual")
+    series = {"measured": [*measured.values()], "residual": [*residual.values()]}
     title = "Deflection of each configuration, mean length over the targets"
     return [*drawn, Chart(title, [*measured], series, 1e3, "mm")]
 
@@ -621,7 +648,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
 }
 
 
-def compute(inputs: Inputs, request: RunRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: RunRequest) -> Work:
     """Return the work of a run, which is computed later; numerical modules are imported here."""
     from jointstiff.service.kinds.run.work import prepare_identification
 
@@ -632,24 +659,26 @@ RUN: Final = Kind[Run, RunRequest](
     message=Run,
     request=RunRequest,
     options=RunOptions,
-    compute=compute,
-    report=report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("measurement_set",),
     title="Joint stiffness",
     stepped=True,
-    reported=False,
+    has_report=False,
     examples=_EXAMPLES,
-    charts=charts,
+    make_charts=make_charts,
     files=(
         File(
             name="joints.csv",
-            description="a row a joint: stiffness, compliance, uncertainty, intervals, verdict, reason.",
+            description="one row for each joint: stiffness, compliance, uncertainty, intervals, verdict, "
+            "reason.",
             sheet=joints_sheet,
             made_of="result",
         ),
         File(
             name="residuals.csv",
-            description="a row a target and observation: measured deflection, and what the model leaves.",
+            description="one row for each target and observation: measured deflection, and residual of the "
+            "model.",
             sheet=residuals_sheet,
             made_of="result",
         ),

@@ -25,11 +25,11 @@ from jointstiff.service.security.access import (
     VIEWER,
     AccessRoute,
     UndeclaredRoleError,
-    address_of,
-    operation_id,
+    get_client_address,
+    make_operation_id,
 )
 from jointstiff.service.security.admission import AccessPolicy
-from jointstiff.service.security.keys import digest, mint
+from jointstiff.service.security.keys import hash_secret, make_key
 from jointstiff.service.server import _configure_uvicorn
 from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -124,7 +124,7 @@ def test_wrong_keys_slow_down_and_good_ones_do_not(client, store, monkeypatch):
         slept.append(seconds)
 
     monkeypatch.setattr(access, "sleep", sleep)
-    wrong = {"Authorization": f"Bearer {mint('stranger', 'admin', NOW, None).text}"}
+    wrong = {"Authorization": f"Bearer {make_key('stranger', 'admin', NOW, None).text}"}
     answers = [client.request("POST", "/v1/runs", headers=wrong) for _ in range(20)]
     assert [answer.status_code for answer in answers] == [401] * 11 + [429] * 9
     assert answers[-1].headers["Retry-After"]
@@ -153,7 +153,7 @@ def test_a_browser_signs_in_is_known_and_signs_out(origin, client, store):
     name, token = cookie.split("=")
     assert name == "jointstiff_8000"
     assert store.sessions.find(token, NOW) is None  # only its hash is there
-    assert store.sessions.find(digest(token), NOW)
+    assert store.sessions.find(hash_secret(token), NOW)
     who = client.get("/v1/session", headers={"Cookie": cookie}).json()
     assert who["key_name"] == "viewer's key"
     week = datetime.fromisoformat(who["ends_at"]) - datetime.now(UTC)
@@ -195,14 +195,14 @@ def test_an_answer_that_goes_on_ends_with_the_session_or_the_key(ends, client, s
 
     def still_opens(*headers):
         headed = scope | {"headers": [*scope["headers"], *headers]}
-        return anyio.run(guard.still_opens, HTTPConnection(headed), key)
+        return anyio.run(guard.may_continue, HTTPConnection(headed), key)
 
     assert still_opens()
     if ends == "session":
         client.request("DELETE", "/v1/session", headers={"Cookie": cookie})
     else:
         store.keys.revoke(key.id, NOW)
-        guard.keyring.look()
+        guard.keyring.read_keys()
     assert not still_opens()
     assert still_opens((b"authorization", b"Bearer")) == (ends == "session"), "a key needs no session"
 
@@ -240,9 +240,11 @@ def test_who_changes_what_stands_in_the_audit(client, store):
 
 
 def test_an_address_that_a_proxy_invents_is_unknown():
-    assert address_of({"client": ("10.0.0.7", 80)}) == "10.0.0.7"
-    assert [address_of({"client": client}) for client in (("=HYPERLINK(1)", 0), None)] == ["unknown"] * 2
-    assert address_of({}) == "unknown"
+    assert get_client_address({"client": ("10.0.0.7", 80)}) == "10.0.0.7"
+    assert [get_client_address({"client": client}) for client in (("=HYPERLINK(1)", 0), None)] == [
+        "unknown"
+    ] * 2
+    assert get_client_address({}) == "unknown"
 
 
 def test_those_without_a_key_cannot_fill_the_audit(client, store, caplog):
@@ -300,7 +302,7 @@ def test_uses_are_noted(client, store):
 
 def test_operations_are_called_as_openapi_calls_them(openapi):
     names = {name for *_, name, _ in operations(openapi)}
-    assert {operation_id(route) for route in health.router.routes} - {"getIndex"} <= names
+    assert {make_operation_id(route) for route in health.router.routes} - {"getIndex"} <= names
 
 
 ROBOT = EXAMPLES["robots"]["modified DH"]
@@ -408,7 +410,7 @@ def test_a_service_that_awaits_its_key_answers_its_own_machine_only():
             assert_refused(answer, 403, *NO_KEY_YET)
         assert beyond.get("/live").status_code == 204
         assert Client(store, posture).get("/v1/robots").status_code == 401
-        store.keys.add((minted := mint("viewer", "viewer", datetime.now(UTC), None)).record)
+        store.keys.add((minted := make_key("viewer", "viewer", datetime.now(UTC), None)).record)
         headers = {"Authorization": f"Bearer {minted.text}"}
         beyond = Client(store, posture, address="172.17.0.1")
         assert beyond.get("/v1/robots").status_code == 401

@@ -13,7 +13,7 @@ from support.terminal import terminal
 
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.security.admission import AccessPolicy
-from jointstiff.service.security.keys import digest, mint
+from jointstiff.service.security.keys import hash_secret, make_key
 from jointstiff.service.store.store import Store
 
 ROBOT = EXAMPLES["robots"]["modified DH"]
@@ -66,7 +66,7 @@ def test_who_has_no_key_is_told_how_to_send_one(method, path, shared):
         ("Bearer jst_0000000000_x", NOT_A_KEY),
         (f"Bearer {KEYS['admin'].text[:-1]}", NOT_A_KEY),
         (f"bearer {KEYS['admin'].text[:-8]}00000000", MISTYPED),
-        (f"BEARER {mint('stranger', 'admin', datetime.now(UTC), None).text}", FOREIGN),
+        (f"BEARER {make_key('stranger', 'admin', datetime.now(UTC), None).text}", FOREIGN),
         ("Basic YWRtaW46YWRtaW4=", NO_KEY),
         (KEYS["admin"].text, NO_KEY),
     ],
@@ -96,7 +96,7 @@ def test_a_key_that_does_not_open_is_refused_with_its_reason_and_not_shown(heade
 )
 def test_a_role_below_the_needed_one_is_refused(role, method, path, needed, shared):
     assert outcome_of(shared.request(method, path, json={}, headers=bearer(role))) == (
-        f"403 role | - | the key's role is {role}, but this needs {needed} | "
+        f"403 role | - | the key's role is {role}, but the request needs the role {needed} | "
         f"use a key with the role {needed}; create one with `jointstiff keys create`"
     )
 
@@ -157,7 +157,7 @@ def test_an_open_service_needs_no_sign_in_and_issues_no_keys(store):
     ):
         assert outcome_of(client.request(method, path, json={"name": "x", "role": "admin"})) == NO_ADMINS
     assert client.request("POST", "/v1/robots", json=ROBOT).status_code == 201
-    assert store.sessions.redeem(digest(link), datetime.now(UTC)) == key.id
+    assert store.sessions.redeem(hash_secret(link), datetime.now(UTC)) == key.id
     assert (store.keys.all(), store.audit.page(9).records) == ([key], ())
     health = client.get("/health").json()
     assert health.pop("stored_bytes") > 0
@@ -245,7 +245,7 @@ def test_what_is_no_id_of_a_key_revokes_nothing(client, store):
     answer = client.request("DELETE", "/v1/keys/nobody", headers=bearer("admin"))
     assert outcome_of(answer) == (
         "422 invalid-request | path.key_id | must match the pattern '^[0-9a-f]{10}$' | "
-        "see this address in /openapi.json"
+        "see the description of this address in /openapi.json"
     )
     missing = client.request("DELETE", "/v1/keys/0000000000", headers=bearer("admin"))
     assert missing.status_code == 404
@@ -324,10 +324,12 @@ UNCONTROLLED = {
     "--require-key": "the service will not start: it requires keys, and it has no valid key",
     "--keys-file missing.json": "the file of keys missing.json cannot be used: No such file or directory",
     "--host 192.0.2.1 --no-access-control": (
-        "will not listen on 192.0.2.1: other machines can reach this address, but no host name is allowed"
+        "the service will not listen on 192.0.2.1: other machines can reach this address, but no host name "
+        "is allowed"
     ),
     "--host :: --no-access-control --require-key": (
-        "will not listen on ::: the service cannot both require keys and leave access control to a proxy"
+        "the service will not listen on ::: the service cannot both require keys and leave access control to "
+        "a proxy"
     ),
 }
 

@@ -164,7 +164,7 @@ def test_a_campaign_is_deleted_from_its_end_and_brought_back_from_its_beginning(
         return local.request("PATCH", address, json=body)
 
     used = f"is used by measurement set {set_id}, run {mine['id']}"
-    delete_first = "delete these first"
+    delete_first = "delete these resources first"
     assert told(patched(at_robot, DELETE)) == f"409 | the robot '{robot_id}' {used} | {delete_first}"
     of_run = f"the measurement set '{set_id}' is used by run {mine['id']}"
     assert told(patched(at_set, DELETE)) == f"409 | {of_run} | {delete_first}"

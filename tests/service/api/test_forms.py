@@ -47,7 +47,7 @@ def run(local):
             [SOURCE],
             {"run_id": "nobody"},
             "422 invalid-request | run_id | there is no run 'nobody' | "
-            "check the id; list them with GET /v1/jobs?kind=run",
+            "check the id; list the existing ids with GET /v1/jobs?kind=run",
         ),
         (
             [SOURCE],
@@ -278,5 +278,6 @@ def test_readings_that_do_not_fit_the_robot_are_refused(local, robot):
         "joint_1, joint_2, joint_3, joint_4, joint_5, joint_6"
     )
     assert outcome_of(imported(local, table_of(WEIGHTS), "none")) == (
-        "404 not-found | - | there is no robot 'none' | check the id; list them with GET /v1/robots"
+        "404 not-found | - | there is no robot 'none' | check the id; list the existing ids with GET "
+        "/v1/robots"
     )

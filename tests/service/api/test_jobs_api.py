@@ -18,7 +18,7 @@ from support.kinds import posted_job
 
 from jointstiff.schemas.job import Progress, Provenance
 from jointstiff.schemas.run import Run, RunRequest
-from jointstiff.service.api.jobs import Followers, answer
+from jointstiff.service.api.jobs import Followers, answer_new_job
 from jointstiff.service.app import create_app
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.problems import (
@@ -294,7 +294,7 @@ def test_what_was_stored_is_accepted_whatever_happens_to_it_then(error):
             return super().current(job_id)
 
     jobs = Lost([1])
-    told = asyncio.run(answer(jobs, jobs.create(REQUEST, None), 0.1, hurried()))
+    told = asyncio.run(answer_new_job(jobs, jobs.create(REQUEST, None), 0.1, hurried()))
     assert (told.status_code, told.headers["location"]) == (202, "/v1/jobs/r1")
     assert json.loads(told.body)["state"] == "queued"
 
@@ -383,11 +383,11 @@ class TestJobs:
         runs.records.delete(deleted.id)
         clock = [datetime.now(UTC) + KEEP_DELETED - timedelta(hours=1)]
         recovery = Recovery(store, lambda _: runs, claims, "alive", now=lambda: clock[0])
-        recovery.look()
+        recovery.check_and_recover()
         runs.records.restore(deleted.id)
         runs.records.delete(deleted.id)
         clock[0] += timedelta(hours=2)
-        recovery.look()
+        recovery.check_and_recover()
         with pytest.raises(NotFoundError) as caught:
             runs.records.restore(deleted.id)
         assert type(caught.value) is NotFoundError
@@ -452,7 +452,7 @@ class TestInputs:
         assert robots.purge(later + KEEP_DELETED, 9) == []  # the set refers to it
         now = later + timedelta(days=1)
         recovery = Recovery(store, lambda _: runs_of(store), claims, "alive", now=lambda: now)
-        recovery.look()
+        recovery.check_and_recover()
         for collection, identifier in ((store.sets, "s1"), (store.robots, "r1")):
             with pytest.raises(NotFoundError) as caught:
                 collection.get(identifier)

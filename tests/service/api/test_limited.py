@@ -19,7 +19,7 @@ from jointstiff.service import limited
 from jointstiff.service.api.examples import EXAMPLES
 from jointstiff.service.limited import LimitedChild
 from jointstiff.service.security.admission import AccessPolicy
-from jointstiff.service.security.keys import mint
+from jointstiff.service.security.keys import make_key
 from jointstiff.service.store.store import Store
 
 JSON = {"Content-Type": "application/json"}
@@ -88,7 +88,7 @@ class InThread(LimitedChild):
         self._process = self
         self.thread = Thread(target=limited.run_child, args=[os.dup(theirs.fileno())])
         self.thread.start()
-        ours.send_bytes(self._opening)
+        ours.send_bytes(self._settings_message)
         return ours
 
 
@@ -110,7 +110,7 @@ def test_it_limits_its_memory_and_time_once_and_goes_on(database, store, monkeyp
 
 
 def test_who_asks_is_found_out_before(store, child):
-    store.keys.add((minted := mint("viewer", "viewer", datetime.now(UTC), None)).record)
+    store.keys.add((minted := make_key("viewer", "viewer", datetime.now(UTC), None)).record)
     guarded = Client(store, AccessPolicy.from_address("127.0.0.1", (), access_control=True, require_key=True))
     guarded._app.state.answer_elsewhere = child.answer
     assert guarded.request("POST", "/v1/robots", content=LARGE, headers=JSON).status_code == 401

@@ -98,9 +98,9 @@ FILES = """\
 * map: `tables.json`, `report.pdf`, `report.html`, `map.csv`, `map.npz`, `map.json`
 * fleet: `tables.json`, `report.pdf`, `report.html`, `table.csv`
 * program: `tables.json`, `report.pdf`, `report.html`, `program`, `points.csv`, `points.json`
-* `joints.csv` of a run: a row a joint: stiffness, compliance, uncertainty, intervals, verdict, reason.
-* `axes.csv` of a geometry: a row an axis: a point and the direction in R0 at model angle zero, uncertainties.
-* `table.csv` of a fleet: a row a set and joint: stiffness with its interval, verdict; or why there is none.
+* `joints.csv` of a run: one row for each joint: stiffness, compliance, uncertainty, intervals, verdict, reason.
+* `axes.csv` of a geometry: one row for each axis: a point and the direction in R0 at model angle zero, uncertainties.
+* `table.csv` of a fleet: one row for each set and joint: stiffness with its interval, verdict; or the error of the set.
 * `map.npz` of a map: all places as numpy's npz, with all digits.
 """  # noqa: E501 - lines of the description
 

@@ -167,7 +167,7 @@ def test_a_key_of_ones_own_has_1_to_255_characters(path, key, reason, client, id
     body = BODIES[path.removeprefix("/v1/").removeprefix("measurement-").removesuffix("s")]
     body = json.loads(filled(json.dumps(body), ids))
     answer = client.request("POST", path, json=body, headers={"Idempotency-Key": key})
-    place, remedy = "header.idempotency-key", "see this address in /openapi.json"
+    place, remedy = "header.idempotency-key", "see the description of this address in /openapi.json"
     assert outcome_of(answer) == f"422 invalid-request | {place} | {reason} | {remedy}"
     longest = client.request("POST", path, json=body, headers={"Idempotency-Key": "x" * 255})
     assert longest.status_code == 201
@@ -187,7 +187,7 @@ def test_robot_and_readings_of_a_run_that_is_refused_are_kept(client, ids):
     given = CAMPAIGN | {"run": {"leave_out": ["zz"]}}
     assert outcome_of(client.request("POST", "/v1/campaigns", json=given)) == (
         "422 invalid-request | run.leave_out | the set has no observation 'zz' | "
-        "give labels of its observations"
+        "give labels of the set's observations"
     )
 
 
@@ -209,6 +209,6 @@ def test_an_answer_is_waited_for_a_minute_at_most(client, ids):
     answer = client.request("POST", "/v1/runs?wait=61", json={"measurement_set_id": ids["{set}"]})
     assert outcome_of(answer) == (
         "422 invalid-request | query.wait | must be less than or equal to 60 | "
-        "see this address in /openapi.json"
+        "see the description of this address in /openapi.json"
     )
     assert counts(client) == before

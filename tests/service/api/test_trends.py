@@ -11,7 +11,12 @@ from support.in_process import Client
 import jointstiff as js
 from jointstiff.schemas.run import JointResult
 from jointstiff.service.library.results import RobotTrend
-from jointstiff.service.runs.trend import Campaign, ReadRun, _fewest_degrees_of_freedom, compare_campaigns
+from jointstiff.service.runs.trend import (
+    Campaign,
+    ReadRun,
+    _find_fewest_degrees_of_freedom,
+    compare_campaigns,
+)
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -105,7 +110,7 @@ def test_a_run_states_the_degrees_of_freedom_that_a_trend_reads():
         run = js.identify(document | {"measurement_set": measured})
         parts = {"request": run.request.model_dump(mode="json"), "result": run.result.model_dump(mode="json")}
         (one,) = campaigns(["cell 7"])
-        found = _fewest_degrees_of_freedom(replace(one, run=ReadRun.model_validate(parts)))
+        found = _find_fewest_degrees_of_freedom(replace(one, run=ReadRun.model_validate(parts)))
         assert found == (run.result.goodness.degrees_of_freedom if noise is None else np.inf)
 
 

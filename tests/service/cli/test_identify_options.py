@@ -116,7 +116,8 @@ def test_coupled_joints_of_an_arm_whose_links_bend_are_not_to_be_used(folder):
         "│ joint_1 │ 0.869 │ 0.028 │ — │ do not use │",
         "│ joint_5 │ 0.0970 │ 0.0056 │ — │ do not use │",
         "│ joint_6 │ rigid │ — │ — │ at bound │",
-        "joint_6: the other elements explain the readings without a compliance of this joint",
+        "joint_6: the other elastic elements (joints, links or base) explain the readings without a "
+        "compliance of this joint",
         "explains 73.8 % of the mean deflection, residual 1.05 mm rms (3-D), sigma of a reading "
         "20 µm (given)",
         "coupled joints with loss squared explain 73.4 % of held-out postures, joints alone 73.4 %; simplest "

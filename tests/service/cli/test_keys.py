@@ -8,7 +8,7 @@ import pytest
 from support.terminal import terminal
 
 from jointstiff.service.problems import KeyRefusedError
-from jointstiff.service.security.keys import Keyring, KeysFile, KeysFileError, digest, mint
+from jointstiff.service.security.keys import Keyring, KeysFile, KeysFileError, hash_secret, make_key
 from jointstiff.service.store.store import Store
 
 NEW = "use another key; create one with `jointstiff keys create NAME --role ROLE`"
@@ -36,7 +36,7 @@ def test_a_key_is_shown_once_and_kept_until_it_is_revoked(folder, place):
     text, key_id, secret = created(*place)
     with Store.open("sqlite:///jointstiff.db") as kept:
         ring = Keyring(kept, folder / "keys.json" if place else None)
-        ring.look()
+        ring.read_keys()
         found = ring.check(text)
         assert (found.id, found.name, found.role) == (key_id, "tablet hall 3", "operator")
         assert (found.expires_at, len(found.key_hash)) == (datetime(2999, 1, 1, tzinfo=UTC), 64)
@@ -49,7 +49,7 @@ def test_a_key_is_shown_once_and_kept_until_it_is_revoked(folder, place):
         assert revoked.stdout == (
             f"revoked {key_id}, tablet hall 3; running services refuse it within a second\n"
         )
-        ring.look()
+        ring.read_keys()
         assert (ring.find(key_id), ring.has_keys()) == (None, False)
         with pytest.raises(KeyRefusedError) as caught:
             ring.check(text)
@@ -127,12 +127,12 @@ def test_a_link_has_its_secret_behind_the_number_sign_and_begins_a_session_of_it
     assert "█" in shown
     with Store.open("sqlite:///jointstiff.db") as kept:
         soon = datetime.now(UTC) + timedelta(minutes=9)
-        assert kept.sessions.redeem(digest(token), soon) == key_id
-        assert kept.sessions.redeem(digest(token), soon) is None
+        assert kept.sessions.redeem(hash_secret(token), soon) == key_id
+        assert kept.sessions.redeem(hash_secret(token), soon) is None
 
 
 def test_a_file_of_keys_names_each_once(folder):
-    path, record = folder / "keys.json", mint("key", "viewer", datetime.now(UTC), None).record
+    path, record = folder / "keys.json", make_key("key", "viewer", datetime.now(UTC), None).record
     KeysFile(path).add(record)
     assert [one.id for one in KeysFile(path).all()] == [record.id]
     KeysFile(path).add(record)

@@ -69,7 +69,8 @@ def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
             "accuracy_option: the controller already compensates the deflection under load, which must "
             "not be "
             "compensated twice "
-            "remedy: switch the controller's accuracy option off, repeat the measurement, and give `off`",
+            "remedy: switch the controller's accuracy option off, repeat the measurement, and set "
+            "`--accuracy-option` to `off`",
         ),
     ],
 )

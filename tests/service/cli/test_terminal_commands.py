@@ -169,21 +169,21 @@ HELP = {
         "FILE <file> Campaign file: robot, measurement set and run options in one JSON document. [required]",
         "--positive / --no-positive Constrain every compliance to be zero or positive.",
         "default 2.8, below which 95 % of good readings lie. Dimensionless.",
-        "--cause NAME[:FIRST] Causes to fit with the joints, such as a reason advises: the readings stay "
+        "--cause NAME[:FIRST] Causes to fit with the joints, as a reason recommends: the readings stay "
         "as they are, and the intervals include the uncertainty of the causes. Repeatable.",
         "--prior JOINT=STIFFNESS:UNCERTAINTY",
         "--resample SIZE[:REPETITIONS[:SEED]]",
-        "--leave-out NAME,NAME,... Labels of observations to omit; the others are checked again without "
-        "them.",
-        "--apply ACTION Apply an action that a reason advises, such as exchange_columns or convert_units: "
-        "write the corrected campaign to a new file, and identify it.",
+        "--leave-out NAME,NAME,... Labels of observations to omit; the remaining observations are checked "
+        "again.",
+        "--apply ACTION Apply an action that a reason of the verdict recommends, such as exchange_columns or "
+        "convert_units: write the corrected campaign to a new file, and identify it.",
         "-o, --output FILE File to write the corrected campaign to; default: next to the old one.",
         "Unit of the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m). [default: MNm/rad]",
     ],
     "compare": [
         "Compare methods on a campaign, or two campaigns of one robot.",
-        "[SECOND] <file> Campaign to compare with: on secondary encoders, after a change, or of a twin "
-        "robot.",
+        "[SECOND] <file> Second campaign, to compare with the first: with secondary encoders, after a "
+        "change, or of a twin robot.",
         "--ordered / --no-ordered Also identify two sets in one problem in which no joint is softer in the "
         "second one, as with secondary encoders switched on.",
         "--confidence NUMBER Confidence level of ratios; default: that of the first run.",
@@ -201,18 +201,18 @@ HELP = {
     ],
     "map": [
         "Map deflection and compliance over a work area.",
-        "--absolute / --no-absolute True for deflections relative to an arm that does not bend: with the "
-        "sag by its own weight and any load. Needs a run with `weight`.",
-        "--despite-verdict `do_not_use` accepts a run with this verdict, which is refused otherwise.",
+        "--absolute / --no-absolute True for deflections relative to an arm that does not bend: they "
+        "include the sag by own weight. Needs a run with `weight`.",
+        "--despite-verdict `do_not_use` accepts a run with this verdict, else refused.",
         "--load-point X,Y,Z[mm] Point where the force acts, flange frame; default: the tool's position.",
         "--turns <int> Number of angles about the tool's axis, evenly over a full turn.",
         "--moment X,Y,Z[N.m] Moment of the process on the robot, about the load point.",
         "--axes <base|flange> Frame in which force, moment and `direction` are given.",
     ],
     "import": [
-        "Nothing is written without --output or --save-template, nor while something is missing. At a "
-        "terminal it asks for what is missing. If the inspection of the readings finds errors, they are "
-        "written only with --despite-errors, and the exit status is 1 without it.",
+        "Nothing is written without --output or --save-template, nor while information is missing. At a "
+        "terminal the command asks for the missing information. If the inspection finds errors, the "
+        "readings are written only with --despite-errors, and the exit status is 1 without it.",
         "--units length=mm,angle=deg,force=N Units of columns whose header has none; add moment=N.m if "
         "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
@@ -225,8 +225,9 @@ HELP = {
     "measure": [
         "Measure live: what to read next, what the readings say so far, and when it is enough. "
         "docs/live.md explains goals and sources.",
-        '--goal GOAL "15 %" of every joint that the load twists; "6 um" of the deflection in the work area; '
-        '"below 0.5 mm" to decide about it. [required]',
+        '--goal GOAL Uncertainty to reach: "15 %" of every stiffness that the load tests, or "6 um" of the '
+        'deflection in the work area; or "below 0.5 mm" to decide whether the deflection stays below. '
+        "[required]",
         "--source SOURCE simulated:SEED, lines:/dev/ttyUSB0, lines:tcp://host:port, lines:udp://:port, or "
         "robodk. [required]",
         "--most <int range> Number of readings after which the measurement ends. [default: 200; 1<=x<=200]",
@@ -242,7 +243,7 @@ HELP = {
     ],
     "compensate": [
         "Compensate a program for the deflection under load.",
-        "PROGRAM <list[Path]> Robot program; a .src with its .dat. [required]",
+        "PROGRAM <list[Path]> Robot program; a KUKA program is a .src file and its .dat file. [required]",
         "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller while "
         "the program runs: `off`, on `same_as_measured` in the campaign, or `compensates_load`, which is "
         "refused because the load would be compensated twice.",
@@ -266,14 +267,15 @@ HELP = {
     "serve": [
         "Start the service.",
         "--host <str> Address to listen on. [default: 127.0.0.1]",
-        "--port <int range> Port; 0: any free one. [default: 8000; 0<=x<=65535]",
+        "--port <int range> Port; 0 for any free port. [default: 8000; 0<=x<=65535]",
         "[env var: JOINTSTIFF_DATABASE; default: sqlite:///jointstiff.db]",
         "--no-access-control Require no keys; only for use behind an authenticating proxy. Needs "
         "--allowed-host.",
         "--metrics-host <str> Address of the metrics port; everyone who reaches it can read the metrics. "
         "[default: 127.0.0.1]",
         "--require-key Require a key (`jointstiff keys create`) also from this machine.",
-        "--keys-file FILE File of keys, such as a container's secret; it has only hashes.",
+        "--keys-file FILE File of keys, such as a secret of a container; the file has only hashes of the "
+        "keys.",
     ],
 }
 

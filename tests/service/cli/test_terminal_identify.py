@@ -94,7 +94,8 @@ def test_resampled_fits_are_shown_in_the_unit_that_is_asked_for():
         "│ joint_1 │ 1110.3 │ 6.4 │ 0 % │ 0 % │ 0 % │",
         "│ joint_6 │ 24.1 │ 1.2 │ 0 % │ 0 % │ 0 % │",
         "│ compensation │ 98.6 % │ 0.0 % │ — │ — │ — │",
-        "stiffness in N·m/arcmin: mean and standard deviation of one fit; compensation on all",
+        "stiffness in N·m/arcmin: mean and standard deviation of one fit; compensation: explained share over "
+        "all configurations",
         "│ Resampling: size │ 8 │ │ Resampling: repetitions │ 200 │ │ Resampling: seed │ 0 │",
     )
 
@@ -243,7 +244,8 @@ def test_two_campaigns_are_compared_joint_by_joint():
         "joint_3 1 free 2.470(49) 2.485(44) 2.485(44) 2.497(58)",
         "CP/L 2 ≥ 0 98.2 % 47 2.68",
         "warning: 12 observations have the same label but different postures or loads, or no common "
-        "target; first 'c01'; measure the same postures under the same load, or give different labels",
+        "target; the first of these observations is 'c01'; measure the same postures under the same load, "
+        "or give different labels",
         "To do 1. measure some of the same postures under the same load on both sides",
         "│ Run ids │ 16 entries, SHA-256 ",
     )

@@ -166,7 +166,7 @@ def test_what_is_missing_is_asked_for_until_the_answer_can_be_used():
         "Meaning of column 'shift', such as J1 [deg] [ignore]:",
         "Unit of angles (rad, deg) [deg]:",
         "Unit of lengths (m, mm, in) [mm]:",
-        "Error: answer m, mm, in Unit of lengths (m, mm, in) [mm]:",
+        "Error: answer one of m, mm, in Unit of lengths (m, mm, in) [mm]:",
         "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0):",
         "Load point in the flange frame, X,Y,Z in mm (at the flange: 0,0,0):",
         "Error: '0,0' must be three numbers, such as 0,0,120.5",

@@ -29,16 +29,19 @@ def test_a_goal_takes_five_readings_and_one_that_is_held_out():
         "│ joint_6 │ 0.148 │ 0.029 │ 0.107 … 0.241 │ roughly known │",
         "goal: every joint that the load can twist is known to ± 30 %",
         "m01: joint_6 ± 234 %, about 5 more readings",
-        "m02: share of the goal 1.18, joint_6 ± 35 %, as expected with p 0.03, about 9 more readings",
-        "m03: share of the goal 0.75, joint_6 ± 22 %, as expected with p 0.89, about 3 more readings",
-        "the measurement continues: 3 readings: the goal needs 5 readings and then a held-out one; "
+        "m02: share of the goal 1.18, joint_6 ± 35 %, agrees with its prediction (p 0.03), "
+        "about 9 more readings",
+        "m03: share of the goal 0.75, joint_6 ± 22 %, agrees with its prediction (p 0.89), "
+        "about 3 more readings",
+        "the measurement continues: 3 readings: the goal needs 5 readings and then a held-out reading; "
         "about 3 more",
-        "m05: share of the goal 0.54, joint_6 ± 16 %, as expected with p 0.82, about 1 more reading",
+        "m05: share of the goal 0.54, joint_6 ± 16 %, agrees with its prediction (p 0.82), "
+        "about 1 more reading",
         "the measurement continues: the goal is met; one held-out reading checks it",
-        "m06: share of the goal 0.49, joint_6 ± 15 %, as expected with p 0.97, held out: as near to its "
-        "prediction as 90 % of good readings, goal reached",
+        "m06: share of the goal 0.49, joint_6 ± 15 %, agrees with its prediction (p 0.97), held out: "
+        "as near to its prediction as 90 % of good readings, goal reached",
         "reached after 6 readings, without the assumed errors of load point and force (with them ± 38 %); "
-        "the held-out one is as near to its prediction as 90 % of good readings",
+        "the held-out reading is as near to its prediction as 90 % of good readings",
         "wrote closed.json",
     )
     assert len(json.loads(Path("closed.json").read_text())["measurement_set"]["observations"]) == 6
@@ -49,7 +52,7 @@ def test_a_campaign_that_ends_early_says_what_it_knows():
     answer = json.loads(terminal(*line).stdout)
     assert (answer["readings"], answer["state"], answer["stopped"]) == (3, "measuring", None)
     assert answer["message"] == (
-        "3 readings: the goal needs 5 readings and then a held-out one; about 3 more"
+        "3 readings: the goal needs 5 readings and then a held-out reading; about 3 more"
     )
     assert answer["share"] == pytest.approx(0.74895, rel=1e-4)
     first = answer["joints"][0]

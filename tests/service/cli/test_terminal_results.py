@@ -239,7 +239,8 @@ def test_a_plan_says_what_it_adds_and_is_a_campaign_to_fill_in():
         "v…: readings to validate the model, not to fit it. Targets: P10, P11, P12. Load point in the "
         "flange frame: -60, "
         "20, 180 mm",
-        "certified: at least 100.0 % of the best list's information (relative uncertainty of the joints)",
+        "certified: the list gives at least 100.0 % of the information of the best possible list "
+        "(criterion: relative uncertainty of the joints)",
         "200 of 200 readings were feasible",
         "the list has only the new readings, but the predicted uncertainties also use the readings "
         "of the campaign so far: identify old and new readings together",

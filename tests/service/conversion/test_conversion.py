@@ -19,9 +19,9 @@ from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, 
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.readings import ReadingArrays
-from jointstiff.service.kinds.plan.kind import campaign_to_fill_in, readings_sheet
+from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in, readings_sheet
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
-from jointstiff.service.runs.mending import mend_campaign
+from jointstiff.service.runs.mending import apply_action_to_campaign
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.errors import MeasurementError
@@ -80,7 +80,7 @@ def test_gauges_along_the_axes_are_the_deflections_themselves():
     for one, other in zip(whole, taken_apart, strict=True):
         assert other.compliance == pytest.approx(one.compliance, rel=1e-6)
     posted = MeasurementSetDocument.model_validate_json(json.dumps(axes["measurement_set"]))
-    assert ReadingArrays.from_observations(posted.observations).directions.present.all()
+    assert ReadingArrays.from_observations(posted.observations).directions.has_direction.all()
 
 
 ENCODER = {"joint": "joint_1", "unloaded": 0.1, "loaded": 0.2}
@@ -200,7 +200,9 @@ def test_a_minute_direction_is_refused_before_its_square_is_zero():
 def test_exchanged_readings_turn_gauges_too():
     document = gauges()[1]
     read = Campaign.model_validate_json(json.dumps(document))
-    turned = mend_campaign(read, Action.model_construct(kind="exchange_readings", unit=None)).measurement_set
+    turned = apply_action_to_campaign(
+        read, Action.model_construct(kind="exchange_readings", unit=None)
+    ).measurement_set
     before = document["measurement_set"]["observations"][0]["readings"][0]["displacement"]
     assert turned.observations[0].readings[0].displacement == -before
 
@@ -212,7 +214,9 @@ def test_the_sigma_of_a_gauge_keeps_its_size_in_another_unit():
             reading["sigma"] = 2e-6
     document["measurement_set"].pop("noise")
     read = Campaign.model_validate_json(json.dumps(document))
-    changed = mend_campaign(read, Action.model_construct(kind="convert_units", unit="mm")).measurement_set
+    changed = apply_action_to_campaign(
+        read, Action.model_construct(kind="convert_units", unit="mm")
+    ).measurement_set
     assert changed.units.length == "mm"
     assert changed.observations[0].readings[0].sigma == pytest.approx(2e-3)
 
@@ -244,7 +248,7 @@ def test_the_list_of_a_plan_is_filled_in_and_read_back():
     document = gauges(configurations=20)[1]
     found = plan(document, readings=6, candidates=200, directions=[(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
     source = Campaign.model_validate_json(json.dumps(document))
-    filled = campaign_to_fill_in(source, found)["measurement_set"]
+    filled = make_campaign_to_fill_in(source, found)["measurement_set"]
     assert list(filled["load_point"]) == pytest.approx(source.measurement_set.load_point)
     targets = {reading["target"] for each in filled["observations"] for reading in each["readings"]}
     assert targets == set(filled["flange_targets"])

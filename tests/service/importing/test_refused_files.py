@@ -181,9 +181,9 @@ def test_labels_are_alike_in_all_files():
     said = refusals(("j.csv", JOINTS.replace("c02", "c03")), ("p.txt", POINTS), units=MM)
     assert said == [
         "p.txt:3: 'c02' has no joint, but other labels have: 'c01', 'c03'; "
-        "spell labels alike in all files; without joint: 'c02'",
+        "spell labels alike in all files; these labels have no joint: 'c02'",
         "p.txt:3: 'c02' has no force, but other labels have: 'c01', 'c03'; "
-        "spell labels alike in all files; without force: 'c02'",
+        "spell labels alike in all files; these labels have no force: 'c02'",
         "j.csv:3: c03: target P10 has no reading; "
         "add the reading, check the spelling of names, or use `allow_missing` [allow_missing]",
     ]

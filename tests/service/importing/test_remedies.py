@@ -156,7 +156,7 @@ COLUMNS = {
         "'kg' is not a known unit of force", HUNG.replace("mass [kg]", "Fz [kg]"), HUNG
     ),
     "gauge without a target": mistake(
-        "a reading along an axis has a target",
+        "a reading along an axis needs a target's name",
         "tip along z [mm]",
         "along z [mm]",
         "label;tip along z [mm]\nc01;0.1\nc02;0.25\n",
@@ -195,10 +195,10 @@ COLUMNS = {
         ignore=["mass [kg]"],
     ),
     "uncertainty of no position": table(
-        "has no matching columns of a position", UNSURE.replace("U95 ", "P11 U95 "), UNSURE
+        "but the table has no columns of this position", UNSURE.replace("U95 ", "P11 U95 "), UNSURE
     ),
     "uncertainty of no position, ignored": option(
-        "has no matching columns of a position",
+        "but the table has no columns of this position",
         with_column("P11 loaded U95 [mm]", "0.02", "0.02", "0.03"),
         ignore=["P11 loaded U95 [mm]"],
     ),
@@ -214,7 +214,7 @@ COLUMNS = {
         "is in rad, but other columns are in deg", "J2 [deg]", "J2 [rad]", units=None
     ),
     "unit of header and option": Case(
-        "by its header, but in", {"a.csv": CAMPAIGN}, options={"units": {"length": "m"}}, stated={}
+        "according to its header, but in", {"a.csv": CAMPAIGN}, options={"units": {"length": "m"}}, stated={}
     ),
     "no unit in the header": mistake("has no unit", "J1 [deg];J2 [deg];J3 [deg]", "J1;J2;J3", units=None),
     "no unit, stated": Case(

@@ -45,13 +45,13 @@ def test_inches_that_a_comment_states_are_converted():
         "the comment in line 4 was used as the header",
         "positions are in the frame 'A::R0', as the file states",
         "positions are in inches, as the file states",
-        "lengths in inches were converted to mm; so are numbers in options",
+        "lengths in inches, also those in the options, were converted to mm",
     ]
 
 
 OF_POINTS = (
-    "U(95) was read as the expanded uncertainty of each point, the root of the squares of its coordinates' "
-    "uncertainties: σ = U/(1.96 √3), for both states the root of the mean square"
+    "U(95) was read as the expanded uncertainty of each point, that is the root of the sum of the squares "
+    "for x, y and z: σ = U/(1.96 √3); a reading has the root mean square of both positions"
 )
 OF_COORDINATES = "U(95) X, Y, Z was read as the expanded uncertainty of each coordinate: σ = U/1.96"
 FIRST = "time of the first reading, in UTC if the file names no time zone: "
@@ -282,8 +282,8 @@ def test_a_comment_that_changes_no_order_is_skipped(comment):
 )  # fmt: skip
 def test_a_comment_that_may_be_another_order_is_asked_about(comment):
     assert refusals(("a.csv", f"# {comment}\n{POINTS}"), units=MM) == [
-        f"a.csv:1: the comment '{comment}' looks like a header, "
-        "but is not understood as that of the 4 columns; correct or remove it, or give `header` [header]"
+        f"a.csv:1: the comment '{comment}' looks like a header, but is not "
+        "understood as the header of the 4 columns; correct or remove it, or give `header` [header]"
     ]
 
 

@@ -249,7 +249,7 @@ def test_inches_become_millimetres(word):
     (place,) = points_of(imported).values()
     assert place == pytest.approx((31641.12036, -7876.86258, 6075.71556), rel=1e-12)
     assert imported.preview.files[0].assumptions == [
-        "lengths in inches were converted to mm; so are numbers in options"
+        "lengths in inches, also those in the options, were converted to mm"
     ]
 
 

@@ -4,7 +4,7 @@ from functools import cache
 
 import pytest
 from support.api import post
-from support.catalogue_arms import nominal_robots, readings_on
+from support.catalogue_arms import build_nominal_robots, readings_on
 
 import jointstiff as js
 from jointstiff.schemas.finding import Action
@@ -17,7 +17,7 @@ MEASURED, CHOSEN = "Stäubli TX2-90", "KUKA KR 210 R2700 extra"
 
 @cache
 def campaign(measured=MEASURED, chosen=CHOSEN):
-    robots = {known.name: known.robot for known in nominal_robots()}
+    robots = {known.name: known.robot for known in build_nominal_robots()}
     read = readings_on(robots[measured], seed=2, configurations=12, length=1e-4, angle=1e-4)
     return js.Campaign.from_arrays(
         chosen,
@@ -67,7 +67,7 @@ def test_only_its_own_action_names_a_robot():
 
 
 def test_nothing_of_the_catalogue_is_built_before_it_is_needed(monkeypatch):
-    monkeypatch.setattr("jointstiff.service.resources.known_robots.nominal_robots", pytest.fail)
+    monkeypatch.setattr("jointstiff.service.resources.known_robots.build_nominal_robots", pytest.fail)
     catalogue_robots()
     js.identify(campaign(chosen=MEASURED))
 

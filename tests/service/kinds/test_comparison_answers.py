@@ -96,7 +96,9 @@ class TestTwoCampaigns:
         ]
         headline = "Do not use this comparison: 2 reasons of its own, 2 reasons of its run"
         assert found.assessment.headline == headline
-        unknown = "its uncertainty is unknown in one of the sets: state `noise`, or add observations"
+        unknown = (
+            "the uncertainty of the joint is unknown in one of the sets: state `noise`, or add observations"
+        )
         assert [(each.name, each.ratio, each.reason) for each in found.joints] == [
             (name, None, unknown) for name in NAMES
         ]
@@ -121,7 +123,7 @@ class TestTwoCampaigns:
         assert warning.code == "configurations_differ"
         assert warning.message == (
             "2 observations have the same label but different postures or loads, or no common target; "
-            "first 'c01'"
+            "the first of these observations is 'c01'"
         )
 
     def test_robots_with_other_joints_are_not_compared(self, local, posted, run, pull):
@@ -170,7 +172,7 @@ class TestTwoCampaigns:
                         "configurations_differ",
                         None,
                         "1 observations have the same label but different postures or loads, or no common "
-                        "target; first 'c05'",
+                        "target; the first of these observations is 'c05'",
                     ),
                     (
                         "residuals_exceed_sigma",
@@ -308,7 +310,7 @@ class TestMethods:
             "[/] free 0.2506 & 0.0031",
             "[link=a] free 0.0878 & 0.0028",
             "translations divided by a length of 0.522 m",
-            "No fit was negative, rigid or undetermined for any joint.",
+            "No fit gave a joint a negative, infinite or undetermined stiffness.",
             "CP/L free 98.1 % 49 2.79 98.1 % & 0.087 0.0 %",
             "DPP ≥ 0 98.1 % 51 1.96 98.0 % & 0.089 0.0 %",
         ]:
@@ -330,7 +332,7 @@ class TestMethods:
             (
                 {"methods": [{"method": "partial_pose", "characteristic_length": 0.5}]},
                 "methods[0].characteristic_length",
-                "needs weighting `characteristic_length`, not `covariance`",
+                "needs the weighting `characteristic_length`, not `covariance`",
             ),
             ({"constraints": ["positive", "positive"]}, "constraints", "must not contain duplicates"),
             ({"constraints": []}, "constraints", "must have at least 1 items, but has 0"),

@@ -6,7 +6,7 @@ import json
 import pytest
 
 import jointstiff as js
-from jointstiff.service.kinds.comparison.kind import charts
+from jointstiff.service.kinds.comparison.kind import make_charts
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.files import example_files
 
@@ -23,7 +23,9 @@ def simulate_campaign_of(**options):
 def paired(first, second):
     """Return the observations in the figure of both sides; none where there is no such figure."""
     both = [
-        chart for chart in charts(js.compare(first, second, methods=[]).result) if "both sides" in chart.title
+        chart
+        for chart in make_charts(js.compare(first, second, methods=[]).result)
+        if "both sides" in chart.title
     ]
     return [str(label) for chart in both for label in chart.names]
 

@@ -134,9 +134,9 @@ def test_newtons_that_are_read_as_kilograms_are_seen_beside_the_other_side(defle
     assert reasons_of(result) == [
         (
             "force_unit_suspect",
-            "the forces of the second side are 9.81 times those of the first in the same "
-            "postures, the deflections "
-            "1 times: probably N read as kgf on the second side, or kgf as N on the first",
+            "in the same postures, the forces of the second campaign are 9.81 times those of the first, "
+            "but the deflections 1 times: probably N were read as kgf in the second campaign, or kgf as N in "
+            "the first",
         )
     ]
 

@@ -161,8 +161,9 @@ class TestPlan:
             ["p2", "-119.0", "61.0", "-82.0", "120.0", "-103.0", "178.0"],
         ]
         assert found["lines"] == [
-            "certified: at least 98.6 % of the best list's information (volume of the uncertainty ellipsoid)",
-            "4999 of 5000 readings were feasible; struck out: self collision 1",
+            "certified: the list gives at least 98.6 % of the information of the best possible list "
+            "(criterion: volume of the uncertainty ellipsoid)",
+            "4999 of 5000 readings were feasible; not feasible: self collision 1",
             "the list has only the new readings, but the predicted uncertainties also use the readings "
             "of the campaign so far: identify old and new readings together",
         ]

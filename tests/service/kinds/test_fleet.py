@@ -207,7 +207,9 @@ def test_after_a_death_the_sets_that_were_identified_are_kept(
     job = posted(parts, measurement_set_ids=sets)
     part, spans = claims.claim("dies"), parts.jobs["fleet"].work(job).steps()
     parts.jobs["fleet"].mark_running(job)
-    assert store.steps.keep(job, spans[0], pack_arrays(parts.jobs["fleet"].work(job).compute(spans[0])))
+    assert store.steps.store_result(
+        job, spans[0], pack_arrays(parts.jobs["fleet"].work(job).compute(spans[0]))
+    )
     assert current(parts, job).progress.done == 2
     computed.clear()
     others = Parts(store, claims.enqueue)  # another worker

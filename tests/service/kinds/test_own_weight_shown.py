@@ -95,7 +95,11 @@ def test_sag_is_in_a_prediction_that_is_absolute_and_only_there(local, run):
         "under load"
     )
     for found, said in (
-        (bent, "absolute: relative to an arm that does not bend, so sag by own weight is included"),
+        (
+            bent,
+            "the predictions are absolute, that is relative to an arm that does not bend: they "
+            "include the sag under own weight",
+        ),
         (relative, "own weight is not included, because `absolute` is not requested"),
     ):
         assert found["assessment"]["headline"] == headline

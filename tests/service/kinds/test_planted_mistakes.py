@@ -114,5 +114,5 @@ def test_the_terminal_shows_numbers_before_and_after_an_action(tmp_path, clean):
     assert again.exit_code == unknown.exit_code == 2
     assert "".join(again.stderr.split()) == (f"{written}existsremedy:chooseanothername,oruse--overwrite")
     assert " ".join(unknown.stderr.split()) == (
-        "apply: the assessment does not advise 'dance' remedy: give one of: exchange_columns"
+        "apply: the assessment does not recommend 'dance' remedy: give one of: exchange_columns"
     )

@@ -173,7 +173,7 @@ def test_each_block_of_four_is_a_good_plan_by_itself(parts, robot):
     whole = plan.result
     blocks = [each.block for each in whole.readings]
     assert ["block", list(map(str, blocks))] in [
-        [each.name, each.values] for each in _readings_table(plan, whole, boxes=False).columns
+        [each.name, each.values] for each in _readings_table(plan, whole, has_tick_boxes=False).columns
     ]
     assert blocks == sorted(blocks)
     assert max(blocks) == 4

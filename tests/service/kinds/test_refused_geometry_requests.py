@@ -32,11 +32,11 @@ def test_names_of_joints_and_targets_and_numbers_of_angles_are_checked(local, sw
             one["targets"] = {f"T{i}": [1.0, 2.0, 3.0 + 0.1 * i]}
 
     assert said(lambda sweeps: sweeps[1]["observations"][3]["joints"].pop()) == (
-        "422 | sweeps[1].observations[3].joints | there are 5 joint angles, but 6 joints | give the "
-        "angles of all controller joints in every position"
+        "422 | sweeps[1].observations[3].joints | there are 5 joint angles, but the robot has 6 joints | "
+        "give the angles of all controller joints in every position"
     )
     assert said(lambda sweeps: sweeps[0].update(joint="J1")) == (
-        "422 | sweeps[0].joint | there is no joint 'J1' | use one of joint_1, joint_2, joint_3, "
+        "422 | sweeps[0].joint | the robot has no joint 'J1' | use one of joint_1, joint_2, joint_3, "
         "joint_4, joint_5, joint_6"
     )
     assert said(own_target_each_time) == (
@@ -60,13 +60,13 @@ def test_sweeps_and_poses_have_at_most_so_many_positions_and_exclude_each_other(
         sweep["observations"] *= 30
     assert told(posted(local, swept)) == (
         "422 | body | 1 fault; first: body: give at most 1400 positions in all sweeps together, not "
-        "1440: leave out every second position, as 15 to 20 positions over each joint's arc are enough | "
+        "1440: omit every second position, as 15 to 20 positions over each joint's arc are enough | "
         f"{SCHEMA}"
     )
     posed["poses"] *= 1401 // len(posed["poses"]) + 1
     assert told(posted(local, posed)) == (
         "422 | body | 1 fault; first: body: give at most 4200 readings of targets in all, not 4212: "
-        f"leave out every other position, or targets beyond three | {SCHEMA}"
+        f"omit every second position, or targets beyond three | {SCHEMA}"
     )
 
 

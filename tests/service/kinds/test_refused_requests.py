@@ -219,8 +219,8 @@ class TestElasticLinks:
         assert (found["assessment"]["verdict"], found["model_error_postures"]) == ("use_with_care", 12)
         assert found["assessment"]["headline"] == "Use this prediction with care: 1 reason of its run"
         assert found["remarks"] == [
-            "to first order in the load: links and joints bend linearly, own weight and complementary "
-            "stiffness are left out",
+            "the predictions are to first order in the load: links and joints bend linearly, own "
+            "weight and complementary stiffness are left out",
             "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
         ]
         (case,) = found["cases"]
@@ -292,6 +292,6 @@ def test_a_robot_is_of_a_geometry_that_is_there(local):
     model = {"format": "geometry", "geometry_id": "nobody"}
     answer = local.request("POST", "/v1/robots", json={"name": "as measured", "model": model})
     assert told(answer) == (
-        "422 | model.geometry_id | there is no geometry 'nobody' | check the id; list them with GET "
-        "/v1/jobs?kind=geometry"
+        "422 | model.geometry_id | there is no geometry 'nobody' | check the id; list the existing ids "
+        "with GET /v1/jobs?kind=geometry"
     )

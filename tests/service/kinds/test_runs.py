@@ -241,7 +241,7 @@ def test_cross_validation_is_a_durable_job_with_the_numbers_of_one_go(memory, se
     worker.conclude(record.id, [computed[span] for span in steps])
     durable = jobs.current(record.id)
     told = []
-    work = RUN.compute(Resources(memory), request)
+    work = RUN.prepare_work(Resources(memory), request)
     same = carry_out(new_job(Run, request, work), work, told.append)
     assert durable.state == same.state == "succeeded"
     assert durable.result == same.result
@@ -343,7 +343,7 @@ def test_a_tied_model_without_a_certified_optimum_fails_no_run(monkeypatch, docu
     screening = SimpleNamespace(links_p_value=1e-9)
     choice = describe_choice_by_comparison(Winner(TIE, TIE.models[1], elastic, given=False), screening)
     assert ("contain both models' values" in choice.message) == (intervals is not None)
-    assert ("are of joints and base alone" in choice.message) == (intervals is None)
+    assert ("are computed with joints and base alone" in choice.message) == (intervals is None)
 
 
 def replace_in(part, **changes):
@@ -523,7 +523,7 @@ def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enq
     for _ in range(2):  # as two workers may
         runs.mark_running(run.id)
     for span in [*reversed(spans), spans[1]]:  # one of them twice, as workers may
-        store.steps.keep(run.id, span, computed[span])
+        store.steps.store_result(run.id, span, computed[span])
     assert runs.current(run.id).state == "running"
     assert runs.current(run.id).progress.done == 300
     runs.conclude(run.id, store.steps.results(run.id))
@@ -535,7 +535,7 @@ def test_steps_in_any_order_make_the_run_that_one_process_makes(store, runs, enq
 
 def test_a_run_ends_once(store, runs):
     run = runs.create(run_request(stored_set(store)), None)
-    store.steps.keep(run.id, (0, 120), b"")
+    store.steps.store_result(run.id, (0, 120), b"")
     cancelled = runs.cancel(run.id)
     assert (cancelled.state, cancelled.progress.done) == ("cancelled", 120)
     work = runs.work(run.id)
@@ -578,7 +578,7 @@ def test_as_many_as_may_wait_and_no_more(store, runs, enqueued, monkeypatch):
 def test_progress_does_not_go_back_when_a_run_ends_while_it_is_read(store, runs, monkeypatch):
     """Its steps are gone then: the answer is that of the run as it ended, not one without progress."""
     run = runs.create(run_request(stored_set(store)), None)
-    store.steps.keep(run.id, (0, 120), b"")
+    store.steps.store_result(run.id, (0, 120), b"")
     before = runs.records.status
 
     def end_first(job_id):

@@ -166,7 +166,7 @@ def test_a_model_of_mujoco_has_a_slide_and_says_what_it_is_made_of(files, tmp_pa
     for line in [
         "<!-- Method: partial pose, covariance weights, compliances not negative. Intervals at 95 %. -->",
         "<!-- Verdict on the result: use. -->",
-        "<!-- Geometry: of the robot as it was described, not identified. -->",
+        "<!-- Geometry: as the robot's model states it, not identified. -->",
         "<!-- Lengths in m, angles in rad, stiffness in N·m/rad, of prismatic joints in N/m. "
         "Angles are those "
         "of the model, in the frame of the link base_link. -->",
@@ -302,7 +302,7 @@ class TestThePlansListIsFilledIn:
 
     def test_inches_are_converted_and_a_rail_of_13_m_is_noticed(self, filled):
         answer = self.understood(filled.replace("[mm]", "[in]"))
-        note = "lengths in inches were converted to mm; so are numbers in options"
+        note = "lengths in inches, also those in the options, were converted to mm"
         assert note in answer.files[0].assumptions
         observation = answer.measurement_set.observations[0]
         assert observation.joints[:2] == pytest.approx([412.0 * 25.4, 16.0])
@@ -335,7 +335,7 @@ class TestWhatDoesNotGoWithASlide:
         )
         assert refused(js.identify, document) == (
             "measurement_set.observations | there are encoder readings of joint_3, a prismatic joint | "
-            "omit them: secondary encoders are read of revolute joints only"
+            "omit these readings: encoder readings are used for revolute joints only"
         )
 
     def test_a_geometry(self):

@@ -85,7 +85,7 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"units": "mm"}, "units: the unit of angle is missing; remedy: write them like 'mm, deg, N'"),
+        ({"units": "mm"}, "units: the unit of angle is missing; remedy: write the units as in 'mm, deg, N'"),
         (
             {"units": "m, deg, kN, N·mm"},
             "load_point: the point is 190.788 m from the flange, where no tool reaches; remedy: check its "
@@ -105,14 +105,17 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         ({"forces": column("force")[:3]}, f"`forces` has the shape (3, 3); remedy: {CELLS}"),
         (
             {"forces": [0, 0, np.nan]},
-            f"`forces` has the shape (3,), with places that have no number; remedy: {CELLS}",
+            f"`forces` has the shape (3,), and some of its values are not numbers; remedy: {CELLS}",
         ),
         (
             {"sigma": -1},
             "1 fault; first: noise.sigma: must be positive, at least 1e-09: omit `noise` to estimate sigma "
             "from the residuals; remedy: correct the field as the reason says",
         ),
-        ({"labels": ["a"]}, "1 labels for 6 observations; remedy: give one for each"),
+        (
+            {"labels": ["a"]},
+            "there are 1 labels, but 6 observations; remedy: give one label for each observation",
+        ),
         (
             {"unloaded": None},
             "unloaded: `loaded` alone cannot be used as readings; remedy: give `unloaded` and `loaded`, or "

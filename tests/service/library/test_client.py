@@ -296,7 +296,7 @@ def test_a_run_of_a_service_applies_and_exports_as_one_in_process(service, campa
             runs[0].export(tmp_path / "model.mjcf")
         runs[0].export(tmp_path / "model.mjcf", accept_verdict="do_not_use")
         mended[0].report(tmp_path / "report.html")
-        with pytest.raises(jointstiff.CampaignError, match="does not advise"):
+        with pytest.raises(jointstiff.CampaignError, match="does not recommend"):
             mended[0].apply("exchange_columns")
     assert contents[0] == contents[1]
     assert "<mujoco" in (tmp_path / "model.mjcf").read_text()

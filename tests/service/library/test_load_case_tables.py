@@ -37,7 +37,10 @@ def test_a_table_may_have_semicolons():
         ("J2 [deg]", "J1 [deg]", "line 1", f"the column J1 occurs twice; {COLUMNS}"),
         (",Fz [N]", ",direction x", "line 1", f"the column Fz is missing; {COLUMNS}"),
         (",-800.5", ",strong", "line 2, column 7", "'strong' is not a number; correct it"),
-        (",-800.5", "", "line 2", "6 cells under 7 headers; give a cell for each header"),
+        (
+            *(",-800.5", "", "line 2"),
+            "the row has 6 cells, but the table has 7 headers; give a cell for each header",
+        ),
         (ROW, "", "line 1", "the table has no load cases; give a header and one row per case"),
         (ROW, "\n,,\n", "line 1", "the table has no load cases; give a header and one row per case"),
         (",-800.5", ",nan", "cases.0.force.2", "Input should be a finite number; correct it"),

@@ -218,7 +218,7 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         ),
         (
             lambda run, _: run.apply("dance"),
-            "apply: the assessment does not advise 'dance'; remedy: no reason offers an action: read "
+            "apply: the assessment does not recommend 'dance'; remedy: no reason offers an action: follow "
             "the remedies",
         ),
     ],

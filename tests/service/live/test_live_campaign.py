@@ -202,15 +202,21 @@ def test_a_prior_waits_until_the_own_readings_know_as_much(compliance, uncertain
         (False, 4, 1, {}),
         (False, 5, 2, {}),
         (False, 5, 1, {"doubtful": ["m02"]}),
-        (False, 10, 1, {"fewest": 10}),
-        (True, 5, 2, {"_uncertainty_suffices": True, "met": True}),
-        (True, 5, 1, {"_uncertainty_suffices": True, "met": True, "is_checked": False}),
-        (False, 5, 1, {"_uncertainty_suffices": True, "met": True, "is_checked": True}),
+        (False, 10, 1, {"fewest_readings": 10}),
+        (True, 5, 2, {"_uncertainty_suffices": True, "goal_is_met": True}),
+        (True, 5, 1, {"_uncertainty_suffices": True, "goal_is_met": True, "is_checked": False}),
+        (False, 5, 1, {"_uncertainty_suffices": True, "goal_is_met": True, "is_checked": True}),
         (False, 5, 1, {"_uncertainty_suffices": True}),  # a mistake is kept
     ],
 )
 def test_a_reading_is_held_out_when_the_goal_is_met_or_one_away(awaits, readings, missing, state):
-    usual = {"fewest": 5, "doubtful": [], "_uncertainty_suffices": False, "met": False, "is_checked": False}
+    usual = {
+        "fewest_readings": 5,
+        "doubtful": [],
+        "_uncertainty_suffices": False,
+        "goal_is_met": False,
+        "is_checked": False,
+    }
     progress = SimpleNamespace(
         **usual | {"next": SimpleNamespace(missing=missing), "count": readings} | state
     )

@@ -11,7 +11,7 @@ from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
 
 AGAIN = "Read it again before the load is taken off."
-CHECKED = "the held-out one is as near to its prediction as 90 % of good readings"
+CHECKED = "the held-out reading is as near to its prediction as 90 % of good readings"
 IN_FIRST = (
     "m01: 'P11' and 'P10' are exchanged in the unloaded and loaded readings of 'm01'; exchange the unloaded "
     "and loaded values of 'P11' and 'P10' in 'm01'"

@@ -22,9 +22,9 @@ DOUBT = (
 )
 AGAINST = (
     "under 1471 N the targets moved opposite to the prediction from the other observations, by 2.99 mm; "
-    "with the load reversed only 68.5 µm remain"
+    "with the load reversed only 68.5 µm remain unexplained"
 )
-CHECKED = "the held-out one is as near to its prediction as 90 % of good readings"
+CHECKED = "the held-out reading is as near to its prediction as 90 % of good readings"
 AREA = {"work_area": [[0.8, -0.6, 0.4], [1.9, 0.6, 1.6]]}
 
 
@@ -177,7 +177,7 @@ def test_no_further_readings_reach_the_goal_beside_a_mistake(client, mistaken):
             {"joints": [0.0]},
             422,
             "observations[16].joints",
-            "observation 'm17' has 1 joint angles, the first one 6",
+            "observation 'm17' has 1 joint angles, but the first observation has 6",
             "give one angle for each joint of the robot in every observation",
         ),
     ],

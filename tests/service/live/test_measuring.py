@@ -314,7 +314,7 @@ def shown(*stands, where=None):
         (
             [THERE + 0.099 * UP],
             [THERE + 0.101 * UP],
-            "P10 is 0.101 m from the position where the robot",
+            "P10 is 0.101 m from the position that the robot",
         ),
         ([THERE + 0.009 * LONGER], [THERE + 0.011 * LONGER], "P11 is .* mm from P10"),
         (

@@ -44,7 +44,7 @@ def commanded_poses(kind, result):
     file = result.files[0]
     program = read_program([(file.name, decompress_file(file))])
     (notation,) = program.targets.notations
-    return notation.poses(program.targets.values[:, : 3 + notation.count])
+    return notation.to_poses(program.targets.values[:, : 3 + notation.count])
 
 
 def inverse(poses, near):
@@ -157,7 +157,7 @@ def test_a_table_of_loads_has_no_more_lines_and_cells_than_points_need(rest):
     asked = request("krl", program_text("krl", tool_poses(path(2)), 4), load=None, loads="loads.csv")
     robot, run = exact_run()
     request_with_table = asked.model_copy(update={"files": [*asked.files, table]})
-    with pytest.raises(FilesError, match="more lines or cells"):
+    with pytest.raises(FilesError, match="too many lines or cells"):
         ProgramWork(robot, "robot", run, request_with_table)
 
 

@@ -373,10 +373,10 @@ def test_quaternions_keep_their_sign_where_one_of_their_numbers_is_zero():
     module = read_program(sample("cell.mod"))
     notation = next(each for each in module.targets.notations if each.has_pose)
     near = np.array([[1.0, 2, 3, 0, 0.707107, 0.707107, 0], [1, 2, 3, 0, -1, 0, 0]])
-    poses = notation.poses(near)
+    poses = notation.to_poses(near)
     poses[:, :3, :3] = Rotation.from_rotvec([1e-3, -2e-3, 5e-4]).as_matrix() @ poses[:, :3, :3]
     np.testing.assert_allclose(
-        notation.values(poses, near),
+        notation.from_poses(poses, near),
         [[1, 2, 3, 0.000354, 0.70693, 0.707283, 0.001061], [1, 2, 3, 0.0005, -0.999999, -0.00025, -0.001]],
         atol=5e-7,
     )

@@ -83,7 +83,7 @@ def test_an_axis_that_a_later_target_does_not_state_is_where_it_was():
     text = KRL.format(moves=f"LIN {{{POSE},E1 0}}\nLIN {{{POSE},E1 500}}\nLIN {{{POSE}}}")
     program = read("a.src", text, leave_others=True)
     assert len(program.moves) == 1
-    assert [each.line for each in program.left] == [5, 6]
+    assert [each.line for each in program.left_moves] == [5, 6]
 
 
 def test_axes_that_move_and_carry_nothing_do_not_matter():
@@ -94,4 +94,4 @@ def test_axes_that_move_and_carry_nothing_do_not_matter():
 def test_linear_axes_of_the_robots_model_stand_still_where_they_are():
     text = KRL.format(moves=f"LIN {{{POSE},E1 500}}\nLIN {{{POSE},E1 500}}\nLIN {{{POSE},E1 501}}")
     program = read("a.src", text, external_axes=ExternalAxes.OF_ROBOT, leave_others=True)
-    assert [each.line for each in program.left] == [6]
+    assert [each.line for each in program.left_moves] == [6]

@@ -117,13 +117,13 @@ def test_angles_are_rewritten_near_what_was_written(kind, sequence, middle):
     """A small rotation of a target changes its angles little, away from the lock, and is exact everywhere."""
     notation = next(n for n in read(kind).targets.notations if n.has_pose)
     near = np.array([[100.0, 0, 0, 175.0, middle, -178.0]])
-    poses = notation.poses(near)
+    poses = notation.to_poses(near)
     np.testing.assert_allclose(
         poses[0, :3, :3], Rotation.from_euler(sequence, near[0, 3:], degrees=True).as_matrix(), atol=1e-15
     )
     poses[0, :3, :3] = Rotation.from_rotvec([1e-4, -2e-4, 5e-5]).as_matrix() @ poses[0, :3, :3]
-    new = notation.values(poses, near)
-    np.testing.assert_allclose(notation.poses(new), poses, atol=1e-8)
+    new = notation.from_poses(poses, near)
+    np.testing.assert_allclose(notation.to_poses(new), poses, atol=1e-8)
     if abs(middle) < 80:
         assert np.abs(new - near)[:, 3:].max() < 0.1
 
@@ -140,9 +140,9 @@ NEAR = {
 def test_an_unchanged_target_keeps_its_numbers_in_each_notation(orientation):
     """Numbers of no, one and two full turns, at the lock, of either sign and of a length beside 1."""
     near = np.array([[1.0, -2, 3, *each] for each in NEAR[orientation]])
-    poses = Notation(orientation).poses(near)
+    poses = Notation(orientation).to_poses(near)
     np.testing.assert_allclose(poses[:, :3, 3] * 1e3, near[:, :3])
-    np.testing.assert_allclose(Notation(orientation).values(poses, near), near, atol=1e-9)
+    np.testing.assert_allclose(Notation(orientation).from_poses(poses, near), near, atol=1e-9)
 
 
 WRITTEN = """1.000 1.0006 1.001, 1.000 0.9994 0.999, 1.000 -1 -1.000, 5.000 -0.0004 0.000, 5.000 0.0004 0.000,
@@ -257,7 +257,7 @@ def test_a_name_that_ends_with_a_word_of_the_move_is_the_whole_name(ending, behi
     program = read_program([("a.src", text.encode())])
     (move,) = moves_of(program)
     (target,) = (targets_of(program)[i] for i in move.targets)
-    assert (target.name, target.values[0], program.left) == (f"MY{ending}", 7.0, ())
+    assert (target.name, target.values[0], program.left_moves) == (f"MY{ending}", 7.0, ())
 
 
 @pytest.mark.parametrize("loop", ["I=STO TO 5", "I=1 TO MYSTEP STEP 2", "I=1 TO STO STEP MYSTEP"])

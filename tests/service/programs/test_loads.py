@@ -11,7 +11,7 @@ from jointstiff.solver.errors import RequestError
 TEXT = program_text("krl", tool_poses(path(4)), 4)
 HEADER = "point,Fx [N],Fy [N],Fz [N]"
 COLUMNS = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are moments, Mx [N.m] …"
-ONCE = "number the points from 1 to 4"
+ONCE = "number the points from 1 to 4, and give each point at most once"
 
 
 def moved_lines(result):

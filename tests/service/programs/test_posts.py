@@ -66,7 +66,7 @@ def placed(frame):
 @pytest.mark.parametrize("post", POSTS)
 def test_every_move_is_corrected_but_those_to_places_of_the_controller(post):
     program = read(post)[0]
-    assert program.faults == program.left == ()
+    assert program.faults == program.left_moves == ()
     assert [(each.line, each.target) for each in program.left_alone] == KEPT.get(post, [])
 
 

@@ -68,9 +68,9 @@ def motions_found(name, program):
     try:
         read = read_program([(name, program.encode())], leave_others=True)
     except ProgramError as refused:
-        return [left.line for left in refused.left], None if refused.left else refused.faults
+        return [left.line for left in refused.left_moves], None if refused.left_moves else refused.faults
     kept = [remark.line for remark in read.left_alone if "stored in the controller" in remark.text]
-    return [*read.moves.line.tolist(), *kept, *(left.line for left in read.left)], ()
+    return [*read.moves.line.tolist(), *kept, *(left.line for left in read.left_moves)], ()
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -194,13 +194,13 @@ NO_NUMBERS = (
     "tools: the program uses the frame 'TOOL_DATA[1]', but does not define its numbers; give the numbers: "
     "{'name': 'TOOL_DATA[1]', 'values': [...]}"
 )
-TWICE = "tools: two frames have the same name, or two have none; give each frame only once"
+TWICE = "tools: two frames have the same name, or two frames have no name; give each frame only once"
 LONG = [0, 0, 500, 0, 0, 0]
 REFUSED = {
     "a load that the controller compensates": (
         {"accuracy_option": "compensates_load"},
         "accuracy_option: the controller already compensates the deflection under load, which must not be "
-        "compensated twice; switch the controller's accuracy option off, repeat the measurement, and give `off`",
+        "compensated twice; switch the controller's accuracy option off, repeat the measurement, and set `accuracy_option` to `off`",
     ),
     "no tool": ({"tools": []}, NO_NUMBERS),
     "another tool": ({"tools": [{"name": "TOOL_DATA[7]", "values": LONG}]}, NO_NUMBERS),

@@ -114,7 +114,7 @@ def test_a_report_has_results_with_expanded_uncertainty(laboratory, pulled):
         "Standard uncertainty of a coordinate of a reading 20 µm (given)",
         "Stiffness of each joint with its interval 0.01 0.1 1 10 stiffness [10⁶ N·m/rad] joint_1",
         "Deflection before and after compensation, mean length over the targets 0 2.5 5 mm configurations "
-        "1 to 12 of 12 measured left by the model",
+        "1 to 12 of 12 measured residual",
         "The arm in the posture of the first observation x y z 1 2 3, 4 5, 6",
         "3 Predicted static compliance of the flange",
         "X | 0.000510 | -0.000196 | -0.000995 | 0.000025 |",

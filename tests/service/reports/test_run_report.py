@@ -29,7 +29,7 @@ from jointstiff.schemas.report import Laboratory, Party
 from jointstiff.schemas.run import Campaign, JointResult, Run
 from jointstiff.service import reports as service_reports
 from jointstiff.service.conversion.prepared import prepare_robot
-from jointstiff.service.kinds.map.kind import area
+from jointstiff.service.kinds.map.kind import make_area_map
 from jointstiff.service.reports.certificate import NAMESPACES, build_certificate
 from jointstiff.service.reports.exports import ExportedModel, write_joints_csv
 from jointstiff.service.reports.laboratory import LaboratorySettings
@@ -155,7 +155,7 @@ def test_a_budget_without_model_error_is_partial(subject):
     model = replace(subject.model, result=result.model_copy(update={"budget": budget}))
     assert "k = 2, partial" in build_results_section(model, subject.readings).tables[0].head()[3]
     assert (
-        "It is partial: there is no bound of the model error"
+        "It is partial: the run has no bound of the model error"
         in build_uncertainty_section(model).paragraphs[0]
     )
     named = budget.model_copy(update={"missing": ["model_error", "lack_of_fit"]})
@@ -627,7 +627,7 @@ def test_the_slice_of_a_map_lies_across_its_thinnest_axis_where_most_bends(sizes
     places = np.stack(np.meshgrid(*map(np.arange, sizes), indexing="ij"), axis=-1).reshape(-1, 3)
     bends = [2e-3, *[1e-3] * (len(places) - 2), None]
     columns = {f"{axis} [m]": places[:, k].tolist() for k, axis in enumerate("xyz")}
-    drawn = area(Sheet(columns | {"deflection [m]": bends}))
+    drawn = make_area_map(Sheet(columns | {"deflection [m]": bends}))
     k = "xyz".index(across)
     assert drawn.title == f"Deflection at {across} = 0 mm"
     assert len(drawn.values) == (places[:, k] == 0).sum()

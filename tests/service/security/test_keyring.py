@@ -18,15 +18,15 @@ from support.processes import until
 from jointstiff.service.api.health import Watch
 from jointstiff.service.problems import KeyRefusedError, NotFoundError
 from jointstiff.service.security import access
-from jointstiff.service.security.access import FORGIVEN, network_of
+from jointstiff.service.security.access import FORGIVEN, get_network
 from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.security.keys import (
     Keyring,
     KeysFile,
     KeysFileError,
-    digest,
+    hash_secret,
     hide_secrets,
-    mint,
+    make_key,
     parse_key_id,
 )
 from jointstiff.service.store.access import FORGET, MOST_WRONG, WrongKeys
@@ -35,7 +35,7 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import SessionRecord, wrong_keys
 
 NOW = datetime.now(UTC)
-KEYS = [mint(f"key {number}", "viewer", NOW, None) for number in range(3)]
+KEYS = [make_key(f"key {number}", "viewer", NOW, None) for number in range(3)]
 
 
 def test_a_key_has_an_id_256_bits_and_a_check_sum():
@@ -86,12 +86,12 @@ def ring(store, *records):
     for record in records:
         store.keys.add(record)
     keyring = Keyring(store)
-    keyring.look()
+    keyring.read_keys()
     return keyring
 
 
 def test_only_live_keys_open(database_url):
-    expired = mint("late", "admin", NOW, NOW - timedelta(seconds=1))
+    expired = make_key("late", "admin", NOW, NOW - timedelta(seconds=1))
     with Store.open(database_url) as store:
         keyring = ring(store, KEYS[0].record, KEYS[1].record, expired.record)
         assert keyring.check(KEYS[0].text).name == "key 0"
@@ -102,7 +102,7 @@ def test_only_live_keys_open(database_url):
         assert keyring.find(expired.record.id) is None
         assert store.keys.revoke(KEYS[0].record.id, NOW).revoked_at == NOW
         assert store.keys.revoke(KEYS[0].record.id, NOW + timedelta(days=1)).revoked_at == NOW
-        keyring.look()
+        keyring.read_keys()
         with pytest.raises(KeyRefusedError, match="revoked"):
             keyring.check(KEYS[0].text)
         assert keyring.has_keys()
@@ -135,16 +135,16 @@ def test_a_file_has_hashes_and_its_keys_count_before_those_of_the_database(tmp_p
     assert KEYS[0].text.split("_")[2] not in path.read_text()
     with Store.open("sqlite://") as store:
         keyring = Keyring(store, path)
-        keyring.look()
+        keyring.read_keys()
         assert [key.source for key in keyring.list_keys()] == ["file", "file"]
         assert keyring.check(KEYS[0].text).id == KEYS[0].record.id
         file.revoke(KEYS[0].record.id, NOW)
-        keyring.look()
+        keyring.read_keys()
         with pytest.raises(KeyRefusedError, match="revoked"):
             keyring.check(KEYS[0].text)
         assert keyring.check(KEYS[1].text)
         path.unlink()
-        keyring.look()
+        keyring.read_keys()
         assert not keyring.has_keys()
 
 
@@ -204,7 +204,7 @@ def test_services_that_count_at_once_count_each_wrong_key(database_url):
 def test_services_of_one_database_share_the_throttle(database_url, monkeypatch):
     monkeypatch.setattr(access, "SLOW_SECONDS", 0.0)
     posture = AccessPolicy.from_address("127.0.0.1", (), access_control=True, require_key=True)
-    wrong = {"Authorization": f"Bearer {mint('stranger', 'admin', NOW, None).text}"}
+    wrong = {"Authorization": f"Bearer {make_key('stranger', 'admin', NOW, None).text}"}
     with Store.open(database_url) as first, Store.open(database_url) as second:
         first.keys.add(KEYS[0][1])
         services = [Client(store, posture) for store in (first, second)]
@@ -215,9 +215,9 @@ def test_services_of_one_database_share_the_throttle(database_url, monkeypatch):
 
 
 def test_one_machine_has_one_count_however_many_addresses():
-    networks = {network_of(f"2001:db8::{number:x}") for number in range(20)}
-    assert networks == {network_of("2001:db8::ffff")} != {network_of("2001:db8:1::1")}
-    assert network_of("192.0.2.1") != network_of("192.0.2.2")
+    networks = {get_network(f"2001:db8::{number:x}") for number in range(20)}
+    assert networks == {get_network("2001:db8::ffff")} != {get_network("2001:db8:1::1")}
+    assert get_network("192.0.2.1") != get_network("192.0.2.2")
 
 
 def test_the_count_forgets_networks_rather_than_growing(monkeypatch):
@@ -230,7 +230,7 @@ def test_the_count_forgets_networks_rather_than_growing(monkeypatch):
 
 
 def test_digests_take_any_text():
-    assert len(digest("\ud800")) == 64
+    assert len(hash_secret("\ud800")) == 64
 
 
 def test_a_file_that_everyone_can_write_has_no_keys(tmp_path):
@@ -247,17 +247,17 @@ def test_sessions_of_a_key_do_not_come_back_with_its_file(tmp_path, caplog):
     content = path.read_bytes()
     with Store.open("sqlite://") as store:
         keyring = Keyring(store, path)
-        keyring.look()
+        keyring.read_keys()
         store.sessions.begin(SessionRecord("hash", KEYS[0].record.id, NOW, NOW))
         store.sessions.offer("link", KEYS[0].record.id, NOW, NOW + timedelta(minutes=10))
-        keyring.look()
+        keyring.read_keys()
         assert store.sessions.find("hash", NOW)
         path.unlink()
         for _ in range(2):
-            keyring.look()
+            keyring.read_keys()
         assert [record.levelname for record in caplog.records] == ["ERROR"]  # not at each look
         path.write_bytes(content)
-        keyring.look()
+        keyring.read_keys()
         assert keyring.find(KEYS[0].record.id)
         assert store.sessions.find("hash", NOW) is None
         assert store.sessions.redeem("link", NOW) is None
@@ -265,7 +265,7 @@ def test_sessions_of_a_key_do_not_come_back_with_its_file(tmp_path, caplog):
 
 def test_of_many_who_write_a_file_at_once_none_loses_a_key(tmp_path):
     path = tmp_path / "keys.json"
-    minted = [mint(f"key {number}", "viewer", NOW, None).record for number in range(16)]
+    minted = [make_key(f"key {number}", "viewer", NOW, None).record for number in range(16)]
     with ThreadPoolExecutor(16) as pool:
         list(pool.map(lambda record: KeysFile(path).add(record), minted))
     assert {key.id for key in KeysFile(path).all()} == {record.id for record in minted}

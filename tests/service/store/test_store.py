@@ -149,7 +149,7 @@ class TestPages:
     def test_mistakes_of_ours(self, store: Store) -> None:
         mistakes: list[tuple[int, dict[str, str]]] = [(0, {}), (-1, {}), (5, {"document": "{}"})]
         for limit, filters in mistakes:
-            with pytest.raises(ValueError, match="no page"):
+            with pytest.raises(ValueError, match=f"cannot list {limit} robots"):
                 store.robots.page(limit=limit, filters=filters)
 
     def test_jobs_of_other_kinds_are_neither_listed_nor_found(self, store: Store) -> None:
@@ -387,7 +387,7 @@ def test_a_worker_that_dies_before_any_of_its_commits_loses_nothing(store, claim
         run = runs.create(run_request(stored), None)
         is_dead = work_until_killed(store, claims, runs, deaths + 1)
         assert runs.current(run.id).progress.done in {0, 100, 200, 300}
-        Recovery(store, lambda _: runs, claims, "alive").look()
+        Recovery(store, lambda _: runs, claims, "alive").check_and_recover()
         claims.work_all(lambda _: runs, "alive")
         ended = runs.current(run.id)
         assert (ended.state, ended.progress.done, ended.result) == ("succeeded", 300, expected), deaths
@@ -416,7 +416,7 @@ def test_a_run_cancelled_while_a_result_is_added_leaves_none(store, runs):
             threads.append(cancelling(store, run.id, cancelled))
 
     sa.event.listen(store._database._writer, "before_cursor_execute", cancel)
-    store.steps.keep(run.id, (0, 100), b"computed")
+    store.steps.store_result(run.id, (0, 100), b"computed")
     threads[0].join(20)
     assert cancelled.is_set()
     assert runs.current(run.id).state == "cancelled"
@@ -490,7 +490,7 @@ def test_what_each_look_of_a_worker_reads_is_found_by_an_index(store):
         engine = connection.engine
     sa.event.listen(engine, "before_cursor_execute", show)
     store.open_jobs([kind.name for kind in KINDS])
-    store.unfinished_among(["a", "b"])
+    store.find_unfinished_jobs(["a", "b"])
     assert len(plans) == 2
     for plan in plans:
         text = "\n".join(map(str, plan))

@@ -108,7 +108,7 @@ def test_intervals_without_a_number_are_open(unit, ends, shown):
     if not shown:
         assert text == "—"
         return
-    factor = {value: kind.value(1.0 / value) for value in shown if value}
+    factor = {value: kind.convert_compliance(1.0 / value) for value in shown if value}
     if kind.inverse:
         low, high = (float(part) for part in text.split(" … "))
         assert high == pytest.approx(kind.factor * ends[1], rel=1e-2)

@@ -65,8 +65,8 @@ def test_a_run_is_carried_out_and_ends_with_the_numbers_of_one_process(store, qu
     with working(lambda part: carry_out(store, lambda _: runs, part, engines[0])) as engine:
         engines.append(engine)
         until(lambda: runs.current(run.id).state == "succeeded")
-        until(lambda: engine.pending() == {})
-        engine.remove_ended_parts(store.unfinished_among)
+        until(lambda: engine.claimed_parts() == {})
+        engine.remove_ended_parts(store.find_unfinished_jobs)
         assert rows(engine) == {}
     at_once = runs_of(store).create(run_request(run.measurement_set_id), None)
     assert runs.current(run.id).result == runs_of(store).current(at_once.id).result
@@ -85,7 +85,7 @@ def test_a_part_of_a_dead_worker_begins_again_and_the_sixth_time_it_is_given_up(
     with working(begun.append) as engine:
         engine.recover([])
         until(lambda: Part("other", 0, 0) in begun)
-        assert engine.pending()["poison-000000-0"] == "dead"
+        assert engine.claimed_parts()["poison-000000-0"] == "dead"
         engine.recover(["dead", "nobody"])
         until(lambda: rows(engine)["poison-000000-0"] == ("SUCCESS", ATTEMPTS))
         assert begun.count(Part("poison", 0, 0)) == 1
@@ -103,7 +103,7 @@ def test_a_part_of_a_dead_worker_begins_again_and_the_sixth_time_it_is_given_up(
 def test_a_part_that_was_handed_over_begins_with_no_death(store, queue, working):
     enqueued(store, queue, "a")
     changed(store, "UPDATE workflow_status SET status = 'PENDING', executor_id = 'x', recovery_attempts = 5")
-    queue.hand_over(["a-000000-0"])
+    queue.put_back(["a-000000-0"])
     begun = []
     with working(begun.append) as engine:
         until(lambda: rows(engine)["a-000000-0"] == ("SUCCESS", 1))
@@ -125,10 +125,10 @@ def test_a_zombie_that_ends_late_changes_nothing(store, queue, working):
             store, "UPDATE workflow_status SET owner_xid = 'of another', executor_id = 'other'"
         )  # as after its recovery
         go_on.set()
-        until(lambda: engine.active() == {})
+        until(lambda: engine.running_parts() == {})
         enqueued(store, queue, "b")
         until(lambda: rows(engine).get("b-000000-0", ("", 0))[0] == "SUCCESS")
-        assert engine.pending() == {"a-000000-0": "other"}
+        assert engine.claimed_parts() == {"a-000000-0": "other"}
 
 
 def test_a_worker_knows_what_it_carries_out_and_how_far_it_computes(store, queue, working):
@@ -141,20 +141,20 @@ def test_a_worker_knows_what_it_carries_out_and_how_far_it_computes(store, queue
         go_on.wait(90)
 
     with working(carry_out_part) as engine:
-        until(lambda: engine.active().keys() == {"a-000000-0"})
-        early = engine.active()["a-000000-0"]
-        until(lambda: engine.active()["a-000000-0"] > early + 0.2)
+        until(lambda: engine.running_parts().keys() == {"a-000000-0"})
+        early = engine.running_parts()["a-000000-0"]
+        until(lambda: engine.running_parts()["a-000000-0"] > early + 0.2)
         computes.set()
-        used = engine.active()["a-000000-0"]
+        used = engine.running_parts()["a-000000-0"]
         assert not go_on.wait(0.5)
-        assert engine.active()["a-000000-0"] < used + 0.1, "it waits, and computes nothing"
-        assert engine.pending() == {"a-000000-0": "alive"}
+        assert engine.running_parts()["a-000000-0"] < used + 0.1, "it waits, and computes nothing"
+        assert engine.claimed_parts() == {"a-000000-0": "alive"}
         recovery = Recovery(store, lambda _: None, engine, "alive")
-        recovery.look()
-        recovery.look()
-        assert engine.pending() == {"a-000000-0": "alive"}, "it is not idle"
+        recovery.check_and_recover()
+        recovery.check_and_recover()
+        assert engine.claimed_parts() == {"a-000000-0": "alive"}, "it is not idle"
         go_on.set()
-        until(lambda: engine.active() == {})
+        until(lambda: engine.running_parts() == {})
 
 
 class Away(Queue):
@@ -199,8 +199,8 @@ def test_a_worker_that_stops_hands_over_what_it_carries_out_and_begins_nothing_m
         assert rows(engine) == {"a-000000-0": ("ENQUEUED", 0)}
         enqueued(store, queue, "b")
         go_on.set()
-        until(lambda: engine.active() == {})
-        until(lambda: engine.pending() != {})
+        until(lambda: engine.running_parts() == {})
+        until(lambda: engine.claimed_parts() != {})
         engine.stop()
         assert {status for status, _ in rows(engine).values()} == {"ENQUEUED"}
         assert begun == [Part("a", 0, 0)]
@@ -225,7 +225,7 @@ def test_a_pickle_planted_in_the_queue_is_not_run_and_its_job_ends(store, queue,
     changed(store, "UPDATE workflow_status SET serialization = 'py_pickle'")
     with working(lambda _part: None) as engine:
         until(lambda: engine.find_given_up_jobs() == {run.id: False})
-        Recovery(store, lambda _: runs, engine, "alive").look()
+        Recovery(store, lambda _: runs, engine, "alive").check_and_recover()
     assert runs.current(run.id).state == "failed"
     assert "cannot be carried out" in runs.current(run.id).error.detail
     assert not (tmp_path / "ran").exists()

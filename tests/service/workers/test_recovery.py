@@ -177,7 +177,7 @@ def test_the_more_runs_have_begun_the_longer_newer_ones_pass(runs, claims, post,
 def test_a_step_that_two_workers_carried_out_is_kept_once(store, runs, post):
     run = post()
     for result in (b"first", b"second"):
-        assert store.steps.keep(run.id, (0, 1), result)
+        assert store.steps.store_result(run.id, (0, 1), result)
     assert store.steps.results(run.id) == [b"first"]
     assert runs.records.status(run.id).done == 1
 
@@ -185,10 +185,10 @@ def test_a_step_that_two_workers_carried_out_is_kept_once(store, runs, post):
 def test_the_results_of_ended_runs_are_removed_and_those_of_others_stay(store, runs, claims, post):
     ended, is_active = post(), post()
     for run in (ended, is_active):
-        store.steps.keep(run.id, (0, 1), b"computed")
+        store.steps.store_result(run.id, (0, 1), b"computed")
     cancelled = runs.cancel(ended.id)
     assert cancelled.progress.done == 1
-    assert not store.steps.keep(ended.id, (1, 2), b"late")
+    assert not store.steps.store_result(ended.id, (1, 2), b"late")
     assert store.steps.results(ended.id) == []
     assert [runs.records.status(each.id).done for each in (ended, is_active)] == [0, 1]
     claims.work_all(lambda _: runs)
@@ -226,9 +226,9 @@ def test_a_cancelled_run_is_not_put_together(store, runs, claims, post, monkeypa
 def test_what_a_dead_worker_left_is_claimed_by_others(store, runs, claims, post):
     post(), post()
     lost, mine = claims.claim("dead"), claims.claim("alive")
-    recovery_of(store, runs, claims).look()
+    recovery_of(store, runs, claims).check_and_recover()
     assert claims.claim("another") == lost
-    assert claims.pending()[claims.claimed[mine]] == "alive", "the living are left alone"
+    assert claims.claimed_parts()[claims.claimed[mine]] == "alive", "the living are left alone"
 
 
 def test_it_does_not_matter_who_noticed_first_and_died(store, runs, claims, post):
@@ -236,7 +236,7 @@ def test_it_does_not_matter_who_noticed_first_and_died(store, runs, claims, post
     post()
     lost = claims.claim("dead")
     store.heartbeats.forget("dead")
-    recovery_of(store, runs, claims, "another").look()
+    recovery_of(store, runs, claims, "another").check_and_recover()
     assert claims.claim("alive") == lost
 
 
@@ -249,17 +249,17 @@ def test_a_worker_that_ends_hands_its_work_over_and_nobody_died(store, runs, cla
         assert claims.claim("alive") == left
     others = claims.claim("other")
     store.heartbeats.beat("other")
-    recovery.look()
+    recovery.check_and_recover()
     recovery.hand_over()
     assert claims.claim("another") == left
-    assert claims.pending()[claims.claimed[others]] == "other"
+    assert claims.claimed_parts()[claims.claimed[others]] == "other"
     assert store.heartbeats.living(SILENCE) == ["other"]
 
 
 def test_a_run_without_a_part_that_would_end_it_fails(store, runs, claims, post):
     run = runs_of(store, lambda _connection, _run_id: None).create(run_request(stored_set(store)), None)
     waiting = post()
-    recovery_of(store, runs, claims).look()
+    recovery_of(store, runs, claims).check_and_recover()
     ended = runs.current(run.id)
     assert (ended.state, ended.error.type) == ("failed", "urn:jointstiff:problem:worker-lost")
     assert "send the job again" in ended.error.remedy
@@ -273,20 +273,20 @@ def test_a_run_that_too_many_workers_die_over_fails_and_others_do_not(store, run
         claims.work(lambda _: runs)
     if part == "end":
         for i in range(3 * STEPS_OF_A_PART):
-            store.steps.keep(poison.id, (i, i + 1), b"computed")
+            store.steps.store_result(poison.id, (i, i + 1), b"computed")
     recovery, waiting = recovery_of(store, runs, claims), post()
     while claimed := claims.claim("alive"):
         if claimed.job_id == poison.id:
-            claims.hand_over([claims.claimed[claimed]])
+            claims.put_back([claims.claimed[claimed]])
             break
     for death in range(ATTEMPTS):
         claims.used = {f"{waiting.id}-000000-0": death}
         assert claims.claim(f"dead-{death}").job_id == poison.id
         assert runs.current(poison.id).state != "failed"
-        recovery.look()
+        recovery.check_and_recover()
     claims.claim("the one after")
     claims.used = {f"{waiting.id}-000000-0": ATTEMPTS}
-    recovery.look()
+    recovery.check_and_recover()
     assert [runs.current(run.id).state for run in (poison, waiting)] == ["failed", "queued"]
     assert "5 workers died over one step" in runs.current(poison.id).error.detail
 
@@ -298,8 +298,8 @@ def test_deaths_are_counted_anew_once_a_step_is_kept(store, runs, claims, post, 
     for kept in range(1, STEPS_OF_A_PART):
         for _ in range(ATTEMPTS - 1):
             assert claims.claim("dead").kept == kept - 1
-            recovery.look()
-        store.steps.keep(run.id, (kept - 1, kept), b"by one that died then")
+            recovery.check_and_recover()
+        store.steps.store_result(run.id, (kept - 1, kept), b"by one that died then")
         claims.work(lambda _: runs)
         assert claims.waiting() == [f"{run.id}-000000-{kept}"]
     assert runs.current(run.id).state == "running"
@@ -318,23 +318,25 @@ def test_an_outage_is_no_death_of_workers_that_come_back(store, runs, claims, po
         for duty in duties:
             claims.used = {claims.claimed[mine]: len(time)}
             duty()
-        pending = claims.pending()
+        pending = claims.claimed_parts()
         return [pending.get(claims.claimed[part]) for part in (mine, others)]
 
     beat = functools.partial(beats.beat, "other")
-    assert owners_after(0 * SILENCE, beat, recovery.look) == ["alive", "other"]
-    assert owners_after(2 * SILENCE, recovery.look, beat) == ["alive", "other"]
-    assert owners_after(SILENCE / 6, recovery.look) == ["alive", "other"]
-    assert owners_after(2 * SILENCE, recovery.look) == ["alive", "other"]
-    assert owners_after(SILENCE / 6, recovery.look) == ["alive", None], "the other one has not come back"
+    assert owners_after(0 * SILENCE, beat, recovery.check_and_recover) == ["alive", "other"]
+    assert owners_after(2 * SILENCE, recovery.check_and_recover, beat) == ["alive", "other"]
+    assert owners_after(SILENCE / 6, recovery.check_and_recover) == ["alive", "other"]
+    assert owners_after(2 * SILENCE, recovery.check_and_recover) == ["alive", "other"]
+    assert owners_after(SILENCE / 6, recovery.check_and_recover) == ["alive", None], (
+        "the other one has not come back"
+    )
 
 
 def test_a_part_that_dbos_says_is_carried_out_here_and_is_not_goes_back(store, runs, claims, post):
     post()
     idle, recovery = claims.claim("alive"), recovery_of(store, runs, claims)
-    recovery.look()
+    recovery.check_and_recover()
     assert claims.claim("other") is None, "it may be about to begin"
-    recovery.look()
+    recovery.check_and_recover()
     assert claims.claim("other") == idle
 
 
@@ -342,14 +344,14 @@ def test_a_worker_whose_part_makes_no_progress_shows_no_sign_of_life_and_ends(st
     post()
     recovery = recovery_of(store, runs, claims)
     claims.used = {claims.claimed.setdefault(claims.claim("alive"), ""): 1.25}
-    recovery.look()
+    recovery.check_and_recover()
     assert store.heartbeats.living(SILENCE) == ["alive"]
     store.heartbeats.forget("alive")
     for _ in range(3):
-        recovery.look()
+        recovery.check_and_recover()
     assert store.heartbeats.living(SILENCE) == []
     with pytest.raises(FrozenError):
-        recovery.look()
+        recovery.check_and_recover()
 
 
 def test_a_part_that_computes_is_progress_and_so_is_the_next_one(store, runs, claims):
@@ -357,7 +359,7 @@ def test_a_part_that_computes_is_progress_and_so_is_the_next_one(store, runs, cl
     for used in ({"a": 1.0}, {"a": 1.1}, {"b": 1.1}, {}, {}, {"b": 1.1}, {"c": 0.0}) * 3:
         claims.used = used
         store.heartbeats.forget("alive")
-        recovery.look()
+        recovery.check_and_recover()
         assert store.heartbeats.living(SILENCE) == ["alive"]
 
 
@@ -371,7 +373,7 @@ def test_jobs_of_a_kind_of_another_version_are_left_alone(store, runs, claims, p
     carry_out(store, parts.jobs_of, part, claims)
     (later,) = claims._list_rows(status="DELAYED")
     assert later.workflow_id.startswith(unknown.id)
-    Recovery(store, parts.jobs_of, claims, "alive").look()
+    Recovery(store, parts.jobs_of, claims, "alive").check_and_recover()
     claims.claim("dead")
     claims.work_all(parts.jobs_of)
     assert [runs.records.status(known.id).state, store.kind_of_job(unknown.id)] == ["succeeded", "oracle"]
@@ -388,10 +390,10 @@ def test_the_parts_of_ended_jobs_are_removed(store, runs, claims, post):
     claims.work(lambda _: runs)
     claims.work(lambda _: runs)
     runs.cancel(ended.id)
-    recovery_of(store, runs, claims).look()
+    recovery_of(store, runs, claims).check_and_recover()
     claims.work_all(lambda _: runs)  # of the cancelled run, too
     assert {each.workflow_id for each in claims._list_rows()} >= {f"{is_active.id}-000000-0"}
-    recovery_of(store, runs, claims).look()
+    recovery_of(store, runs, claims).check_and_recover()
     assert claims._list_rows() == []
 
 
@@ -402,7 +404,7 @@ def test_a_duty_that_fails_does_not_keep_the_janitor_from_the_others(store, runs
     monkeypatch.setattr(claims, "recover", refuse)
     run = runs_of(store, lambda _connection, _run_id: None).create(run_request(stored_set(store)), None)
     with pytest.raises(KeyError, match="odd"):
-        recovery_of(store, runs, claims).look()
+        recovery_of(store, runs, claims).check_and_recover()
     assert runs.current(run.id).state == "failed"
 
 
@@ -439,7 +441,7 @@ def test_a_pickle_planted_in_a_step_is_not_run_and_its_run_ends(store, runs, cla
     """Who can write the database, or hands over a backup, runs no code in the workers."""
     run, other = post(), post()
     for i in range(3 * STEPS_OF_A_PART):
-        store.steps.keep(run.id, (i, i + 1), written(Planted(tmp_path / "ran")))
+        store.steps.store_result(run.id, (i, i + 1), written(Planted(tmp_path / "ran")))
     claims.work_all(lambda _: runs)
     assert [runs.current(each.id).state for each in (run, other)] == ["failed", "succeeded"]
     assert not (tmp_path / "ran").exists()

@@ -308,11 +308,16 @@ def test_labels_find_each_other_in_any_order_but_in_other_postures_and_loads(sim
 @pytest.mark.parametrize(
     ("scaled", "factor", "moved", "named"),
     [
-        (19, 1.0 / 9.80665, 1.0, "0.102 times those .* kgf read as N on the second side, or N as kgf"),
-        (10, 9.80665, 1.0, "9.81 times .* N read as kgf on"),  # of 19
+        (
+            19,
+            1.0 / 9.80665,
+            1.0,
+            "0.102 times those .* kgf were read as N in the second campaign, or N as kgf",
+        ),
+        (10, 9.80665, 1.0, "9.81 times .* N were read as kgf in"),  # of 19
         (9, 9.80665, 1.0, None),
-        (19, 1e-3, 0.6, "0.001 times .* the deflections 0.6 times: probably kN read as N on"),
-        (19, 1e3, 1.4, "1000 times .* the deflections 1.4 times: probably N read as kN on"),
+        (19, 1e-3, 0.6, "0.001 times .* the deflections 0.6 times: probably kN were read as N in"),
+        (19, 1e3, 1.4, "1000 times .* the deflections 1.4 times: probably N were read as kN in"),
         (19, 9.80665, 9.80665, None),  # as much more load
     ],
 )

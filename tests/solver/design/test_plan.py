@@ -26,7 +26,7 @@ from jointstiff.solver.design.candidates import (
     Loads,
     PlanRequest,
     Pool,
-    segment_distance,
+    compute_segment_distances,
 )
 from jointstiff.solver.design.optimum import (
     AOptimality,
@@ -39,7 +39,12 @@ from jointstiff.solver.design.optimum import (
     optimise_design,
     optimise_weights,
 )
-from jointstiff.solver.design.plan import Distinct, advise_next_readings, find_exact_design, plan_campaign
+from jointstiff.solver.design.plan import (
+    DistinctPostures,
+    advise_next_readings,
+    find_exact_design,
+    plan_campaign,
+)
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
@@ -100,7 +105,7 @@ class TestPromise:
         first = plan_campaign(robot, request_of(equipment(), readings=6))
         so_far = read(first, np.zeros((2, 6, 3, 3)))
         second = plan_campaign(robot, request_of(equipment(), readings=6, so_far=so_far))
-        np.testing.assert_allclose(second.before, first.uncertainty, rtol=0.01)
+        np.testing.assert_allclose(second.uncertainty_before, first.uncertainty, rtol=0.01)
         assert (second.uncertainty < first.uncertainty).all()
         alone = plan_campaign(robot, request_of(equipment(), readings=6, seed=1))
         assert np.square(second.uncertainty).sum() < np.square(alone.uncertainty).sum()
@@ -126,7 +131,7 @@ class TestPromise:
         tools = equipment(kind, anchors=[[3.0, 3.0, 0.0], [3.0, -3.0, 0.0], [0.0, 3.0, 3.0]])
         wanted = np.arange(1, N) if kind == "dead_weight" else None
         plan = plan_campaign(robot, request_of(tools, joints=wanted, readings=15, validation=0.2))
-        assert plan.random.efficiency < 0.6
+        assert plan.random_plans.efficiency < 0.6
         assert plan.one_at_a_time.efficiency < 1.0 + 1e-9
         assert 0.9 < plan.efficiency <= 1.0
         assert plan.validation.sum() == 3
@@ -317,7 +322,9 @@ class TestCertificate:
         """Exhaustive search over C(14, 8) finds the same list, and nothing above the bound."""
         rows = random_rows(seed, 14)
         problem = problem_of(rows, criterion, 8)
-        exact = find_exact_design(problem, optimise_design(problem), Distinct(np.arange(14.0)[:, None], 0.5))
+        exact = find_exact_design(
+            problem, optimise_design(problem), DistinctPostures(np.arange(14.0)[:, None], 0.5)
+        )
         K = information(rows)
         best = max(
             criterion.information(K[list(c)].sum(axis=0)) for c in itertools.combinations(range(14), 8)
@@ -333,7 +340,9 @@ class TestCertificate:
     def test_no_exchange_of_one_reading_improves_the_list(self, criterion, seed):
         rows = random_rows(seed, 60)
         problem = problem_of(rows, criterion, 8)
-        exact = find_exact_design(problem, optimise_design(problem), Distinct(np.arange(60.0)[:, None], 0.5))
+        exact = find_exact_design(
+            problem, optimise_design(problem), DistinctPostures(np.arange(60.0)[:, None], 0.5)
+        )
         K, chosen = information(rows), set(exact.atoms.index.tolist())
         reached = [
             criterion.information(exact.matrix - K[i] + K[j]) for i in chosen for j in set(range(60)) - chosen
@@ -347,10 +356,10 @@ def test_the_bound_of_a_mean_price_is_that_of_distinct_postures(count):
     postures, prices = np.zeros((5009, 2)), np.r_[np.linspace(2.0, 1.0, 5000), np.full(9, 0.5)]
     near = np.linspace(0.0, 0.1, 9)[:, None]  # in one cell or two
     for angle, mean in ((0.2, 2.0 / count), (0.0, 2.0)):
-        assert Distinct(near, angle).bound_mean_price(prices[:9], count) == pytest.approx(mean)
+        assert DistinctPostures(near, angle).bound_mean_price(prices[:9], count) == pytest.approx(mean)
     postures[5000:, 0] = np.arange(1.0, 10.0)
     mean = (2.0 + (count - 1) * prices[3999]) / count
-    assert Distinct(postures, 0.2).bound_mean_price(prices, count) == pytest.approx(mean)
+    assert DistinctPostures(postures, 0.2).bound_mean_price(prices, count) == pytest.approx(mean)
 
 
 @pytest.mark.parametrize("least", [1, 2, 7, 50, 160])
@@ -389,7 +398,7 @@ def test_the_bound_holds_for_directions_that_nobody_tried():
     criterion, n = AOptimality(np.eye(P)), 8
     problem = problem_of(rows, criterion, n)
     design = optimise_design(problem)
-    exact = find_exact_design(problem, design, Distinct(np.zeros((30, 1)), 0.0))
+    exact = find_exact_design(problem, design, DistinctPostures(np.zeros((30, 1)), 0.0))
     assert design.bound.efficiency > 1 - 1e-5
     assert exact.efficiency > 0.9
     rng = np.random.default_rng(7)
@@ -482,7 +491,7 @@ def test_distances_of_segments_are_those_of_bounded_least_squares(seed):
         np.sqrt(2.0 * lsq_linear(A, d, bounds=(0.0, 1.0), method="bvls", tol=1e-14).cost)
         for A, d in zip(columns, r - p, strict=True)
     ]
-    np.testing.assert_allclose(segment_distance(p, q, r, s), expected, atol=1e-7)
+    np.testing.assert_allclose(compute_segment_distances(p, q, r, s), expected, atol=1e-7)
 
 
 def test_the_greatest_force_turns_no_joint_beyond_its_limit_in_any_direction():
@@ -492,7 +501,7 @@ def test_the_greatest_force_turns_no_joint_beyond_its_limit_in_any_direction():
     joints = rng.uniform(-1.5, 1.5, (40, 6))
     limit = np.array([900.0, 1200.0, 800.0, 250.0, 250.0, 120.0])
     equipment = Equipment(np.zeros((1, 3)), point, Loads("any_direction", 1500.0, limit), 1e-5)
-    force = equipment.strength(robot, joints)
+    force = equipment.greatest_forces(robot, joints)
     share = []
     for q in joints:
         posture = ARM.posture(q)
@@ -501,7 +510,7 @@ def test_the_greatest_force_turns_no_joint_beyond_its_limit_in_any_direction():
     np.testing.assert_allclose(force, np.minimum(1500.0, 1.0 / np.array(share)), rtol=1e-9)
     assert (force < 1500.0).sum() > 0
     free = replace(equipment, loads=replace(equipment.loads, torque_limit=np.full(6, np.inf)))
-    np.testing.assert_array_equal(free.strength(robot, joints), 1500.0)
+    np.testing.assert_array_equal(free.greatest_forces(robot, joints), 1500.0)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -528,7 +537,7 @@ def test_planned_readings_have_the_noise_of_the_tracker_at_its_station():
     loads = Loads("any_direction", 1500.0, np.full(6, np.inf))
     equipment = Equipment(targets, np.zeros(3), loads, 3e-5, tracker)
     joints = np.random.default_rng(0).uniform(-1.0, 1.0, (5, 6))
-    planned = equipment.measurements(robot, joints, np.zeros((5, 3)))
+    planned = equipment.build_measurements(robot, joints, np.zeros((5, 3)))
     for i, q in enumerate(joints):
         for t, target in enumerate(targets):
             sight = ARM.posture(q).point_to_base(target) - station

@@ -12,9 +12,14 @@ from jointstiff.schemas.plan import Surroundings
 from jointstiff.simulator import LOAD_POINT, TARGETS, truth
 from jointstiff.simulator.document import experiment_of
 from jointstiff.simulator.equilibrium import equilibrium
-from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, find_feasible
+from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest, find_feasible_readings
 from jointstiff.solver.design.optimum import Candidates, DesignProblem, DOptimality, optimise_design
-from jointstiff.solver.design.plan import Distinct, advise_next_readings, find_exact_design, plan_campaign
+from jointstiff.solver.design.plan import (
+    DistinctPostures,
+    advise_next_readings,
+    find_exact_design,
+    plan_campaign,
+)
 from jointstiff.solver.mechanics.measurements import Instrument
 
 PLACES, FREE = np.array(list(TARGETS.values())), np.full(6, np.inf)
@@ -50,7 +55,7 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         (
             {"kind": "dead_weight", "joints": np.arange(6)},
             "joints | no candidate load twists joint_1, or no target moves with it | allow loads in "
-            "other directions, or name the joints to be determined, without these",
+            "other directions, or list the joints to be determined without these joints",
         ),
         (
             {"cell": Surroundings(floor=9.0)},
@@ -79,7 +84,7 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         ),
         (
             {"postures": THREE, "validation": 0.5, "readings": 4},
-            "distinct_angle | 0 of 2 readings for validation are in postures distinct from the others | "
+            "distinct_angle | only 0 of 2 readings for validation are in postures distinct from all others | "
             f"{FEWER}",
         ),
     ],
@@ -100,9 +105,12 @@ def test_a_design_needs_candidates_that_determine_all_parameters_in_postures_apa
     rows = np.random.default_rng(1).standard_normal((30, 2, 4)) * [1.0, 0.3, 2.0, 0.7]
     assert refused(problem, rows * [1, 1, 0, 1]) == (
         "candidates | all candidates together determine 3 of 4 parameters; no load changes parameter "
-        "[2] | add loads or postures that change the missing parameters, or leave these out"
+        "[2] | add loads or postures that change the missing parameters, or leave these parameters out"
     )
-    ten, three_postures = problem(rows, 10), Distinct(np.repeat([[0.0], [1.0], [2.0]], 10, axis=0), 0.5)
+    ten, three_postures = (
+        problem(rows, 10),
+        DistinctPostures(np.repeat([[0.0], [1.0], [2.0]], 10, axis=0), 0.5),
+    )
     assert refused(find_exact_design, ten, optimise_design(ten), three_postures) == (
         "distinct_angle | only 3 candidates are in postures 28.6° apart, but 10 readings are "
         f"requested | {FEWER}"
@@ -147,7 +155,9 @@ def test_a_reading_is_struck_out_by_what_stands_in_its_way(robot, cell, options,
     joints = np.radians([[0.0, options.pop("joint_2", 0.0), 0.0, 0.0, 0.0, 0.0]])
     direction = options.pop("direction", None)
     direction = None if direction is None else np.array(direction)
-    kept, reasons = find_feasible(robot, equipment(**options), Surroundings(**cell), joints, direction)
+    kept, reasons = find_feasible_readings(
+        robot, equipment(**options), Surroundings(**cell), joints, direction
+    )
     assert kept.tolist() == [struck_out is None]
     assert reasons == ({} if struck_out is None else {struck_out: 1})
 

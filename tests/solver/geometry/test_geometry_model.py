@@ -298,7 +298,7 @@ def test_a_joint_that_never_turned_is_named_and_its_numbers_have_no_uncertainty(
     one = np.eye(len(found.covariance))
     several = replace(found, covariance=one, undetermined=np.column_stack([1e3 * one[0], 1e-2 * one[5]]))
     rows = np.stack([one[0], one[5], one[1], one[1] + 1e-8 * one[0]])
-    assert several.standard_uncertainties(rows).tolist() == [np.inf, np.inf, 1.0, 1.0]
+    assert several.compute_standard_uncertainties(rows).tolist() == [np.inf, np.inf, 1.0, 1.0]
 
 
 def test_gear_errors_in_poses_widen_the_uncertainties_and_are_said():

@@ -94,7 +94,7 @@ def parallel_cell():
         (
             lambda: with_sweep(SWEEPS, 5, SWEEPS.sweeps[0]),
             "sweeps | 2 sweeps turn model joint 1 | give one sweep per joint; add the positions of a "
-            "repeated sweep to the first",
+            "repeated sweep to the first sweep",
         ),
         (
             lambda: find_base_frame(identify_axes(parallel_cell().sweeps())),

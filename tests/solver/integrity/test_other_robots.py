@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from support.catalogue_arms import nominal_robots, readings_on
+from support.catalogue_arms import build_nominal_robots, readings_on
 
 from jointstiff.solver.integrity import inspect_measurements
-from jointstiff.solver.integrity.other_robots import KnownRobot, inspect_robots
+from jointstiff.solver.integrity.other_robots import KnownRobot, inspect_other_robots
 from jointstiff.solver.integrity.values import View
 from jointstiff.solver.mechanics.robot import Robot
 
-KNOWN = nominal_robots()
+KNOWN = build_nominal_robots()
 ARMS = {known.name: known for known in KNOWN}
 TWINS = {"FANUC R-2000iC/165F", "FANUC R-2000iC/210F"}
 """Arms of the same kinematics, which no position distinguishes."""
@@ -21,7 +21,7 @@ TWINS = {"FANUC R-2000iC/165F", "FANUC R-2000iC/210F"}
 
 def found(robot, measurements, others=KNOWN):
     """Return what is found without asking first whether another mistake explains the positions."""
-    return list(inspect_robots(View(robot, measurements), others))
+    return list(inspect_other_robots(View(robot, measurements), others))
 
 
 def named(*arguments):

@@ -46,9 +46,9 @@ from jointstiff.solver.links.model import (
     WITH_BASE,
     ElasticColumns,
     ElasticModel,
-    elastic_blocks,
-    elastic_rows,
-    formulate,
+    compress_elastic_rows,
+    formulate_fit,
+    generate_elastic_blocks,
     list_losses_to_compare,
 )
 from jointstiff.solver.mechanics.block import regressor_blocks
@@ -66,16 +66,18 @@ def truth_of(elastic):
     out = np.zeros(COLUMNS.width)
     out[COLUMNS.joints] = elastic.arm.compliances
     for joint, link in enumerate(elastic.links):
-        out[COLUMNS.link(joint)] = to_vector(link)
+        out[COLUMNS.link_columns(joint)] = to_vector(link)
     return out
 
 
 def rows_of(robot, measurements):
-    return np.concatenate([rows[..., :-1] for _, rows in elastic_blocks(robot, measurements, COLUMNS)])
+    return np.concatenate(
+        [rows[..., :-1] for _, rows in generate_elastic_blocks(robot, measurements, COLUMNS)]
+    )
 
 
 def whole_rows(robot, measurements):
-    (rows,) = elastic_rows(robot, measurements, COLUMNS, [np.arange(len(measurements))])
+    (rows,) = compress_elastic_rows(robot, measurements, COLUMNS, [np.arange(len(measurements))])
     return rows
 
 
@@ -213,17 +215,17 @@ def test_errors_of_many_targets_are_those_of_their_coordinates(monkeypatch):
     folds = Folds(robot, measurements, COLUMNS, VISIBLE, CrossValidation(folds=2, draws=1))
     compliances = np.outer([0.0, 1.0, 2.0], truth_of(beam_arm(default_arm())))
     rows = np.concatenate(
-        [rows for _, rows in elastic_blocks(robot, measurements[folds.held_out[1]], COLUMNS)]
+        [rows for _, rows in generate_elastic_blocks(robot, measurements[folds.held_out[1]], COLUMNS)]
     )
     left = rows[..., :-1] @ compliances.T - rows[..., -1:]
     expected = np.sqrt(np.square(left).mean(axis=(0, 1, 2)) / 2.0)  # of a difference of two readings
-    np.testing.assert_allclose(folds.error(1, compliances), expected, rtol=1e-6)
+    np.testing.assert_allclose(folds.compute_prediction_errors(1, compliances), expected, rtol=1e-6)
 
 
 def test_a_joint_that_a_part_sees_by_rounding_alone_is_no_unknown_of_it():
     rows = whole_rows(*rigid_pulled(6, 2))
     triangle = rows.triangle * np.where(np.arange(COLUMNS.width + 1) == 2, 1e-12, 1.0)
-    form = formulate(replace(rows, triangle=triangle), ElasticModel("joints", COLUMNS), VISIBLE)
+    form = formulate_fit(replace(rows, triangle=triangle), ElasticModel("joints", COLUMNS), VISIBLE)
     assert form.columns.tolist() == [0, 1, 3, 4, 5]
 
 
@@ -280,7 +282,7 @@ def test_effective_compliance_is_the_rotation_about_an_axis_of_any_direction(ela
     joints = tuple(replace(joint, axis=axis) if joint.is_moving else joint for joint in chain.joints)
     rows = build_effective_rows(Robot(replace(chain, joints=joints).model()), COLUMNS)
     for joint in range(6):
-        found = rows[joint, COLUMNS.link(joint)] @ to_vector(A + A.T)
+        found = rows[joint, COLUMNS.link_columns(joint)] @ to_vector(A + A.T)
         assert found == pytest.approx(axis @ (A + A.T)[3:, 3:] @ axis, rel=1e-12)
 
 
@@ -301,16 +303,16 @@ def test_residuals_that_vanish_leave_a_threshold_of_a_millionth_of_the_mean_defl
     (block,) = regressor_blocks(robot, measurements)
     exact = replace(measurements, deflection=block.A @ default_arm().compliances, sigma=None)
     model = ElasticModel("joints", COLUMNS, "huber")
-    _, threshold = formulate(whole_rows(robot, exact), model, VISIBLE).fit(model, 1.0, gap=1e-3)
+    _, threshold = formulate_fit(whole_rows(robot, exact), model, VISIBLE).fit(model, 1.0, gap=1e-3)
     mean = np.linalg.norm(exact.deflection, axis=2).mean()
     assert threshold == pytest.approx(1e-6 * model.threshold * mean / np.sqrt(2.0), rel=1e-6)  # of a reading
     noise = np.random.default_rng(0).normal(0.0, np.sqrt(2.0) * 2e-5, exact.deflection.shape)
     noisy = replace(exact, deflection=exact.deflection + noise)
-    form = formulate(whole_rows(robot, noisy), model, VISIBLE)
+    form = formulate_fit(whole_rows(robot, noisy), model, VISIBLE)
     _, threshold = form.fit(model, 1e3, gap=1e-3)
     assert threshold == pytest.approx(model.threshold * 2e-5, rel=0.25)
-    absolute = form.compliances(form.fit_absolute(1e3, 1e-3).x)
-    squares, weight = form.companion(replace(model, loss="absolute"), absolute, 1e3, 0.0)
+    absolute = form.convert_to_compliances(form.fit_absolute(1e3, 1e-3).x)
+    squares, weight = form.build_weighted_squares(replace(model, loss="absolute"), absolute, 1e3, 0.0)
     assert 0.5 * weight * squares.size**2 / form.total / 1e3 == pytest.approx(threshold, rel=1e-6)
 
 
@@ -322,13 +324,13 @@ def test_the_squares_that_stand_for_a_robust_loss_have_its_optimum(elastic):
         replace(measurements, deflection=wrong),
         ElasticModel("joints_and_links", COLUMNS, "huber"),
     )
-    robust = formulate(whole_rows(robot, spoilt), model, VISIBLE, spoilt.sigma)
+    robust = formulate_fit(whole_rows(robot, spoilt), model, VISIBLE, spoilt.sigma)
     solution, threshold = robust.fit(model, 1e-3, gap=1e-8)
-    compliances = robust.compliances(solution.x)
-    squares, weight = robust.companion(model, compliances, 1e-3, threshold)
+    compliances = robust.convert_to_compliances(solution.x)
+    squares, weight = robust.build_weighted_squares(model, compliances, 1e-3, threshold)
     alike = squares.fit(ElasticModel("joints_and_links", COLUMNS), weight, gap=1e-6)[0]
     rows = rows_of(robot, spoilt)
-    moved = rows @ (squares.compliances(alike.x) - compliances)
+    moved = rows @ (squares.convert_to_compliances(alike.x) - compliances)
     assert np.abs(moved).max() < 0.02 * measurements.sigma
 
 
@@ -433,7 +435,7 @@ def test_nothing_to_scale_the_penalty_by_is_refused(elastic):
     robot, measurements = elastic
     still = replace(measurements, deflection=np.zeros_like(measurements.deflection))
     with pytest.raises(UnsupportedMethodError, match="scale"):
-        formulate(whole_rows(robot, still), ElasticModel("joints_and_links", COLUMNS), VISIBLE)
+        formulate_fit(whole_rows(robot, still), ElasticModel("joints_and_links", COLUMNS), VISIBLE)
     with pytest.raises(UnsupportedMethodError, match="13 joints"):
         ElasticColumns(13, ())
 
@@ -523,7 +525,7 @@ def test_a_base_that_links_beat_is_neither_chosen_nor_tied():
 def test_joined_intervals_contain_those_of_both_models():
     one = EffectiveCompliances(np.array([2.0, 5.0]), np.array([[1.0, 3.0], [4.0, 6.0]]), 2.0)
     other = EffectiveCompliances(np.array([4.0, 5.5]), np.array([[2.0, 5.0], [5.0, 5.8]]), 2.5)
-    joined = one.joined(other)
+    joined = one.widen_ranges_by(other)
     np.testing.assert_array_equal(joined.compliance, one.compliance)
     np.testing.assert_array_equal(joined.ends, [[1.0, 5.0], [4.0, 6.0]])
     np.testing.assert_allclose(joined.uncertainty, [1.0, 0.5])
@@ -535,7 +537,7 @@ def test_a_joined_interval_has_its_uncertainty_whatever_this_models_is(own):
     compliance = np.array([0.0 if own[0] == 0.0 else 2.0])
     one = EffectiveCompliances(compliance, np.array([own]), 2.0)
     other = EffectiveCompliances(np.array([4.0]), np.array([[3.0, 5.0]]), 2.0)
-    for joined in (one.joined(other), other.joined(one)):
+    for joined in (one.widen_ranges_by(other), other.widen_ranges_by(one)):
         low, high = joined.ends[0]
         assert joined.uncertainty == pytest.approx([0.25 * (high - low)])
         assert low <= joined.compliance[0] <= high
@@ -544,7 +546,7 @@ def test_a_joined_interval_has_its_uncertainty_whatever_this_models_is(own):
 
 def test_a_joined_interval_is_unknown_where_both_are():
     one = EffectiveCompliances(np.array([2.0, np.nan]), np.array([[np.nan, np.nan], [1.0, 3.0]]), 2.0)
-    joined = one.joined(one)
+    joined = one.widen_ranges_by(one)
     np.testing.assert_array_equal(joined.ends, one.ends)
     np.testing.assert_array_equal(joined.uncertainty, [np.nan, 0.5])
 

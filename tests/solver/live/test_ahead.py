@@ -48,13 +48,13 @@ def draws(what, count=4000):
 def test_a_share_of_the_joints_is_that_of_their_intervals():
     found = ahead().compare_with_goal(JointsGoal(kind="joints", relative=0.2), known())
     half = 2.0 * np.std(draws(known()), axis=0) / ARM.compliances
-    np.testing.assert_allclose(found.each, half / 0.2, rtol=0.05)
+    np.testing.assert_allclose(found.ratios, half / 0.2, rtol=0.05)
     assert found.joint == half.argmax()
     assert found.allowed == 0.2
     nothing = ahead().compare_with_goal(
         JointsGoal(kind="joints", relative=0.2), KnownCompliances.before_any_reading(N)
     )
-    assert np.isinf(nothing.each).all()
+    assert np.isinf(nothing.ratios).all()
 
 
 @pytest.mark.parametrize("force", [None, (0.0, 0.0, -500.0)])
@@ -62,11 +62,11 @@ def test_a_share_of_a_deflection_is_that_of_drawn_compliances(force):
     """Root mean square of a coordinate's deviation over places and forces."""
     here, what = ahead(force=force), known(2)
     found = here.compare_with_goal(DeflectionGoal(kind="deflection", uncertainty=1e-4), what)
-    moved = here.places.reshape(-1, 3, N) @ draws(what, 1500).T
+    moved = here.work_area_deflections.reshape(-1, 3, N) @ draws(what, 1500).T
     rms = np.sqrt(moved.var(axis=-1).mean())
     assert found.uncertainty == pytest.approx(2.0 * rms, rel=0.05)
-    assert found.each[0] == pytest.approx(found.uncertainty / 1e-4)
-    assert found.greatest_share == found.each[0]
+    assert found.ratios[0] == pytest.approx(found.uncertainty / 1e-4)
+    assert found.greatest_share == found.ratios[0]
 
 
 def test_a_force_of_one_s_own_takes_the_place_of_the_loads():
@@ -82,22 +82,22 @@ def test_a_force_of_one_s_own_takes_the_place_of_the_loads():
 def test_a_decision_leaves_the_distance_to_the_limit(share):
     """On either side of it; the greatest deflection is that of the place with its uncertainty."""
     here, what = ahead(force=(300.0, 0.0, -500.0)), known(3, 0.02)
-    lengths = np.linalg.norm(here.places @ what.compliance, axis=-1)
-    drawn = np.linalg.norm(here.places @ draws(what, 1500).T, axis=-2).std(axis=-1)
+    lengths = np.linalg.norm(here.work_area_deflections @ what.compliance, axis=-1)
+    drawn = np.linalg.norm(here.work_area_deflections @ draws(what, 1500).T, axis=-2).std(axis=-1)
     most = np.unravel_index(np.argmax(lengths + 2.0 * drawn), lengths.shape)
     limit = float(share * lengths[most])
     found = here.compare_with_goal(DecisionGoal(kind="decision", limit=limit), what)
     assert found.greatest == pytest.approx(lengths[most], rel=0.02)
     assert found.uncertainty == pytest.approx(2.0 * drawn[most], rel=0.1)
     assert found.allowed == pytest.approx(abs(limit - found.greatest), rel=1e-6)
-    assert found.each[0] == pytest.approx(found.uncertainty / found.allowed)
+    assert found.ratios[0] == pytest.approx(found.uncertainty / found.allowed)
 
 
 def test_a_force_that_twists_a_joint_of_which_the_load_says_nothing_is_refused():
     """A weight never twists joint 1, whose axis is vertical; a force to the side does."""
     weight = ahead("dead_weight")
-    assert 0 not in weight.wanted
-    assert set(weight.wanted) == {1, 2, 3, 4, 5}
+    assert 0 not in weight.twisted_joints
+    assert set(weight.twisted_joints) == {1, 2, 3, 4, 5}
     ahead("dead_weight", (0.0, 0.0, -300.0))
     with pytest.raises(RequestError, match="do not twist joint_1, but"):
         ahead("dead_weight", (0.0, 300.0, 0.0))
@@ -108,7 +108,7 @@ def test_a_force_that_twists_a_joint_of_which_the_load_says_nothing_is_refused()
         DecisionGoal(kind="decision", limit=1e-3),
     ):
         found = weight.compare_with_goal(goal, unknown)
-        assert np.isinf(found.each).all()
+        assert np.isinf(found.ratios).all()
         assert found.joint == 2
 
 
@@ -147,8 +147,8 @@ def test_limits_and_probabilities_are_each_others_inverse(sigma, count):
     expected = Expectation.from_readings(SPRINGS, noisy(0, sigma=sigma), ARM.compliances)
     assert np.isinf(expected.freedom) == (sigma is not None)
     for probability in (0.5, 0.9, 0.999):
-        limit = expected.squared_distance_quantile(probability, count)
-        assert expected.exceedance_probability(limit, count) == pytest.approx(1.0 - probability)
+        limit = expected.compute_squared_distance_quantile(probability, count)
+        assert expected.compute_exceedance_probability(limit, count) == pytest.approx(1.0 - probability)
         if sigma is None:
             assert limit == pytest.approx(count * stats.f.ppf(probability, count, expected.freedom))
         else:

@@ -35,7 +35,13 @@ from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.links.choice import Folds, list_models_to_compare
 from jointstiff.solver.links.fit import build_effective_rows, compute_effective_compliances, estimate_elastic
-from jointstiff.solver.links.model import MODELS, WITH_BASE, ElasticColumns, ElasticModel, elastic_blocks
+from jointstiff.solver.links.model import (
+    MODELS,
+    WITH_BASE,
+    ElasticColumns,
+    ElasticModel,
+    generate_elastic_blocks,
+)
 from jointstiff.solver.mechanics import block as regressor
 from jointstiff.solver.mechanics.block import OwnWeight, regressor_blocks
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -317,7 +323,7 @@ def compliances():
     """Compliances of the arm, and of its pedestal about the origin of R0."""
     truth = np.zeros(COLUMNS.width)
     truth[COLUMNS.joints] = ARM.compliances
-    truth[COLUMNS.link(BASE)] = to_vector(TILT.T @ np.diag(1.0 / STIFFNESS) @ TILT)
+    truth[COLUMNS.link_columns(BASE)] = to_vector(TILT.T @ np.diag(1.0 / STIFFNESS) @ TILT)
     return truth
 
 
@@ -325,18 +331,20 @@ def compliances():
 def test_the_exact_balance_on_a_pedestal_is_the_linear_model_to_first_order(force):
     document = pedestal_campaign(ARM, STIFFNESS, foot=FOOT, configurations=8, force=force, sigma=0.0, seed=2)
     robot, measurements = prepare(document)
-    rows = np.concatenate([rows[..., :-1] for _, rows in elastic_blocks(robot, measurements, COLUMNS)])
+    rows = np.concatenate(
+        [rows[..., :-1] for _, rows in generate_elastic_blocks(robot, measurements, COLUMNS)]
+    )
     apart = np.abs(rows @ compliances() - measurements.deflection).max()
     assert apart < 2.0e-6 * force * np.abs(measurements.deflection).max()
 
 
 def test_a_turn_of_the_base_about_the_first_axis_is_joint_1(pedestal):
     robot, measurements = pedestal
-    (_, rows), *_ = elastic_blocks(robot, measurements, COLUMNS)
+    (_, rows), *_ = generate_elastic_blocks(robot, measurements, COLUMNS)
     about = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    turned = rows[..., COLUMNS.link(BASE)] @ to_vector(np.outer(about, about))
+    turned = rows[..., COLUMNS.link_columns(BASE)] @ to_vector(np.outer(about, about))
     np.testing.assert_allclose(turned, rows[..., 0], atol=1e-9 * np.abs(rows[..., 0]).max())
-    effective = build_effective_rows(robot, COLUMNS)[:, COLUMNS.link(BASE)] @ to_vector(
+    effective = build_effective_rows(robot, COLUMNS)[:, COLUMNS.link_columns(BASE)] @ to_vector(
         np.outer(about, about)
     )
     np.testing.assert_allclose(effective, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], atol=1e-12)

@@ -260,8 +260,8 @@ def test_noise_is_of_every_reading_or_of_the_set(document):
     missing = changed(document, (NOISE, None), *OWN, (f"{OBSERVATIONS}.3.readings.1.sigma", None))
     assert refused(prepare, missing) == (
         "observations[3].readings | some readings give their own noise, but one of this observation "
-        "gives none | give every reading its `sigma` or its covariances, or none and `noise` for the "
-        "set"
+        "gives none | give every reading its `sigma` or its covariances, or give only `noise` for "
+        "the set"
     )
 
 

@@ -25,7 +25,7 @@ from jointstiff.simulator.own_weight import Bodies, sag
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.estimation.cones import Block
 from jointstiff.solver.estimation.problem import Bounds, Constraints
-from jointstiff.solver.geometry.poses import PoseState, chain_axes, transform_points
+from jointstiff.solver.geometry.poses import PoseState, list_chain_axes, transform_points
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
@@ -219,7 +219,7 @@ def test_bounds_of_a_spring_are_in_order():
         stated_spring(bounds, bounds)
     for bounds in ((2.0, 1.0), (-1.0, 1.0), (0.0, 0.0), (1.0, np.inf), (np.nan, 1.0)):
         for name in ("rate", "pull"):
-            with pytest.raises(RequestError, match="not in order"):
+            with pytest.raises(RequestError, match="in ascending order"):
                 replace(stated_spring(), **{name: bounds})
 
 
@@ -237,10 +237,11 @@ def hung(readings, relative):
 def test_a_body_that_hangs_on_in_some_postures_is_the_force_of_its_weight():
     pulled = campaign(postures=8, payload=100.0)
     torques, hanging = rows_of(pulled).torques, rows_of(hung(pulled, 0.1)).torques
-    for name in ("known", "on_base"):
+    for name in ("known", "base_moment"):
         np.testing.assert_allclose(getattr(hanging, name), getattr(torques, name), atol=1e-9)
     less = replace(pulled, force=0.9 * pulled.force)
-    np.testing.assert_allclose(torques.known - rows_of(less).torques.known, hanging.unit[..., 0], atol=1e-9)
+    difference = torques.known - rows_of(less).torques.known
+    np.testing.assert_allclose(difference, hanging.of_unknowns[..., 0], atol=1e-9)
 
 
 def test_a_payload_of_uncertain_mass_widens_the_intervals():
@@ -272,7 +273,7 @@ COUNT = 30
 
 def rows_of(readings, theta=None):
     """Return the rows about the nominal geometry, at a sag of zero if None."""
-    axes, flange = chain_axes(ROBOT.chain)
+    axes, flange = list_chain_axes(ROBOT.chain)
     theta = np.zeros(readings.poses.angles.shape) if theta is None else theta
     state = PoseState(axes, transform_points(flange, POINTS), np.zeros(len(theta)))
     return linearise_readings(ROBOT, readings, readings.poses.whitened, state, theta, theta[0])
@@ -316,7 +317,7 @@ def test_a_centre_of_mass_counts_where_any_of_its_moments_acts():
 def test_torques_of_the_unknowns_at_their_bounds_are_differences_of_known_torques(column, size, body, spring):
     burdens = Burden((FOREARM,), (LOOSE,)), Burden((body,), (spring,))
     before, after = (rows_of(campaign(sigma=0.0, stated=burden)).torques for burden in burdens)
-    np.testing.assert_allclose(after.known - before.known, size * before.unit[..., column], atol=1e-8)
+    np.testing.assert_allclose(after.known - before.known, size * before.of_unknowns[..., column], atol=1e-8)
     assert np.abs(after.known - before.known).max() > 1.0
 
 

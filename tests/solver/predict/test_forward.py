@@ -28,7 +28,7 @@ from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict import models
 from jointstiff.solver.predict.answers import STATUSES, MapTask, compute_tool_rotations, map_places
-from jointstiff.solver.predict.forward import CorrectionLimits, compensate, ramp_shares
+from jointstiff.solver.predict.forward import CorrectionLimits, compensate, compute_ramp_shares
 from jointstiff.solver.predict.models import (
     MOST_STEPS,
     ElasticPredictor,
@@ -284,7 +284,7 @@ def test_ramps_begin_where_the_load_sets_in():
     force = wanted.force.copy()
     force[:5] = force[-5:] = 0.0
     wanted = replace(wanted, force=force)
-    found = compensate(MODEL, wanted, ANY, ramp_shares(ROBOT, wanted, 0.8))
+    found = compensate(MODEL, wanted, ANY, compute_ramp_shares(ROBOT, wanted, 0.8))
     place = ARM.posture(wanted.joints).point_to_base(wanted.place)
     assert found.share[5] == pytest.approx(0.0)
     assert found.share[6] == pytest.approx(np.linalg.norm(place[6] - place[5]) / 0.8)

@@ -13,7 +13,7 @@ from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.answers import STATUSES, MapTask, compute_tool_rotations, map_places
-from jointstiff.solver.predict.forward import CorrectionLimits, compensate, ramp_shares
+from jointstiff.solver.predict.forward import CorrectionLimits, compensate, compute_ramp_shares
 from jointstiff.solver.predict.models import JointModel, ModelError, leave_postures_out
 
 ROBOT = robot_of(ARM)
@@ -225,7 +225,7 @@ def test_a_correction_is_held_back_by_its_limits(limits, capped, share, residual
     cases = load_cases(ARM, 40, force=1500.0, moment=0.0, seed=5)
     point = np.tile([0.0, 0.05, 0.25], (40, 1))
     cases = replace(cases, load_point=point, place=point.copy())
-    found = compensate(MODEL, cases, limits, ramp_shares(ROBOT, cases, 0.0))
+    found = compensate(MODEL, cases, limits, compute_ramp_shares(ROBOT, cases, 0.0))
     assert (found.capped.sum(), found.share[20]) == (capped, pytest.approx(share, rel=1e-4))
     uncorrected = [1.633048, -0.600057, 3.016513, 2.46979, -1.894982, -1.115626]
     assert 1e3 * found.uncorrected[20] == pytest.approx(uncorrected, abs=1e-4)
@@ -247,7 +247,7 @@ def test_corrections_begin_and_end_with_the_load(ramp, shares):
     cases = load_cases(ARM, 40, force=1500.0, moment=0.0, seed=5)
     point, force = np.tile([0.0, 0.05, 0.25], (40, 1)), cases.force.copy()
     force[:5] = force[-8:] = 0.0
-    found = ramp_shares(ROBOT, replace(cases, load_point=point, place=point, force=force), ramp)
+    found = compute_ramp_shares(ROBOT, replace(cases, load_point=point, place=point, force=force), ramp)
     assert found[[5, 6, 7, 29, 30, 31]] == pytest.approx(shares, abs=1e-5)
     assert not found[[*range(5), *range(32, 40)]].any()
     assert found.max() == 1.0

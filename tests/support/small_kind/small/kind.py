@@ -46,7 +46,7 @@ class Small(Job):
     result: SmallResult | None = Field(description="Present if the count succeeded.")
 
 
-def compute(inputs: Inputs, request: SmallRequest) -> Work:
+def _prepare_work(inputs: Inputs, request: SmallRequest) -> Work:
     """Return the work of a count."""
     from jointstiff.service.conversion.readings import hash_texts
     from jointstiff.service.kinds.work import QuickWork
@@ -61,7 +61,7 @@ def compute(inputs: Inputs, request: SmallRequest) -> Work:
     )
 
 
-def report(_job: Small, result: SmallResult, _view: View) -> Report:
+def _make_report(_job: Small, result: SmallResult, _view: View) -> Report:
     """Return the counts."""
     columns = [Column("observations", [result.observations]), Column("readings", [result.readings])]
     return Report([Table(columns, title="Readings of the set")])
@@ -76,8 +76,8 @@ SMALL: Final = Kind[Small, SmallRequest](
     message=Small,
     request=SmallRequest,
     options=SmallOptions,
-    compute=compute,
-    report=report,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
     sources=("measurement_set",),
     title="Count of readings",
     description="Count the readings of a measurement set.",

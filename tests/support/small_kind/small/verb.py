@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypedDict, Unpack
 
-from jointstiff.service.kinds.verb import Door, Follow, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
 
 from .kind import SMALL, Small, SmallOptions
 
@@ -32,10 +32,10 @@ def count(
     **fields: Unpack[CountFields],
 ) -> Small:
     """Count the readings of a set."""
-    with Follow(on_progress, cancel, executor) as follow:
-        door = door.begun(follow)
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door = door.begun(monitor)
         request = {"measurement_set_id": door.measured(campaign)[0]}
-        return door.done(SMALL, request | merge_options(SmallOptions, options, fields), {}, follow)
+        return door.done(SMALL, request | merge_options(SmallOptions, options, fields), {}, monitor)
 
 
 describe_fields(count, SmallOptions)
