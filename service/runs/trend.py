@@ -224,7 +224,6 @@ def _compute_log_stiffness(
         campaign: one of the two campaigns.
         name: name of the joint.
         same_load_cell: True to leave out the stated error of the load cell's scale.
-        same_hook: True to leave out the assumed error of the load point.
         assumed_cell: True to leave out the assumed error of the load cell's scale.
     """
     joint = campaign.joints.get(name)

@@ -487,7 +487,9 @@ class Estimate:
     @cached_property
     def sigma_test(self) -> SigmaTest | None:
         """Chi-square test of a stated sigma; None if sigma was not stated, or without degrees of freedom."""
-        return sigma_test(self.chi_square, self.degrees_of_freedom) if self.sigma_given else None
+        if not self.sigma_given:
+            return None
+        return sigma_test(self.chi_square, self.degrees_of_freedom, self.triangles.freedom_of_statements)
 
 
 _NO_UNCERTAINTY = (

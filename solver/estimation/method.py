@@ -396,6 +396,15 @@ class MethodTriangles:
         return given
 
     @property
+    def freedom_of_statements(self) -> float:
+        """Number of unknowns of statements that the readings determine, ``tr(B (BᵀB + σ²)⁻¹ Bᵀ)``."""
+        if self._statements is None or self._with_statements is None:
+            return 0.0
+        columns = self._with_statements[: -self._correction.shape[1], len(self.method.joint_names) :]
+        squares = np.square(np.linalg.svd(columns, compute_uv=False))
+        return float((squares / (squares + self._statements.sigma**2)).sum())
+
+    @property
     def columns(self) -> FloatArray:
         """Compressed columns (m, n + K) of all readings: of the joints, then of K statements."""
         return self.all_readings.matrix if self._with_statements is None else self._with_statements
