@@ -54,7 +54,7 @@ ActionKind = Literal[
     "show_posture",
 ]
 
-Unit = Literal["m", "mm", "deg", "rad", "N", "kN"]
+Unit = Literal["m", "mm", "deg", "rad", "N", "kN", "kgf", "lbf"]
 
 
 class NamedCause(Message):

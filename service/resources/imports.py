@@ -177,7 +177,7 @@ def _missing_fields(
         (unplaced, "flange_targets", places),
         (no_point, "load_point", "the load point (`load_point`), in the flange frame"),
         (bool(unusual), "accept_unusual", confirmation),
-        (no_unit, "units.force", "the unit of `force` (`units`): N, kN or kgf"),
+        (no_unit, "units.force", "the unit of `force` (`units`): N, kN, kgf or lbf"),
         (request.encoders is None, "encoders", encoders),
     ]
     return {field: text for is_missing, field, text in wanted if is_missing}

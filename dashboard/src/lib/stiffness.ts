@@ -82,8 +82,16 @@ export function intervalIn(
 export const UNITS = {
   length: { m: 1, mm: 1e-3 },
   angle: { rad: 1, deg: DEGREE },
-  force: { N: 1, kN: 1e3, kgf: 9.80665, kg: 9.80665 },
-  moment: { "N.m": 1, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": 9.80665 },
+  force: { N: 1, kN: 1e3, kgf: 9.80665, lbf: 4.4482216152605, kg: 9.80665 },
+  moment: {
+    "N.m": 1,
+    "N.mm": 1e-3,
+    "kN.m": 1e3,
+    "kgf.m": 9.80665,
+    "lbf.m": 4.4482216152605,
+    "lbf.ft": 1.3558179483314004,
+    "lbf.in": 0.1129848290276167,
+  },
 } as const;
 
 /** Factors to SI of a file's units. */
