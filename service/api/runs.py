@@ -146,9 +146,7 @@ def _make_request_after_action(parts: Parts, run: Run, action: Action) -> RunReq
     stored = parts.sets.document(request.measurement_set_id)
     robot = robot_from_record(parts.store.robots.get(stored.robot_id))
     before = Campaign(
-        robot=RobotDocument(
-            name=robot.name, model=robot.model, joint_map=robot.joint_map, bodies=robot.bodies
-        ),
+        robot=_copy_fields(RobotDocument, robot),
         measurement_set=_copy_fields(MeasurementSetDocument, stored),
         run=_copy_fields(RunOptions, request),
     )
