@@ -190,6 +190,7 @@ FindingCode = Literal[
     "cause_fitted",
     "load_at_target",
     "stiffness_implausible",
+    "stiffness_against_payload",
     "prior_dominates",
     "complementary_stiffness_matters",
     "links_bend_with_joints",
