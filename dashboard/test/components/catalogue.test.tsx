@@ -46,7 +46,16 @@ describe("the catalogue", () => {
     expect(choose).toHaveBeenCalledWith(catalogue.arms[0]);
     const facts = await drawn(<ArmFacts arm={arm("KUKA KR 210 R2700 extra")} />);
     await settled(() => {});
-    for (const said of ["Nominal values", "2696 mm", "210 kg", "wrist centre", "at the floor", "A1 turns", "a data sheet", "350"])
+    for (const said of [
+      "Nominal values",
+      "2696 mm",
+      "210 kg",
+      "wrist centre",
+      "at the floor",
+      "A1 turns",
+      "a data sheet",
+      "350",
+    ])
       expect(facts.textContent).toContain(said);
   });
 });
