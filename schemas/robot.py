@@ -144,8 +144,7 @@ class RobotDocument(Message):
     )
     payload: Payload | None = Field(
         default=None,
-        description="Largest payload by the maker, by which a run checks the unit of forces; default: that "
-        "of the arm of the catalogue.",
+        description="Payload by the maker: checks the unit of forces. Default: the catalogue's.",
     )
 
     @model_validator(mode="after")
