@@ -170,8 +170,10 @@ def assess(
         () if better is None else [report_alternative(robot, measurements, better)],
         [report_causes(causes, estimate)] if causes else (),
         report_fitted_causes(measurements),
-        # A gross error in the data changes the stiffness, too.
-        () if gross or better is not None else inspect_force_unit(robot, measurements, estimate.joints),
+        # The measured arms were fitted by joints alone; and a gross error in the data changes the stiffness.
+        ()
+        if gross or better is not None
+        else inspect_force_unit(robot, measurements, joints.estimate.joints),
         find_reading_problems(robot, measurements, settings, prediction, findings),
         find_fit_problems(
             measurements, estimate, prediction, screening, explained=gross or better is not None

@@ -69,7 +69,7 @@ def inspect_force_unit(
     Args:
         robot: n joints.
         measurements: N observations, with the unit of force that was declared.
-        joints: result for each joint.
+        joints: result for each joint, of a fit by joints alone.
     """
     if robot.payload is None or robot.n != _SIX or robot.prismatic.any() or not measurements.force.any():
         return

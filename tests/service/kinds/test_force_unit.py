@@ -5,6 +5,7 @@ from copy import deepcopy
 import pytest
 from support.api import post
 from support.mistakes import clean_campaign
+from support.shared_data import shared
 
 import jointstiff as js
 from jointstiff.service.tables.report import remedies
@@ -16,7 +17,12 @@ OPTIONS = {"complementary_stiffness": "included"}
 
 def noted(unit, declared, payload=240.0):
     """Return the clean campaign with its forces noted in a unit, and another one declared."""
-    document = deepcopy(clean_campaign())
+    return in_unit(clean_campaign(), unit, declared, payload)
+
+
+def in_unit(document, unit, declared, payload):
+    """Return a campaign, whose forces are in N, with numbers in a unit, and another one declared."""
+    document = deepcopy(document)
     document["robot"]["payload"] = payload
     measured = document["measurement_set"]
     for observation in measured["observations"]:
@@ -51,6 +57,16 @@ def test_the_first_tap_has_the_numbers_of_the_right_unit(unit, declared, clean):
     assert after.campaign.measurement_set.name.endswith(f"(in {unit})")
     assert (after.result.assessment.verdict, after.result.assessment.reasons) == ("use", [])
     assert_same_numbers(after.result, clean)
+
+
+@pytest.mark.parametrize(("unit", "declared", "taps"), [
+    ("N", "N", []), ("N", "kgf", ["N"]), ("kgf", "N", ["kgf", "lbf"]), ("lbf", "N", ["lbf", "kgf"])
+])  # fmt: skip
+def test_a_confused_unit_is_found_on_a_real_arm(unit, declared, taps):
+    document = shared("fanuc_r2000ic/campaign")
+    result = js.identify(in_unit(document, unit, declared, 240.0), elasticity="joints").result
+    offered = [each.action.unit for each in result.assessment.reasons if each.code == CODE]
+    assert offered == taps
 
 
 def test_without_a_payload_nothing_shows():
