@@ -663,6 +663,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         deflection=length * deflection,
         present=readings.present,
         direction=direction,
+        force_unit=header.units.force,
         unloaded_only=unloaded_only if unloaded_only.any() else None,
         labels=tuple(readings.labels.tolist()),
         targets=tuple(readings.targets.tolist()),

@@ -39,8 +39,8 @@ from jointstiff.solver.estimation.estimate import compute_profile_ends, invert_c
 from jointstiff.solver.estimation.fit import Likelihood, StageFit, invert_to_root, student_quantile
 from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
 from jointstiff.solver.estimation.solution import greatest_violations
-from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, regressor_blocks
-from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import build_messages
@@ -58,8 +58,6 @@ _NO_EFFECT: Final = 1e-9
 _QUARTER: Final = pi / 2
 _ALIKE: Final = 0.5
 """Greatest relative difference of the deflections at which forces that differ are taken for a wrong unit."""
-_FORCE_UNITS: Final = {"N": 1.0, "kgf": float(-STANDARD_GRAVITY[2]), "kN": 1e3}
-"""Size [N] of units of force that people confuse."""
 _UNKNOWN: Final = (
     "the uncertainty of the joint is unknown in one of the sets: state `noise`, or add observations"
 )
@@ -377,7 +375,7 @@ def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Match
     Returns:
         The finding; None if no mistake is suspected.
     """
-    for (unit, size), (other, other_size) in permutations(_FORCE_UNITS.items(), 2):
+    for (unit, size), (other, other_size) in permutations(FORCE_UNITS.items(), 2):
         ratio = size / other_size
         scaled = match_observations(one, two, ratio)
         # The ratio has to make most observations with a common label match that did not match as stated.

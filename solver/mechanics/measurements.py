@@ -10,17 +10,26 @@ of sight and grows with the distance.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from jointstiff.schemas.measurement import ConfusedForceUnit, ForceUnit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 
+FORCE_UNITS: Final[Mapping[ConfusedForceUnit, float]] = {
+    "N": 1.0,
+    "kN": 1e3,
+    "kgf": 9.80665,
+    "lbf": 4.4482216152605,
+}
+"""Units of force that people confuse [N]; kgf and lbf by standard gravity, exactly."""
 ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
 """Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""
 ISOTROPIC_DIFFERENCE.setflags(write=False)
@@ -388,6 +397,7 @@ class Measurements:
     #: (N, T) mask of targets that were read without load but not under load: only `position` is valid, and
     #: `present` is False. None if there are no such targets.
     unloaded_only: BoolArray | None = None
+    force_unit: ForceUnit = "N"  #: unit of forces that was declared with the readings; `force` is in N
     labels: tuple[str, ...] = ()  #: (N,) labels of the observations; "1", "2", … where none are given
     targets: tuple[str, ...] = ()  #: (T,) names of the targets; "1", "2", … where none are given
 

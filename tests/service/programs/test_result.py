@@ -230,7 +230,7 @@ REFUSED = {
     "a moment without a unit": (
         {"load": {"force": [0, 0, 0], "moment": [1, 0, 0]}},
         "units.moment: a load has a moment whose unit is not stated, and cannot be inferred, as lengths "
-        "are in mm; state units.moment, one of N.m, N.mm, kN.m, kgf.m",
+        "are in mm; state units.moment, one of N.m, N.mm, kN.m, kgf.m, lbf.m, lbf.ft, lbf.in",
     ),
 }  # fmt: skip
 
