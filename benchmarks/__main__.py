@@ -50,6 +50,8 @@ BENCHMARKS = {
     "coverage": Benchmark("studies.coverage", "how often intervals hold the truth; some minutes"),
     "prismatic": Benchmark("studies.prismatic", "a SCARA and an arm on a rail beside exact springs"),
     "causes": Benchmark("studies.causes", "planted, named and mended; clean ones", in_parts=True),
+    "posture_errors": Benchmark("studies.posture_errors", "errors that a posture's targets share: coverage"),
+    "statements": Benchmark("studies.statements", "loads within what is stated: accusations, ratios"),
     "base": Benchmark("studies.base", "pedestals that bend, and clean arms; an hour", in_parts=True),
     "live": Benchmark("studies.live", "readings until a goal is met; mistakes at the reading", in_parts=True),
     "live_service": Benchmark(

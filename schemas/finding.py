@@ -54,7 +54,7 @@ ActionKind = Literal[
     "show_posture",
 ]
 
-Unit = Literal["m", "mm", "deg", "rad", "N", "kN"]
+Unit = Literal["m", "mm", "deg", "rad", "N", "kN", "kgf", "lbf"]
 
 
 class NamedCause(Message):
@@ -191,6 +191,7 @@ FindingCode = Literal[
     "cause_fitted",
     "load_at_target",
     "stiffness_implausible",
+    "stiffness_against_payload",
     "prior_dominates",
     "complementary_stiffness_matters",
     "links_bend_with_joints",

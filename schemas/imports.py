@@ -45,8 +45,8 @@ class ImportUnits(Message):
         default=None, description="Unit of positions and deflections. Inches are converted to mm."
     )
     angle: AngleUnit | None = Field(default=None, description="Unit of joint angles.")
-    force: Literal["N", "kN", "kgf"] | None = Field(default=None, description="Unit of forces.")
-    moment: Literal["N.m", "N.mm", "kN.m", "kgf.m"] | None = Field(
+    force: Literal["N", "kN", "kgf", "lbf"] | None = Field(default=None, description="Unit of forces.")
+    moment: Literal["N.m", "N.mm", "kN.m", "kgf.m", "lbf.ft", "lbf.in"] | None = Field(
         default=None, description="Unit of moments; force times m if lengths are in m."
     )
 

@@ -152,6 +152,12 @@ class Noise(Message):
         "angle; needed with encoder readings.",
         examples=[5e-6],
     )
+    repeatability: Annotated[float, Field(strict=True, ge=0.0, le=1.0)] | None = Field(
+        default=None,
+        description="Standard deviation of a joint's angle from one posture to the next, in the set's unit "
+        "of angle; all targets of a posture move together. If absent, it is estimated from the residuals.",
+        examples=[2e-5],
+    )
     instrument: Instrument | None = Field(
         default=None, description="Uncertainty from the tracker's data sheet, instead of `sigma`."
     )
@@ -374,8 +380,9 @@ class SetChange(ResourceChange, SetMetadata):
 
 LengthUnit = Literal["m", "mm"]
 AngleUnit = Literal["rad", "deg"]
-ForceUnit = Literal["N", "kN", "kgf", "kg"]
-MomentUnit = Literal["N.m", "N.mm", "kN.m", "kgf.m"]
+ConfusedForceUnit = Literal["N", "kN", "kgf", "lbf"]
+ForceUnit = Literal[ConfusedForceUnit, "kg"]
+MomentUnit = Literal["N.m", "N.mm", "kN.m", "kgf.m", "lbf.m", "lbf.ft", "lbf.in"]
 
 
 class Units(Message):
@@ -386,8 +393,8 @@ class Units(Message):
     )
     angle: AngleUnit = Field(description="Unit of joint angles, encoder readings and encoder_sigma.")
     force: ForceUnit = Field(
-        description="Unit of forces; 1 kgf = 9.80665 N. `kg` states a load by its hung mass, whose weight "
-        "is as many kgf: 150 kg pull with `[0, 0, -150]`."
+        description="Unit of forces; 1 kgf = 9.80665 N, 1 lbf = 4.44822 N. `kg` states a load by its hung "
+        "mass, whose weight is as many kgf: 150 kg pull with `[0, 0, -150]`."
     )
     moment: MomentUnit | None = Field(
         default=None,

@@ -124,6 +124,9 @@ class Body(Message):
     )
 
 
+Payload = Kilograms[Annotated[float, Field(strict=True, ge=0.1, le=1e4)]]
+
+
 class RobotDocument(Message):
     """A robot: a description, a stored geometry, or an arm of the catalogue."""
 
@@ -138,6 +141,10 @@ class RobotDocument(Message):
         default=None,
         description="Bodies with masses, for runs with `weight`; default: the inertials of the URDF on the "
         "chain, if it has such, each within ± 20 %.",
+    )
+    payload: Payload | None = Field(
+        default=None,
+        description="Payload by the maker: checks the unit of forces. Default: the catalogue's.",
     )
 
     @model_validator(mode="after")
@@ -250,6 +257,7 @@ class Arm(Message):
         description="Point whose largest distance from axis 1 is the reach; `stated`: the maker does not "
         "state the point, and the table was compared with a second publication."
     )
+    payload: Kilograms[float | None] = Field(default=None, description="Payload by the maker.")
     sources: list[str] = Field(description="Source of the values.")
 
 

@@ -373,6 +373,15 @@ class Goodness(Message):
     test: Literal["consistent", "residuals_too_large", "residuals_too_small"] | None = Field(
         default=None, description="Result of that test at a significance level of 1 %."
     )
+    repeatability: Radians[float | None] = Field(
+        default=None,
+        description="Standard deviation of a joint's angle from one posture to the next; null if the "
+        "residuals show none. It moves all targets of a posture together.",
+    )
+    repeatability_at_targets: Metres[float | None] = Field(
+        default=None, description="Root mean square motion of the targets by that scatter of all joints."
+    )
+    repeatability_source: Literal["given", "residuals"] | None = None
 
 
 class ComplementaryStiffness(Message):

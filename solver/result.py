@@ -26,6 +26,7 @@ from jointstiff.solver.estimation.estimate import (
     predict,
 )
 from jointstiff.solver.estimation.joints import JointsAlone
+from jointstiff.solver.estimation.scatter import Repeatability
 from jointstiff.solver.links.choice import report_losses, report_penalty
 from jointstiff.solver.links.competition import Competition, Elastic, Winner
 from jointstiff.solver.links.fit import replace_by_effective
@@ -58,6 +59,8 @@ class RunOutcome:
     model: IdentifiedModel
     choice: ModelChoice
     screening: Screening
+    #: scatter of the joints from posture to posture; None if there is none
+    repeatability: Repeatability | None
     budget: UncertaintyBudget | None = None  #: None with links, or where sigma is unknown
     links: LinksResult | None = None  #: result for links and base; None if only joints bend
 
@@ -102,6 +105,7 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
         build_stored_model(model, error),
         choice,
         screening,
+        Repeatability.from_measurements(robot, measurements, estimate.sigma),
         budget,
     )
 
@@ -118,7 +122,8 @@ def report_elastic_model(
         elastic: fit of this model to all readings.
         screening: tests of the residuals of joints alone.
     """
-    robot, measurements, fitted = joints.robot, joints.measurements, elastic.estimate
+    # The scatter that residuals of joints alone show also holds what links bend.
+    robot, measurements, fitted = joints.robot, joints.given, elastic.estimate
     estimate = replace_by_effective(joints.estimate, fitted, elastic.effective)
     assessment = assess(joints, estimate, fitted.prediction, screening)
     # Outliers of joints alone are kept only if links leave these readings unexplained, too.
@@ -142,6 +147,7 @@ def report_elastic_model(
         build_stored_model(ElasticPredictor.from_estimate(robot, fitted), error),
         describe_choice_by_comparison(winner, screening),
         screening,
+        Repeatability.from_measurements(robot, measurements, estimate.sigma),
         links=LinksResult(
             loss_source="cross_validation" if competition.loss_is_compared else "given",
             penalty=fitted.penalty,
@@ -272,7 +278,7 @@ def build_run_result(
         compensation=prediction.compensation,
         rms_residual=prediction.rms_residual,
         sigma=estimate.sigma,
-        goodness=_build_goodness(estimate),
+        goodness=_build_goodness(estimate, found.repeatability),
         identifiability=_build_identifiability(estimate, advice),
         certificate=estimate.certificate,
         characteristic_length=estimate.characteristic_length,
@@ -331,8 +337,8 @@ def build_assessment_message(assessment: Assessment, joints: Sequence[JointCompl
     )
 
 
-def _build_goodness(estimate: Estimate) -> runs.Goodness:
-    """Build the message of the goodness of fit: χ², its degrees of freedom, and the test of sigma."""
+def _build_goodness(estimate: Estimate, repeatability: Repeatability | None) -> runs.Goodness:
+    """Build the message of the goodness of fit: χ², its degrees of freedom, test of sigma, repeatability."""
     test = estimate.sigma_test
     return runs.Goodness(
         chi_square=estimate.chi_square,
@@ -340,6 +346,9 @@ def _build_goodness(estimate: Estimate) -> runs.Goodness:
         sigma_source=estimate.sigma_source,
         p_value=None if test is None else test.p_value,
         test=None if test is None else test.result,
+        repeatability=None if repeatability is None else repeatability.joint,
+        repeatability_at_targets=None if repeatability is None else repeatability.targets,
+        repeatability_source=None if repeatability is None else repeatability.source,
     )
 
 

@@ -152,9 +152,10 @@ class Identification:
         # Further readings are advised only if the readings contain no mistake and only joints bend: else the
         # gain of another reading is unknown.
         usable = outcome.assessment.verdict != "do_not_use" and outcome.links is None
-        advice = advise_next_readings(self._robot, self._measurements, outcome.estimate) if usable else ()
+        measurements = self._joints.measurements
+        advice = advise_next_readings(self._robot, measurements, outcome.estimate) if usable else ()
         resampling = self.long.statistics(parts) if isinstance(self.long, Draws) else None
-        return build_run_result(outcome, self._measurements, advice, resampling)
+        return build_run_result(outcome, measurements, advice, resampling)
 
     def _report_winner(self, competition: Competition, winner: Winner) -> RunOutcome:
         """Build the outcome of the best model: an elastic model, or joints alone with the better loss."""

@@ -19,8 +19,8 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, SpringArm, plan_experiment
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.estimation.causes import fit_causes, screen_estimate
-from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.estimation.causes import fit_causes
+from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.mechanics.measurements import (
     CommonUncertainty,
@@ -152,12 +152,12 @@ class _Outcome:
 def _outcome(arm: SpringArm, read: Measurements) -> _Outcome:
     robot = robot_of(arm)
     settings = Settings.from_options(RunOptions(), robot)
-    estimate = identify(robot, read, settings)
-    screening = screen_estimate(robot, read, estimate)
+    joints = JointsAlone(robot, read, settings)
+    estimate, screening = joints.estimate, joints.screening
     named = [(cause.suspect.name, cause.suspect.first) for cause in screening.causes]
     if named:
         read = fit_causes(robot, read, named)
-        estimate = identify(robot, read, settings)
+        estimate = JointsAlone(robot, read, settings).estimate
     truth = arm.compliances
     ends = [
         (joint.compliance_interval, truth[j])

@@ -252,7 +252,7 @@ MISTAKES: dict[str, tuple[Callable[[Observation, Observation], Observation], str
         95.0,
     ),
     "two targets exchanged": (_exchanged, "exchanged", 95.0),
-    "force 10 % less": (_with_force(1.0 / 0.9), "force is another", 85.0),
+    "force 10 % less": (_with_force(1.0 / 0.9), "force differs", 85.0),
 }
 
 

@@ -19,7 +19,7 @@ SI_UNITS: Mapping[str, str] = MappingProxyType({"length": "m", "angle": "rad", "
 SI_VALUES: dict[str, dict[str, float]] = {
     "length": {"m": 1.0, "mm": 1e-3},
     "angle": {"rad": 1.0, "deg": np.pi / 180.0},
-    "force": {"N": 1.0, "kN": 1e3, "kgf": 9.80665},
+    "force": {"N": 1.0, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605},
     "moment": {"N.m": 1.0, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": 9.80665},
 }
 DEFAULT_MOMENT = "N.m"

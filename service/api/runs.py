@@ -146,9 +146,7 @@ def _make_request_after_action(parts: Parts, run: Run, action: Action) -> RunReq
     stored_set = parts.sets.document(request.measurement_set_id)
     robot = robot_from_record(parts.store.robots.get(stored_set.robot_id))
     campaign_before = Campaign(
-        robot=RobotDocument(
-            name=robot.name, model=robot.model, joint_map=robot.joint_map, bodies=robot.bodies
-        ),
+        robot=_copy_fields(RobotDocument, robot),
         measurement_set=_copy_fields(MeasurementSetDocument, stored_set),
         run=_copy_fields(RunOptions, request),
     )

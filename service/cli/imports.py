@@ -41,8 +41,8 @@ _STATES: Final = ("unloaded", "loaded", "deflection")
 _CHOICE_QUESTIONS: Final[Mapping[str, tuple[str, tuple[str, ...], str | None]]] = {
     "units.length": ("Unit of lengths", ("m", "mm", "in"), "mm"),
     "units.angle": ("Unit of angles", ("rad", "deg"), "deg"),
-    "units.force": ("Unit of forces", ("N", "kN", "kgf"), "N"),
-    "units.moment": ("Unit of moments", ("N.m", "N.mm", "kN.m", "kgf.m"), "N.m"),
+    "units.force": ("Unit of forces", ("N", "kN", "kgf", "lbf"), "N"),
+    "units.moment": ("Unit of moments", ("N.m", "N.mm", "kN.m", "kgf.m", "lbf.ft", "lbf.in"), "N.m"),
     "delimiter": ("Delimiter between cells", ("comma", "semicolon", "tab", "whitespace"), None),
     "decimal_mark": ("Decimal mark", ("point", "comma"), None),
     "state": ("State of the positions", _STATES, None),

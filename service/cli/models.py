@@ -168,6 +168,7 @@ def _describe_arm(arm: Arm) -> list[Part]:
     lines = [
         f"R0: {arm.base}",
         f"reach: {arm.reach * 1e3:g} mm {_REACH_POINTS[arm.reach_of]}",
+        *([] if arm.payload is None else [f"payload: {arm.payload:g} kg"]),
         *(
             f"joint map, row {i}: {' '.join(f'{value:g}' for value in row)}"
             for i, row in enumerate(matrix, 1)

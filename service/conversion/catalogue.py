@@ -79,7 +79,9 @@ def find_arm(name: str, where: str) -> Arm:
 
 def nominal_robot(arm: Arm) -> RobotDocument:
     """Return the robot document of an arm of the catalogue, with `(nominal)` after the arm's name."""
-    return RobotDocument(name=f"{arm.name} (nominal)", model=arm.model, joint_map=arm.joint_map)
+    return RobotDocument(
+        name=f"{arm.name} (nominal)", model=arm.model, joint_map=arm.joint_map, payload=arm.payload
+    )
 
 
 def _normalise_name(name: str) -> str:

@@ -214,7 +214,9 @@ class PreparedSet:
     def run_hash(self, request: RunRequest) -> str:
         """Return the SHA-256 of robot, readings and options of a run: equal runs have equal hashes."""
         options = request.model_dump_json(exclude={"measurement_set_id", "leave_out", "variant_of"})
-        return hash_texts(self.content, options, "" if request.weight is None else repr(self.robot.bodies))
+        bodies = "" if request.weight is None else repr(self.robot.bodies)
+        payload = () if self.robot.payload is None else (repr(self.robot.payload),)
+        return hash_texts(self.content, options, bodies, *payload)
 
 
 def prepare_robot(document: RobotDocument) -> PreparedRobot:
@@ -239,7 +241,8 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
             raise RobotError(error.reason, remedy=error.remedy, where=error.where) from error
         model = arm.model
         joint_map = document.joint_map or arm.joint_map
-        document = document.model_copy(update={"model": model, "joint_map": joint_map})
+        payload = arm.payload if document.payload is None else document.payload
+        document = document.model_copy(update={"model": model, "joint_map": joint_map, "payload": payload})
     if isinstance(model, UrdfModel):
         chain = _read_uploaded_urdf(model)
         bodies = document.bodies or to_bodies(read_inertials(model.urdf, chain), chain)
@@ -248,7 +251,7 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
     robot = build_robot(document)
     # Robots were hashed before joints had kinds: without prismatic joints, the hash has to stay what it was.
     kinds = {} if robot.prismatic.any() else {"model": {"rows": {"__all__": {"kind"}}}}
-    content = document.model_dump_json(exclude={"name": True, "bodies": True, **kinds})
+    content = document.model_dump_json(exclude={"name": True, "bodies": True, "payload": True, **kinds})
     return PreparedRobot(document, robot, hash_texts(content))
 
 
@@ -266,7 +269,7 @@ def build_robot(document: RobotDocument) -> Robot:
         raise TypeError("the document of the robot does not come from `prepare_robot`")
     else:
         chain = read_urdf(model.urdf, model.base, model.flange)
-    return build_chain_robot(chain, document.joint_map, document.bodies or ())
+    return build_chain_robot(chain, document.joint_map, document.bodies or (), document.payload)
 
 
 def check_set(

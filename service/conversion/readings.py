@@ -36,6 +36,7 @@ from jointstiff.solver.mechanics.measurements import (
     DifferenceNoise,
     EncoderReadings,
     Measurements,
+    Scatter,
     position_covariances,
     refuse_invalid_covariance,
 )
@@ -662,6 +663,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         deflection=length * deflection,
         present=readings.present,
         direction=direction,
+        force_unit=header.units.force,
         unloaded_only=unloaded_only if unloaded_only.any() else None,
         labels=tuple(readings.labels.tolist()),
         targets=tuple(readings.targets.tolist()),
@@ -673,11 +675,17 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         refuted_sigma, sigma, covariance = sigma, None, ISOTROPIC_DIFFERENCE
     encoders = _to_encoder_readings(header, readings.encoders, robot)
     common = to_common_uncertainty(header.noise, length)
+    repeatability = None if header.noise is None else header.noise.repeatability
+    if repeatability is not None:
+        repeatability *= ANGLE[header.units.angle]
     return replace(
         plain,
         sigma=sigma,
         covariance=covariance,
         refuted_sigma=refuted_sigma,
+        repeatability=repeatability,
+        # Without sigma, the first fit tells how the scatter compares to the noise of the readings.
+        scatter=Scatter(joints=repeatability / sigma if repeatability and sigma else 0.0),
         encoders=encoders,
         common_uncertainty=common,
         present=readings.present & ~unloaded_only,

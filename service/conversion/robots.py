@@ -36,9 +36,14 @@ def build_dh_chain(model: robots.DhModel, name: str) -> KinematicChain:
 
 
 def build_chain_robot(
-    chain: KinematicChain, joint_map: robots.JointMap | None, bodies: Sequence[robots.Body] = ()
+    chain: KinematicChain,
+    joint_map: robots.JointMap | None,
+    bodies: Sequence[robots.Body] = (),
+    payload: float | None = None,
 ) -> Robot:
     """Build the robot of a checked chain, with the masses of bodies added to the joints that carry them.
+
+    `payload` is the largest payload by the maker [kg]; None if unknown.
 
     Raises:
         RobotError: the joint map does not fit, or a body belongs to no joint.
@@ -66,7 +71,7 @@ def build_chain_robot(
     for each in solver_bodies:
         inertia = pin.Inertia(each.mass, np.array(each.centre), np.zeros((3, 3)))
         model.appendBodyToJoint(each.joint + 1, inertia, pin.SE3.Identity())
-    return Robot(model, solver_map, tuple(solver_bodies))
+    return Robot(model, solver_map, tuple(solver_bodies), payload=payload)
 
 
 def to_bodies(bodies: Sequence[Body], chain: KinematicChain) -> list[robots.Body] | None:

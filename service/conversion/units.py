@@ -8,18 +8,27 @@ import numpy as np
 
 from jointstiff.schemas.plan import parse_goal
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.mechanics.measurements import Instrument
+from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Instrument
 
 if TYPE_CHECKING:
     from jointstiff.schemas.measurement import Instrument as StatedInstrument
 
-KGF: Final = 9.80665
+KGF: Final = FORCE_UNITS["kgf"]
 """Standard gravity: newtons in a kilogram-force, exactly."""
+_LBF, _FOOT, _INCH = FORCE_UNITS["lbf"], 0.3048, 0.0254
 
 LENGTH: Final[dict[str, float]] = {"m": 1.0, "mm": 1e-3}
 ANGLE: Final[dict[str, float]] = {"rad": 1.0, "deg": np.pi / 180.0}
-FORCE: Final[dict[str, float]] = {"N": 1.0, "kN": 1e3, "kgf": KGF, "kg": KGF}
-MOMENT: Final[dict[str, float]] = {"N.m": 1.0, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": KGF}
+FORCE: Final[dict[str, float]] = {"N": 1.0, "kN": 1e3, "kgf": KGF, "lbf": _LBF, "kg": KGF}
+MOMENT: Final[dict[str, float]] = {
+    "N.m": 1.0,
+    "N.mm": 1e-3,
+    "kN.m": 1e3,
+    "kgf.m": KGF,
+    "lbf.m": _LBF,
+    "lbf.ft": _FOOT * _LBF,
+    "lbf.in": _INCH * _LBF,
+}
 
 
 def to_instrument(sheet: StatedInstrument, length: float) -> Instrument:

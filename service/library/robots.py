@@ -41,7 +41,13 @@ class ModelledRobot(RobotDocument):
         from jointstiff.solver.mechanics.robot import Robot
 
         old_robot = prepared.robot
-        robot_with_model = Robot(self._model, old_robot.joint_map, old_robot.bodies, flange=self._flange)
+        robot_with_model = Robot(
+            self._model,
+            old_robot.joint_map,
+            old_robot.bodies,
+            flange=self._flange,
+            payload=old_robot.payload,
+        )
         return replace(prepared, robot=robot_with_model)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from jointstiff.schemas.deflection import CaseResult, DeflectionOptions, LoadCase
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise
 from jointstiff.schemas.report import Laboratory
-from jointstiff.schemas.run import Budget, RunResult
+from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.run.kind import format_tested_causes
@@ -191,6 +191,16 @@ def _build_identification_section(subject: RunSubject) -> Section:
     return Section(IDENTIFICATION, facts=[fact for fact in facts if fact[1]])
 
 
+def _repeatability_facts(goodness: Goodness) -> list[tuple[str, str]]:
+    """Return name and text of the repeatability of the joints; nothing if the readings show none."""
+    joint, targets = goodness.repeatability, goodness.repeatability_at_targets
+    if joint is None or targets is None:
+        return []
+    source = "stated" if goodness.repeatability_source == "given" else "estimated"
+    text = f"{length_text(targets)} ({figure(1e6 * joint, '.2g')} µrad a joint, {source})"
+    return [("Repeatability of the robot at the targets", text)]
+
+
 def build_results_section(model: ExportedModel, readings: MeasurementSetDocument) -> Section:
     """Return the section with stiffness, uncertainty and interval of each joint, and with pictures."""
     result, budget = model.result, model.result.budget
@@ -237,6 +247,7 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
             ("Share of the mean deflection that the model explains", format_percent(result.compensation)),
             ("Root mean square of the residuals' lengths", length_text(result.rms_residual)),
             ("Standard uncertainty of a coordinate of a reading", sigma),
+            *_repeatability_facts(result.goodness),
         ],
         pictures=[picture for picture in pictures if picture is not None],
     )

@@ -188,7 +188,7 @@ def _missing_fields(
             "the load point (`load_point`), in the flange frame",
         ),
         (bool(unusual), "accept_unusual", confirmation),
-        (lacks_force_unit, "units.force", "the unit of `force` (`units`): N, kN or kgf"),
+        (lacks_force_unit, "units.force", "the unit of `force` (`units`): N, kN, kgf or lbf"),
         (request.encoders is None, "encoders", encoders),
     ]
     return {field: text for is_missing, field, text in needed_fields if is_missing}

@@ -202,14 +202,16 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         if isinstance(model, robots.GeometryModel):
             where = "model.geometry_id"
             _, result = load_succeeded_geometry(self._store, model.geometry_id, where)
-            document = result.robot.model_copy(update={"name": request.name, "bodies": request.bodies})
+            stated = {"name": request.name, "bodies": request.bodies, "payload": request.payload}
+            document = result.robot.model_copy(update=stated)
             return document, {"geometry_id": model.geometry_id}
-        joint_map, origin = request.joint_map, {}
+        joint_map, payload, origin = request.joint_map, request.payload, {}
         if isinstance(model, robots.CatalogueModel):
             arm = find_arm(model.arm, "model.arm")
             model, joint_map, origin = arm.model, joint_map or arm.joint_map, {"nominal_arm": arm.name}
+            payload = arm.payload if payload is None else payload
         document = robots.RobotDocument(
-            name=request.name, model=model, joint_map=joint_map, bodies=request.bodies
+            name=request.name, model=model, joint_map=joint_map, bodies=request.bodies, payload=payload
         )
         return document, origin
 

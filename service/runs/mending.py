@@ -15,7 +15,7 @@ from jointstiff.schemas.robot import JointMap
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.conversion.catalogue import find_arm, nominal_robot
 from jointstiff.service.conversion.prepared import leave_out_observations, prepare_robot
-from jointstiff.service.conversion.units import LENGTH
+from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.solver.errors import RequestError
 
 _Set = MeasurementSetDocument
@@ -189,7 +189,7 @@ def _declare_unit(measured: _Set, action: Action) -> _Set:
     # Without a stated unit, moments are in the unit of force times m: this must not change with the length.
     force = "kgf" if units.force == "kg" else units.force
     moment = units.moment or (f"{force}.m" if units.length == "m" else None)
-    if unit in {"N", "kN"}:
+    if unit in FORCE:
         changed = {"force": unit, "moment": units.moment}
         return measured.model_copy(update={"units": units.model_copy(update=changed)})
     new_units = Units.model_validate({**units.model_dump(), "length": unit, "moment": moment})

@@ -183,16 +183,14 @@ def _estimate_change(campaigns: Sequence[Campaign], name: str) -> Change | None:
         return None
     first_and_last = with_stiffness[0], with_stiffness[-1]
     instruments = {campaign.measured.instrument for campaign in first_and_last}
-    # A budget with a single source says nothing about the load point and the load cell.
+    # A budget with a single source says nothing about the load cell.
     budgets = [sources for campaign in first_and_last if len(sources := campaign.sources(name)) > 1]
     first, last = (
         _compute_log_stiffness(
             campaign,
             name,
             same_load_cell=len(instruments) == 1 and None not in instruments,
-            # If neither campaign states its load point, both are taken to use the same hook; if neither
-            # states the scale of its load cell, both are taken to use the same cell.
-            same_hook=all(budget.get("assumed_load_point", 0.0) > 0.0 for budget in budgets),
+            # If neither campaign states the scale of its load cell, both are taken to use the same cell.
             assumed_cell=all(budget.get("assumed_force_scale", 0.0) > 0.0 for budget in budgets),
         )
         for campaign in first_and_last
@@ -215,7 +213,6 @@ def _compute_log_stiffness(
     name: str,
     *,
     same_load_cell: bool = False,
-    same_hook: bool = False,
     assumed_cell: bool = False,
 ) -> tuple[float, float] | None:
     """Return ln k of a joint's stiffness k, and the standard uncertainty of ln k.
@@ -227,14 +224,12 @@ def _compute_log_stiffness(
         campaign: one of the two campaigns.
         name: name of the joint.
         same_load_cell: True to leave out the stated error of the load cell's scale.
-        same_hook: True to leave out the assumed error of the load point.
         assumed_cell: True to leave out the assumed error of the load cell's scale.
     """
     joint = campaign.joints.get(name)
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
         return None
     is_shared = {
-        "assumed_load_point": same_hook,
         "force_scale": same_load_cell,
         "assumed_force_scale": assumed_cell,
     }

@@ -196,6 +196,9 @@ _SHOWN_UNITS: Final[Mapping[str, tuple[float, str]]] = {
     "N.mm": (1.0, "N·mm"),
     "kN.m": (1.0, "kN·m"),
     "kgf.m": (1.0, "kgf·m"),
+    "lbf.m": (1.0, "lbf·m"),
+    "lbf.ft": (1.0, "lbf·ft"),
+    "lbf.in": (1.0, "lbf·in"),
 }
 """Unit of a number → factor to the unit in which people see the number, and name of that unit."""
 _STATED_UNIT: Final = re.compile(r"\bin units\.(\w+)")

@@ -39,15 +39,13 @@ from jointstiff.solver.estimation.estimate import compute_profile_ends, invert_c
 from jointstiff.solver.estimation.fit import Likelihood, StageFit, invert_to_root, student_quantile
 from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
 from jointstiff.solver.estimation.solution import greatest_violations
-from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, regressor_blocks
-from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import build_messages
 from jointstiff.solver.text import figure
 
-SAME_PLACE: Final = 1e-9
-"""Distance [m] below which load points count as the same point."""
 POSTURE_TOLERANCE: Final = 1e-3
 """Greatest difference of a joint angle [rad] between matching postures: it moves the end of 3 m by 3 mm."""
 LOAD_TOLERANCE: Final = 5e-3
@@ -60,8 +58,6 @@ _NO_EFFECT: Final = 1e-9
 _QUARTER: Final = pi / 2
 _ALIKE: Final = 0.5
 """Greatest relative difference of the deflections at which forces that differ are taken for a wrong unit."""
-_FORCE_UNITS: Final = {"N": 1.0, "kgf": float(-STANDARD_GRAVITY[2]), "kN": 1e3}
-"""Size [N] of units of force that people confuse."""
 _UNKNOWN: Final = (
     "the uncertainty of the joint is unknown in one of the sets: state `noise`, or add observations"
 )
@@ -186,14 +182,11 @@ def models_differ(first: Robot, second: Robot) -> bool:
 def _compute_independent_covariances(sides: Sequence[Side]) -> list[FloatArray | None]:
     """Return the covariance (n, n) of each campaign's estimate without the errors that both campaigns share.
 
-    Assumed errors of the load cell's scale, or of a load point that is the same, cancel in a comparison. The
-    covariance is None where sigma is unknown.
+    An assumed error of the load cell's scale cancels in a comparison. Each campaign keeps the error of its
+    own load point: a load that is hung anew hangs elsewhere. The covariance is None where sigma is unknown.
     """
-    places = np.vstack([side.measurements.load_point for side in sides])
     common = [side.measurements.common_uncertainty for side in sides]
-    shared_terms = frozenset.intersection(*(each.assumed for each in common))
-    if np.ptp(places, axis=0).max() >= SAME_PLACE:
-        shared_terms -= {"load_point"}
+    shared_terms = frozenset.intersection(*(each.assumed for each in common)) - {"load_point"}
     covariances = []
     for free in (side.free for side in sides):
         shared = sum(free.assumed[term] for term in shared_terms if term in free.assumed)
@@ -382,7 +375,7 @@ def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Match
     Returns:
         The finding; None if no mistake is suspected.
     """
-    for (unit, size), (other, other_size) in permutations(_FORCE_UNITS.items(), 2):
+    for (unit, size), (other, other_size) in permutations(FORCE_UNITS.items(), 2):
         ratio = size / other_size
         scaled = match_observations(one, two, ratio)
         # The ratio has to make most observations with a common label match that did not match as stated.

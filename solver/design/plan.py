@@ -706,6 +706,7 @@ class ReadablePostures:
     observation: IndexArray  #: (M,) index of the observation with this posture; -1 for a new posture
     load_jacobian: FloatArray  #: (M, 3, n) translational Jacobian of the load point [m/rad]
     turns: Stack  #: M whitened blocks of rows: motion of the targets per turn of each joint
+    readable: Measurements  #: the M observations, with the load of another posture
 
     @classmethod
     def from_observations(
@@ -734,7 +735,7 @@ class ReadablePostures:
         )
         block = unloaded_block(robot, Postures(robot, robot.joint_map.model_angles(joints)), readable)
         turns = Stack.from_blocks([block], [TURNS], np.zeros(robot.n))
-        return cls(joints, observation, block.load_jacobian, turns)
+        return cls(joints, observation, block.load_jacobian, turns, readable)
 
     def __len__(self) -> int:
         """Return the number M of postures."""
@@ -865,13 +866,18 @@ class _NextReading:
         self._names, self._kinds, self._labels = robot.joint_names, robot.joint_kinds, measurements.labels
         self._regressor = np.where(estimate.observability.null, 0.0, estimate.regressor)
         self._spectrum = Spectrum(self._regressor)
+        self._robot, self._triangles = robot, estimate.triangles
+        # Columns of statements follow those of the joints.
+        self._unseen = np.zeros(estimate.triangles.columns.shape[1], np.bool_)
+        self._unseen[: robot.n] = estimate.observability.null
+        self._columns = np.where(self._unseen, 0.0, estimate.triangles.columns)
         self._sigma = estimate.sigma
         #: (n,) compliances [rad/(N·m)]; zero where there is none
         self._compliance = [joint.compliance or 0.0 for joint in estimate.joints]
         #: (n,) variances due to errors that all readings share, and that no further reading lessens
         self._shared = np.zeros(robot.n)
         if estimate.common is not None:
-            self._shared = np.square(estimate.common.responses).sum(axis=1)
+            self._shared = np.square(estimate.common.responses_beside_fit).sum(axis=1)
         self._own, self._strength = own, float(np.linalg.norm(own))
         self._one_direction = one_direction
         # The advice predicts the uncertainties that method partial_pose gives. If the estimate has the same
@@ -948,9 +954,13 @@ class _NextReading:
             force: (3,) force of the candidate [N].
         """
         torque = force @ postures.load_jacobian[m]
-        added = postures.turns.rows[m, :, :-1] * torque
+        reading = replace(postures.readable[m : m + 1], force=force[None], moment=np.zeros((1, 3)))
+        angles = self._robot.joint_map.model_angles(reading.joints)
+        added = self._triangles.build_columns(
+            unloaded_block(self._robot, Postures(self._robot, angles), reading)
+        )
         before = self._spectrum.deviation(joint)
-        after = Spectrum(np.vstack([self._regressor, added])).deviation(joint)
+        after = Spectrum(np.vstack([self._columns, added])).deviation(joint)
         if after is None or abs(torque[joint]) <= _LEAST_LEVER * self._strength:
             return None
         units = JOINT_UNITS[self._kinds[joint]]

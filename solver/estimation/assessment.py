@@ -32,6 +32,7 @@ from jointstiff.solver.estimation.estimate import (
 )
 from jointstiff.solver.estimation.joints import JointsAlone, residuals_within_noise
 from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.payload import inspect_force_unit
 from jointstiff.solver.estimation.triangle import solve_nonnegative
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, fitted_errors, targets_in_flange
 from jointstiff.solver.mechanics.measurements import (
@@ -169,6 +170,10 @@ def assess(
         () if better is None else [report_alternative(robot, measurements, better)],
         [report_causes(causes, estimate)] if causes else (),
         report_fitted_causes(measurements),
+        # The measured arms were fitted by joints alone; and a gross error in the data changes the stiffness.
+        ()
+        if gross or better is not None
+        else inspect_force_unit(robot, measurements, joints.estimate.joints),
         find_reading_problems(robot, measurements, settings, prediction, findings),
         find_fit_problems(
             measurements, estimate, prediction, screening, explained=gross or better is not None

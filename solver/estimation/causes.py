@@ -36,7 +36,9 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.observability import Excitation
+from jointstiff.solver.estimation.scatter import RestrictedLikelihood
 from jointstiff.solver.estimation.stack import Stack
+from jointstiff.solver.estimation.statements import list_stated_terms
 from jointstiff.solver.estimation.triangle import (
     INDEPENDENT,
     Triangle,
@@ -73,6 +75,9 @@ from jointstiff.solver.mechanics.terms import (
 
 MISTAKE_LEVEL: Final = 1e-5
 """Probability that noise alone makes the test of any cause, or of a bending base, significant."""
+STATEMENT_LEVEL: Final = 3e-3
+"""p-value of a statement below which the readings refute the statement: a load point some 4 of its standard
+uncertainties off."""
 LINKS_LEVEL: Final = 3e-3
 """p-value of links below which models with links are compared by cross-validation."""
 CLEAR_GAIN: Final = 2.0
@@ -189,11 +194,19 @@ class Screening:
         return self.base_p_value < MISTAKE_LEVEL and not self.makes_links_unnecessary
 
 
-def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate) -> Screening:
+def screen_estimate(
+    robot: Robot, measurements: Measurements, estimate: Estimate, scattered: bool = False
+) -> Screening:
     """Test for causes, links and a base that explain what joints alone leave unexplained.
 
     Only readings of targets are used, not encoders. If the load has no balance or there are no degrees of
     freedom, no test is significant. Causes that were fitted to these measurements before stay in every fit.
+
+    Args:
+        robot: n joints.
+        measurements: N observations, with the scatter that was stated.
+        estimate: estimate by joints alone.
+        scattered: whether the residuals show a scatter of the joints, which tests must account for.
     """
     tested, compliance = (
         measurements.select_evenly(_MOST_TESTED_OBSERVATIONS),
@@ -206,7 +219,9 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
         return Screening(1.0, (), ())
     always_fitted, visible = fitted_errors(measurements).terms, ~estimate.observability.null
     suspects = _list_suspects(measurements, block, compliance, always_fitted)
-    triangles = _Triangles(block, compliance, visible, always_fitted, [suspect.term for suspect in suspects])
+    triangles = _Triangles(
+        block, compliance, visible, always_fitted, [suspect.term for suspect in suspects], scattered=scattered
+    )
     links_p_value = triangles.links_p_value()
     # One p-value for each suspect, then that of the base.
     *p_values, base_p_value = triangles.p_values([*(s.term.name for s in suspects), DIAGONAL_BASE.name])
@@ -222,7 +237,7 @@ def screen_estimate(robot: Robot, measurements: Measurements, estimate: Estimate
     listed = tuple(CauseTest(name=each.name, first=each.first, p_value=tests[each]) for each in ordered)
     if base_p_value >= MISTAKE_LEVEL:
         return Screening(links_p_value, listed, preferred, base_p_value=base_p_value)
-    with_base = _Triangles(block, compliance, visible, always_fitted, [FULL_BASE])
+    with_base = _Triangles(block, compliance, visible, always_fitted, [FULL_BASE], scattered=scattered)
     return Screening(
         links_p_value,
         listed,
@@ -332,7 +347,7 @@ def _fit_causes_with_joints(
         excitation.add(block)
         visible = ~excitation.observability().null
         triangles = _Triangles(block, compliance, visible, terms, ())
-        found = triangles.stated.fit_with([term.name for term in terms])
+        found = triangles.compress_given_statements(triangles.fitted).fit_with([term.name for term in terms])
         compliance = np.zeros(robot.n)
         compliance[visible] = np.maximum(found.known, 0.0)
         ends = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
@@ -557,6 +572,8 @@ class _Triangles:
         visible: BoolArray,
         always_fitted: Sequence[Term],
         terms: Sequence[Term],
+        *,
+        scattered: bool = False,
     ) -> None:
         """Compress a block's rows.
 
@@ -566,10 +583,13 @@ class _Triangles:
             visible: (n,) whether the readings see each joint; other joints are left out.
             always_fitted: terms that are fitted with the joints in any case.
             terms: terms to be tested.
+            scattered: whether the residuals show a scatter of the joints, which tests must account for.
         """
         self.fitted = (JOINTS.name, *(term.name for term in always_fitted))
         self.compliance = compliance
         self._block, self._visible = block, visible
+        self._scattered = scattered
+        self._stated_terms = list_stated_terms(block.measurements)
         self._terms = [JOINTS, *always_fitted, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
         self.stated = self._compress_rows(build_whitened_rows)
 
@@ -584,31 +604,92 @@ class _Triangles:
         triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
         return triangle
 
-    def _larger_p_values(self, level: float, test: Callable[[Triangle], FloatArray]) -> FloatArray:
-        """Return for each tested term the larger p-value of two tests: with stated and with equal weights.
+    def _largest_p_values(
+        self, level: float, names: Sequence[str], fitted: Sequence[str], test: Callable[..., FloatArray]
+    ) -> FloatArray:
+        """Return for each tested term the largest p-value of up to three tests.
 
-        Where the p-value with stated weights is above `level`, equal weights are not tried.
+        The weights are those stated, then equal weights, then those that account for statements and for
+        scatter from posture to posture. Where the p-value with stated weights is above `level`, no other
+        weights are tried.
+
+        Args:
+            level: significance level.
+            names: tested terms.
+            fitted: terms that are fitted in any case.
+            test: function of a triangle, and of the names of tested terms, that returns their p-values.
         """
-        p = test(self.stated)
-        # Readings with one common covariance (3, 3) have equal weights already.
-        if (p >= level).all() or self._block.measurements.covariance.ndim == 2:
-            return p
-        return np.where(p >= level, p, np.maximum(p, test(self._equally_weighted)))
+        p = test(self.stated, names)
+        # Readings that share one covariance (3, 3) have equal weights already.
+        if (p < level).any() and self._block.measurements.covariance.ndim > 2:
+            p = np.where(p < level, np.maximum(p, test(self._equally_weighted, names)), p)
+        if self._scattered or self._stated_terms:
+            for k in np.flatnonzero(p < level).tolist():
+                p[k] = max(p[k], self._p_value_given_all(names[k], fitted, test))
+        return p
+
+    def _p_value_given_all(self, name: str, fitted: Sequence[str], test: Callable[..., FloatArray]) -> float:
+        """Return the p-value of a term, given statements and the scatter that is most likely with the term.
+
+        The scatter that residuals of joints alone show also holds the motion by the tested cause. A cause
+        about which something is stated is tested against the statement.
+
+        Args:
+            name: tested term.
+            fitted: terms that are fitted in any case.
+            test: function of a triangle, and of the names of tested terms, that returns their p-values.
+        """
+        triangle = self.compress_given_statements((*fitted, name))
+        own = next((term for term in self._stated_terms if term.name == name), None)
+        if own is None:
+            return float(test(triangle, [name])[0])
+        common = self._block.measurements.common_uncertainty
+        uncertainty = np.resize(own.prior(common), len(triangle.span[name]))
+        p_value = triangle.statement_p_value(name, fitted, uncertainty)
+        return float(test(triangle, [name])[0]) if p_value < STATEMENT_LEVEL else p_value
+
+    def compress_given_statements(self, names: Sequence[str]) -> Triangle:
+        """Return the triangle of some terms, in which statements about all other terms are fitted.
+
+        If the residuals show scatter, the rows have the scatter that is most likely with these terms.
+        """
+        others = [term for term in self._stated_terms if term.name not in names]
+        terms = [*(term for term in self._terms if term.name in names), *others]
+        block = self._block
+        if self._scattered:
+            stack = Stack.from_blocks([block], terms, self.compliance)
+            seen = np.concatenate([np.flatnonzero(self._visible), *list(stack.span.values())[1:]])
+            scatter, _ = RestrictedLikelihood(block, stack, seen).maximise()
+            block = replace(block, measurements=replace(block.measurements, scatter=scatter))
+        triangle = Stack.from_blocks([block], terms, self.compliance).triangle()
+        sigma = block.measurements.sigma or triangle.sigma([term.name for term in terms])
+        for term in others:
+            width = len(triangle.span[term.name])
+            uncertainty = np.resize(term.prior(block.measurements.common_uncertainty), width)
+            triangle = triangle.given(term.name, uncertainty, sigma)
+        triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
+        return triangle
 
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
         """Return the p-value of each named term added to the joints and to other terms."""
         fitted = (*self.fitted, *others)
-        p_values = self._larger_p_values(MISTAKE_LEVEL, lambda triangle: triangle.p_values(names, fitted))
-        return [*p_values.tolist()]
+        p = self._largest_p_values(
+            MISTAKE_LEVEL, names, fitted, lambda triangle, tested: triangle.p_values(tested, fitted)
+        )
+        return [*p.tolist()]
 
     def links_p_value(self, *others: str) -> float:
         """Return the p-value of elastic links added to the joints and to other terms."""
-        names, fitted = [DIAGONAL_LINKS.name], (*self.fitted, *others)
-        p_values = self._larger_p_values(
+        fitted = (*self.fitted, *others)
+        p = self._largest_p_values(
             LINKS_LEVEL,
-            lambda triangle: triangle.p_values(names, fitted, most=self._leading_count, least=INDEPENDENT),
+            [DIAGONAL_LINKS.name],
+            fitted,
+            lambda triangle, tested: triangle.p_values(
+                tested, fitted, most=self._leading_count, least=INDEPENDENT
+            ),
         )
-        return float(p_values[0])
+        return float(p[0])
 
     @property
     def _leading_count(self) -> int:

@@ -365,6 +365,13 @@ class CommonErrors:
     #: change (n, k) of the estimate by one standard uncertainty of each error of a source [rad/(N·m)]; at
     #: least one source
     by_source: Mapping[str, FloatArray]
+    in_fit: frozenset[str] = frozenset()  #: sources that the fit accounts for, as statements
+
+    @property
+    def responses_beside_fit(self) -> FloatArray:
+        """Changes (n, K) of the estimate by the errors of all sources that the fit does not account for."""
+        others = [each for source, each in self.by_source.items() if source not in self.in_fit]
+        return np.hstack([self.responses[:, :0], *others])
 
     @property
     def responses(self) -> FloatArray:
@@ -480,7 +487,9 @@ class Estimate:
     @cached_property
     def sigma_test(self) -> SigmaTest | None:
         """Chi-square test of a stated sigma; None if sigma was not stated, or without degrees of freedom."""
-        return sigma_test(self.chi_square, self.degrees_of_freedom) if self.sigma_given else None
+        if not self.sigma_given:
+            return None
+        return sigma_test(self.chi_square, self.degrees_of_freedom, self.triangles.freedom_of_statements)
 
 
 _NO_UNCERTAINTY = (

@@ -405,11 +405,18 @@ class SigmaTest:
     result: Literal["consistent", "residuals_too_large", "residuals_too_small"]
 
 
-def sigma_test(chi_square: float, degrees_of_freedom: float) -> SigmaTest | None:
-    """Test a stated sigma against the residuals by a two-sided test; None without degrees of freedom."""
+def sigma_test(chi_square: float, degrees_of_freedom: float, by_statements: float = 0.0) -> SigmaTest | None:
+    """Test a stated sigma against the residuals by a two-sided test; None without degrees of freedom.
+
+    Args:
+        chi_square: sum of squared residuals over the squared sigma.
+        degrees_of_freedom: its expectation where model, sigma and statements are right.
+        by_statements: by how much the expectation is less where what is stated is exact.
+    """
     if degrees_of_freedom < _LEAST_FREEDOM:
         return None
-    tails = special.chdtr(degrees_of_freedom, chi_square), special.chdtrc(degrees_of_freedom, chi_square)
+    least = max(degrees_of_freedom - by_statements, _LEAST_FREEDOM)
+    tails = special.chdtr(least, chi_square), special.chdtrc(degrees_of_freedom, chi_square)
     p_value = min(1.0, 2.0 * float(min(tails)))
     if p_value >= SIGMA_TEST_LEVEL:
         return SigmaTest(p_value, "consistent")
@@ -525,9 +532,8 @@ class RobustFit:
         return max(1.0, a * float(np.mean(w)) / b**2)
 
     def reweight(self, measurements: Measurements) -> Measurements:
-        """Return the readings with covariances Σ/w, so that least squares gives the Huber estimate."""
-        covariance = measurements.covariance / self.weight[..., None, None]
-        return replace(measurements, covariance=covariance, weight=self.weight)
+        """Return the same readings with weights w, so that least squares gives the Huber estimate."""
+        return replace(measurements, weight=self.weight)
 
 
 @dataclass(frozen=True, eq=False)

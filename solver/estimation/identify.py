@@ -7,6 +7,7 @@ uncertainties, intervals and verdicts.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -27,7 +28,8 @@ from jointstiff.solver.estimation.method import (
 )
 from jointstiff.solver.estimation.observability import Excitation, Observability
 from jointstiff.solver.estimation.solution import solve, solve_step
-from jointstiff.solver.mechanics.block import fitted_errors, regressor_blocks
+from jointstiff.solver.estimation.statements import Statements, list_stated_terms
+from jointstiff.solver.mechanics.block import Term, fitted_errors, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import NEGLECTED_STIFFNESS, complementary_stiffness
@@ -41,6 +43,10 @@ _CHANGE_TOLERANCE: Final = 1e-10
 _CHANGE_IN_UNCERTAINTIES: Final = 1e-4
 """Largest expected change of the compliances by further fits, in standard uncertainties, at which the
 iteration ends; for readings without noise the uncertainty is zero, and `_CHANGE_TOLERANCE` decides."""
+_SHRINKAGE_BY_STATEMENTS: Final = 0.05
+"""Factor by which a fit with statements is assumed to shrink the change: a centimetre of half a metre."""
+_LEAST_STATED_SIGMA: Final = 1e-8
+"""Least sigma [m] by which statements are weighted: exact readings would make their rows vanish."""
 _LEAST_SHRINKAGE: Final = 1e-3
 """Least factor by which a fit is assumed to shrink the change: the ratio of K_c to the joint stiffness."""
 SHIFT_OBSERVATIONS: Final = 4096
@@ -71,12 +77,18 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
         with_unit_length = Method(robot, settings, 1.0)
         length = find_length_of_least_condition(with_unit_length, regressor_blocks(robot, measurements), null)
     method = Method(robot, settings, length)
+    stated = _list_fitted_statements(measurements, settings, method)
     first = last = _fit_once(robot, measurements, settings, method)
     iterations = 0
-    if settings.complementary_stiffness:
-        last, iterations = _iterate_to_convergence(robot, measurements, settings, first)
+    if stated:
+        try:
+            last, iterations = _iterate_to_convergence(robot, measurements, settings, first, stated)
+        except SolverError:  # readings that contradict a statement by far: its error is propagated instead
+            stated = ()
+    if settings.complementary_stiffness and not stated:
+        last, iterations = _iterate_to_convergence(robot, measurements, settings, first, stated)
     estimate = replace(_build_estimate(robot, measurements, settings, last), characteristic_length=length)
-    if settings.complementary_stiffness:
+    if settings.complementary_stiffness and not stated:
         shift: FloatArray | None = last.fit.compliance - first.fit.compliance
     else:
         shift = _estimate_neglected_shift(robot, first, settings.prior, estimate.sigma)
@@ -84,12 +96,23 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
     ratios = np.abs(estimate.compliance)[:, None] * first.largest_stiffness
     effect = ComplementaryStiffness(
         included=settings.complementary_stiffness,
-        iterations=iterations,
+        iterations=iterations if settings.complementary_stiffness else 0,
         largest_ratio=float(ratios[np.ix_(estimated, estimated)].max(initial=0.0)),
         largest_shift=_largest_standardised_shift(shift, estimate),
         shift=shift,
     )
     return replace(estimate, complementary_stiffness=effect)
+
+
+def _list_fitted_statements(
+    measurements: Measurements, settings: Settings, method: Method
+) -> tuple[Term, ...]:
+    """Return the terms whose statements are fitted with the joints; none where a method cannot weigh them.
+
+    Weights by covariance in one stage can. Otherwise the errors are propagated after the fit.
+    """
+    weighs = method.by_covariance and len(method.stages) == 1 and settings.loss == "squared"
+    return list_stated_terms(measurements) if weighs else ()
 
 
 def identify_with_fallback(
@@ -171,6 +194,7 @@ class _Pass:
     largest_stiffness: FloatArray  # (n, n) largest entries of K_c over the set, of the first pass [N·m/rad]
     robust: RobustFit | None  # weights of the readings by the Huber loss; None for the squared loss
     targets: TargetRows | None  # rows for the Huber loss; None for the squared loss
+    statements: Statements | None  # statements that were fitted with the joints; None without any
 
     def noise(self) -> float:
         """Return sigma estimated from the residuals [m]; zero without degrees of freedom."""
@@ -183,13 +207,15 @@ def _fit_once(
     settings: Settings,
     method: Method,
     previous: _Pass | None = None,
+    stated: Sequence[Term] = (),
 ) -> _Pass:
     """Fit all observations once.
 
-    With K_c the robot is bent by the compliances of the previous fit; `previous` is None for the first fit,
-    which neglects K_c.
+    With K_c the robot is bent by the compliances of the previous fit, at which the columns of statements are
+    computed, too; `previous` is None for the first fit, which neglects K_c and statements.
     """
-    compliance = None if previous is None else previous.fit.compliance
+    bends = previous is not None and settings.complementary_stiffness
+    compliance = previous.fit.compliance if previous is not None and bends else None
     excitation, triangles = Excitation(robot.joint_kinds), MethodTriangles(method)
     targets = TargetRows(robot.n) if settings.loss == "huber" else None
     largest = np.zeros((robot.n, robot.n))
@@ -212,9 +238,18 @@ def _fit_once(
         sigma, measurements = robust.sigma, robust.reweight(measurements)
         for block in regressor_blocks(robot, measurements, compliance):
             triangles.add(block)
+    statements = None
+    if stated and previous is not None:
+        statements = Statements(
+            terms=tuple(stated),
+            common=measurements.common_uncertainty,
+            compliance=np.maximum(previous.fit.compliance, 0.0),
+            sigma=max(measurements.sigma or previous.noise(), _LEAST_STATED_SIGMA),
+        )
+        triangles = triangles.given(regressor_blocks(robot, measurements, compliance), statements)
     # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
     triangles.all_readings.rows -= fitted_errors(measurements).determined
-    find = solve_step if previous is None and settings.complementary_stiffness else solve
+    find = solve_step if previous is None and (settings.complementary_stiffness or stated) else solve
     fit = fit_method(triangles, observability.null, settings.constraints, find=find)
     if settings.prior is not None:
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
@@ -228,7 +263,9 @@ def _fit_once(
             )
         prior = settings.prior.in_units_of(sigma)
         fit = replace(fit_method(triangles, observability.null, settings.constraints, prior, find), alone=fit)
-    return _Pass(measurements, compliance, observability, triangles, fit, largest, robust, targets)
+    return _Pass(
+        measurements, compliance, observability, triangles, fit, largest, robust, targets, statements
+    )
 
 
 def _require_observable(excitation: Excitation) -> Observability:
@@ -255,12 +292,13 @@ def _require_observable(excitation: Excitation) -> Observability:
 
 
 def _iterate_to_convergence(
-    robot: Robot, measurements: Measurements, settings: Settings, first: _Pass
+    robot: Robot, measurements: Measurements, settings: Settings, first: _Pass, stated: Sequence[Term]
 ) -> tuple[_Pass, int]:
-    """Repeat the fit with K_c until the fitted compliances equal those with which the robot was bent.
+    """Repeat the fit until the fitted compliances equal those of the fit before.
 
-    The iteration starts from a first-order estimate of the effect of K_c, so that with noisy readings a
-    single fit suffices.
+    With K_c they bend the robot; the columns of statements depend on them. The iteration starts from a
+    first-order estimate of the effect of K_c, so that with noisy readings a single fit suffices without
+    statements.
 
     Returns:
         The last fit, and the number of fits after the first.
@@ -268,20 +306,23 @@ def _iterate_to_convergence(
     Raises:
         SolverError: the iteration does not converge in `MAX_ITERATIONS` fits.
     """
-    shift = _estimate_neglected_shift(robot, first, settings.prior, measurements.sigma or first.noise())
+    shift = np.zeros(robot.n)
+    if settings.complementary_stiffness:
+        sigma = measurements.sigma or first.noise()
+        shift = _estimate_neglected_shift(robot, first, settings.prior, sigma)
     current = replace(first, fit=replace(first.fit, compliance=first.fit.compliance + shift))
     # A joint that nothing moves has no compliance to compare with.
     reference = np.maximum(first.observability.reference_compliance, np.finfo(np.float64).tiny)
     # Each fit with K_c shrinks the change by about this factor, the relative effect of K_c.
     shrinkage = float((np.abs(shift) / np.maximum(np.abs(first.fit.compliance), reference)).max())
+    shrinkage = max(shrinkage, _SHRINKAGE_BY_STATEMENTS if stated else _LEAST_SHRINKAGE)
     for rounds in range(1, MAX_ITERATIONS + 1):
-        last = _fit_once(robot, measurements, settings, first.triangles.method, current)
+        last = _fit_once(robot, measurements, settings, first.triangles.method, current, stated)
         change = np.abs(last.fit.compliance - current.fit.compliance)
         size = np.maximum(np.abs(last.fit.compliance), reference)
         uncertainty = last.noise() * np.sqrt(np.diagonal(last.fit.covariance))
         if (
-            change * max(shrinkage, _LEAST_SHRINKAGE)
-            <= np.maximum(_CHANGE_TOLERANCE * size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
+            change * shrinkage <= np.maximum(_CHANGE_TOLERANCE * size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
         ).all():
             return last, rounds
         current = last
@@ -331,7 +372,8 @@ def _build_estimate(robot: Robot, measurements: Measurements, settings: Settings
     if scale.sigma is not None:
         scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
         common = _propagate_common_errors(robot, settings, last, scale.sigma or 1.0)
-        fit = fit if common is None else fit.add_common_errors(common.responses / (scale.sigma or 1.0))
+        if common is not None:
+            fit = fit.add_common_errors(common.responses_beside_fit / (scale.sigma or 1.0))
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
     numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
     numbers += [] if covariance is None else [covariance]
@@ -401,12 +443,14 @@ def _propagate_common_errors(
         None if settings.prior is None else settings.prior.in_units_of(sigma),
     )
     by_source = {}
+    joined = () if last.statements is None else last.statements.terms
     for source, size, response in ((*stated[term.name], responses[term.name]) for term in terms):
         by_source[source] = np.resize(size, response.shape[1]) * response  # repeats the uncertainties
+    in_fit = frozenset(stated[term.name][0] for term in joined)
     if fitted:
         changes = np.hstack([responses[term.name] for term in fitted])
         by_source["fitted_causes"] = changes @ errors.root
-    return CommonErrors(by_source)
+    return CommonErrors(by_source, in_fit)
 
 
 def _compare_prior_to_data(alone: Fit, prior: Prior, sigma: float) -> FloatArray:

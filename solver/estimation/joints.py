@@ -16,6 +16,7 @@ from jointstiff.solver.estimation.causes import (
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import identify_with_fallback
 from jointstiff.solver.estimation.method import Loss, Settings
+from jointstiff.solver.estimation.scatter import find_scatter
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -25,7 +26,7 @@ class JointsAlone:
 
     Attributes:
         robot: n joints.
-        measurements: N observations.
+        given: N observations, with the scatter that was stated.
         stated: settings as the user gave them.
         noticed: findings of the integrity checks of the measurements.
     """
@@ -34,7 +35,7 @@ class JointsAlone:
         self, robot: Robot, measurements: Measurements, stated: Settings, noticed: Sequence[Finding] = ()
     ) -> None:
         """Keep the data of the identification; nothing is computed yet."""
-        self.robot, self.measurements, self.stated = robot, measurements, stated
+        self.robot, self.given, self.stated = robot, measurements, stated
         self.noticed = tuple(noticed)
         self._by_loss: dict[Loss, JointsAlone] = {stated.loss: self}
 
@@ -42,13 +43,45 @@ class JointsAlone:
         """Return the identification of the same measurements with a loss; this object for its own loss."""
         if loss not in self._by_loss:
             stated = replace(self.stated, loss=loss)
-            self._by_loss[loss] = JointsAlone(self.robot, self.measurements, stated, self.noticed)
+            self._by_loss[loss] = JointsAlone(self.robot, self.given, stated, self.noticed)
         return self._by_loss[loss]
 
     @cached_property
-    def _identified(self) -> tuple[Settings, Estimate]:
-        """Settings with which the fit succeeded, and the estimate."""
-        return identify_with_fallback(self.robot, self.measurements, self.stated)
+    def _identified(self) -> tuple[Settings, Estimate, Measurements]:
+        """Settings with which the fit succeeded, the estimate, and the measurements with their scatter.
+
+        The scatter is estimated from the residuals of a first fit; where it is significant, the joints are
+        fitted again.
+        """
+        settings, estimate = identify_with_fallback(self.robot, self.given, self.stated)
+        scatter = find_scatter(self.robot, self.given, estimate)
+        if scatter == self.given.scatter:
+            return settings, estimate, self.given
+        measurements = replace(self.given, scatter=scatter)
+        settings_with, estimate_with = identify_with_fallback(self.robot, measurements, self.stated)
+        test = estimate_with.sigma_test
+        if self.given.repeatability is None and test is not None and test.result == "residuals_too_large":
+            # Errors that do not explain the residuals are no explanation of a part of the residuals.
+            return settings, estimate, self.given
+        return settings_with, estimate_with, measurements
+
+    @property
+    def measurements(self) -> Measurements:
+        """The N observations, with the scatter that their residuals show.
+
+        Raises:
+            JointstiffError: the identification fails.
+        """
+        return self._identified[2]
+
+    @property
+    def shows_scatter(self) -> bool:
+        """True if the residuals show errors that the targets of a posture share, beyond those stated.
+
+        Raises:
+            JointstiffError: the identification fails.
+        """
+        return self.measurements.scatter != self.given.scatter
 
     @property
     def settings(self) -> Settings:
@@ -75,19 +108,20 @@ class JointsAlone:
         Raises:
             JointstiffError: the identification fails.
         """
-        return screen_estimate(self.robot, self.measurements, self.estimate)
+        return screen_estimate(self.robot, self.given, self.estimate, self.shows_scatter)
 
     @cached_property
     def _alternative(self) -> BetterAlternative | None:
         """Mistake in the data whose correction explains the readings far better; None if no mistake does."""
-        return find_better_alternative(self.robot, self.measurements)
+        return find_better_alternative(self.robot, self.given)
 
     def find_gross_mistake(self, estimate: Estimate) -> BetterAlternative | None:
         """Return the mistake whose correction explains the readings far better; None if no mistake does.
 
         If the estimate's residuals are within the stated noise, no mistake is sought.
         """
-        return None if residuals_within_noise(estimate) else self._alternative
+        explained = residuals_within_noise(estimate) and not self.shows_scatter
+        return None if explained else self._alternative
 
     @property
     def are_sound(self) -> bool:

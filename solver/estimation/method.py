@@ -29,7 +29,8 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimation.observability import Excitation, Spectrum
 from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
-from jointstiff.solver.estimation.triangle import Triangle
+from jointstiff.solver.estimation.statements import Statements
+from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, build_whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements, whitener
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist, find_wrist, skew
@@ -269,12 +270,11 @@ class Method:
         single targets. At least one of them is None; if both are, N is the identity.
         """
         part = block.measurements
-        by_target = None
+        targets: tuple[FloatArray | None, FloatArray | None] = (None, None)
         if not self.by_covariance:
-            weight = np.ones(part.present.shape) if part.weight is None else part.weight
-            by_target = np.sqrt(weight)[..., None, None] * np.linalg.inv(whitener(part.covariance))
+            targets = self._undo_whitening(block)
         if self.name == "partial_pose":
-            return [(None, by_target)]
+            return [targets]
         Q, R, reference = factorise_displacement(block)
         # With a robust loss, a pose gets the least weight of its targets.
         least_weight: FloatArray | float = 1.0
@@ -293,7 +293,19 @@ class Method:
         to_centre = extrapolation @ np.linalg.solve(R, Q.transpose(0, 2, 1))
         if self.by_covariance:  # orthonormal rows: the displacement of the centre, whitened
             to_centre = np.linalg.qr(to_centre.transpose(0, 2, 1))[0].transpose(0, 2, 1)
-        return [(least_weight * to_centre if not self.by_covariance else to_centre, None), (None, by_target)]
+        return [(least_weight * to_centre if not self.by_covariance else to_centre, None), targets]
+
+    @staticmethod
+    def _undo_whitening(block: RegressorBlock) -> tuple[FloatArray | None, FloatArray | None]:
+        """Return the map from whitened rows back to equal weights, as a pair like that of `_stage_maps`."""
+        part = block.measurements
+        weight = np.ones(part.present.shape) if part.weight is None else part.weight
+        if not part.scatter:
+            return None, np.asarray(np.linalg.inv(whitener(part.covariance)), dtype=np.float64)
+        identity = np.eye(3 * weight.shape[1]).reshape(*weight.shape[1:], 3, -1)
+        whiten = block.whiten(np.broadcast_to(identity, (len(weight), *identity.shape)))
+        back = np.linalg.inv(whiten.reshape(len(weight), identity.shape[-1], -1))
+        return np.asarray(np.repeat(np.sqrt(weight), 3, axis=1)[..., None] * back, dtype=np.float64), None
 
 
 class MethodTriangles:
@@ -319,6 +331,9 @@ class MethodTriangles:
         self.spreads = None if method.by_covariance else [Triangle(joints=n) for _ in method.stages]
         self.cross: FloatArray = np.zeros((n, n))
         self.seen_from_centre = Excitation(method.joint_kinds)
+        self._statements: Statements | None = None
+        self._with_statements: FloatArray | None = None
+        self._correction: FloatArray = np.zeros((n, 0))  # change of AᵀF by statements, for each moment BᵀF
 
     def add(self, block: RegressorBlock) -> None:
         """Add the rows of a block of observations to all triangles."""
@@ -341,6 +356,68 @@ class MethodTriangles:
             points = block.postures.to_base(np.broadcast_to(self.method.centre, (len(block.torque), 1, 3)))
             jacobian = block.postures.jacobian_at(points)
             self.seen_from_centre.add_seen_from(block, jacobian, np.ones((len(points), 1), dtype=bool))
+
+    def given(self, blocks: Iterable[RegressorBlock], statements: Statements) -> MethodTriangles:
+        """Return the triangles of a method with one stage, in which statements are fitted with the joints.
+
+        Args:
+            blocks: the observations that were added.
+            statements: terms whose unknowns are stated as zero, with their standard uncertainties.
+        """
+        given, n = MethodTriangles(self.method), len(self.method.joint_names)
+        fitted: list[FloatArray] = []
+        readings: list[FloatArray] = []
+        for block in blocks:
+            terms = [JOINTS, *statements.terms]
+            whitened = statements.scale(build_whitened_rows(block, terms, statements.compliance))
+            width = whitened.targets.shape[-1]
+            (rows,) = self.method.rows(block, whitened)
+            fitted.append(compute_triangular_factor(rows.fitted.reshape(-1, width)))
+            readings.append(compute_triangular_factor(whitened.targets.reshape(-1, width)))
+            if whitened.encoders is not None:
+                readings.append(compute_triangular_factor(whitened.encoders.reshape(-1, width)))
+        wholes = []
+        for parts in (readings, fitted):
+            whole = Triangle(joints=n, statements=width - 1 - n)
+            whole.add(np.concatenate(parts), count=self.all_readings.rows)
+            wholes.append(whole)
+        one = np.ones(width - 1 - n)
+        given.all_readings = wholes[0].given("statements", one, statements.sigma)
+        given.stages = [given.all_readings]
+        if not self.method.is_plain:
+            given.stages = [wholes[1].given("statements", one, statements.sigma)]
+        A, B = wholes[1].matrix[:, :n], wholes[1].matrix[:, n:]
+        stated = statements.sigma * np.eye(B.shape[1])
+        given._statements = statements
+        given._with_statements = np.vstack([wholes[0].matrix, np.eye(width - 1)[n:] * statements.sigma])
+        given._correction = np.linalg.lstsq(
+            np.vstack([B, stated]), np.vstack([A, np.zeros((B.shape[1], n))]), rcond=None
+        )[0].T
+        return given
+
+    @property
+    def freedom_of_statements(self) -> float:
+        """Number of unknowns of statements that the readings determine, ``tr(B (BᵀB + σ²)⁻¹ Bᵀ)``."""
+        if self._statements is None or self._with_statements is None:
+            return 0.0
+        columns = self._with_statements[: -self._correction.shape[1], len(self.method.joint_names) :]
+        squares = np.square(np.linalg.svd(columns, compute_uv=False))
+        return float((squares / (squares + self._statements.sigma**2)).sum())
+
+    @property
+    def columns(self) -> FloatArray:
+        """Compressed columns (m, n + K) of all readings: of the joints, then of K statements."""
+        return self.all_readings.matrix if self._with_statements is None else self._with_statements
+
+    def build_columns(self, block: RegressorBlock) -> FloatArray:
+        """Return the whitened columns (m, n + K) of further readings, like `columns` has them."""
+        statements = self._statements
+        terms: tuple[Term, ...] = () if statements is None else statements.terms
+        compliance = np.zeros(block.robot.n) if statements is None else statements.compliance
+        whitened = build_whitened_rows(block, [JOINTS, *terms], compliance)
+        if statements is not None:
+            whitened = statements.scale(whitened)
+        return whitened.targets.reshape(-1, whitened.targets.shape[-1])[:, :-1]
 
     def compute_responses(
         self,
@@ -371,7 +448,8 @@ class MethodTriangles:
             whitened = build_whitened_rows(block, [JOINTS, *terms], compliance)
             for s, rows in enumerate(self.method.rows(block, whitened)):
                 flat = rows.fitted.reshape(-1, rows.fitted.shape[-1])
-                moments[s] = moments[s] + flat[:, :n].T @ flat[:, n:-1]
+                columns = flat[:, :n] - self._build_statement_columns(block) @ self._correction.T
+                moments[s] = moments[s] + columns.T @ flat[:, n:-1]
         bias = np.zeros(np.shape(moments[0]))
         for stage, triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
             fitted, known = np.intersect1d(stage.joints, joints), np.intersect1d(stage.known, joints)
@@ -383,6 +461,15 @@ class MethodTriangles:
             bias[fitted] = inverse @ (inverse.T @ remaining)
         ends = np.cumsum([whitened.widths[term.name] for term in terms])[:-1]
         return dict(zip((term.name for term in terms), np.split(bias, ends, axis=1), strict=True))
+
+    def _build_statement_columns(self, block: RegressorBlock) -> FloatArray:
+        """Return the columns (m, K) of the statements in the rows of a block; K = 0 without statements."""
+        statements = self._statements
+        if statements is None:
+            return np.zeros((1, 0))
+        whitened = statements.scale(build_whitened_rows(block, statements.terms, statements.compliance))
+        (rows,) = self.method.rows(block, whitened)
+        return rows.fitted.reshape(-1, rows.fitted.shape[-1])[:, :-1]
 
 
 def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -413,11 +500,9 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
             where="readings",
             remedy="use method partial_pose, or place the three targets so that they form a triangle",
         )
-    W = np.where(present[..., None], whitener(part.covariance), 0.0)
-    G = part.project_on_directions(
-        np.concatenate([np.broadcast_to(np.eye(3), W.shape), -skew(lever)], axis=-1)
-    )
-    Q, R = np.linalg.qr((W @ G).reshape(len(lever), -1, 6))
+    turn = -skew(lever)
+    G = part.project_on_directions(np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=-1))
+    Q, R = np.linalg.qr(block.whiten(np.where(present[..., None], G, 0.0)).reshape(len(lever), -1, 6))
     return Q, R, reference
 
 

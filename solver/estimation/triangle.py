@@ -154,6 +154,55 @@ class Triangle:
         triangle.add(remaining - known @ (known.T @ remaining), count=self.rows)
         return triangle
 
+    def given(self, name: str, uncertainty: FloatArray, sigma: float) -> Triangle:
+        """Return the triangle in which the unknowns of a term are fitted, each stated as zero.
+
+        A statement is one more row: the unknown over its standard uncertainty is zero, as a reading is.
+
+        Args:
+            name: term with statements, which is projected out of all other columns.
+            uncertainty: (k,) standard uncertainties of the unknowns; 0 keeps an unknown at zero.
+            sigma: standard uncertainty of a reading, in the unit of the rows.
+        """
+        columns = self.span[name]
+        whole = Triangle(**{each: len(span) for each, span in self.span.items()})
+        whole.R, whole.rows = self.R.copy(), self.rows
+        whole.R[:, columns] *= uncertainty  # each unknown in units of its standard uncertainty
+        rows = np.zeros((len(columns), self.R.shape[1]))
+        rows[np.arange(len(columns)), columns] = sigma
+        whole.add(rows, count=0)
+        return whole.project_out([name], _NULL)
+
+    def sigma(self, names: Sequence[str]) -> float:
+        """Return the root mean square residual of a fit of the named terms, per degree of freedom."""
+        freedom = self.rows - self.rank(names, INDEPENDENT)
+        return float(np.sqrt(max(self.residual_squares(names), 0.0) / max(freedom, 1))) + _RESOLUTION
+
+    def statement_p_value(self, name: str, fitted: Sequence[str], uncertainty: FloatArray) -> float:
+        """Return the p-value of the test that the unknowns of a term are zero, as stated.
+
+        The estimate ê of the unknowns deviates from zero by its own uncertainty U and by that of the
+        statement S: ``êᵀ (S + U)⁻¹ ê`` is compared with an F distribution.
+
+        Args:
+            name: term that is tested.
+            fitted: terms that are fitted in any case.
+            uncertainty: (k,) standard uncertainties of the unknowns as stated.
+        """
+        known = orthonormal_basis(self.unit_columns(fitted))
+        columns = self.R[:, self.span[name]] * uncertainty
+        left = columns - known @ (known.T @ columns)
+        d = self.rhs - known @ (known.T @ self.rhs)
+        U, s, _ = np.linalg.svd(left, full_matrices=False)
+        seen = s > _NULL * max(float(np.linalg.norm(columns)), np.finfo(float).tiny)
+        along, width = np.square(U[:, seen].T @ d), int(seen.sum())
+        freedom = self.rows - known.shape[1] - width
+        if not width or freedom < 1:
+            return 1.0
+        noise = max(float(d @ d - along.sum()), 0.0) / freedom + _RESOLUTION**2
+        distance = float((along / (np.square(s[seen]) + noise)).sum())
+        return float(special.fdtrc(width, freedom, distance / width))
+
     def fit(self, names: Sequence[str], others: FloatArray, least: float) -> FloatArray:
         """Fit some terms by least squares, with given values of the unknowns of all other terms.
 

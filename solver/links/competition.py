@@ -113,7 +113,7 @@ class Competition:
         Raises:
             RequestError: the readings or options do not support the comparison, or a joint does not exist.
         """
-        measurements, requested_penalty = joints.measurements, options.link_penalty
+        measurements, requested_penalty = joints.given, options.link_penalty
         refuse_unsupported_elastic(measurements, joints.stated)
         if options.resampling is not None:
             raise UnsupportedMethodError(
@@ -251,7 +251,7 @@ class Competition:
         """Measurement set divided into folds."""
         joints = self._joints
         visible = ~joints.estimate.observability.null
-        return Folds(joints.robot, joints.measurements, self._columns, visible, self._validation)
+        return Folds(joints.robot, joints.given, self._columns, visible, self._validation)
 
     def _find_model(self, held_out: HeldOut) -> ElasticModel:
         """Return the compared model whose name and loss are those of `held_out`."""

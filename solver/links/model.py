@@ -44,7 +44,7 @@ from jointstiff.solver.estimation.problem import Bounds, IdentificationProblem
 from jointstiff.solver.estimation.solution import solve_step
 from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.mechanics.block import RegressorBlock, Term, build_rows, regressor_blocks
-from jointstiff.solver.mechanics.measurements import Measurements, whitened
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import (
     BASE,
@@ -186,7 +186,7 @@ def compress_elastic_rows(
     keeps_rows = [int(measurements.present[part].sum()) <= MOST_TARGETS for part in parts]
     start = 0  # index of the first observation of the block
     for block, rows in generate_elastic_blocks(robot, measurements, columns):
-        present, in_sigma = block.measurements.present, whitened(block.measurements.covariance, rows)
+        present, in_sigma = block.measurements.present, block.whiten(rows)
         lever = np.square(block.frames[2]).sum(axis=2)
         for k, part in enumerate(parts):
             in_part = select_rows_of_part(part, start, start + len(present))

@@ -291,6 +291,63 @@ class RegressorBlock:
         moves = np.concatenate([np.broadcast_to(R[:, :, None], turn.shape), turn], axis=-1)
         return moves, wrench[:, :, 0], lever
 
+    @cached_property
+    def shared_motion(self) -> tuple[FloatArray, FloatArray]:
+        """Compute how errors that the targets of a posture share move them, in units of the readings' noise.
+
+        Returns:
+            (B, 3 T, n) motion by a turn of each joint [sigma per rad]; and (B, 3 T, 3) motion by a shift of
+            all targets along each axis of R0 [sigma per m]; zero for targets that were not read.
+        """
+        part = self.measurements
+        shift = part.project_on_directions(np.broadcast_to(np.eye(3), (*self.points.shape, 3)))
+        motions = np.concatenate([self.jacobian, shift], axis=-1)
+        motions = whitened(part.covariance, np.where(part.present[..., None, None], motions, 0.0))
+        flat = motions.reshape(len(motions), -1, motions.shape[-1])
+        return flat[..., :-3], flat[..., -3:]
+
+    @cached_property
+    def _scatter_roots(self) -> tuple[FloatArray, FloatArray]:
+        """Directions U (B, 3 T, r) of the shared errors, and the shares (B, r) that whitening takes away."""
+        scatter = self.measurements.scatter
+        return compute_scatter_roots(self.shared_motion, scatter.joints, scatter.station)[:2]
+
+    def whiten(self, rows: FloatArray) -> FloatArray:
+        """Whiten rows (B, T, 3, k) of the targets, so that the noise of each row has variance sigma².
+
+        Each reading has its covariance Σ; errors that a posture's targets share add G Gᵀ to that of rows
+        whitened by Σ. The symmetric root ``(I + G Gᵀ)^(-1/2)`` keeps each row close to the reading that it
+        belongs to. Weights by a robust loss apply to rows of independent noise.
+        """
+        part = self.measurements
+        white = whitened(part.covariance, rows)
+        if part.scatter:
+            U, less = self._scatter_roots
+            flat = white.reshape(len(rows), -1, rows.shape[-1])
+            white = (flat - U @ (less[..., None] * (U.mT @ flat))).reshape(rows.shape)
+        return white if part.weight is None else np.sqrt(part.weight)[..., None, None] * white
+
+
+def compute_scatter_roots(
+    shared_motion: tuple[FloatArray, FloatArray], joints: float, station: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Decompose the covariance ``I + G Gᵀ`` of whitened readings with errors that a posture's targets share.
+
+    Args:
+        shared_motion: motion of the targets by joints (B, 3 T, n) and by a common shift (B, 3 T, 3).
+        joints: standard deviation of each joint's angle [rad/m of sigma].
+        station: standard deviation of the common shift along each axis, in units of sigma.
+
+    Returns:
+        Directions U (B, 3 T, r); shares w (B, r) with ``I − U diag(w) Uᵀ`` the symmetric root of the inverse
+        covariance; and the variances (B, r) in these directions.
+    """
+    by_joints, by_station = shared_motion
+    G = np.concatenate([joints * by_joints, station * by_station], axis=-1)
+    U, s, _ = np.linalg.svd(G, full_matrices=False)
+    variance = 1.0 + np.square(s)
+    return U, 1.0 - 1.0 / np.sqrt(variance), variance
+
 
 def regressor_blocks(
     robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
@@ -526,8 +583,11 @@ def build_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatAr
 def build_whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
     """Return the least-squares rows of a block, whitened: the noise of each row has variance sigma².
 
-    The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2).
+    The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2), and
+    shows how well its joint repeats.
     """
     rows, part = build_rows(block, terms, compliance), block.measurements
-    encoders = None if rows.encoders is None else part.encoder_lever / np.sqrt(2.0) * rows.encoders
-    return rows._replace(targets=whitened(part.covariance, rows.targets), encoders=encoders)
+    encoders = rows.encoders
+    if encoders is not None:
+        encoders = encoders / np.hypot(np.sqrt(2.0) / part.encoder_lever, part.scatter.joints)
+    return rows._replace(targets=block.whiten(rows.targets), encoders=encoders)

@@ -10,17 +10,26 @@ of sight and grows with the distance.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from jointstiff.schemas.measurement import ConfusedForceUnit, ForceUnit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import MeasurementError, RequestError
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 
+FORCE_UNITS: Final[Mapping[ConfusedForceUnit, float]] = {
+    "N": 1.0,
+    "kN": 1e3,
+    "kgf": 9.80665,
+    "lbf": 4.4482216152605,
+}
+"""Units of force that people confuse [N]; kgf and lbf by standard gravity, exactly."""
 ISOTROPIC_DIFFERENCE: FloatArray = 2.0 * np.eye(3)
 """Covariance of a deflection in units of sigma²: it is a difference of two readings (method.md §3)."""
 ISOTROPIC_DIFFERENCE.setflags(write=False)
@@ -331,6 +340,21 @@ def project_on_directions(direction: FloatArray | None, motion: FloatArray) -> F
     return np.where(is_vector[..., None, None], columns, along).reshape(motion.shape)
 
 
+@dataclass(frozen=True)
+class Scatter:
+    """Errors that are new in every posture and shared by its targets, in units of sigma (method.md §23)."""
+
+    joints: float = 0.0  #: standard deviation of each joint's angle, by which the targets move [rad/m]
+    station: float = 0.0  #: standard deviation of each coordinate of the whole set of targets, dimensionless
+
+    def __bool__(self) -> bool:
+        return self.joints > 0.0 or self.station > 0.0
+
+
+NO_SCATTER: Final = Scatter()
+"""Joints that repeat exactly, and readings whose errors are independent."""
+
+
 @dataclass(frozen=True, eq=False)
 class Measurements:
     """Measured deflections under load: N observations of up to T targets. Arrays are made read-only.
@@ -362,14 +386,18 @@ class Measurements:
     #: readings of secondary encoders; None without encoders. They require `sigma`, which weights them
     #: relative to the targets.
     encoders: EncoderReadings | None = None
-    #: (N, T) weights by a robust loss, 1 for a good reading; None for ones. `covariance` is already divided
-    #: by them; rows that are not weighted by covariance still need them.
+    #: repeatability as stated: standard deviation of each joint's angle from one posture to the next, which
+    #: moves all targets of a posture together [rad]; None if not stated
+    repeatability: float | None = None
+    scatter: Scatter = NO_SCATTER  #: errors that all targets of a posture share, as fits account for them
+    #: (N, T) weights by a robust loss, 1 for a good reading; None for ones
     weight: FloatArray | None = None
     #: uncertainty of loads and places that all observations share
     common_uncertainty: CommonUncertainty = EXACT
     #: (N, T) mask of targets that were read without load but not under load: only `position` is valid, and
     #: `present` is False. None if there are no such targets.
     unloaded_only: BoolArray | None = None
+    force_unit: ForceUnit = "N"  #: unit of forces that was declared with the readings; `force` is in N
     labels: tuple[str, ...] = ()  #: (N,) labels of the observations; "1", "2", … where none are given
     targets: tuple[str, ...] = ()  #: (T,) names of the targets; "1", "2", … where none are given
 
@@ -379,12 +407,7 @@ class Measurements:
             raise MeasurementError("no observation", remedy="give at least one observation")
         object.__setattr__(self, "labels", _names_or_numbers("labels", self.labels, count))
         object.__setattr__(self, "targets", _names_or_numbers("targets", self.targets, targets))
-        if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0):
-            raise MeasurementError(
-                f"sigma must be positive, but is {self.sigma} m",
-                where="noise.sigma",
-                remedy="give a positive length; omit `noise` to estimate it from the residuals",
-            )
+        self._refuse_invalid_noise()
         for name, shape in self._row_shapes.items():
             check_array(name, getattr(self, name), (count, *shape))
         if self.covariance.ndim == 2:
@@ -393,6 +416,23 @@ class Measurements:
             object.__setattr__(self, "deflection", self.project_on_directions(self.deflection))
         if self.encoders is not None:
             check_array("encoder_readings", self.encoders.deflection, self.joints.shape)
+
+    def _refuse_invalid_noise(self) -> None:
+        """Refuse standard uncertainties that are not plausible numbers, and encoders without sigma."""
+        if self.sigma is not None and not (np.isfinite(self.sigma) and self.sigma > 0):
+            raise MeasurementError(
+                f"sigma must be positive, but is {self.sigma} m",
+                where="noise.sigma",
+                remedy="give a positive length; omit `noise` to estimate it from the residuals",
+            )
+        if self.repeatability is not None and not (
+            np.isfinite(self.repeatability) and self.repeatability >= 0.0
+        ):
+            raise MeasurementError(
+                f"the repeatability must be zero or positive, but is {self.repeatability} rad",
+                where="noise.repeatability",
+                remedy="give an angle that is zero or positive; omit it to estimate it from the residuals",
+            )
         if self.encoders is not None and self.sigma is None:
             raise MeasurementError(
                 "there are encoder readings but no sigma of the tracker, so angles and lengths cannot be "

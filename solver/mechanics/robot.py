@@ -142,6 +142,7 @@ class Robot:
     model: pin.Model  #: n joints in one line, each about or along one axis
     joint_map: JointMap  #: from controller to model angles
     bodies: tuple[Body, ...]  #: with their masses, where they are stated
+    payload: float | None  #: largest payload by the maker [kg]; None if unknown
     flange: str  #: name of the frame of `model` that is the flange
     flange_placement: pin.SE3  #: of the flange frame in the frame of the last joint [m]
     n: int  #: number of joints
@@ -158,6 +159,7 @@ class Robot:
         bodies: tuple[Body, ...] = (),
         *,
         flange: str | None = None,
+        payload: float | None = None,
     ) -> None:
         """Read names, kinds, axes and limits from the model.
 
@@ -166,6 +168,7 @@ class Robot:
             joint_map: map of n joints; None for the identity.
             bodies: bodies with their masses; they do not affect the kinematics.
             flange: name of the flange frame, behind the last joint; None for the only frame at the end.
+            payload: largest payload by the maker [kg]; None if unknown.
 
         Raises:
             RobotError: the model branches, has no joint or an unsupported joint, the flange is not a frame
@@ -185,6 +188,7 @@ class Robot:
                 remedy=f"give a model of 1 to {MAX_MOVING_JOINTS} joints",
             )
         self.model, self.bodies, self.joint_names = model, bodies, tuple(model.names)[1:]
+        self.payload = payload
         self.joint_map = JointMap.identity(n) if joint_map is None else joint_map
         if self.joint_map.n != n:
             raise RobotError(
@@ -369,7 +373,12 @@ def fix_prismatic_joints(robot: Robot, held: FloatArray) -> Robot:
     at = in_configuration_space(robot.model, np.where(prismatic, offset_with_held, 0.0)[None])[0]
     fixed = (np.flatnonzero(prismatic) + 1).tolist()
     joint_map = JointMap(matrix[np.ix_(~prismatic, ~prismatic)], offset_with_held[~prismatic])
-    return Robot(pin.buildReducedModel(_add_frames(robot), fixed, at), joint_map, flange=robot.flange)
+    return Robot(
+        pin.buildReducedModel(_add_frames(robot), fixed, at),
+        joint_map,
+        flange=robot.flange,
+        payload=robot.payload,
+    )
 
 
 def _add_frames(robot: Robot) -> pin.Model:

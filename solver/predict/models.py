@@ -48,7 +48,7 @@ from jointstiff.solver.mechanics.block import (
     wrench_stiffness,
 )
 from jointstiff.solver.mechanics.cases import LoadCases
-from jointstiff.solver.mechanics.measurements import Measurements, whitened
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures, rotation_vectors, skew
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import differentiate_bilinear_form
@@ -762,15 +762,18 @@ def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEs
     prediction_root = np.zeros((len(of_reading), 3, 1 if model.root is None else len(model.root)))
     for number, part in enumerate(folds.held_out):
         compliances, _ = fit_fold(folds, elastic.model, number, (elastic.penalty,))
-        blocks = generate_elastic_blocks(robot, measurements[part], folds.columns)
+        blocks = list(generate_elastic_blocks(robot, measurements[part], folds.columns))
         rows = np.concatenate([columns[block.measurements.present] for block, columns in blocks])
         in_part = np.flatnonzero(np.isin(of_reading, part))
         residual[in_part] = rows[..., -1] - rows[..., :-1] @ compliances[0]
         added_variance[in_part] = len(part) / len(measurements)
         if model.root is not None and sigma is not None:
             root = rows[..., model.kept] @ model.root
-            AL = whitened(sigma**2 * covariance[part][measurements.present[part]], root)
-            AL = AL.reshape(-1, AL.shape[-1])
+            white = [
+                block.whiten(columns[..., model.kept] @ model.root)[block.measurements.present]
+                for block, columns in blocks
+            ]
+            AL = np.concatenate(white).reshape(-1, root.shape[-1]) / sigma
             factor = np.linalg.cholesky(np.eye(AL.shape[1]) - AL.T @ AL)
             prediction_root[in_part] = root @ np.linalg.inv(factor).T
     posture = np.unique(measurements.joints, axis=0, return_inverse=True)[1].reshape(-1)

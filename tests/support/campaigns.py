@@ -45,7 +45,7 @@ def prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
         chain = build_dh_chain(model, campaign.robot.name)
     else:
         chain = read_urdf(model.urdf, model.base, model.flange)
-    robot = build_chain_robot(chain, campaign.robot.joint_map)
+    robot = build_chain_robot(chain, campaign.robot.joint_map, payload=campaign.robot.payload)
     readings = ReadingArrays.from_observations(campaign.measurement_set.observations)
     measurements = to_measurements(campaign.measurement_set, readings, robot)
     stated = measurements.common_uncertainty.stated

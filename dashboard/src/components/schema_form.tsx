@@ -121,7 +121,7 @@ const MICRO: Unit = [text.units.micrometre, 1e-6];
 const FINE: Record<string, Unit> = {
   ...{ sigma: MICRO, constant: MICRO, uncertainty: MICRO, limit: MICRO },
   per_distance: [`${text.units.micrometre}/m`, 1e-6],
-  encoder_sigma: ["µrad", 1e-6],
+  ...{ encoder_sigma: ["µrad", 1e-6], repeatability: ["µrad", 1e-6] },
   ...{ scale: [text.units.share, 0.01], relative: [text.units.share, 0.01] },
 };
 

@@ -233,6 +233,8 @@ export const en = {
         residuals_too_small: "Residuals are smaller than the stated noise",
         estimated: "Noise estimated from the residuals",
       },
+      repeatability: (joint: string, stated: boolean) =>
+        `repeatability at the targets (${joint} µrad a joint), ${stated ? "stated" : "estimated"}`,
     },
     stiffness: "Joint stiffness",
     stiffnessNote: (level: string) => `Point: estimate. Bar: ${level} interval. Arrow: no upper end. Logarithmic axis.`,

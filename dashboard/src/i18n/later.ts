@@ -322,6 +322,7 @@ export const later = {
       load_point: "Uncertainty of the load point",
       target_places: "Uncertainty of the targets’ positions",
       encoder_sigma: "Secondary encoder",
+      repeatability: "Repeatability of a joint",
     },
   },
   runFiles: {
@@ -546,6 +547,7 @@ export const later = {
     nominalNote: "Nominal values of the maker. Your arm differs by some tenths of a millimetre: identify its geometry.",
     edit: "Edit as a table",
     reach: "Reach",
+    payload: "Payload",
     reachOf: { wrist_centre: "wrist centre", flange: "flange", stated: "as the maker states it" },
     origin: "Origin of R0",
     sources: "Sources",

@@ -10,8 +10,8 @@ type Dimension = keyof typeof UNITS;
 export const UNITS = {
   length: ["mm", "m", "in"],
   angle: ["deg", "rad"],
-  force: ["N", "kN", "kgf"],
-  moment: ["N.m", "N.mm", "kN.m", "kgf.m"],
+  force: ["N", "kN", "kgf", "lbf"],
+  moment: ["N.m", "N.mm", "kN.m", "kgf.m", "lbf.ft", "lbf.in"],
 } as const;
 
 export const UNKNOWN = "unknown";

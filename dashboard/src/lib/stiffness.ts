@@ -78,12 +78,22 @@ export function intervalIn(
   return STIFFNESS_UNITS[unit].inverse ? [high ?? 0, low] : [low, high];
 }
 
+const LBF = 4.4482216152605;
+
 /** Factors to SI of the words for units, by what they measure. */
 export const UNITS = {
   length: { m: 1, mm: 1e-3 },
   angle: { rad: 1, deg: DEGREE },
-  force: { N: 1, kN: 1e3, kgf: 9.80665, kg: 9.80665 },
-  moment: { "N.m": 1, "N.mm": 1e-3, "kN.m": 1e3, "kgf.m": 9.80665 },
+  force: { N: 1, kN: 1e3, kgf: 9.80665, lbf: LBF, kg: 9.80665 },
+  moment: {
+    "N.m": 1,
+    "N.mm": 1e-3,
+    "kN.m": 1e3,
+    "kgf.m": 9.80665,
+    "lbf.m": LBF,
+    "lbf.ft": 0.3048 * LBF,
+    "lbf.in": 0.0254 * LBF,
+  },
 } as const;
 
 /** Factors to SI of a file's units. */

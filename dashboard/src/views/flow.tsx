@@ -111,7 +111,7 @@ export function Advanced({ form: { run, setRun, noise, setNoise, request }, join
             />
             <SchemaFields
               of="Noise"
-              show={["sigma", "instrument", "force", "load_point", "target_places", "encoder_sigma"]}
+              show={["sigma", "instrument", "force", "load_point", "target_places", "encoder_sigma", "repeatability"]}
               value={noise}
               change={setNoise}
               terms={NOISE}

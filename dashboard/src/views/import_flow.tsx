@@ -357,8 +357,8 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
 
 /** The robot with the masses of a table, stored as a robot of its own. */
 async function withBodies(id: string, bodies: ImportAnswer["bodies"]): Promise<string> {
-  const { name, model, joint_map } = await api.robots.one(id);
-  const document = { name, model, joint_map, bodies };
+  const { name, model, joint_map, payload = null } = await api.robots.one(id);
+  const document = { name, model, joint_map, payload, bodies };
   return (await api.robots.add(document, contentKey("robot", document))).id;
 }
 

@@ -80,6 +80,7 @@ export function ArmFacts({ arm }: { arm: NominalArm }) {
       <Facts
         facts={[
           { label: words.reach, value: reachOf(arm) },
+          arm.payload != null && { label: words.payload, value: `${arm.payload} kg` },
           { label: words.origin, value: arm.base },
           { label: words.map, value: preset ? `${preset.name}. ${preset.note}` : words.identity },
           {
@@ -204,14 +205,24 @@ export function RobotNewView() {
   const [arm, setArm] = useState<NominalArm | null>(null);
   const [dh, setDh] = useState<DhTable>(newDh);
   const [urdf, setUrdf] = useState<UrdfText>({ urdf: "", base: "", flange: "" });
+  const [stated, setStated] = useState<Fields>({});
   const document = useMemo<RobotDocument | null>(() => {
     if (format === "catalogue") {
       return arm && { name: name.trim() || arm.name, model: arm.model, joint_map: arm.joint_map };
     }
-    if (format === "dh") return documentOf(name.trim() || words.namePlaceholder, dh);
+    if (unreadIn(stated) !== null) return null;
+    if (format === "dh") {
+      const made = documentOf(name.trim() || words.namePlaceholder, dh);
+      return made && { ...made, ...stated };
+    }
     if (!urdf.urdf || !urdf.base || !urdf.flange) return null;
-    return { name: name.trim() || words.namePlaceholder, model: { format: "urdf", ...urdf }, joint_map: null };
-  }, [name, format, arm, dh, urdf]);
+    return {
+      name: name.trim() || words.namePlaceholder,
+      model: { format: "urdf", ...urdf },
+      joint_map: null,
+      ...stated,
+    };
+  }, [name, format, arm, dh, urdf, stated]);
   const source = document && { robot: { ...document, name: "drawn" } };
   const named = name.trim() !== "" || format === "catalogue";
   const save = useAction(async () => {
@@ -254,6 +265,9 @@ export function RobotNewView() {
           ) : (
             <UrdfEditor given={urdf} change={setUrdf} />
           )}
+          {format !== "catalogue" && (
+            <SchemaFields of="RobotDocument" show={["payload"]} value={stated} change={setStated} />
+          )}
         </section>
         <section class="card sticky">
           <h2>{words.draw}</h2>
@@ -268,6 +282,7 @@ export function RobotNewView() {
                 onClick={() => {
                   setDh({ model: { ...arm.model }, map: arm.joint_map && { ...arm.joint_map } });
                   setName(name || arm.name);
+                  setStated(arm.payload == null ? {} : { payload: arm.payload });
                   setFormat("dh");
                 }}
               >

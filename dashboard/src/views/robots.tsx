@@ -351,6 +351,7 @@ function Kinematics({ robot }: { robot: Robot }) {
       <Facts
         facts={[
           robot.nominal_arm && { label: words.nominalArm, value: <Name>{robot.nominal_arm}</Name> },
+          robot.payload != null && { label: words.payload, value: `${robot.payload} kg` },
           {
             label: words.description,
             value:

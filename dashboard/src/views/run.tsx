@@ -51,7 +51,9 @@ export function RunView({ id, part, query }: { id: string; part: string; query: 
 function First({ run, set }: Pick<RunContext, "run" | "set">) {
   const words = text.run.first;
   const { verdict, reasons } = run.result?.assessment ?? { reasons: [] };
-  const action = reasons.flatMap((reason) => reason.action ?? []).find(({ kind }) => kind !== "show_posture");
+  const offered = reasons.flatMap((reason) => reason.action ?? []).filter(({ kind }) => kind !== "show_posture");
+  const [action] = offered;
+  const several = offered.filter(({ kind }) => kind === action?.kind).length > 1;
   const mend = useAction(async () => {
     return action && link(["runs", (await variantBy(run, action)).id]);
   });
@@ -59,7 +61,7 @@ function First({ run, set }: Pick<RunContext, "run" | "set">) {
   if (action && verdict !== "use")
     return (
       <ActionButton look="primary" action={mend} going={text.start.going}>
-        {action.kind === "choose_robot" ? text.assessment.actions.choose_robot(action) : words.mend}
+        {several || action.kind === "choose_robot" ? text.assessment.actions[action.kind](action) : words.mend}
       </ActionButton>
     );
   return (

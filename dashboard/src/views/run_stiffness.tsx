@@ -163,6 +163,13 @@ function Summary({ result }: { result: RunResult }) {
         `${text.units.micrometre} σ`,
         words.noise[verdict ?? "estimated"],
       )}
+      {goodness.repeatability_at_targets != null &&
+        goodness.repeatability != null &&
+        figure(
+          significant(goodness.repeatability_at_targets * 1e6, 2),
+          text.units.micrometre,
+          words.repeatability(significant(goodness.repeatability * 1e6, 2), goodness.repeatability_source === "given"),
+        )}
     </ul>
   );
 }

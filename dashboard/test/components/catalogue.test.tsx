@@ -17,6 +17,7 @@ const arm = (name: string): NominalArm => ({
   base: "on axis 1, at the floor",
   reach: 2.696,
   reach_of: "wrist_centre",
+  payload: 210,
   sources: ["a data sheet"],
 });
 const catalogue: Catalogue = {
@@ -45,7 +46,16 @@ describe("the catalogue", () => {
     expect(choose).toHaveBeenCalledWith(catalogue.arms[0]);
     const facts = await drawn(<ArmFacts arm={arm("KUKA KR 210 R2700 extra")} />);
     await settled(() => {});
-    for (const said of ["Nominal values", "2696 mm", "wrist centre", "at the floor", "A1 turns", "a data sheet", "350"])
+    for (const said of [
+      "Nominal values",
+      "2696 mm",
+      "210 kg",
+      "wrist centre",
+      "at the floor",
+      "A1 turns",
+      "a data sheet",
+      "350",
+    ])
       expect(facts.textContent).toContain(said);
   });
 });

@@ -21,6 +21,33 @@ it.each([
   expect(root.querySelector("h2")?.textContent).toContain(said);
 });
 
+it("offers each unit of force that is plausible on a button of its own", async () => {
+  const empty = { observations: [], joints: [], joint_map: [], offset: [], target: null, causes: [] };
+  const plausible = (unit: "kgf" | "lbf") => ({
+    code: "stiffness_against_payload" as const,
+    weight: "use_with_care" as const,
+    where: null,
+    observation: null,
+    message: `forces in ${unit}, not in N as declared, would give 94 rad⁻¹`,
+    remedy: `check in which unit the forces were read; if in ${unit}, set units.force to ${unit}`,
+    action: { ...empty, kind: "convert_units" as const, unit },
+  });
+  const assessment = {
+    verdict: "use_with_care" as const,
+    reasons: (["kgf", "lbf"] as const).map(plausible),
+    notes: [],
+    joints_identified: 6,
+    joint_count: 6,
+    headline: null,
+  };
+  const context = { run: { id: "r" } } as RunContext;
+  const root = await drawn(<VerdictCard assessment={assessment} context={context} />);
+  expect([...root.querySelectorAll("button")].map((button) => button.textContent)).toEqual([
+    "Read the numbers in kgf and repeat",
+    "Read the numbers in lbf and repeat",
+  ]);
+});
+
 it("offers each robot that fits on a button of its own, the best first", async () => {
   const empty = { observations: [], joints: [], joint_map: [], offset: [], target: null, causes: [], unit: null };
   const fitting = (robot: string) => ({

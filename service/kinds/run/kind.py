@@ -12,6 +12,7 @@ from jointstiff.schemas.model import ElasticCompliance, LinksResult, ScoredModel
 from jointstiff.schemas.options import ElasticModel, RunOptions
 from jointstiff.schemas.run import (
     Advice,
+    Goodness,
     Identifiability,
     JointResult,
     ModelChoice,
@@ -181,7 +182,21 @@ def _fit_summary(result: RunResult) -> Line:
         if result.sigma is None
         else f", sigma of a reading {length_text(result.sigma)} ({result.goodness.sigma_source})"
     )
-    return Line(f"  {explained}residual {length_text(result.rms_residual)} rms (3-D){sigma}")
+    return Line(
+        f"  {explained}residual {length_text(result.rms_residual)} rms (3-D){sigma}"
+        f"{_repeatability_text(result.goodness)}"
+    )
+
+
+def _repeatability_text(goodness: Goodness) -> str:
+    """Return the end of a sentence with the repeatability at the targets; "" if there is none."""
+    if goodness.repeatability is None or goodness.repeatability_at_targets is None:
+        return ""
+    source = "stated" if goodness.repeatability_source == "given" else "estimated"
+    return (
+        f", repeatability {length_text(goodness.repeatability_at_targets)} at the targets "
+        f"({figure(1e6 * goodness.repeatability, '.2g')} µrad a joint, {source})"
+    )
 
 
 def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str]:

@@ -1,5 +1,7 @@
 """The catalogue as the API answers it: where each base is, what its reach is, how controllers show angles."""
 
+import re
+
 import numpy as np
 import pytest
 from support.api import post
@@ -56,8 +58,22 @@ def test_the_arms_stand_in_the_order_of_their_makers_with_base_reach_and_sources
         assert arm["name"].startswith(arm["maker"])
         assert (arm["joint_map_preset"], arm["reach"], arm["reach_of"]) == (preset, reach, reach_of)
         assert arm["base"] == f"on axis 1, {base}"
-        assert len(arm["sources"]) == (1 if reach_of == "stated" else 2)
+        assert len(arm["sources"]) == 2
+        assert ("payload" in arm["sources"][-1]) == (arm["payload"] is not None)
         assert arm["model"]["format"] == "dh"
+
+
+def test_the_payload_is_the_one_that_the_name_of_the_arm_states(answer):
+    payloads = {arm["name"]: arm["payload"] for arm in answer["arms"]}
+    for name, payload in payloads.items():
+        stated = re.search(r"(?:iC/|iD/|KR |GP|IRB \d+-)(\d+)", name)
+        assert stated is None or payload == float(stated[1])
+    assert payloads["FANUC LR Mate 200iD"] == 7.0
+    assert [payloads[f"Universal Robots UR{size}e"] for size in (3, 5, 10)] == [3.0, 5.0, 12.5]
+    assert [name for name, payload in payloads.items() if payload is None] == [
+        "Stäubli TX2-60",
+        "Stäubli TX2-90",
+    ]
 
 
 MAPS = {

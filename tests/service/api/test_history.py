@@ -68,8 +68,8 @@ def test_one_campaign_is_shown_and_compared_with_nothing(worn):
         (None, None, False)
     }
     (point,) = before["joints"][2]["points"]
-    assert point["stiffness"] == pytest.approx(2.459e6, rel=1e-3)
-    assert point["interval"] == pytest.approx([2.3807e6, 2.5427e6], rel=1e-3)
+    assert point["stiffness"] == pytest.approx(2.462e6, rel=1e-3)
+    assert point["interval"] == pytest.approx([2.3896e6, 2.5386e6], rel=1e-3)
     (campaign,) = before["campaigns"]
     assert (campaign["name"], campaign["at"], campaign["time_source"]) == (
         "campaign 0",
@@ -108,14 +108,14 @@ def test_a_trend_says_which_runs_it_compares(client, worn):
 
 
 WORN = [
-    (0.0032063, 0.0078347, 0.68188, False),
-    (-0.0094743, 0.0090353, 0.29667, False),
-    (-0.080461, 0.012122, 1.9766e-10, True),
+    (1.1026e-4, 0.0090644, 0.99029, False),
+    (-0.015808, 0.01047, 0.13416, False),
+    (-0.076102, 0.015816, 3.7678e-6, True),
 ]
 LONG = [
-    (0.0096607, 0.0093737, 0.3004, False),
-    (0.0084632, 0.0085289, 0.31902, False),
-    (-0.1071, 0.011408, 7.6e-19, True),
+    (0.012018, 0.010426, 0.2462, False),
+    (0.0088845, 0.0088062, 0.31089, False),
+    (-0.1016, 0.014093, 8.4e-12, True),
 ]
 
 
@@ -144,8 +144,8 @@ def test_a_robot_shows_its_last_campaign_and_the_changes_of_each_arm(client, wor
     ((change,), (less,)) = row["changed"], other["changed"]
     assert (change["joint"], change["serial_number"]) == (less["joint"], less["serial_number"])
     assert (change["joint"], change["serial_number"]) == ("joint_3", "A")
-    assert change["change"]["value"] == pytest.approx(-0.1071, rel=2e-3)
-    assert less["change"]["value"] == pytest.approx(-0.080461, rel=2e-3)
+    assert change["change"]["value"] == pytest.approx(-0.1016, rel=2e-3)
+    assert less["change"]["value"] == pytest.approx(-0.076102, rel=2e-3)
     assert (other["at"], other["serial_number"]) == (DAYS[1], "A")
 
 
@@ -175,12 +175,12 @@ def test_a_trend_is_shown_as_a_table_a_picture_and_a_file(client, long, tmp_path
     assert repr(shown) == f"<RobotTrend: {shown.summary()}>"
     rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in str(shown).splitlines()]
     assert [row for row in rows if row] == [
-        ["joint_1", "", "0.97 ± 0.94 %", "0.3"],
-        ["joint_2", "", "0.85 ± 0.85 %", "0.32"],
-        ["joint_3", "changed", "-11 ± 1.1 %", "7.6 · 10⁻¹⁹"],
-        ["joint_4", "", "2.5 ± 9.6 %", "0.79"],
-        ["joint_5", "", "-2.9 ± 1.9 %", "0.14"],
-        ["joint_6", "", "-8.1 ± 7.3 %", "0.28"],
+        ["joint_1", "", "1.2 ± 1 %", "0.25"],
+        ["joint_2", "", "0.89 ± 0.88 %", "0.31"],
+        ["joint_3", "changed", "-10 ± 1.4 %", "8.4 · 10⁻¹²"],
+        ["joint_4", "", "1.8 ± 10 %", "0.86"],
+        ["joint_5", "", "-1.9 ± 3.7 %", "0.62"],
+        ["joint_6", "", "-11 ± 11 %", "0.37"],
     ]
     assert [len(axes.lines) for axes in shown._draw_figure().axes] == [3] * 6
     shown.save(tmp_path / "trend.csv")
@@ -198,10 +198,10 @@ def test_a_trend_is_shown_as_a_table_a_picture_and_a_file(client, long, tmp_path
     ]
     assert lines[15][2] == "2021-04-10T08:00:00+00:00"
     assert [float(each) for each in lines[14][3:]] == pytest.approx(
-        [2.48944e6, 2.40397e6, 2.58122e6], rel=1e-3
+        [2.48528e6, 2.40397e6, 2.57086e6], rel=1e-3
     )
     assert [float(each) for each in lines[15][3:]] == pytest.approx(
-        [2.25699e6, 2.18966e6, 2.3286e6], rel=1e-3
+        [2.25235e6, 2.19276e6, 2.3153e6], rel=1e-3
     )
 
 

@@ -241,15 +241,23 @@ def test_one_campaign_is_compared_with_nothing():
     assert "only one campaign: a second one is needed" in trend["note"]
 
 
-@pytest.mark.parametrize("source", ["load_point", "force_scale"])
-def test_what_is_assumed_is_that_of_one_hook_and_one_load_cell(source):
+def test_what_is_assumed_of_the_force_is_that_of_one_load_cell():
     """Nothing was stated, so no campaign says that it is another than in the others."""
-    assumed = uncertainty_of(["cell 7"] * 4 + ["cell 8"], source=f"assumed_{source}")
+    assumed = uncertainty_of(["cell 7"] * 4 + ["cell 8"], source="assumed_force_scale")
     assert assumed == pytest.approx(uncertainty_of(["cell 7"] * 5))
-    *others, last = campaigns(["cell 7"] * 5, source=f"assumed_{source}")
-    *_, stated = campaigns(["cell 7"] * 4 + ["cell 8"], source=source)
+    *others, last = campaigns(["cell 7"] * 5, source="assumed_force_scale")
+    *_, stated = campaigns(["cell 7"] * 4 + ["cell 8"], source="force_scale")
     assert last.joints["joint_1"].compliance == stated.joints["joint_1"].compliance
     assert uncertainty_among([*others, stated]) > 2.0 * assumed  # it has one of its own
+
+
+@pytest.mark.parametrize("source", ["load_point", "assumed_load_point"])
+@pytest.mark.parametrize("last", ["cell 7", "cell 8"])
+def test_each_campaign_has_a_load_point_error_of_its_own(source, last):
+    """It is fitted with the joints of its campaign, whether it was stated and whatever read the force."""
+    own = uncertainty_of(["cell 7"] * 4 + [last], source=source)
+    assert own == pytest.approx(uncertainty_of(["cell 7"] * 4 + ["cell 8"]))  # as of two load cells
+    assert own > 2.0 * uncertainty_of(["cell 7"] * 5)
 
 
 def shown_trend(measured):

@@ -118,7 +118,7 @@ def test_an_arm_is_shown_by_a_part_of_its_name_with_rows_and_sources():
         "│ 1 │ 0 │ 0 │ 675 │ 0 │ -185 to 185 │",
         "│ 2 │ 350 │ -90 │ 0 │ 0 │ -140 to -5 │",
         "│ 4 │ 41 │ 90 │ 1200 │ 0 │ -350 to 350 │",
-        "R0: on axis 1, at the floor reach: 2696 mm of the wrist centre",
+        "R0: on axis 1, at the floor reach: 2696 mm of the wrist centre payload: 210 kg",
         "joint map, row 1: -1 0 0 0 0 0",
         "joint map, row 4: 0 0 0 -1 0 0",
         "source: ros-industrial/kuka_experimental: kuka_kr210_support/urdf/kr210r2700extra_macro.xacro, "

@@ -364,7 +364,7 @@ def test_what_is_stored_comes_back_bit_for_bit(sent):
 
 @pytest.mark.parametrize("length", ["m", "mm"])
 @pytest.mark.parametrize("angle", ["rad", "deg"])
-@pytest.mark.parametrize("force", ["N", "kN", "kgf"])
+@pytest.mark.parametrize("force", ["N", "kN", "kgf", "lbf"])
 @pytest.mark.parametrize("readings", ["positions", "deflections"])
 def test_units_do_not_matter(length, angle, force, readings):
     options = {

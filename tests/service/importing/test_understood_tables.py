@@ -20,6 +20,7 @@ from support.importing_samples import (
 )
 
 from jointstiff.schemas.imports import ImportRequest
+from jointstiff.service.conversion.units import FORCE, MOMENT
 
 COMMENT = "comments were skipped (1 line); the first: 'cell 3, dead weight, 2026-11-20'"
 ROWS = [line.split(";") for line in CAMPAIGN.splitlines()[1:]]
@@ -118,6 +119,16 @@ def test_deflections_moments_and_load_points_keep_their_units():
         ("P11", (0.0002, 0.0003, -0.0012)),
     ]
     assert meanings_of(answer)[-1] == "ignored"
+
+
+def test_pounds_and_foot_pounds_are_units_of_forces_and_moments():
+    targets = {"P10": (0, 0, 0.1), "P11": (0.1, 0, 0.1)}
+    table = DEFLECTIONS.replace("[kgf]", "[lbf]").replace("[Nm]", "[ft·lbf]")
+    units = answered(("a.csv", table), flange_targets=targets, load_point=None).measurement_set.units
+    assert (units.force, units.moment) == ("lbf", "lbf.ft")
+    assert FORCE["lbf"] == pytest.approx(0.45359237 * 9.80665, rel=1e-15)
+    assert MOMENT["lbf.ft"] == pytest.approx(0.3048 * FORCE["lbf"], rel=1e-15)
+    assert 12.0 * MOMENT["lbf.in"] == pytest.approx(MOMENT["lbf.ft"], rel=1e-15)
 
 
 def test_deflections_need_targets_and_a_load_point_that_a_tool_reaches():

@@ -329,11 +329,11 @@ def test_the_reasons_of_what_is_absurd_name_its_size(run, by_weights):
         for made in [ABSURD[name](run, by_weights)]
     }
     assert said["prediction, kN for N"] == [
-        "the greatest deflection is 525.3 mm, 102 times the greatest of the campaign",
+        "the greatest deflection is 526 mm, 102 times the greatest of the campaign",
         "1 of 1 cases have loads or postures beyond those of the campaign",
     ]
     assert said["prediction, a few metres"][:2] == [
-        "the greatest deflection is 26.39 mm, 5.12 times the greatest of the campaign",
+        "the greatest deflection is 26.5 mm, 5.14 times the greatest of the campaign",
         "the load point or the place is 4 m from the flange",
     ]
     assert said["prediction, joint without a number"] == ["none of the 1 cases has a number"]
@@ -373,7 +373,7 @@ def test_a_program_for_kilonewtons_is_refused_with_all_its_reasons(run):
     assert (problem.type, problem.where) == ("urn:jointstiff:problem:not-to-be-used", "max_displacement")
     assert problem.detail == "the verdict on a program whose corrections exceed the limits is: do not use"
     assert [each.reason for each in problem.errors] == [
-        "the greatest deflection is 710.9 mm, 138 times the greatest of the campaign",
+        "the greatest deflection is 711.7 mm, 138 times the greatest of the campaign",
         "4 of 4 points have loads or postures beyond those of the campaign",
         "the limits reduce the corrections of 4 of 4 points",
     ]

@@ -214,19 +214,24 @@ class TestAdvice:
         assert pieces == ()
 
     def test_none_where_an_error_of_all_readings_is_the_most(self):
-        """Of a joint that the load point decides, no reading tells more."""
+        """Of joints that the scale of the load cell decides, no reading tells more."""
         document = simulate_campaign(ARM, load="pull", configurations=8, seed=3, sigma=6e-5)
         robot, measurements = prepare(document)
         sure, unsure = (
-            replace(measurements, common_uncertainty=CommonUncertainty(load_point=place))
-            for place in (0.0, 0.01)
+            replace(measurements, common_uncertainty=CommonUncertainty(scale=share)) for share in (0.0, 0.5)
         )
+        advised_joints = {piece.joint for piece in advise_next_readings(robot, sure, estimate(robot, sure))}
+        assert {"joint_4", "joint_6"} <= advised_joints
+        assert advise_next_readings(robot, unsure, estimate(robot, unsure)) == ()
+
+    def test_a_joint_that_an_assumed_load_point_blurs_is_helped_by_readings(self):
+        """More readings tell where the load hangs."""
+        document = simulate_campaign(ARM, load="pull", configurations=8, seed=3, sigma=6e-5)
+        robot, measurements = prepare(document)
+        unsure = replace(measurements, common_uncertainty=CommonUncertainty(load_point=0.01))
         found = estimate(robot, unsure)
-        assert "joint_6" in {
-            piece.joint for piece in advise_next_readings(robot, sure, estimate(robot, sure))
-        }
         pieces = advise_next_readings(robot, unsure, found)
-        assert {piece.joint for piece in pieces} == {"joint_4"}
+        assert {piece.joint for piece in pieces} == {"joint_4", "joint_6"}
         for piece in pieces:
             after = estimate(robot, follow(robot, unsure, piece))
             j = robot.joint_names.index(piece.joint)

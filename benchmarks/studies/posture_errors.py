@@ -1,0 +1,143 @@
+"""Errors that all targets of a posture share: coverage of the intervals, and what they cost without any.
+
+Readings come from springs that balance the load exactly; joints that do not repeat turn in that simulator,
+the station's error moves all targets of a posture alike. Nothing here knows the solver's own terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from benchmarks.designs import SIGMA, Design, planned_design
+from benchmarks.report import Figure, Section
+from jointstiff.simulator import default_arm
+from jointstiff.simulator.campaign import TARGETS, deflections
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.estimation.estimate import Estimate
+from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.estimation.joints import JointsAlone
+from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.problem import Bounds
+from tests.support.springs import robot_of
+
+__all__ = ["run"]
+
+_STREAM = 89
+_CAMPAIGNS = 120
+_POSTURES = (12, 19)
+_POINTS: FloatArray = np.array(list(TARGETS.values()))
+Generator = np.random.Generator
+Positions = tuple[FloatArray, FloatArray]
+"""Places (N, T, 3) of the targets without load and under load [m]."""
+
+
+def _repeats(scatter: float) -> Callable[[Design, Generator], Positions]:
+    """Return a reader of an arm whose joints come back with a standard deviation [rad]."""
+
+    def read(design: Design, generator: Generator) -> Positions:
+        joints = design.experiment.joints
+        turned = joints + scatter * generator.standard_normal(joints.shape)
+        loaded = deflections(design.arm, turned, *design.experiment.wrenches, _POINTS)[1]
+        noise = SIGMA * generator.standard_normal((2, *loaded.shape))
+        return design.unloaded + noise[0], loaded + noise[1]
+
+    return read
+
+
+def _stands(share: float) -> Callable[[Design, Generator], Positions]:
+    """Return a reader whose station has a part of the error of a reading [m], common to the targets."""
+
+    def read(design: Design, generator: Generator) -> Positions:
+        common = share * generator.standard_normal((2, *design.loaded.shape[:1], 1, 3))
+        own = np.sqrt(SIGMA**2 - share**2) * generator.standard_normal((2, *design.loaded.shape))
+        return design.unloaded + common[0] + own[0], design.loaded + common[1] + own[1]
+
+    return read
+
+
+ERRORS = {
+    "repeatability 0": _repeats(0.0),
+    "repeatability 10 µrad": _repeats(1e-5),
+    "repeatability 20 µrad": _repeats(2e-5),
+    "repeatability 40 µrad": _repeats(4e-5),
+    "station 14 µm of 20 µm": _stands(1.4e-5),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class _Outcome:
+    """Intervals of one campaign."""
+
+    held: list[bool]  # whether each joint's interval holds the truth
+    width: list[float]  # of each joint's interval, relative to that of readings without common errors
+    scatter: float  # found, of a joint [rad]
+
+
+def _outcome(read: Callable[[Design, Generator], Positions], *, stated: bool, seed: int) -> _Outcome:
+    """Return the outcome of a campaign of some postures of a plan."""
+    generator = np.random.default_rng([seed, _STREAM])
+    design = planned_design(default_arm(), seed=seed % 20)
+    unloaded, loaded = read(design, generator)
+    count = int(generator.integers(_POSTURES[0], _POSTURES[1] + 1))
+    kept = np.sort(generator.permutation(len(loaded))[:count])
+    measurements = design.measurements(unloaded, loaded, sigma=SIGMA if stated else None)[kept]
+    robot = robot_of(design.arm)
+    settings = Settings("partial_pose", "covariance", Bounds.positive(robot.n), confidence=0.95)
+    joints = JointsAlone(robot, measurements, settings)
+    plain = identify(robot, measurements, settings)
+    found = joints.estimate
+    ends = np.array(list(_intervals(found)))
+    truth = design.arm.compliances
+    return _Outcome(
+        held=((ends[:, 0] <= truth) & (truth <= ends[:, 1])).tolist(),
+        width=(np.ptp(ends, axis=1) / np.ptp(np.array(list(_intervals(plain))), axis=1)).tolist(),
+        scatter=joints.measurements.scatter.joints * (found.sigma or 0.0),
+    )
+
+
+def _intervals(estimate: Estimate) -> Iterator[tuple[float, float]]:
+    """Yield the interval of each joint's compliance; an interval without numbers holds nothing."""
+    for joint in estimate.joints:
+        yield joint.compliance_interval or (np.nan, np.nan)
+
+
+def run(*, quick: bool) -> list[Section]:
+    """Draw campaigns with each kind of error, with sigma stated and without."""
+    rows, figures = [], list[Figure]()
+    for name, read in ERRORS.items():
+        for stated in (True, False):
+            seeds = range(4 if quick else _CAMPAIGNS)
+            outcomes = [_outcome(read, stated=stated, seed=seed) for seed in seeds]
+            share = 100.0 * float(np.mean([each.held for each in outcomes]))
+            width = float(np.median([each.width for each in outcomes]))
+            scatter = 1e6 * np.array([each.scatter for each in outcomes])
+            what = f"{name}, {'sigma stated' if stated else 'nothing stated'}"
+            cells = (
+                f"{share:.1f}",
+                f"{width:.2f}",
+                f"{scatter.mean():.1f}",
+                str(int((scatter == 0.0).sum())),
+            )
+            rows.append((what, *cells))
+            figures += [
+                Figure(f"coverage, {what}", share, "at least", 92.5, " %"),
+                Figure(f"coverage, {what}", share, "at most", 97.0, " %"),
+            ]
+            if name == "repeatability 0":
+                figures.append(Figure(f"half-width, {what}, relative", width, "at most", 1.1))
+    return [
+        Section(
+            title=f"Errors shared by a posture's targets: {len(outcomes)} campaigns each, of 12 to 19",
+            columns=("error", "holds the truth [%]", "median width", "found [µrad]", "found none"),
+            rows=tuple(rows),
+            figures=tuple(figures),
+            notes=(
+                "widths are relative to those of a fit that takes all errors of readings as independent",
+                f"three targets, {1e6 * SIGMA:g} µm; the binomial standard error of a share is "
+                f"{100.0 * float(np.sqrt(0.95 * 0.05 / (6 * len(outcomes)))):.1f} %",
+            ),
+        )
+    ]

@@ -1,0 +1,125 @@
+"""Check of the unit of forces: stiffness of a six-axis arm compared with its payload and reach.
+
+Confused units scale all forces alike, so no reading shows the mistake. Makers build joints for the torque of
+the payload at the reach, and therefore the ratio of stiffness to this torque differs little among arms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas.finding import Action, Finding
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.estimation.estimate import JointCompliance
+from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Measurements
+from jointstiff.solver.mechanics.postures import measure_reach
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.text import figure
+
+
+@dataclass(frozen=True)
+class MeasuredArm:
+    """Arm whose stiffness was measured with forces of known unit."""
+
+    name: str
+    payload: float  #: [kg]
+    reach: float  #: of the wrist from axis 1 [m]
+    stiffness: tuple[float, ...]  #: k2 to k6 [N·m/rad]
+
+    def ratios(self) -> FloatArray:
+        """Return the ratios (5,) of the stiffnesses k2 to k6 to the torque of payload and reach [rad⁻¹]."""
+        return np.array(self.stiffness) / payload_torque(self.payload, self.reach)
+
+
+MEASURED_ARMS: Final = (
+    # Ambiehl, Garnier, Subrin, Furet, IROS 2017, Table II: decoupled partial pose, encoders inactive.
+    MeasuredArm("KUKA KR 240", 240.0, 2.69, (3.2e6, 2.6e6, 0.42e6, 0.23e6, 0.089e6)),
+    # Cable pulls of the repository breakthrough-surge-suppression-in-high-speed-robotic-drilling, commit
+    # e5c2f79. It states no variant of the arm: 240 kg is the heaviest one of this reach.
+    MeasuredArm("FANUC R-2000iC", 240.0, 2.687, (2.743e6, 2.070e6, 0.3592e6, 0.4442e6, 0.1380e6)),
+)
+"""Arms from which the plausible ratios are derived. There are only two."""
+PLAUSIBLE_RATIOS: Final = (25.0, 400.0)
+"""Plausible geometric mean of k2 to k6 over payload · g · reach [rad⁻¹]: a quarter and four times that of
+the measured arms."""
+LEAST_JOINTS: Final = 3
+"""Number of the joints 2 to 6 that must be identified."""
+_SIX: Final = 6
+"""Number of joints; joint 1 is not compared, because it often sees no torque."""
+
+
+def payload_torque(payload: float, reach: float) -> float:
+    """Return payload · g · reach [N·m] of a payload [kg] and a reach [m]."""
+    return payload * FORCE_UNITS["kgf"] * reach
+
+
+def inspect_force_unit(
+    robot: Robot, measurements: Measurements, joints: Sequence[JointCompliance]
+) -> Iterator[Finding]:
+    """Yield a finding for each unit that makes an implausible stiffness plausible, the likeliest first.
+
+    If no unit does, one finding has no action. Nothing is compared where the payload is unknown, the arm has
+    other joints than six revolute ones, or fewer than `LEAST_JOINTS` of joints 2 to 6 are identified. If some
+    of these joints are not identified, the means of the measured arms are those of the same joints.
+
+    Args:
+        robot: n joints.
+        measurements: N observations, with the unit of force that was declared.
+        joints: result for each joint, of a fit by joints alone.
+    """
+    if robot.payload is None or robot.n != _SIX or robot.prismatic.any() or not measurements.force.any():
+        return
+    found = [joint.stiffness if joint.status == "identified" else None for joint in joints[1:_SIX]]
+    stiffness = np.array([np.nan if each is None else each for each in found])
+    known = np.isfinite(stiffness)
+    if known.sum() < LEAST_JOINTS:
+        return
+    reach = measure_reach(robot)
+    ratio = _geometric_mean(stiffness[known]) / payload_torque(robot.payload, reach)
+    means = [_geometric_mean(arm.ratios()[known]) for arm in MEASURED_ARMS]
+    # The wrist is softer than joints 2 and 3, so the bounds move with the joints that are compared.
+    usual = _geometric_mean(np.array(means))
+    shift = usual / _geometric_mean(np.array([arm.ratios() for arm in MEASURED_ARMS]))
+    least, greatest = (shift * bound for bound in PLAUSIBLE_RATIOS)
+    if least <= ratio <= greatest:
+        return
+    names = [joint.name for joint, is_known in zip(joints[1:_SIX], known, strict=True) if is_known]
+    listed = f"{names[0]} to {names[-1]}" if known.all() else ", ".join(names)
+    arms = [f"{figure(mean, '.3g')} ({arm.name})" for arm, mean in zip(MEASURED_ARMS, means, strict=True)]
+    message = (
+        f"the geometric mean of the stiffnesses of {listed} over payload · g · reach "
+        f"({figure(robot.payload)} kg, {figure(reach, '.3g')} m) is {figure(ratio, '.3g')} rad⁻¹; the only "
+        f"two arms in our comparison have {' and '.join(arms)}, and {figure(least, '.2g')} to "
+        f"{figure(greatest, '.2g')} is plausible"
+    )
+    declared = measurements.force_unit
+    size = FORCE_UNITS["kgf" if declared == "kg" else declared]
+    ratios = {unit: ratio * newtons / size for unit, newtons in FORCE_UNITS.items()}
+    fitting = [unit for unit in FORCE_UNITS if least <= ratios[unit] <= greatest]
+    for number, unit in enumerate(sorted(fitting, key=lambda unit: abs(np.log(ratios[unit] / usual)))):
+        other = (
+            f"forces in {unit}, not in {declared} as declared, would give {figure(ratios[unit], '.3g')} rad⁻¹"
+        )
+        yield Finding(
+            code="stiffness_against_payload",
+            weight="use_with_care",
+            message=f"{other}, which is plausible, too" if number else f"{message}; {other}",
+            remedy=f"check in which unit the forces were read; if in {unit}, set `units.force` to {unit}",
+            action=Action.of("convert_units", unit=unit),
+        )
+    if not fitting:
+        yield Finding(
+            code="stiffness_against_payload",
+            weight="use_with_care",
+            message=f"{message}; no other unit of force would give that",
+            remedy="check `units.force`, and the robot's `payload`",
+        )
+
+
+def _geometric_mean(positive: FloatArray) -> float:
+    """Return the geometric mean of positive numbers."""
+    return float(np.exp(np.log(positive).mean()))

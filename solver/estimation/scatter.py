@@ -1,0 +1,204 @@
+"""Errors that are new in every posture and that its targets share: repeatability, and the tracker's station.
+
+Robots return to 30 to 60 µm, and the error of a tracker's station is the same for all targets of a posture:
+three targets with one error are one reading. The deflections of a posture are
+``d_i = A_i c + J_i δ_i + t_i + ε_i`` with turns ``δ_i ~ N(0, s² I)`` of the joints and a shift
+``t_i ~ N(0, u² I)`` of all targets. The ratios ρ = s/σ and τ = u/σ maximise the restricted likelihood, which
+accounts for the residuals that the fit of c takes away (Patterson & Thompson, *Biometrika* 58, 1971):
+
+    −log L = ½ (Σ log|V_i| + Σ r_iᵀ V_i⁻¹ r_i / σ² + log|Σ A_iᵀ V_i⁻¹ A_i|)
+    V_i = Σ_i + ρ² J_i J_iᵀ + τ² 1 1ᵀ.
+
+Both are zero unless a likelihood ratio test is significant. Zero is a bound of each, so that the ratio has
+the distribution ¼ χ²₀ + ½ χ²₁ + ¼ χ²₂ (Self & Liang, *J. Am. Stat. Assoc.* 82, 1987).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from typing import Final, Literal
+
+import numpy as np
+from scipy import special
+from scipy.optimize import minimize
+
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.errors import SolverError
+from jointstiff.solver.estimation.estimate import Estimate
+from jointstiff.solver.estimation.stack import Stack
+from jointstiff.solver.estimation.statements import list_stated_terms
+from jointstiff.solver.estimation.triangle import INDEPENDENT, compute_triangular_factor, unit_columns
+from jointstiff.solver.mechanics.block import RegressorBlock, compute_scatter_roots, whole_block
+from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.mechanics.springs import JOINTS
+
+SCATTER_LEVEL: Final = 0.01
+"""Significance level of the test for shared errors: of campaigns without any, one in a hundred gets wider
+intervals for nothing."""
+LARGEST_REPEATABILITY: Final = 2e-4
+"""Motion of a target by shared errors [m] beyond that of any industrial robot in order: larger residuals are
+a mistake, or something besides the joints bends."""
+_STARTS: Final = (0.0, 0.1, 1.0, 10.0, 1e3)
+"""Variances of the shared errors from which the search starts, relative to the noise of the readings."""
+_MOST_VARIANCE: Final = 1e5
+_RESOLUTION: Final = 1e-7
+"""Residual of a coordinate [m] that is taken for rounding."""
+_MOST_OBSERVATIONS: Final = 100
+"""Number of observations that suffice to estimate shared errors."""
+_LEAST_FREEDOM: Final = 3
+_GROSS: Final = 10.0
+"""Mean square of a posture's residuals, relative to the median posture's, above which the posture is left
+out: a single wrong reading must not widen all intervals."""
+
+
+def find_scatter(robot: Robot, measurements: Measurements, estimate: Estimate) -> Scatter:
+    """Return the errors that the targets of a posture share, as stated or as the residuals show them.
+
+    Nothing is shared if the residuals do not show it significantly, or if they show more than a robot in
+    order has.
+
+    Args:
+        robot: n joints.
+        measurements: N observations, which may state the repeatability.
+        estimate: estimate by joints alone, fitted to these measurements.
+    """
+    part = measurements.select_evenly(_MOST_OBSERVATIONS)
+    try:
+        block = whole_block(robot, part, estimate.balanced)
+    except SolverError:  # no balance under the load: the assessment reports that elsewhere
+        return measurements.scatter
+    compliance = np.maximum(estimate.compliance, 0.0)
+    stack = Stack.from_blocks([block], [JOINTS, *list_stated_terms(measurements)], compliance)
+    joints, *others = stack.span.values()
+    fitted = np.concatenate([joints[~estimate.observability.null], *others])
+    likelihood = RestrictedLikelihood(block, stack, fitted)
+    scatter, gain = likelihood.maximise()
+    if measurements.repeatability is None:
+        if gain <= 0.0:
+            return NO_SCATTER
+        p_value = 0.5 * special.chdtrc(1, gain) + 0.25 * special.chdtrc(2, gain)
+        motion = compute_target_motion(block, scatter, measurements.sigma or likelihood.sigma(scatter))
+        if p_value >= SCATTER_LEVEL or motion > LARGEST_REPEATABILITY:
+            return NO_SCATTER
+    return scatter
+
+
+def compute_target_motion(block: RegressorBlock, scatter: Scatter, sigma: float) -> float:
+    """Return the root mean square length [m] by which shared errors move the targets, for sigma [m]."""
+    by_joints = np.square(block.jacobian[block.measurements.present]).sum(axis=(1, 2)).mean()
+    return sigma * float(np.sqrt(scatter.joints**2 * by_joints + 3.0 * scatter.station**2))
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """Shared errors of a posture's targets, as stated or as the residuals show them."""
+
+    joint: float  #: standard deviation of a joint's angle from one posture to the next [rad]
+    targets: float  #: root mean square motion of the targets by all shared errors [m]
+    source: Literal["given", "residuals"]
+
+    @classmethod
+    def from_measurements(
+        cls, robot: Robot, measurements: Measurements, sigma: float | None
+    ) -> Repeatability | None:
+        """Return the repeatability that a fit accounted for; None if there is none.
+
+        Args:
+            robot: n joints.
+            measurements: N observations, with the scatter of the fit.
+            sigma: standard uncertainty of a coordinate of a reading [m], as stated or estimated by the fit.
+        """
+        scatter = measurements.scatter
+        if not (scatter and sigma):
+            return None
+        block = whole_block(robot, measurements.select_evenly(_MOST_OBSERVATIONS))
+        return cls(
+            joint=scatter.joints * sigma,
+            targets=compute_target_motion(block, scatter, sigma),
+            source="residuals" if measurements.repeatability is None else "given",
+        )
+
+
+class RestrictedLikelihood:
+    """Restricted likelihood of the shared errors of a campaign, given sigma or maximised over sigma."""
+
+    def __init__(self, block: RegressorBlock, stack: Stack, fitted: IndexArray) -> None:
+        """Choose the observations and columns.
+
+        Args:
+            block: the observations.
+            stack: rows of these observations, whitened by the readings' own noise.
+            fitted: columns of the unknowns that are fitted.
+        """
+        columns, last = stack.rows[..., fitted], stack.rows[..., -1:]
+        unit = unit_columns(columns.reshape(-1, columns.shape[-1]))[0]
+        # Residuals of a first fit: they change no likelihood, but avoid the rounding of large deflections.
+        fit = np.linalg.lstsq(unit, last.reshape(-1), rcond=INDEPENDENT)[0]
+        residual = last[..., 0] - (unit @ fit).reshape(last.shape[:2])
+        squares = np.square(residual).sum(axis=1) / np.maximum(stack.read, 1)
+        used = squares <= _GROSS * np.median(squares)
+        by_joints, by_station = block.shared_motion
+        self._motion = by_joints[used], by_station[used]
+        self._rows = np.concatenate([unit.reshape(columns.shape), residual[..., None]], axis=-1)[used]
+        self._measurements = block.measurements
+        self._freedom: int = int(stack.read[used].sum()) - columns.shape[-1]
+        # Ratio at which turns of the joints move the targets as far as the readings' noise.
+        self._unit: float = 1.0 / max(
+            float(np.linalg.norm(by_joints) / np.sqrt(by_joints[..., 0].size)), 1e-12
+        )
+        # One target cannot tell a shift of all targets from its own noise.
+        self._station_is_seen = bool((self._measurements.present.sum(axis=1) > 1).any())
+
+    def maximise(self) -> tuple[Scatter, float]:
+        """Return the most likely shared errors, and twice the gain of log L over that without any."""
+        if self._freedom < _LEAST_FREEDOM:
+            return self._measurements.scatter, 0.0
+        stated, sigma = self._measurements.repeatability, self._measurements.sigma
+        joints: tuple[float, ...] = _STARTS
+        bounds = [(0.0, _MOST_VARIANCE), (0.0, _MOST_VARIANCE if self._station_is_seen else 0.0)]
+        if stated is not None and (sigma is not None or stated == 0.0):
+            joints = ((stated / (sigma or 1.0) / self._unit) ** 2,)
+            bounds[0] = joints[0], joints[0]
+        station = _STARTS if self._station_is_seen else (0.0,)
+        start = min(product(joints, station), key=self._at)
+        found = minimize(self._at, start, method="L-BFGS-B", bounds=bounds)
+        best = min((tuple(found.x.tolist()), start), key=self._at)
+        gain = 2.0 * (self._at((bounds[0][0], 0.0)) - self._at(best))
+        return self._scatter(best), max(gain, 0.0)
+
+    def sigma(self, scatter: Scatter) -> float:
+        """Return sigma of the readings as the residuals show it next to shared errors [m]."""
+        R, _ = self._whiten(scatter)
+        return float(np.sqrt(self._squares(R) / max(self._freedom, 1)))
+
+    def _scatter(self, variances: tuple[float, ...] | FloatArray) -> Scatter:
+        """Return the shared errors of variances relative to the noise of the readings."""
+        joints, station = np.sqrt(np.asarray(variances)).tolist()
+        return Scatter(self._unit * joints, station)
+
+    def _at(self, variances: tuple[float, ...] | FloatArray) -> float:
+        """Return −log L of the variances of joints and station, less a constant."""
+        scatter = self._scatter(variances)
+        R, variance = self._whiten(scatter)
+        singular = np.linalg.svd(R[:, :-1], compute_uv=False)
+        determined = np.log(singular[singular > INDEPENDENT * singular.max(initial=0.0)]).sum()
+        squares, sigma = self._squares(R), self._measurements.sigma
+        if sigma is None and self._measurements.repeatability and scatter.joints:
+            sigma = self._measurements.repeatability / scatter.joints
+        if sigma is None:
+            fit = self._freedom * np.log(squares)
+        else:
+            fit = squares / sigma**2 + 2.0 * self._freedom * np.log(sigma)
+        return float(0.5 * np.log(variance).sum() + determined + 0.5 * fit)
+
+    def _whiten(self, scatter: Scatter) -> tuple[FloatArray, FloatArray]:
+        """Return the triangular factor of the rows whitened with shared errors, and their variances."""
+        U, less, variance = compute_scatter_roots(self._motion, scatter.joints, scatter.station)
+        rows = self._rows - U @ (less[..., None] * (U.mT @ self._rows))
+        return compute_triangular_factor(rows.reshape(-1, rows.shape[-1])), variance
+
+    def _squares(self, R: FloatArray) -> float:
+        """Return the sum of squared residuals of a triangular factor; rounding counts as a residual."""
+        return float(R[-1, -1] ** 2) + self._freedom * _RESOLUTION**2

@@ -1,0 +1,52 @@
+"""Statements: what is stated or assumed of the load and of places, as rows of the fit (method.md §24).
+
+A load point that is stated to 1 mm, or assumed to 10 mm, joins the fit as three unknowns that all
+observations share, each with one more row: the unknown is zero, within its standard uncertainty. So the
+readings correct a statement as far as they know better, and χ², intervals and budgets account for both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.mechanics.block import Rows, Term, fitted_errors
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
+from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS
+
+
+@dataclass(frozen=True, eq=False)
+class Statements:
+    """Terms whose unknowns are stated as zero, each with a standard uncertainty."""
+
+    terms: tuple[Term, ...]  #: at least one
+    common: CommonUncertainty  #: standard uncertainties of the unknowns
+    compliance: FloatArray  #: (n,) compliances at which the columns are computed [rad/(N·m)]
+    sigma: float  #: standard uncertainty of a coordinate of a reading, the unit of the rows [m]
+
+    def scale(self, rows: Rows) -> Rows:
+        """Return rows with the columns of the terms in units of the unknowns' standard uncertainties."""
+        ends = np.cumsum([0, *rows.widths.values()])
+        unit = np.ones(ends[-1] + 1)
+        for (name, width), start in zip(rows.widths.items(), ends, strict=False):
+            if name in {term.name for term in self.terms}:
+                unit[start : start + width] = np.resize(TERMS[name].prior(self.common), width)
+        encoders = None if rows.encoders is None else rows.encoders * unit
+        return rows._replace(targets=rows.targets * unit, encoders=encoders)
+
+
+def list_stated_terms(measurements: Measurements) -> tuple[Term, ...]:
+    """Return the terms with a standard uncertainty that are fitted with the joints.
+
+    A scale of all loads moves the targets as the joints do, so that no reading corrects it. Errors that were
+    fitted before replace what was stated about them.
+    """
+    known = {term.name for term in fitted_errors(measurements).terms}
+    common = measurements.common_uncertainty
+    return tuple(
+        term
+        for term in TERMS.values()
+        if any(term.prior(common)) and term.name not in known and term is not FORCE_SCALE
+    )
