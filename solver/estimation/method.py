@@ -395,6 +395,13 @@ class MethodTriangles:
         )[0].T
         return given
 
+    def rebuild(self, blocks: Sequence[RegressorBlock]) -> MethodTriangles:
+        """Return the triangles of some of the observations, by the same method and with its statements."""
+        others = MethodTriangles(self.method)
+        for block in blocks:
+            others.add(block)
+        return others if self._statements is None else others.given(blocks, self._statements)
+
     @property
     def columns(self) -> FloatArray:
         """Compressed columns (m, n + K) of all readings: of the joints, then of K statements."""
