@@ -99,7 +99,7 @@ def run(*, quick: bool) -> list[Section]:
     planted = [_outcome(seed, STATED, error) for seed, error in zip(seeds, errors, strict=True)]
     wrong = [each for each in planted if each.verdict == "use" and each.worst > BEYOND]
     silent = sum(not each.says for each in wrong)
-    # What the least mistake moves bounds what a smaller one in any direction moves: noise moves two more.
+    # A mistake that is not found moves less than the least one that is; noise adds to what it moves.
     exceeded = sum(each.worst > each.foretold + BEYOND for each in wrong)
     rows = [
         ("stated to 0.1 mm, 8 to 30 mm off: use, a joint beyond 3 u", f"{len(wrong)} of {len(planted)}"),

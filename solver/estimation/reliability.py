@@ -52,8 +52,14 @@ POWER: Final = 0.8
 """Probability with which the least mistake is found."""
 HARMLESS: Final = 3.0
 """Number of standard uncertainties up to which a mistake that no test finds may move a joint."""
-_LARGEST: Final[dict[str, float]] = {"load_point": 1.0, "play": 1e-2}
-"""Largest mistake in a direction that no test of the term looks at [m, rad]: people see larger ones."""
+_LARGEST: Final[dict[str, float]] = {"load_point": 0.2, "play": 3e-3}
+"""Largest mistake that is considered [m, rad]: people see larger ones."""
+_LARGEST_FORCE: Final = 0.1
+"""Largest error of a force that is considered, as a share of the largest force."""
+_BEYOND: Final = 5.0
+"""Size, in largest mistakes, at which a direction ends that no test looks at."""
+_MOST_NAMED: Final = 3
+"""Largest number of mistakes that the remark describes."""
 _SMALLEST_COLUMN: Final = 1e-9
 """Singular value of unit columns up to which a direction moves nothing."""
 _LARGEST_NONCENTRALITY: Final = 1e8
@@ -72,6 +78,7 @@ class LeastMistake:
     joint: str  #: name of the joint that it moves most
     unknowns: tuple[float, ...]  #: unknowns of the mistake, in the term's unit
     moves: float  #: change of this joint's compliance, in its standard uncertainties
+    is_assumed: bool = False  #: whether the uncertainty of the load point is assumed, not stated
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,20 +111,27 @@ class _Remaining:
     largest: float  # largest length of a mistake
 
     @classmethod
-    def from_stack(cls, stack: Stack, term: Term, known: Sequence[str], visible: IndexArray) -> _Remaining:
-        """Project the known terms out of the columns of a term; of the joints only those that are seen."""
+    def from_stack(
+        cls, stack: Stack, term: Term, known: Sequence[str], visible: IndexArray, force: float
+    ) -> _Remaining:
+        """Project the known terms out of the columns of a term; of the joints only those that are seen.
+
+        The largest force [N] bounds errors of forces.
+        """
         span = stack.span | {JOINTS.name: visible}
         basis = orthonormal_basis(unit_columns(stack.flat[:, np.concatenate([span[n] for n in known])])[0])
         columns = stack.flat[:, span[term.name]]
         left = columns - basis @ (basis.T @ columns)
-        return cls(left.reshape(*stack.rows.shape[:2], -1), _LARGEST.get(term.name, np.inf))
+        largest = _LARGEST_FORCE * force if term.unit == "N" and force else _LARGEST.get(term.name, np.inf)
+        return cls(left.reshape(*stack.rows.shape[:2], -1), largest)
 
     def enlarge(self, mistake: FloatArray) -> FloatArray:
-        """Return a mistake (k,) so much larger that it shows without the observation that it moves most."""
+        """Return a mistake (k,) enlarged to show without the observation it moves most, within limits."""
         squares = np.square(self.columns @ mistake).sum(axis=1)
         others = 1.0 - squares.max() / max(float(squares.sum()), np.finfo(float).tiny)
-        limit = self.largest / max(float(np.linalg.norm(mistake)), np.finfo(float).tiny)
-        factor = min(1.0 / np.sqrt(max(others, np.finfo(float).eps)), max(limit, 1.0))
+        length = float(np.linalg.norm(mistake))
+        limit = self.largest / length if length > 0.0 else 1.0
+        factor = min(1.0 / np.sqrt(max(others, np.finfo(float).eps)), limit)
         return np.asarray(factor * mistake)
 
 
@@ -155,7 +169,7 @@ def find_least_mistakes(
     responses = estimate.triangles.rebuild(blocks).compute_responses(
         blocks, [*terms.values()], compliance, np.flatnonzero(estimate.estimated), prior
     )
-    known = (JOINTS.name, *names)
+    known, force = (JOINTS.name, *names), float(np.linalg.norm(part.force, axis=1).max())
     uncertainty = [joint.standard_uncertainty or np.inf for joint in estimate.joints]
     # A mistake moves a large set as it moves the part, whose tests are the tests of the set.
     common, level, found = measurements.common_uncertainty, MISTAKE_LEVEL / suspects, []
@@ -166,7 +180,7 @@ def find_least_mistakes(
         # The test leaves out the observation that a mistake moves most: it may be a single wrong reading.
         given.rows -= int(stack.read.max())
         prior_of_term = term.prior(common) if name in stated else ()
-        remaining = _Remaining.from_stack(stack, term, known, visible)
+        remaining = _Remaining.from_stack(stack, term, known, visible, force)
         ellipsoids = [*_list_ellipsoids(given, term, known, sigma, level, prior_of_term)]
         worst = [
             (abs(float(response @ mistake)) / uncertainty[j], j, mistake)
@@ -185,6 +199,7 @@ def find_least_mistakes(
                     joint=robot.joint_names[j],
                     moves=moves,
                     unknowns=tuple(mistake.tolist()),
+                    is_assumed=name in common.assumed,
                 )
             )
     return tuple(sorted(found, key=lambda each: -each.moves))
@@ -225,7 +240,7 @@ def _list_ellipsoids(
     rows = (s[tested, None] * Vt[tested]) * length / (sigma * np.sqrt(noncentrality))
     largest = _LARGEST.get(term.name)
     if largest is not None:
-        rows = np.vstack([rows, np.eye(len(length)) / largest])
+        rows = np.vstack([rows, np.eye(len(length)) / (_BEYOND * largest)])
     if len(rows):
         yield _Ellipsoid(rows, term.nonnegative)
     if len(stated) and width:
@@ -234,7 +249,7 @@ def _list_ellipsoids(
         refuted = compute_noncentrality(width, freedom, STATEMENT_LEVEL)
         weight = s / np.sqrt((np.square(s) + sigma**2) * refuted)
         rows = weight[:, None] * Vt / size
-        yield _Ellipsoid(rows if largest is None else np.vstack([rows, np.eye(len(size)) / largest]), False)
+        yield _Ellipsoid(rows, False)
 
 
 def compute_noncentrality(width: int, freedom: int, level: float) -> float:
@@ -271,8 +286,7 @@ _SIZES: Final[dict[str, tuple[float, str]]] = {
 _MISTAKES: Final[dict[str, tuple[str, str]]] = {
     "load_point": (
         "a load point up to {} off",
-        "measure the load point to {} and state it (`noise.load_point`), or hang the load on a second point "
-        "in four postures",
+        "check the load point to {}, or hang the load on a second point in four postures",
     ),
     "constant_force": ("a constant force of up to {} (axes of R0)", "read the load cell without load"),
     "load_zero": ("a load cell's zero up to {} off", "read the load cell without load in two postures"),
@@ -289,6 +303,10 @@ _MISTAKES: Final[dict[str, tuple[str, str]]] = {
 }
 """Words for each mistake, with a place for its size, and remedy, with a place for the size that moves a joint
 by one standard uncertainty."""
+_REMEDY_OF_ASSUMED: Final = (
+    "measure the load point and state its uncertainty (`noise.load_point`), or hang the load on a second "
+    "point in four postures"
+)
 
 
 def report_unseen_mistakes(mistakes: Sequence[LeastMistake]) -> Iterator[Finding]:
@@ -300,17 +318,21 @@ def report_unseen_mistakes(mistakes: Sequence[LeastMistake]) -> Iterator[Finding
     if not harmful:
         return
     effects, remedies = [], []
-    for each in harmful:
+    for each in harmful[:_MOST_NAMED]:
         words, remedy = _MISTAKES[each.name]
+        if each.is_assumed:
+            remedy = _REMEDY_OF_ASSUMED
         effects.append(
             f"{words.format(_format_size(each.size, each.unit))}, which would move {each.joint} by "
             f"{figure(each.moves, '.2g')} times its standard uncertainty"
         )
         remedies.append(remedy.format(_format_size(each.size / each.moves, each.unit)))
+    more = len(harmful) - _MOST_NAMED
     yield Finding(
         code="mistakes_unseen",
         weight="use",
-        message=f"the readings cannot show {'; nor '.join(effects)}",
+        message=f"the readings cannot show {'; nor '.join(effects)}"
+        + (f" (and {more} more, in `causes`)" if more > 0 else ""),
         remedy="; ".join(remedies),
     )
 
