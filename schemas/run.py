@@ -486,6 +486,18 @@ class CauseTest(Message):
         description="p-value of the F test of the cause added to the joints: the larger of those with "
         "stated and with equal weights."
     )
+    least_found: float | None = Field(
+        default=None,
+        description="Size of the least mistake that this test finds with a probability of 80 %, in `unit`: "
+        "of the vector of the unknowns, or of the turn for `turn`. Null with `first`, after a cause or links "
+        "were found, and for a cause that moves no joint.",
+    )
+    unit: Literal["m", "rad", "N", "1"] | None = Field(default=None, description="Unit of `least_found`.")
+    joint: Name | None = Field(default=None, description="Joint that this mistake moves most.")
+    moves: Dimensionless[float | None] = Field(
+        default=None,
+        description="Change of this joint's compliance by it, in units of its standard uncertainty.",
+    )
 
 
 _NO_PROMISE = {"anyOf": [{"type": "object"}, {"type": "null"}]}

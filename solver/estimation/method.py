@@ -395,6 +395,13 @@ class MethodTriangles:
         )[0].T
         return given
 
+    def rebuild(self, blocks: Sequence[RegressorBlock]) -> MethodTriangles:
+        """Return the triangles of some of the observations, by the same method and with its statements."""
+        others = MethodTriangles(self.method)
+        for block in blocks:
+            others.add(block)
+        return others if self._statements is None else others.given(blocks, self._statements)
+
     @property
     def freedom_of_statements(self) -> float:
         """Number of unknowns of statements that the readings determine, ``tr(B (BᵀB + σ²)⁻¹ Bᵀ)``."""

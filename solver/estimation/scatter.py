@@ -169,7 +169,7 @@ class RestrictedLikelihood:
         return self._scatter(best), max(gain, 0.0)
 
     def sigma(self, scatter: Scatter) -> float:
-        """Return sigma of the readings as the residuals show it next to shared errors [m]."""
+        """Return sigma of the readings as the residuals show it together with shared errors [m]."""
         R, _ = self._whiten(scatter)
         return float(np.sqrt(self._squares(R) / max(self._freedom, 1)))
 
