@@ -189,7 +189,6 @@ FindingCode = Literal[
     "deflection_unexplained",
     "alternative_explains_better",
     "cause_fitted",
-    "mistakes_unseen",
     "load_at_target",
     "stiffness_implausible",
     "stiffness_against_payload",

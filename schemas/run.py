@@ -375,8 +375,8 @@ class Goodness(Message):
     )
     repeatability: Radians[float | None] = Field(
         default=None,
-        description="Standard deviation of a joint's angle from one posture to the next; null if the "
-        "residuals show none. It moves all targets of a posture together.",
+        description="Standard deviation of a joint's angle from posture to posture; null if the residuals "
+        "show none.",
     )
     repeatability_at_targets: Metres[float | None] = Field(
         default=None, description="Root mean square motion of the targets by that scatter of all joints."
@@ -488,9 +488,8 @@ class CauseTest(Message):
     )
     least_found: float | None = Field(
         default=None,
-        description="Size of the least mistake that this test finds with a probability of 80 %, in `unit`: "
-        "of the vector of the unknowns, or of the turn for `turn`. Null with `first`, after a cause or links "
-        "were found, and for a cause that moves no joint.",
+        description="Length of the least mistake that this test finds in 80 % of campaigns, in `unit`; of "
+        "the turn for `turn`. Null with `first`, or if a cause or links were found.",
     )
     unit: Literal["m", "rad", "N", "1"] | None = Field(default=None, description="Unit of `least_found`.")
     joint: Name | None = Field(default=None, description="Joint that this mistake moves most.")

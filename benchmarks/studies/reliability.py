@@ -30,7 +30,7 @@ STATED = CommonUncertainty(load_point=1e-4, scale=3e-3)
 ASSUMED = CommonUncertainty(load_point=0.01, scale=0.01, assumed=frozenset({"load_point", "force_scale"}))
 BEYOND = 3.0
 """Standard uncertainties beyond which a joint is wrong."""
-_CODE, _WORDS = "mistakes_unseen", "a load point up to"
+_WORDS = "a load point up to"
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def _outcome(seed: int, common: CommonUncertainty, error: FloatArray) -> _Outcom
     ]
     point = next((each for each in result.causes if each.name == "load_point" and each.moves), None)
     foretold = 0.0 if point is None else point.moves or 0.0
-    says = any(each.code == _CODE and _WORDS in each.message for each in result.warnings)
+    says = any(_WORDS in note for note in result.assessment.notes)
     return _Outcome(result.assessment.verdict, says, foretold, max(off, default=0.0))
 
 

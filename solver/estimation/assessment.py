@@ -33,7 +33,7 @@ from jointstiff.solver.estimation.estimate import (
 from jointstiff.solver.estimation.joints import JointsAlone, residuals_within_noise
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.payload import inspect_force_unit
-from jointstiff.solver.estimation.reliability import LeastMistake, report_unseen_mistakes
+from jointstiff.solver.estimation.reliability import LeastMistake, describe_unseen_mistakes
 from jointstiff.solver.estimation.triangle import solve_nonnegative
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, fitted_errors, targets_in_flange
 from jointstiff.solver.mechanics.measurements import (
@@ -180,12 +180,13 @@ def assess(
         ()
         if gross or better is not None
         else inspect_force_unit(robot, measurements, joints.estimate.joints),
-        report_unseen_mistakes(() if screening is None or causes else unseen),
         find_reading_problems(robot, measurements, settings, prediction, findings),
         find_fit_problems(
             measurements, estimate, prediction, screening, explained=gross or better is not None
         ),
     )
+    unseen_note = describe_unseen_mistakes(() if screening is None or causes else unseen)
+    notes += () if unseen_note is None else (unseen_note,)
     return replace(derive_assessment(estimate.joints, found), notes=notes)
 
 

@@ -22,7 +22,6 @@ import numpy as np
 from scipy import special
 from scipy.optimize import brentq
 
-from jointstiff.schemas.finding import Finding
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.causes import (
@@ -309,14 +308,14 @@ _REMEDY_OF_ASSUMED: Final = (
 )
 
 
-def report_unseen_mistakes(mistakes: Sequence[LeastMistake]) -> Iterator[Finding]:
-    """Yield one remark on all mistakes that no test finds and that would move a joint beyond `HARMLESS`.
+def describe_unseen_mistakes(mistakes: Sequence[LeastMistake]) -> str | None:
+    """Return a sentence on the mistakes that no test finds and that would move a joint beyond `HARMLESS`.
 
-    The remark does not change the verdict: clean campaigns give it, too.
+    The sentence says what to do about them; None without such mistakes. Clean campaigns have them, too.
     """
     harmful = [each for each in mistakes if each.moves > HARMLESS]
     if not harmful:
-        return
+        return None
     effects, remedies = [], []
     for each in harmful[:_MOST_NAMED]:
         words, remedy = _MISTAKES[each.name]
@@ -328,13 +327,9 @@ def report_unseen_mistakes(mistakes: Sequence[LeastMistake]) -> Iterator[Finding
         )
         remedies.append(remedy.format(_format_size(each.size / each.moves, each.unit)))
     more = len(harmful) - _MOST_NAMED
-    yield Finding(
-        code="mistakes_unseen",
-        weight="use",
-        message=f"the readings cannot show {'; nor '.join(effects)}"
-        + (f" (and {more} more, in `causes`)" if more > 0 else ""),
-        remedy="; ".join(remedies),
-    )
+    others = f" (and {more} more, in `causes`)" if more > 0 else ""
+    advice = "; ".join(remedies)
+    return f"The readings cannot show {'; nor '.join(effects)}{others}. To see it, {advice}."
 
 
 def _format_size(size: float, unit: str) -> str:

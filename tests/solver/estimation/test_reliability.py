@@ -15,8 +15,8 @@ from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.reliability import (
     LeastMistake,
     compute_noncentrality,
+    describe_unseen_mistakes,
     find_least_mistakes,
-    report_unseen_mistakes,
 )
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.run import run
@@ -112,11 +112,11 @@ def test_an_assumed_load_point_is_corrected_so_that_a_mistake_moves_less():
 def test_a_run_names_what_it_cannot_show_and_remains_to_be_used(common, remedy):
     result = run(ROBOT, read(CLEAN, np.random.default_rng(8), common), RunOptions())
     assert result.assessment.verdict == "use"
-    (remark,) = [warning for warning in result.warnings if warning.code == "mistakes_unseen"]
-    assert remark.weight == "use"
-    assert "a load point up to" in remark.message
-    assert "would move joint_5 by" in remark.message
-    assert remedy in remark.remedy
+    assert not result.warnings
+    (note,) = [each for each in result.assessment.notes if each.startswith("The readings cannot show ")]
+    assert "a load point up to" in note
+    assert "would move joint_5 by" in note
+    assert remedy in note
     (test,) = [test for test in result.causes if test.name == "load_point"]
     assert (test.joint, test.unit) == ("joint_5", "m")
     assert 0.04 < test.least_found < 0.1
@@ -130,7 +130,7 @@ def test_a_mistake_that_is_found_is_a_reason_and_no_remark():
     result = run(ROBOT, read(wrong, generator), RunOptions())
     assert "alternative_explains_better" in {reason.code for reason in result.assessment.reasons}
     assert {test.moves for test in result.causes} == {None}
-    assert "mistakes_unseen" not in {warning.code for warning in result.warnings}
+    assert not any("cannot show" in note for note in result.assessment.notes)
 
 
 def test_the_remark_has_sizes_and_what_to_measure():
@@ -139,24 +139,20 @@ def test_the_remark_has_sizes_and_what_to_measure():
         LeastMistake("play", "rad", 2e-4, "joint_4", (2e-4,), 4.0),
         LeastMistake("shift", "m", 2e-5, "joint_1", (2e-5, 0.0, 0.0), 2.9),
     ]
-    (finding,) = report_unseen_mistakes(mistakes)
-    assert finding.message == (
-        "the readings cannot show a load point up to 25 mm off, which would move joint_5 by 10 times its "
+    assert describe_unseen_mistakes(mistakes) == (
+        "The readings cannot show a load point up to 25 mm off, which would move joint_5 by 10 times its "
         "standard uncertainty; nor play of up to 0.2 mrad in the gears, which would move joint_4 by 4 times "
-        "its standard uncertainty"
+        "its standard uncertainty. To see it, check the load point to 2.5 mm, or hang the load on a second "
+        "point in four postures; read three postures again at half the load."
     )
-    assert finding.remedy == (
-        "check the load point to 2.5 mm, or hang the load on a second point in four postures; read three "
-        "postures again at half the load"
-    )
-    assert not list(report_unseen_mistakes(mistakes[2:]))
+    assert describe_unseen_mistakes(mistakes[2:]) is None
 
 
 def test_a_remark_describes_three_mistakes_and_counts_the_others():
     mistakes = [LeastMistake("shift", "m", 2e-5, "joint_1", (2e-5, 0.0, 0.0), 4.0)] * 5
-    (finding,) = report_unseen_mistakes(mistakes)
-    assert finding.message.count("joint_1") == 3
-    assert finding.message.endswith("(and 2 more, in `causes`)")
+    note = describe_unseen_mistakes(mistakes)
+    assert note.count("joint_1") == 3
+    assert "(and 2 more, in `causes`). To see it, " in note
 
 
 def test_a_mistake_that_anybody_sees_is_not_considered():
