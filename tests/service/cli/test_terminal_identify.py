@@ -128,7 +128,7 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
                 "Joint stiffness, decoupled partial pose, uniform weights, compliance ≥ 0",
                 "│ joint_3 │ 2.541 │ 0.076 │ 2.400 … 2.700 │ determined │",
                 "residual 43.2 µm rms",
-                "2 warnings (--details) To do 1. joint_4: 1500 N along (-0.48, -0.85, -0.21) in posture c03",
+                "1 warning (--details) To do 1. joint_4: 1500 N along (-0.48, -0.85, -0.21) in posture c03",
             ],
         ),
         (
