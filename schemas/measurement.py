@@ -154,8 +154,8 @@ class Noise(Message):
     )
     repeatability: Annotated[float, Field(strict=True, ge=0.0, le=1.0)] | None = Field(
         default=None,
-        description="Standard deviation of a joint's angle from one posture to the next, in the set's unit "
-        "of angle; all targets of a posture move together. If absent, it is estimated from the residuals.",
+        description="Standard deviation of a joint's angle from posture to posture, in the set's unit of "
+        "angle. If absent, it is estimated from the residuals.",
         examples=[2e-5],
     )
     instrument: Instrument | None = Field(

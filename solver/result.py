@@ -26,6 +26,7 @@ from jointstiff.solver.estimation.estimate import (
     predict,
 )
 from jointstiff.solver.estimation.joints import JointsAlone
+from jointstiff.solver.estimation.reliability import LeastMistake, find_least_mistakes
 from jointstiff.solver.estimation.scatter import Repeatability
 from jointstiff.solver.links.choice import report_losses, report_penalty
 from jointstiff.solver.links.competition import Competition, Elastic, Winner
@@ -62,6 +63,7 @@ class RunOutcome:
     #: scatter of the joints from posture to posture; None if there is none
     repeatability: Repeatability | None
     budget: UncertaintyBudget | None = None  #: None with links, or where sigma is unknown
+    unseen: tuple[LeastMistake, ...] = ()  #: mistakes that the tests hardly find; none with links
     links: LinksResult | None = None  #: result for links and base; None if only joints bend
 
 
@@ -96,7 +98,11 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
     prediction = predict(
         robot, measurements, estimate.compliance, balanced=estimate.balanced, estimated=estimate.estimated
     )
-    assessment = assess(joints, estimate, prediction, screening)
+    unseen: tuple[LeastMistake, ...] = ()
+    if not (screening.causes or screening.lack_of_fit) and joints.are_sound:
+        prior = None if settings.prior is None else settings.prior.in_units_of(estimate.sigma or 1.0)
+        unseen = find_least_mistakes(robot, measurements, estimate, len(screening.tests), prior)
+    assessment = assess(joints, estimate, prediction, screening, unseen)
     return RunOutcome(
         estimate,
         assessment.drop_meaningless_numbers(prediction),
@@ -107,6 +113,7 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
         screening,
         Repeatability.from_measurements(robot, measurements, estimate.sigma),
         budget,
+        unseen,
     )
 
 
@@ -289,7 +296,7 @@ def build_run_result(
         resampling=resampling,
         links=found.links,
         choice=found.choice,
-        causes=list(found.screening.tests),
+        causes=list(_add_least_mistakes(found.screening.tests, found.unseen)),
         residuals=_build_residuals(prediction, measurements),
         contributions=contributions,
         encoder_residuals=_build_encoder_residuals(prediction, measurements, names),
@@ -297,6 +304,20 @@ def build_run_result(
         budget=build_budget_message(found.budget, names, assessment.reasons),
         warnings=list(found.warnings),
     )
+
+
+def _add_least_mistakes(
+    tests: Iterable[runs.CauseTest], mistakes: Sequence[LeastMistake]
+) -> Iterator[runs.CauseTest]:
+    """Yield the tests of causes with the least mistakes that they find."""
+    by_name = {each.name: each for each in mistakes}
+    for test in tests:
+        least = by_name.get(test.name) if test.first is None else None
+        if least is None:
+            yield test
+        else:
+            found = {"least_found": least.size, "unit": least.unit, "joint": least.joint}
+            yield test.model_copy(update=found | {"moves": least.moves})
 
 
 def build_joint_results(

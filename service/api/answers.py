@@ -51,7 +51,7 @@ NOT_MODIFIED: Final[dict[int | str, dict[str, Any]]] = {
     304: {"description": "Unchanged since the `ETag` in `If-None-Match`."}
 }
 
-_ADDRESS: Final = {"Location": {"description": "Address of the resource.", "schema": {"type": "string"}}}
+_ADDRESS: Final = {"Location": {"description": "New address.", "schema": {"type": "string"}}}
 LOCATION: Final[dict[int | str, dict[str, Any]]] = {201: {"description": "Stored.", "headers": _ADDRESS}}
 
 _logger = logging.getLogger(__name__)

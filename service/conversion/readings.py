@@ -678,6 +678,12 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     repeatability = None if header.noise is None else header.noise.repeatability
     if repeatability is not None:
         repeatability *= ANGLE[header.units.angle]
+    if repeatability and encoders is not None:
+        raise MeasurementError(
+            "a repeatability is stated, but encoder readings show the same turns of the joints",
+            where="noise.repeatability",
+            remedy="omit `noise.repeatability`, or the encoder readings",
+        )
     return replace(
         plain,
         sigma=sigma,

@@ -33,6 +33,7 @@ from jointstiff.solver.estimation.estimate import (
 from jointstiff.solver.estimation.joints import JointsAlone, residuals_within_noise
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.payload import inspect_force_unit
+from jointstiff.solver.estimation.reliability import LeastMistake, describe_unseen_mistakes
 from jointstiff.solver.estimation.triangle import solve_nonnegative
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, fitted_errors, targets_in_flange
 from jointstiff.solver.mechanics.measurements import (
@@ -126,7 +127,11 @@ class Assessment:
 
 
 def assess(
-    joints: JointsAlone, estimate: Estimate, prediction: Prediction, screening: Screening | None
+    joints: JointsAlone,
+    estimate: Estimate,
+    prediction: Prediction,
+    screening: Screening | None,
+    unseen: Sequence[LeastMistake] = (),
 ) -> Assessment:
     """Assess an identification: collect all reasons against its numbers, and derive the verdicts.
 
@@ -136,6 +141,7 @@ def assess(
         prediction: prediction of the same measurements by the estimate.
         screening: tests for other causes of the deflections, with the cross-validation if models were
             compared; None without tests.
+        unseen: least mistakes that the tests find; empty where more than the joints may bend.
     """
     robot, measurements, settings = joints.robot, joints.measurements, joints.settings
     findings: Sequence[Finding] = joints.noticed
@@ -179,6 +185,8 @@ def assess(
             measurements, estimate, prediction, screening, explained=gross or better is not None
         ),
     )
+    unseen_note = describe_unseen_mistakes(() if screening is None or causes else unseen)
+    notes += () if unseen_note is None else (unseen_note,)
     return replace(derive_assessment(estimate.joints, found), notes=notes)
 
 

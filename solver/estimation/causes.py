@@ -90,7 +90,7 @@ _STEP_TOLERANCE: Final = 1e-3
 """Relative size of a Gauss-Newton step at which the iteration ends."""
 _MOST_COMBINATIONS: Final = 12
 """Number of combinations of link compliances that are tested: those with the largest deflections."""
-_MOST_TESTED_OBSERVATIONS: Final = 500
+MOST_TESTED_OBSERVATIONS: Final = 500
 """Number of observations that suffice for the tests."""
 _LEAST_PART: Final = 4
 """Least number of observations before and after the onset of a cause, or under one of several loads."""
@@ -209,7 +209,7 @@ def screen_estimate(
         scattered: whether the residuals show a scatter of the joints, which tests must account for.
     """
     tested, compliance = (
-        measurements.select_evenly(_MOST_TESTED_OBSERVATIONS),
+        measurements.select_evenly(MOST_TESTED_OBSERVATIONS),
         np.maximum(estimate.compliance, 0.0),
     )
     bending_compliance = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
@@ -298,7 +298,7 @@ def _subtract_named_causes(
         RequestError: the readings do not show a named cause.
         SolverError: a cause implies loads without a balance.
     """
-    part = measurements.select_evenly(_MOST_TESTED_OBSERVATIONS)
+    part = measurements.select_evenly(MOST_TESTED_OBSERVATIONS)
     block = next(regressor_blocks(robot, part))
     rows = Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).flat
     compliance, _ = solve_nonnegative(rows[:, :-1], rows[:, -1])
@@ -427,6 +427,19 @@ def _subtract_errors(
     return replace(measurements, deflection=measurements.deflection - target_motion, encoders=encoders)
 
 
+def list_suspected_terms(measurements: Measurements, block: RegressorBlock) -> list[Term]:
+    """Return the terms that may have moved the targets of all observations.
+
+    Args:
+        measurements: N observations.
+        block: some of these observations.
+    """
+    loads = _group_distinct_loads(measurements)
+    turn = build_turn_term(block.points[block.measurements.present].mean(axis=0))
+    by_load = [build_load_scale_term(loads)] if len(loads) > 1 else []
+    return [term for term in (*TERMS.values(), turn, *by_load) if term.suspected]
+
+
 def _list_suspects(
     measurements: Measurements,
     block: RegressorBlock,
@@ -446,13 +459,13 @@ def _list_suspects(
         always_fitted: terms that are fitted in any case; these terms are not suspected again.
         firsts: labels of observations that may be the onset of a cause; None to search for the onset.
     """
-    part, labels, loads = block.measurements, measurements.labels, _group_distinct_loads(measurements)
+    part, labels = block.measurements, measurements.labels
     tried = len(part) - 2 * _LEAST_PART + 1
-    turn = build_turn_term(block.points[part.present].mean(axis=0))
+    whole = list_suspected_terms(measurements, block)
+    turn = next(term for term in whole if term.name == "turn")
     # Causes that may set in at a later observation.
     later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: build_load_scale_term([labels])}
-    by_load = [build_load_scale_term(loads)] if len(loads) > 1 else []
-    suspects = [Suspect(t.name, t) for t in (*TERMS.values(), turn, *by_load) if t.suspected]
+    suspects = [Suspect(term.name, term) for term in whole]
     if firsts is not None:
         known = [first for first in firsts if first in labels]
         suspects += [

@@ -60,7 +60,7 @@ class JointsAlone:
         measurements = replace(self.given, scatter=scatter)
         settings_with, estimate_with = identify_with_fallback(self.robot, measurements, self.stated)
         test = estimate_with.sigma_test
-        if self.given.repeatability is None and test is not None and test.result == "residuals_too_large":
+        if test is not None and test.result == "residuals_too_large":
             # Errors that do not explain the residuals are no explanation of a part of the residuals.
             return settings, estimate, self.given
         return settings_with, estimate_with, measurements

@@ -30,7 +30,12 @@ from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimation.observability import Excitation, Spectrum
 from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
 from jointstiff.solver.estimation.statements import Statements
-from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
+from jointstiff.solver.estimation.triangle import (
+    Triangle,
+    compute_triangular_factor,
+    orthonormal_basis,
+    unit_columns,
+)
 from jointstiff.solver.mechanics.block import RegressorBlock, Rows, Term, build_whitened_rows
 from jointstiff.solver.mechanics.measurements import Measurements, whitener
 from jointstiff.solver.mechanics.postures import WRIST_JOINTS, Wrist, find_wrist, skew
@@ -395,12 +400,22 @@ class MethodTriangles:
         )[0].T
         return given
 
+    def rebuild(self, blocks: Sequence[RegressorBlock]) -> MethodTriangles:
+        """Return the triangles of some of the observations, by the same method and with its statements."""
+        others = MethodTriangles(self.method)
+        for block in blocks:
+            others.add(block)
+        return others if self._statements is None else others.given(blocks, self._statements)
+
     @property
     def freedom_of_statements(self) -> float:
         """Number of unknowns of statements that the readings determine, ``tr(B (BᵀB + σ²)⁻¹ Bᵀ)``."""
         if self._statements is None or self._with_statements is None:
             return 0.0
-        columns = self._with_statements[: -self._correction.shape[1], len(self.method.joint_names) :]
+        n, k = len(self.method.joint_names), self._correction.shape[1]
+        joints, columns = np.split(self._with_statements[:-k], [n], axis=1)
+        known = orthonormal_basis(unit_columns(joints)[0])
+        columns = columns - known @ (known.T @ columns)
         squares = np.square(np.linalg.svd(columns, compute_uv=False))
         return float((squares / (squares + self._statements.sigma**2)).sum())
 

@@ -15,7 +15,7 @@ the distribution ¼ χ²₀ + ½ χ²₁ + ¼ χ²₂ (Self & Liang, *J. Am. Sta
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Final, Literal
 
@@ -28,8 +28,18 @@ from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.statements import list_stated_terms
-from jointstiff.solver.estimation.triangle import INDEPENDENT, compute_triangular_factor, unit_columns
-from jointstiff.solver.mechanics.block import RegressorBlock, compute_scatter_roots, whole_block
+from jointstiff.solver.estimation.triangle import (
+    INDEPENDENT,
+    compute_triangular_factor,
+    orthonormal_basis,
+    unit_columns,
+)
+from jointstiff.solver.mechanics.block import (
+    RegressorBlock,
+    compute_scatter_roots,
+    fitted_errors,
+    whole_block,
+)
 from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
@@ -51,38 +61,46 @@ _LEAST_FREEDOM: Final = 3
 _GROSS: Final = 10.0
 """Mean square of a posture's residuals, relative to the median posture's, above which the posture is left
 out: a single wrong reading must not widen all intervals."""
+_BY_CHANCE: Final = 1e-5
+"""Probability with which noise alone exceeds the limit where a posture has so few coordinates that the limit
+is raised."""
+_NOTHING: Final = 1e-12
+"""Singular value of the whitened columns that is rounding; it enters as a logarithm."""
 
 
 def find_scatter(robot: Robot, measurements: Measurements, estimate: Estimate) -> Scatter:
     """Return the errors that the targets of a posture share, as stated or as the residuals show them.
 
-    Nothing is shared if the residuals do not show it significantly, or if they show more than a robot in
-    order has.
+    Nothing is added to what is stated if the residuals do not show it significantly, or if they show more
+    than a robot in order has. Encoders see the same turns of the joints, which their rows do not account for:
+    with encoders nothing is estimated.
 
     Args:
         robot: n joints.
         measurements: N observations, which may state the repeatability.
         estimate: estimate by joints alone, fitted to these measurements.
     """
+    if measurements.encoders is not None:
+        return measurements.scatter
     part = measurements.select_evenly(_MOST_OBSERVATIONS)
     try:
         block = whole_block(robot, part, estimate.balanced)
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return measurements.scatter
     compliance = np.maximum(estimate.compliance, 0.0)
-    stack = Stack.from_blocks([block], [JOINTS, *list_stated_terms(measurements)], compliance)
+    terms = [JOINTS, *fitted_errors(measurements).terms, *list_stated_terms(measurements)]
+    stack = Stack.from_blocks([block], terms, compliance)
     joints, *others = stack.span.values()
     fitted = np.concatenate([joints[~estimate.observability.null], *others])
     likelihood = RestrictedLikelihood(block, stack, fitted)
-    scatter, gain = likelihood.maximise()
-    if measurements.repeatability is None:
-        if gain <= 0.0:
-            return NO_SCATTER
-        p_value = 0.5 * special.chdtrc(1, gain) + 0.25 * special.chdtrc(2, gain)
-        motion = compute_target_motion(block, scatter, measurements.sigma or likelihood.sigma(scatter))
-        if p_value >= SCATTER_LEVEL or motion > LARGEST_REPEATABILITY:
-            return NO_SCATTER
-    return scatter
+    scatter, p_value = likelihood.find_significant()
+    motion = compute_target_motion(block, scatter, measurements.sigma or likelihood.sigma(scatter))
+    if p_value < SCATTER_LEVEL and motion <= LARGEST_REPEATABILITY:
+        return scatter
+    if measurements.repeatability and measurements.sigma is None:
+        # The likelihood tells how large sigma is next to the repeatability that is stated.
+        return Scatter(joints=scatter.joints)
+    return measurements.scatter
 
 
 def compute_target_motion(block: RegressorBlock, scatter: Scatter, sigma: float) -> float:
@@ -114,10 +132,11 @@ class Repeatability:
         if not (scatter and sigma):
             return None
         block = whole_block(robot, measurements.select_evenly(_MOST_OBSERVATIONS))
+        stated = measurements.repeatability
         return cls(
-            joint=scatter.joints * sigma,
+            joint=scatter.joints * sigma if stated is None else stated,
             targets=compute_target_motion(block, scatter, sigma),
-            source="residuals" if measurements.repeatability is None else "given",
+            source="residuals" if stated is None else "given",
         )
 
 
@@ -133,23 +152,47 @@ class RestrictedLikelihood:
             fitted: columns of the unknowns that are fitted.
         """
         columns, last = stack.rows[..., fitted], stack.rows[..., -1:]
-        unit = unit_columns(columns.reshape(-1, columns.shape[-1]))[0]
+        # The likelihood depends on the columns' span alone; dependent columns would make it rounding.
+        unit = orthonormal_basis(unit_columns(columns.reshape(-1, columns.shape[-1]))[0])
         # Residuals of a first fit: they change no likelihood, but avoid the rounding of large deflections.
         fit = np.linalg.lstsq(unit, last.reshape(-1), rcond=INDEPENDENT)[0]
         residual = last[..., 0] - (unit @ fit).reshape(last.shape[:2])
         squares = np.square(residual).sum(axis=1) / np.maximum(stack.read, 1)
-        used = squares <= _GROSS * np.median(squares)
+        # Few coordinates spread further by chance.
+        freedom = np.maximum(stack.read, 1)
+        typical = special.chdtri(freedom, 0.5) / freedom
+        beyond = np.maximum(_GROSS, special.chdtri(freedom, _BY_CHANCE) / special.chdtri(freedom, 0.5))
+        used = squares / typical <= beyond * np.median(squares / typical)
         by_joints, by_station = block.shared_motion
         self._motion = by_joints[used], by_station[used]
-        self._rows = np.concatenate([unit.reshape(columns.shape), residual[..., None]], axis=-1)[used]
+        self._rows = np.concatenate([unit.reshape(*columns.shape[:2], -1), residual[..., None]], axis=-1)[
+            used
+        ]
         self._measurements = block.measurements
-        self._freedom: int = int(stack.read[used].sum()) - columns.shape[-1]
+        self._freedom: int = int(stack.read[used].sum()) - unit.shape[-1]
         # Ratio at which turns of the joints move the targets as far as the readings' noise.
         self._unit: float = 1.0 / max(
             float(np.linalg.norm(by_joints) / np.sqrt(by_joints[..., 0].size)), 1e-12
         )
         # One target cannot tell a shift of all targets from its own noise.
         self._station_is_seen = bool((self._measurements.present.sum(axis=1) > 1).any())
+
+    def find_significant(self) -> tuple[Scatter, float]:
+        """Return the most likely shared errors, and the p-value of the test that there are none.
+
+        A repeatability that is stated is not tested. With one target the turns of the joints hardly differ
+        from noise, so that they also have to explain more than a larger sigma does.
+        """
+        scatter, gain = self.maximise()
+        if gain <= 0.0:
+            return scatter, 1.0
+        if self._measurements.repeatability is not None:
+            return scatter, 0.5 * float(special.chdtrc(1, gain))
+        p_value = 0.5 * float(special.chdtrc(1, gain)) + 0.25 * float(special.chdtrc(2, gain))
+        if not self._station_is_seen and self._measurements.sigma is not None:
+            gain = 2.0 * (self._at_free_sigma() - self._at(self._variances(scatter)))
+            p_value = max(p_value, 0.5 * float(special.chdtrc(1, max(gain, 0.0))))
+        return scatter, p_value
 
     def maximise(self) -> tuple[Scatter, float]:
         """Return the most likely shared errors, and twice the gain of log L over that without any."""
@@ -166,12 +209,26 @@ class RestrictedLikelihood:
         found = minimize(self._at, start, method="L-BFGS-B", bounds=bounds)
         best = min((tuple(found.x.tolist()), start), key=self._at)
         gain = 2.0 * (self._at((bounds[0][0], 0.0)) - self._at(best))
-        return self._scatter(best), max(gain, 0.0)
+        scatter = self._scatter(best)
+        if len(joints) == 1:  # as stated, without the rounding of a root
+            scatter = replace(scatter, joints=0.0 if stated is None else stated / (sigma or 1.0))
+        return scatter, max(gain, 0.0)
 
     def sigma(self, scatter: Scatter) -> float:
-        """Return sigma of the readings as the residuals show it next to shared errors [m]."""
+        """Return sigma of the readings as the residuals show it together with shared errors [m]."""
         R, _ = self._whiten(scatter)
         return float(np.sqrt(self._squares(R) / max(self._freedom, 1)))
+
+    def _variances(self, scatter: Scatter) -> tuple[float, float]:
+        """Return the variances of shared errors relative to the noise of the readings."""
+        return (scatter.joints / self._unit) ** 2, scatter.station**2
+
+    def _at_free_sigma(self) -> float:
+        """Return −log L without shared errors, maximised over sigma, less the same constant."""
+        R, _ = self._whiten(NO_SCATTER)
+        determined = np.log(np.maximum(np.linalg.svd(R[:, :-1], compute_uv=False), _NOTHING)).sum()
+        fit = self._freedom * (np.log(self._squares(R) / self._freedom) + 1.0)
+        return float(determined + 0.5 * fit)
 
     def _scatter(self, variances: tuple[float, ...] | FloatArray) -> Scatter:
         """Return the shared errors of variances relative to the noise of the readings."""
@@ -182,8 +239,7 @@ class RestrictedLikelihood:
         """Return −log L of the variances of joints and station, less a constant."""
         scatter = self._scatter(variances)
         R, variance = self._whiten(scatter)
-        singular = np.linalg.svd(R[:, :-1], compute_uv=False)
-        determined = np.log(singular[singular > INDEPENDENT * singular.max(initial=0.0)]).sum()
+        determined = np.log(np.maximum(np.linalg.svd(R[:, :-1], compute_uv=False), _NOTHING)).sum()
         squares, sigma = self._squares(R), self._measurements.sigma
         if sigma is None and self._measurements.repeatability and scatter.joints:
             sigma = self._measurements.repeatability / scatter.joints

@@ -1,4 +1,4 @@
-"""Statements: what is stated or assumed of the load and of places, as rows of the fit (method.md §24).
+"""Statements: what is stated or assumed of the load and of places, as rows of the fit (method.md §8).
 
 A load point that is stated to 1 mm, or assumed to 10 mm, joins the fit as three unknowns that all
 observations share, each with one more row: the unknown is zero, within its standard uncertainty. So the

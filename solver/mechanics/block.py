@@ -583,11 +583,8 @@ def build_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatAr
 def build_whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
     """Return the least-squares rows of a block, whitened: the noise of each row has variance sigma².
 
-    The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2), and
-    shows how well its joint repeats.
+    The deflection of an encoder is a difference of two readings, with variance 2 σ_e² (method.md §2).
     """
     rows, part = build_rows(block, terms, compliance), block.measurements
-    encoders = rows.encoders
-    if encoders is not None:
-        encoders = encoders / np.hypot(np.sqrt(2.0) / part.encoder_lever, part.scatter.joints)
+    encoders = None if rows.encoders is None else part.encoder_lever / np.sqrt(2.0) * rows.encoders
     return rows._replace(targets=block.whiten(rows.targets), encoders=encoders)

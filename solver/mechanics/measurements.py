@@ -342,7 +342,7 @@ def project_on_directions(direction: FloatArray | None, motion: FloatArray) -> F
 
 @dataclass(frozen=True)
 class Scatter:
-    """Errors that are new in every posture and shared by its targets, in units of sigma (method.md §23)."""
+    """Errors that are new in every posture and shared by its targets, in units of sigma (method.md §3)."""
 
     joints: float = 0.0  #: standard deviation of each joint's angle, by which the targets move [rad/m]
     station: float = 0.0  #: standard deviation of each coordinate of the whole set of targets, dimensionless

@@ -78,7 +78,9 @@ def test_one_campaign_is_shown_and_compared_with_nothing(worn):
     )
     assessment = campaign["assessment"]
     assert (assessment["verdict"], assessment["joints_identified"], assessment["reasons"]) == ("use", 6, [])
-    assert assessment["notes"] == [
+    *notes, unseen = assessment["notes"]
+    assert unseen.startswith("The readings cannot show ")
+    assert notes == [
         "Forces up to 1500 N (153 kgf), deflections up to 5.14 mm. If N and kgf are confused, every "
         "stiffness is wrong by 9.81, and no reading shows it.",
         "Load point: ±10 mm assumed. Measure where the force acts on the flange, and enter its "

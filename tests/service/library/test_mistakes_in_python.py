@@ -14,6 +14,7 @@ CERTAIN = re.compile(r"p = \de-(?:[2-9]\d|\d{3})")
 FORCES = "If N and kgf are confused, every stiffness is wrong by 9.81, and no reading shows it."
 POINT = "Load point: ±10 mm assumed."
 SCALE = "Forces: ±1 % assumed."
+UNSEEN = "The readings cannot show "
 
 
 FORGOTTEN = {"mistake_zero": 160.0}
@@ -155,7 +156,7 @@ def test_a_run_is_printed_with_verdicts_numbers_and_what_to_do(name, sentences):
 @pytest.mark.parametrize(
     ("name", "known"),
     [
-        ("units", [FORCES, POINT, SCALE]),
+        ("units", [FORCES, POINT, SCALE, UNSEEN]),
         ("mistake_point", [FORCES, SCALE]),
         ("mistake_exchanged", [FORCES]),
     ],

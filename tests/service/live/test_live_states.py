@@ -98,7 +98,9 @@ def test_one_reading_gives_numbers_that_are_used_with_care(client):
         "the set has 1 distinct posture, so the stiffnesses were not tested in other postures"
     )
     assert reason["remedy"] == "measure at least 3 postures that differ by 5° or more"
-    assert assessment["notes"] == [
+    *notes, unseen = assessment["notes"]
+    assert unseen.startswith("The readings cannot show ")
+    assert notes == [
         "Forces up to 1471 N (150 kgf), deflections up to 4.62 mm. If N and kgf are confused, every "
         "stiffness is wrong by 9.81, and no reading shows it."
     ]

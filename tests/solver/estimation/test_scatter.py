@@ -118,6 +118,43 @@ def test_a_repeatability_that_is_stated_is_used(sigma):
     assert found.joint == pytest.approx(3e-5, rel=1e-9 if sigma else 0.1)
 
 
+def test_a_stated_repeatability_excuses_no_larger_errors():
+    """0.4 mm of a station are no repeatability of 10 µrad."""
+    measurements = replace(scattered(0.0, station=4e-4), repeatability=1e-5, scatter=Scatter(1e-5 / SIGMA))
+    joints = JointsAlone(ROBOT, measurements, SETTINGS)
+    assert joints.measurements.scatter == Scatter(1e-5 / SIGMA)
+    assert joints.estimate.sigma_test.result == "residuals_too_large"
+
+
+def test_a_straight_wrist_hides_no_scatter():
+    """Axes 4 and 6 coincide in every posture: their columns depend on each other."""
+    found = []
+    for seed in range(4):
+        campaign = SpringCampaign.of(ARM, configurations=24, seed=seed)
+        plan = replace(
+            campaign.experiment, joints=campaign.experiment.joints * [1.0, 1.0, 1.0, 1.0, 0.0, 1.0]
+        )
+        generator = np.random.default_rng([seed, 5])
+        turned = plan.joints + 1.2e-5 * generator.standard_normal(plan.joints.shape)
+        straight = SpringCampaign.by(ARM, plan)
+        loaded = deflections(ARM, turned, *plan.wrenches, POINTS)[1]
+        noise = SIGMA * generator.standard_normal((2, *loaded.shape))
+        read = straight.measurements(straight.unloaded + noise[0], loaded + noise[1], sigma=SIGMA)
+        joints = JointsAlone(ROBOT, read, SETTINGS)
+        found.append(joints.measurements.scatter.joints * SIGMA)
+    assert np.mean(found) == pytest.approx(1.2e-5, rel=0.3)
+
+
+def test_noise_of_one_target_that_is_stated_too_small_is_no_scatter():
+    for seed in range(4):
+        measurements = scattered(0.0, seed=seed, sigma=SIGMA / 1.6, count=30)
+        one = replace(measurements, present=np.arange(3) == np.zeros((30, 1)))
+        one = replace(one, deflection=np.where(one.present[..., None], one.deflection, 0.0))
+        joints = JointsAlone(ROBOT, one, SETTINGS)
+        assert not joints.measurements.scatter
+        assert joints.estimate.sigma_test.result == "residuals_too_large"
+
+
 @pytest.mark.parametrize("stated", [-1e-6, np.nan, np.inf])
 def test_a_repeatability_that_is_none_is_refused(stated):
     with pytest.raises(MeasurementError, match="repeatability"):
