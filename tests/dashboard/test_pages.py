@@ -58,7 +58,7 @@ def test_a_campaign_goes_on(visit, stored):
     page.get_by_label("Number of readings").fill("4")
     page.get_by_label("joint_1").uncheck()
     page.get_by_role("button", name="Plan", exact=True).click()
-    expect(page.get_by_text("Certified: at least")).to_be_visible()
+    expect(page.get_by_text("Certified: the list gives at least")).to_be_visible()
     with page.expect_download() as download:
         page.get_by_role("button", name="Campaign to fill in").click()
     observations = json.loads(download.value.path().read_text())["observations"]
