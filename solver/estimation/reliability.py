@@ -329,7 +329,7 @@ def describe_unseen_mistakes(mistakes: Sequence[LeastMistake]) -> str | None:
     more = len(harmful) - _MOST_NAMED
     others = f" (and {more} more, in `causes`)" if more > 0 else ""
     advice = "; ".join(remedies)
-    return f"The readings cannot show {'; nor '.join(effects)}{others}. To see it, {advice}."
+    return f"The readings cannot show {'; nor '.join(effects)}{others}. To show such mistakes, {advice}."
 
 
 def _format_size(size: float, unit: str) -> str:

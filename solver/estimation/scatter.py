@@ -9,8 +9,9 @@ accounts for the residuals that the fit of c takes away (Patterson & Thompson, *
     −log L = ½ (Σ log|V_i| + Σ r_iᵀ V_i⁻¹ r_i / σ² + log|Σ A_iᵀ V_i⁻¹ A_i|)
     V_i = Σ_i + ρ² J_i J_iᵀ + τ² 1 1ᵀ.
 
-Both are zero unless a likelihood ratio test is significant. Zero is a bound of each, so that the ratio has
-the distribution ¼ χ²₀ + ½ χ²₁ + ¼ χ²₂ (Self & Liang, *J. Am. Stat. Assoc.* 82, 1987).
+A ρ that is not stated, and τ, are zero unless a likelihood ratio test is significant. Zero is a bound of
+each ratio, so that the statistic has the distribution ¼ χ²₀ + ½ χ²₁ + ¼ χ²₂ (Self & Liang, *J. Am. Stat.
+Assoc.* 82, 1987).
 """
 
 from __future__ import annotations
@@ -226,9 +227,8 @@ class RestrictedLikelihood:
     def _at_free_sigma(self) -> float:
         """Return −log L without shared errors, maximised over sigma, less the same constant."""
         R, _ = self._whiten(NO_SCATTER)
-        determined = np.log(np.maximum(np.linalg.svd(R[:, :-1], compute_uv=False), _NOTHING)).sum()
         fit = self._freedom * (np.log(self._squares(R) / self._freedom) + 1.0)
-        return float(determined + 0.5 * fit)
+        return _half_log_determinant(R) + 0.5 * float(fit)
 
     def _scatter(self, variances: tuple[float, ...] | FloatArray) -> Scatter:
         """Return the shared errors of variances relative to the noise of the readings."""
@@ -239,7 +239,6 @@ class RestrictedLikelihood:
         """Return −log L of the variances of joints and station, less a constant."""
         scatter = self._scatter(variances)
         R, variance = self._whiten(scatter)
-        determined = np.log(np.maximum(np.linalg.svd(R[:, :-1], compute_uv=False), _NOTHING)).sum()
         squares, sigma = self._squares(R), self._measurements.sigma
         if sigma is None and self._measurements.repeatability and scatter.joints:
             sigma = self._measurements.repeatability / scatter.joints
@@ -247,7 +246,7 @@ class RestrictedLikelihood:
             fit = self._freedom * np.log(squares)
         else:
             fit = squares / sigma**2 + 2.0 * self._freedom * np.log(sigma)
-        return float(0.5 * np.log(variance).sum() + determined + 0.5 * fit)
+        return _half_log_determinant(R) + 0.5 * float(np.log(variance).sum() + fit)
 
     def _whiten(self, scatter: Scatter) -> tuple[FloatArray, FloatArray]:
         """Return the triangular factor of the rows whitened with shared errors, and their variances."""
@@ -258,3 +257,8 @@ class RestrictedLikelihood:
     def _squares(self, R: FloatArray) -> float:
         """Return the sum of squared residuals of a triangular factor; rounding counts as a residual."""
         return float(R[-1, -1] ** 2) + self._freedom * _RESOLUTION**2
+
+
+def _half_log_determinant(R: FloatArray) -> float:
+    """Return ½ log|Σ A_iᵀ V_i⁻¹ A_i| of a triangular factor R of the whitened rows [A d]."""
+    return float(np.log(np.maximum(np.linalg.svd(R[:, :-1], compute_uv=False), _NOTHING)).sum())

@@ -28,11 +28,10 @@ class Statements:
 
     def scale(self, rows: Rows) -> Rows:
         """Return rows with the columns of the terms in units of the unknowns' standard uncertainties."""
-        ends = np.cumsum([0, *rows.widths.values()])
-        unit = np.ones(ends[-1] + 1)
-        for (name, width), start in zip(rows.widths.items(), ends, strict=False):
-            if name in {term.name for term in self.terms}:
-                unit[start : start + width] = np.resize(TERMS[name].prior(self.common), width)
+        stated = {term.name: term.prior(self.common) for term in self.terms}
+        # Columns of other terms, and the readings in the last column, keep their unit.
+        units = [np.resize(stated.get(name, (1.0,)), width) for name, width in rows.widths.items()]
+        unit = np.concatenate([*units, np.ones(1)])
         encoders = None if rows.encoders is None else rows.encoders * unit
         return rows._replace(targets=rows.targets * unit, encoders=encoders)
 

@@ -142,8 +142,8 @@ def test_the_remark_has_sizes_and_what_to_measure():
     assert describe_unseen_mistakes(mistakes) == (
         "The readings cannot show a load point up to 25 mm off, which would move joint_5 by 10 times its "
         "standard uncertainty; nor play of up to 0.2 mrad in the gears, which would move joint_4 by 4 times "
-        "its standard uncertainty. To see it, check the load point to 2.5 mm, or hang the load on a second "
-        "point in four postures; read three postures again at half the load."
+        "its standard uncertainty. To show such mistakes, check the load point to 2.5 mm, or hang the load "
+        "on a second point in four postures; read three postures again at half the load."
     )
     assert describe_unseen_mistakes(mistakes[2:]) is None
 
@@ -152,7 +152,7 @@ def test_a_remark_describes_three_mistakes_and_counts_the_others():
     mistakes = [LeastMistake("shift", "m", 2e-5, "joint_1", (2e-5, 0.0, 0.0), 4.0)] * 5
     note = describe_unseen_mistakes(mistakes)
     assert note.count("joint_1") == 3
-    assert "(and 2 more, in `causes`). To see it, " in note
+    assert "(and 2 more, in `causes`). To show such mistakes, " in note
 
 
 def test_a_mistake_that_anybody_sees_is_not_considered():
