@@ -96,7 +96,12 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
     if budget is not None and lacks:
         estimate = budget.widen_intervals(estimate, settings.bounds)
     prediction = predict(
-        robot, measurements, estimate.compliance, balanced=estimate.balanced, estimated=estimate.estimated
+        robot,
+        measurements,
+        estimate.compliance,
+        balanced=estimate.balanced,
+        estimated=estimate.estimated,
+        statements=estimate.statements,
     )
     unseen: tuple[LeastMistake, ...] = ()
     if not (screening.causes or screening.lack_of_fit) and joints.are_sound:

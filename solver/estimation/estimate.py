@@ -51,6 +51,7 @@ from jointstiff.solver.estimation.observability import (
 )
 from jointstiff.solver.estimation.problem import Bounds, Constraints, IdentificationProblem, Inequalities
 from jointstiff.solver.estimation.solution import Certificate, greatest_violations, solve_batch, solve_step
+from jointstiff.solver.estimation.statements import FittedStatements
 from jointstiff.solver.mechanics.block import regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -431,6 +432,11 @@ class Estimate:
     likelihood: Likelihood | None = None
     #: effect of errors that all observations share, part of `covariance`; None without them
     common: CommonErrors | None = None
+
+    @property
+    def statements(self) -> FittedStatements | None:
+        """Statements that were fitted with the joints; None if none were."""
+        return self.triangles.fit_statements(self.compliance)
 
     @property
     def regressor(self) -> FloatArray:
@@ -874,6 +880,7 @@ def predict(
     *,
     balanced: FloatArray | None = None,
     estimated: BoolArray | None = None,
+    statements: FittedStatements | None = None,
 ) -> Prediction:
     """Predict the deflections of the targets, ``δp_X = A_X c`` (method.md §2).
 
@@ -884,6 +891,8 @@ def predict(
         balanced: (n,) compliances with which the load bends the robot before the columns are computed: the
             predicted deflections then equal the exact balance to third order. None neglects this bending.
         estimated: (n,) joints with an estimate; all if None. Other joints have zero contributions.
+        statements: errors of the load and of places that were fitted with the joints; their motion is part
+            of the predicted deflections. None for loads and places as stated.
 
     Returns:
         Predicted deflections and residuals, with the contribution of each joint.
@@ -894,8 +903,13 @@ def predict(
     contributing = compliance if estimated is None else np.where(estimated, compliance, 0.0)
     predicted, projected, encoder_deflections = [], [], []
     for block in regressor_blocks(robot, measurements, balanced):
-        predicted.append(block.A @ compliance)
-        encoder_deflections.append(block.torque * compliance)
+        moved, turned = block.A @ compliance, block.torque * compliance
+        if statements is not None:
+            by_errors = statements.compute_motion(block)
+            moved = moved + by_errors.targets
+            turned = turned if by_errors.joints is None else turned + by_errors.joints
+        predicted.append(moved)
+        encoder_deflections.append(turned)
         by_joint = block.A * contributing
         deflection = by_joint.sum(axis=-1)
         length = np.linalg.norm(deflection, axis=-1)

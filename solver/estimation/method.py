@@ -29,7 +29,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, UnsupportedMethodError
 from jointstiff.solver.estimation.observability import Excitation, Spectrum
 from jointstiff.solver.estimation.problem import Bounds, Constraints, Order
-from jointstiff.solver.estimation.statements import Statements
+from jointstiff.solver.estimation.statements import FittedStatements, Statements
 from jointstiff.solver.estimation.triangle import (
     Triangle,
     compute_triangular_factor,
@@ -338,7 +338,8 @@ class MethodTriangles:
         self.seen_from_centre = Excitation(method.joint_kinds)
         self._statements: Statements | None = None
         self._with_statements: FloatArray | None = None
-        self._correction: FloatArray = np.zeros((n, 0))  # change of AᵀF by statements, for each moment BᵀF
+        # Unknowns of the statements that one unit of each joint's column, and the readings, call for.
+        self._unknowns: FloatArray = np.zeros((n + 1, 0))
 
     def add(self, block: RegressorBlock) -> None:
         """Add the rows of a block of observations to all triangles."""
@@ -391,12 +392,12 @@ class MethodTriangles:
         given.stages = [given.all_readings]
         if not self.method.is_plain:
             given.stages = [wholes[1].given("statements", one, statements.sigma)]
-        A, B = wholes[1].matrix[:, :n], wholes[1].matrix[:, n:]
+        B, fitted_rows = wholes[1].matrix[:, n:], wholes[1].R[:, [*range(n), -1]]
         stated = statements.sigma * np.eye(B.shape[1])
         given._statements = statements
         given._with_statements = np.vstack([wholes[0].matrix, np.eye(width - 1)[n:] * statements.sigma])
-        given._correction = np.linalg.lstsq(
-            np.vstack([B, stated]), np.vstack([A, np.zeros((B.shape[1], n))]), rcond=None
+        given._unknowns = np.linalg.lstsq(
+            np.vstack([B, stated]), np.vstack([fitted_rows, np.zeros((B.shape[1], n + 1))]), rcond=None
         )[0].T
         return given
 
@@ -407,12 +408,22 @@ class MethodTriangles:
             others.add(block)
         return others if self._statements is None else others.given(blocks, self._statements)
 
+    def fit_statements(self, compliance: FloatArray) -> FittedStatements | None:
+        """Return the statements with the values that fit best beside compliances; None without statements.
+
+        Args:
+            compliance: (n,) fitted compliances [rad/(N·m)].
+        """
+        if self._statements is None:
+            return None
+        return FittedStatements(self._statements, np.append(-compliance, 1.0) @ self._unknowns)
+
     @property
     def freedom_of_statements(self) -> float:
         """Number of unknowns of statements that the readings determine, ``tr(B (BᵀB + σ²)⁻¹ Bᵀ)``."""
         if self._statements is None or self._with_statements is None:
             return 0.0
-        n, k = len(self.method.joint_names), self._correction.shape[1]
+        n, k = len(self.method.joint_names), self._unknowns.shape[1]
         joints, columns = np.split(self._with_statements[:-k], [n], axis=1)
         known = orthonormal_basis(unit_columns(joints)[0])
         columns = columns - known @ (known.T @ columns)
@@ -463,7 +474,7 @@ class MethodTriangles:
             whitened = build_whitened_rows(block, [JOINTS, *terms], compliance)
             for s, rows in enumerate(self.method.rows(block, whitened)):
                 flat = rows.fitted.reshape(-1, rows.fitted.shape[-1])
-                columns = flat[:, :n] - self._build_statement_columns(block) @ self._correction.T
+                columns = flat[:, :n] - self._build_statement_columns(block) @ self._unknowns[:-1].T
                 moments[s] = moments[s] + columns.T @ flat[:, n:-1]
         bias = np.zeros(np.shape(moments[0]))
         for stage, triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):

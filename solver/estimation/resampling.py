@@ -112,18 +112,24 @@ def build_method_stacks(
         measurements: N observations.
         settings: method, weighting and K_c are used; other settings are ignored.
         estimate: estimate from the full set by the same method. The rows are computed at its characteristic
-            length and compliances, so that a fit is linear in the rows.
+            length and compliances, so that a fit is linear in the rows. Errors that were fitted with the
+            joints, such as that of the load point, are subtracted from the readings.
     """
     method = Method(robot, settings, estimate.characteristic_length)
-    excitation = Excitation(robot.joint_kinds)
+    excitation, statements = Excitation(robot.joint_kinds), estimate.statements
     fitted, regressors, deflections = [], [], []
     for block in regressor_blocks(robot, measurements, estimate.balanced):
         excitation.add(block)
-        whitened = build_whitened_rows(block, [JOINTS], estimate.compliance)
+        deflection = block.measurements.deflection
+        if statements is None:
+            whitened = build_whitened_rows(block, [JOINTS], estimate.compliance)
+        else:  # a part of the readings corrects a statement like the whole
+            whitened = statements.build_corrected_rows(block, estimate.compliance)
+            deflection = deflection - statements.compute_motion(block).targets
         fitted.append([rows.fitted for rows in method.rows(block, whitened)])
         present = block.measurements.present
         regressors.append(block.A[present])
-        deflections.append(block.measurements.deflection[present])
+        deflections.append(deflection[present])
     observable = ~excitation.observability().null
     visible = np.flatnonzero(observable)
     stages = (

@@ -12,8 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.mechanics.block import Rows, Term, fitted_errors
+from jointstiff.solver.mechanics.block import (
+    Motion,
+    RegressorBlock,
+    Rows,
+    Term,
+    build_rows,
+    build_whitened_rows,
+    fitted_errors,
+)
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Measurements
+from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import FORCE_SCALE, TERMS
 
 
@@ -34,6 +43,36 @@ class Statements:
         unit = np.concatenate([*units, np.ones(1)])
         encoders = None if rows.encoders is None else rows.encoders * unit
         return rows._replace(targets=rows.targets * unit, encoders=encoders)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedStatements:
+    """Statements together with the values that a fit found for their unknowns."""
+
+    statements: Statements  #: statements with K unknowns
+    unknowns: FloatArray  #: (K,) fitted values, in standard uncertainties of the unknowns
+
+    def compute_motion(self, block: RegressorBlock) -> Motion:
+        """Compute how the fitted errors move targets (B, T, 3) [m] and encoders (B, n) [rad] of a block."""
+        terms, compliance = self.statements.terms, self.statements.compliance
+        rows = self.statements.scale(build_rows(block, terms, compliance))
+        encoders = None if rows.encoders is None else rows.encoders[..., :-1] @ self.unknowns
+        return Motion(rows.targets[..., :-1] @ self.unknowns, encoders)
+
+    def build_corrected_rows(self, block: RegressorBlock, compliance: FloatArray) -> Rows:
+        """Return the whitened rows of the joints, with the fitted errors subtracted from the readings.
+
+        Args:
+            block: B observations.
+            compliance: (n,) compliances at which the joints' columns are computed [rad/(N·m)].
+        """
+        joints = build_whitened_rows(block, [JOINTS], compliance)
+        rows = build_whitened_rows(block, self.statements.terms, self.statements.compliance)
+        rows = self.statements.scale(rows)
+        joints.targets[..., -1] -= rows.targets[..., :-1] @ self.unknowns
+        if joints.encoders is not None and rows.encoders is not None:
+            joints.encoders[..., -1] -= rows.encoders[..., :-1] @ self.unknowns
+        return joints
 
 
 def list_stated_terms(measurements: Measurements) -> tuple[Term, ...]:

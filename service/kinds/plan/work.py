@@ -133,7 +133,13 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
             u = joint.standard_uncertainty
             if joint.compliance and u is not None and u < _LARGEST_RELATIVE_UNCERTAINTY * joint.compliance:
                 nominal[j] = joint.compliance
-        prediction = predict(robot, prepared.measurements, estimate.compliance, balanced=estimate.balanced)
+        prediction = predict(
+            robot,
+            prepared.measurements,
+            estimate.compliance,
+            balanced=estimate.balanced,
+            statements=estimate.statements,
+        )
         solver_assessment = assess(joints, estimate, prediction, screening)
         assessment = build_assessment_message(solver_assessment, estimate.joints)
         refuse_unaccepted(

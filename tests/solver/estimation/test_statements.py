@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.springs import SIGMA, SpringCampaign, robot_of
 
-from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.options import Resampling, RunOptions
 from jointstiff.simulator import default_arm
 from jointstiff.solver.estimation.estimate import UncertaintyBudget
 from jointstiff.solver.estimation.identify import identify
@@ -92,3 +92,24 @@ def test_joint_6_is_known_better_by_the_readings_than_by_the_assumption():
     assumed_alone = free.common.responses_to("assumed_load_point")[5]
     assert np.linalg.norm(assumed_alone) < np.sqrt(free.covariance[5, 5])
     assert free.covariance[5, 5] < 4.0 * exact.covariance[5, 5]
+
+
+def test_residuals_are_those_of_the_fit_with_the_load_point_that_it_found():
+    """χ² of the three coordinates of each reading is that of the residuals that a user sees."""
+    measurements = hung([0.01, -0.01, 0.01])
+    result = run(ROBOT, measurements, RunOptions())
+    squares = sum(np.square(each.residual).sum() for each in result.residuals) / (2.0 * SIGMA**2)
+    statements = identify(ROBOT, measurements, NEGLECTED).statements
+    stated = np.square(statements.unknowns).sum()
+    assert squares + stated == pytest.approx(result.goodness.chi_square, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", ["partial_pose", "complete_pose"])
+def test_resampled_fits_scatter_about_the_estimate_of_the_run(method):
+    measurements = hung([0.01, -0.01, 0.01])
+    resampling = Resampling(size=12, repetitions=400, replacement=False)
+    result = run(ROBOT, measurements, RunOptions(method=method, resampling=resampling))
+    for joint, drawn in zip(result.joints, result.resampling.joints, strict=True):
+        least, most = drawn.compliance_interval
+        assert least < joint.compliance < most
+        assert abs(drawn.compliance_mean - joint.compliance) < drawn.compliance_deviation
