@@ -52,6 +52,7 @@ BENCHMARKS = {
     "causes": Benchmark("studies.causes", "planted, named and mended; clean ones", in_parts=True),
     "posture_errors": Benchmark("studies.posture_errors", "errors that a posture's targets share: coverage"),
     "statements": Benchmark("studies.statements", "loads within what is stated: accusations, ratios"),
+    "pure_error": Benchmark("studies.pure_error", "noise whatever the model: clean ones, mistakes"),
     "reliability": Benchmark("studies.reliability", "mistakes that no reading shows: said, and foretold"),
     "base": Benchmark("studies.base", "pedestals that bend, and clean arms; an hour", in_parts=True),
     "live": Benchmark("studies.live", "readings until a goal is met; mistakes at the reading", in_parts=True),

@@ -33,6 +33,7 @@ from jointstiff.solver.estimation.estimate import (
 from jointstiff.solver.estimation.joints import JointsAlone, residuals_within_noise
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.payload import inspect_force_unit
+from jointstiff.solver.estimation.pure_error import PureError, compute_pure_error
 from jointstiff.solver.estimation.reliability import LeastMistake, describe_unseen_mistakes
 from jointstiff.solver.estimation.triangle import solve_nonnegative
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, fitted_errors, targets_in_flange
@@ -72,7 +73,8 @@ CARE_SHARE, UNUSABLE_SHARE = 0.7, 0.5
 """Compensation below which more than the joints deflects: with a warning, and with an unusable result; the
 joints of real robots explain 80 %."""
 LARGEST_SIGMA: Final = 1e-4
-"""Sigma from the residuals [m] above any laser tracker's: readings of a robot have 10 to 40 µm."""
+"""Sigma from the residuals [m] above any laser tracker's: readings of a robot have 10 to 40 µm. Three targets
+show the tracker's noise itself (`pure_error`)."""
 LEAST_SIGMA: Final = 1e-8
 """Residuals [m] below which the readings are computed, not measured."""
 PLAUSIBLE_STIFFNESS: Final = (1e3, 1e9)
@@ -182,7 +184,12 @@ def assess(
         else inspect_force_unit(robot, measurements, joints.estimate.joints),
         find_reading_problems(robot, measurements, settings, prediction, findings),
         find_fit_problems(
-            measurements, estimate, prediction, screening, explained=gross or better is not None
+            measurements,
+            estimate,
+            prediction,
+            screening,
+            pure_error=measure_pure_error(robot, measurements, estimate, prediction),
+            explained=gross or better is not None,
         ),
     )
     unseen_note = describe_unseen_mistakes(() if screening is None or causes else unseen)
@@ -488,6 +495,7 @@ def find_fit_problems(
     prediction: Prediction,
     screening: Screening | None = None,
     *,
+    pure_error: PureError | None = None,
     explained: bool = False,
 ) -> Iterator[Finding]:
     """Yield findings on problems of an estimate and its prediction.
@@ -499,6 +507,7 @@ def find_fit_problems(
         estimate: from these measurements.
         prediction: of these measurements by the estimate.
         screening: tests for other causes of the deflections; None without tests.
+        pure_error: noise of the readings whatever the model; None if the readings do not show it.
         explained: whether another finding already explains large residuals, which are then not reported.
     """
     statuses = [joint.status for joint in estimate.joints]
@@ -514,7 +523,7 @@ def find_fit_problems(
             remedy = "exchange unloaded and loaded readings, or change the sign of every force"
             action = Action.of("exchange_readings")
     yield from report_no_identified_joint(statuses, remedy, action)
-    yield from _report_freedom(measurements, estimate)
+    yield from _report_freedom(measurements, estimate, known=pure_error is not None)
     postures: list[FloatArray] = []
     for joints in measurements.joints:
         if all(np.abs(joints - other).max() >= _DISTINCT for other in postures):
@@ -531,9 +540,13 @@ def find_fit_problems(
             "or more",
         )
     if not explained:
+        named = prediction.bending is not None or (screening is not None and bool(screening.causes))
+        named = named or estimate.sigma_given or measurements.refuted_sigma is not None
         yield from _report_residuals(
-            measurements, estimate, joints_alone=prediction.contributions is not None
+            measurements, estimate, pure_error, joints_alone=prediction.contributions is not None
         )
+        if pure_error is not None and pure_error.shows_motion and not named:
+            yield report_unexplained_motion(pure_error)
         yield from _report_unexplained(measurements, estimate, prediction)
     yield from report_implausible_results(estimate)
     yield from _report_links(prediction, screening)
@@ -562,8 +575,36 @@ def report_no_identified_joint(
     )
 
 
-def _report_freedom(measurements: Measurements, estimate: Estimate) -> Iterator[Finding]:
-    """Yield a finding if the fit has no degrees of freedom, or residuals too small or large for a tracker."""
+def measure_pure_error(
+    robot: Robot, measurements: Measurements, estimate: Estimate, prediction: Prediction
+) -> PureError | None:
+    """Return the noise of the readings whatever the model; None if the readings do not show it."""
+    rows = float(measurements.coordinates.sum())
+    if measurements.encoders is not None:
+        rows += float(measurements.encoders.present.sum())
+    unknowns = rows - estimate.degrees_of_freedom
+    return compute_pure_error(robot, measurements, prediction.residual, unknowns)
+
+
+def report_unexplained_motion(pure_error: PureError) -> Finding:
+    """Return the finding that the model leaves more of the flange's motion than the readings' noise."""
+    return Finding(
+        code="sigma_implausible",
+        weight="use_with_care",
+        message=f"the tracker reads to {length_text(pure_error.sigma)}, as targets of the same posture show; "
+        f"the model leaves {length_text(pure_error.left)} of the flange's motion (F test, p = "
+        f"{pure_error.p_value:.1g}). Something besides springs and noise moves the flange, and counts as "
+        "noise here",
+        remedy="check loads, angles and geometry, and read one posture again without the load; "
+        "state `noise.repeatability` if the robot returns less exactly",
+    )
+
+
+def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bool) -> Iterator[Finding]:
+    """Yield a finding if the fit has no degrees of freedom, or residuals too small or large for a tracker.
+
+    If the noise of the readings is known whatever the model, residuals are compared with that noise instead.
+    """
     # A rigid flange moves by six coordinates at most, however many targets it has.
     coordinates = int(np.minimum(measurements.coordinates.sum(axis=1), 6).sum())
     if measurements.encoders is not None:
@@ -571,13 +612,13 @@ def _report_freedom(measurements: Measurements, estimate: Estimate) -> Iterator[
     freedom = min(estimate.degrees_of_freedom, coordinates - estimate.rank)
     sigma = None if estimate.sigma_given else estimate.sigma
     if freedom < _LEAST_FREEDOM:
-        known = estimate.sigma_given
+        stated = estimate.sigma_given
         consequence = (
-            "its uncertainty comes from the stated noise only" if known else "the uncertainty is unknown"
+            "its uncertainty comes from the stated noise only" if stated else "the uncertainty is unknown"
         )
         yield Finding(
             code="no_residual_freedom",
-            weight="use_with_care" if known else "do_not_use",
+            weight="use_with_care" if stated else "do_not_use",
             message="there are as many parameters as readings, so the fit reproduces any readings exactly: "
             f"{consequence}",
             remedy="measure at least twice as many observations",
@@ -591,7 +632,7 @@ def _report_freedom(measurements: Measurements, estimate: Estimate) -> Iterator[
             "meaningless",
             remedy="state `noise` from the tracker's data sheet",
         )
-    elif sigma is not None and sigma > LARGEST_SIGMA:
+    elif sigma is not None and sigma > LARGEST_SIGMA and not known:
         yield Finding(
             code="sigma_implausible",
             weight="use_with_care",
@@ -622,7 +663,7 @@ def report_refuted_noise(measurements: Measurements, sigma: float | None) -> Ite
 
 
 def _report_residuals(
-    measurements: Measurements, estimate: Estimate, *, joints_alone: bool
+    measurements: Measurements, estimate: Estimate, pure_error: PureError | None, *, joints_alone: bool
 ) -> Iterator[Finding]:
     """Yield a finding if the residuals are larger or smaller than the stated sigma predicts."""
     test = estimate.sigma_test
@@ -644,12 +685,16 @@ def _report_residuals(
         weight: Verdict = "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use"
         if test.p_value > CARE_LEVEL or (not joints_alone and ratio <= CARE_RATIO_OF_LINKS):
             weight = "use"  # chance, or the penalty of the links, may enlarge the residuals so far
+        pure = ""
+        if pure_error is not None:
+            pure = f". Targets of the same posture agree to {length_text(pure_error.sigma)}, whatever bends"
+            pure += ": motion of the flange is left unexplained" if pure_error.shows_motion else ""
         yield Finding(
             code="residuals_exceed_sigma",
             weight=weight,
             message=f"the residuals are {figure(ratio, '.3g')} times as large as the stated noise allows, so "
             "the uncertainties are too small; by how much depends on deflections that the model does "
-            "not explain",
+            f"not explain{pure}",
             remedy=_CHECK_NOISE,
             action=Action.of("omit_noise"),
         )
