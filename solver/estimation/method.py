@@ -409,7 +409,7 @@ class MethodTriangles:
         return others if self._statements is None else others.given(blocks, self._statements)
 
     def fit_statements(self, compliance: FloatArray) -> FittedStatements | None:
-        """Return the statements with the values that fit best beside compliances; None without statements.
+        """Return the statements with the values that fit best for given compliances; None without any.
 
         Args:
             compliance: (n,) fitted compliances [rad/(N·m)].
