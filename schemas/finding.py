@@ -202,6 +202,7 @@ FindingCode = Literal[
     "masses_unchecked",
     "lack_of_fit",
     "sigma_implausible",
+    "deflection_remains",
     "deflections_below_noise",
     "link_penalty_at_end",
     "link_penalty_raised",

@@ -19,7 +19,7 @@ MAX_FAULTS = 20
 
 Delimiter = Literal["comma", "semicolon", "tab", "whitespace"]
 DecimalMark = Literal["point", "comma"]
-State = Literal["unloaded", "loaded", "deflection"]
+State = Literal["unloaded", "loaded", "deflection", "unloaded_after"]
 TableFormat = Literal["text", "xlsx"]
 MissingField = Literal[
     "joints",

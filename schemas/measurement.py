@@ -420,6 +420,9 @@ class Reading(Message):
         "whose load is the robot's own weight.",
     )
     loaded: Vector3 | None = Field(default=None, description="Position in R0 under load, in units.length.")
+    unloaded_after: Vector3 | None = Field(
+        default=None, description="Position in R0 after the load was removed, with `unloaded` and `loaded`."
+    )
     deflection: Vector3 | None = Field(
         default=None,
         description="Loaded minus unloaded, axes of R0, in units.length. Needs the target's position in "
@@ -469,6 +472,8 @@ class Reading(Message):
                 "give `unloaded` and `loaded`, or `deflection`, or `displacement` with its direction, or "
                 "`unloaded` alone for runs with `weight`"
             )
+        if self.unloaded_after is not None and stated != {"unloaded", "loaded"}:
+            raise ValueError("give `unloaded` and `loaded` with `unloaded_after`")
         directions = [d for d in (self.direction, self.flange_direction) if d is not None]
         is_short = any(hypot(*direction) < LEAST_DIRECTION for direction in directions)
         # A displacement needs exactly one direction, any other reading none.

@@ -81,6 +81,7 @@ class ArrayReadings:
     load_point: Any  # (3,) or (N, 3), flange frame; None without a load
     unloaded: Any  # positions (N, T, 3), (N, 3 T), (N, 3), or (N, 3) by the target's name
     loaded: Any  # positions under load, in the same shape
+    unloaded_after: Any  # positions after the load was removed, in the same shape; None if not read again
     deflections: Any  # loaded minus unloaded positions, in the same shape; with directions (N, T)
     directions: Any  # (3,), (T, 3) or (N, T, 3), axes of R0
     targets: Any  # names of the T targets, or their places in the flange frame by name
@@ -155,11 +156,12 @@ class ArrayReadings:
         is_along_direction = self.directions is not None  # each reading is then one number, not a vector
         fields = {
             name: value
-            for name in ("unloaded", "loaded", "deflections")
+            for name in ("unloaded", "loaded", "unloaded_after", "deflections")
             if (value := getattr(self, name)) is not None
         }
         allowed_fields = [
             {"unloaded", "loaded"},
+            {"unloaded", "loaded", "unloaded_after"},
             {"deflections"},
             *([] if self.forces is not None else [{"unloaded"}]),
         ]
@@ -199,11 +201,14 @@ class ArrayReadings:
                             value[i, t, 0].item() if is_along_direction else value[i, t].tolist()
                         )
                         for name, value in values.items()
+                        if name != "unloaded_after" or np.isfinite(value[i, t, 0])
                     },
                     **({} if directions is None else {"direction": directions[i, t].tolist()}),
                 }
                 for t, target in enumerate(names)
-                if all(np.isfinite(value[i, t, 0]) for value in values.values())
+                if all(
+                    np.isfinite(value[i, t, 0]) for name, value in values.items() if name != "unloaded_after"
+                )
             ]
             for i in range(count)
         ]

@@ -28,6 +28,7 @@ from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.service.conversion.readings import (
     PointNoise,
+    PositionsAfter,
     ReadingArrays,
     compute_content_hash,
     hash_texts,
@@ -115,6 +116,7 @@ def transform_to_base(
         moment=readings.moment @ force_rotation.T,
         noise=_turn_covariances(readings.noise, R) if readings.noise is not None else None,
         directions=None if readings.directions is None else readings.directions.rotate(R),
+        after=_transform_positions(readings.after, R, t),
     )
     # Targets that the header states replace those of the identified geometry.
     identified = {name: _scale_vector(place, 1.0 / length) for name, place in resolved.flange_targets.items()}
@@ -123,6 +125,14 @@ def transform_to_base(
         "noise": _move_station(header.noise, R, t),
     }
     return header.model_copy(update=update), transformed
+
+
+def _transform_positions(after: PositionsAfter | None, R: FloatArray, t: FloatArray) -> PositionsAfter | None:
+    """Return positions after unloading, rotated by R (3, 3) and moved by t (3,) [unit of length]."""
+    if after is None:
+        return None
+    moved = after.position @ R.T + t
+    return replace(after, position=np.where(after.present[..., None], moved, 0.0))
 
 
 def _turn_covariances(noise: PointNoise, R: FloatArray) -> PointNoise:

@@ -36,6 +36,7 @@ from jointstiff.solver.mechanics.measurements import (
     DifferenceNoise,
     EncoderReadings,
     Measurements,
+    ReturnReadings,
     Scatter,
     position_covariances,
     refuse_invalid_covariance,
@@ -192,6 +193,40 @@ class EncoderArrays(ArrayGroup):
 
 
 @dataclass(frozen=True, eq=False)
+class PositionsAfter(ArrayGroup):
+    """Positions of T targets in N observations that were read again after the load was removed."""
+
+    prefix = "after_"
+
+    position: FloatArray  # (N, T, 3) positions, as those of the other readings; zero where not read again
+    present: BoolArray  # (N, T) which targets were read again
+
+    @classmethod
+    def from_readings(
+        cls, shape: tuple[int, int], indices: tuple[list[int], list[int]], readings: list[Reading]
+    ) -> PositionsAfter | None:
+        """Arrange the positions as arrays; None if no target was read again.
+
+        Args:
+            shape: numbers N of observations and T of targets.
+            indices: index of the observation, then of the target, of each reading.
+            readings: all readings of the set.
+        """
+        if all(reading.unloaded_after is None for reading in readings):
+            return None
+        positions = [r.unloaded_after or (0.0, 0.0, 0.0) for r in readings]
+        was_read = [r.unloaded_after is not None for r in readings]
+        return cls(
+            _scatter((*shape, 3), indices, positions, np.float64),
+            _scatter(shape, indices, was_read, np.bool_),
+        )
+
+    def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
+        """Return the position of target t in observation i by the name of its field; {} if not read again."""
+        return {"unloaded_after": tuple(self.position[i, t].tolist())} if self.present[i, t] else {}
+
+
+@dataclass(frozen=True, eq=False)
 class PointNoise(ArrayGroup):
     """Noise stated by readings of T targets in N observations: sigma or covariances, zero if not stated."""
 
@@ -300,8 +335,12 @@ def to_noise(
         None if noise is None or noise.instrument is None else to_instrument(noise.instrument, length)
     )
     sigma = None if noise is None or noise.sigma is None else length * noise.sigma
+    again = None if plain.returned is None else plain.returned.present[..., None, None]
     if points is None and instrument is None:
-        return sigma, ISOTROPIC_DIFFERENCE
+        if again is None:
+            return sigma, ISOTROPIC_DIFFERENCE
+        # The mean of two readings has half the variance of one.
+        return sigma, np.where(again, 0.75, 1.0) * ISOTROPIC_DIFFERENCE
     unloaded = loaded = (sigma or 0.0) ** 2 * np.eye(3)
     if instrument is not None:
         unloaded, loaded = position_covariances(instrument, robot, plain)
@@ -312,6 +351,8 @@ def to_noise(
         # The noise that a reading states itself replaces the noise of the set.
         unloaded = np.where(states_noise[..., None, None], length**2 * own_unloaded, unloaded)
         loaded = np.where(states_noise[..., None, None], length**2 * own_loaded, loaded)
+    if again is not None:
+        unloaded = np.where(again, 0.5, 1.0) * unloaded
     stated = DifferenceNoise.from_positions(unloaded, loaded, plain.coordinates)
     return stated.sigma, stated.covariance
 
@@ -385,6 +426,7 @@ _OPTIONAL_GROUPS: dict[str, type[ArrayGroup]] = {
     "encoders": EncoderArrays,
     "noise": PointNoise,
     "directions": Directions,
+    "after": PositionsAfter,
 }
 _UNREAD = (np.nan, np.nan, np.nan)
 
@@ -410,6 +452,7 @@ class ReadingArrays:
     encoders: EncoderArrays | None = None  # readings of secondary encoders; None without encoders
     noise: PointNoise | None = None  # noise that readings state themselves; None if no reading states it
     directions: Directions | None = None  # readings along a direction; None without them
+    after: PositionsAfter | None = None  # positions after unloading; None if no target was read again
 
     @classmethod
     def from_observations(cls, observations: list[Observation]) -> ReadingArrays:
@@ -447,6 +490,7 @@ class ReadingArrays:
             encoders=EncoderArrays.from_observations(observations),
             noise=PointNoise.from_readings(shape, indices, readings),
             directions=Directions.from_readings(shape, indices, readings),
+            after=PositionsAfter.from_readings(shape, indices, readings),
         )
 
     @property
@@ -482,7 +526,10 @@ class ReadingArrays:
         unloaded = tuple(self.unloaded[i, t].tolist())
         if self.unloaded_only[i, t]:
             return Reading.model_construct(target=str(self.targets[t]), unloaded=unloaded, **noise)
-        return Reading.model_construct(target=str(self.targets[t]), unloaded=unloaded, loaded=loaded, **noise)
+        values = {} if self.after is None else self.after.get_reading_fields(i, t)
+        return Reading.model_construct(
+            target=str(self.targets[t]), unloaded=unloaded, loaded=loaded, **values, **noise
+        )
 
     def pack(self) -> bytes:
         """Return the arrays as bytes of an npz archive, without pickles."""
@@ -644,9 +691,13 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
             "order of the joints",
         )
     length, unloaded_only = LENGTH[header.units.length], readings.unloaded_only
-    deflection = np.where(
-        readings.as_deflection[..., None], readings.loaded, readings.loaded - readings.unloaded
-    )
+    unloaded, returned = readings.unloaded, None
+    if readings.after is not None:  # the mean of both readings without load counts
+        was_read, after = readings.after.present, readings.after.position
+        unloaded = np.where(was_read[..., None], 0.5 * (unloaded + after), unloaded)
+        remaining = np.where(was_read[..., None], after - readings.unloaded, 0.0)
+        returned = ReturnReadings(length * remaining, was_read)
+    deflection = np.where(readings.as_deflection[..., None], readings.loaded, readings.loaded - unloaded)
     deflection = np.where(unloaded_only[..., None], 0.0, deflection)
     joints = joint_factors(robot, header.units) * readings.joints
     direction = None
@@ -665,6 +716,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         direction=direction,
         force_unit=header.units.force,
         unloaded_only=unloaded_only if unloaded_only.any() else None,
+        returned=returned,
         labels=tuple(readings.labels.tolist()),
         targets=tuple(readings.targets.tolist()),
     )
@@ -672,7 +724,8 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     # A stated sigma that was refuted is only reported; the residuals then give the noise.
     refuted_sigma = None
     if header.noise is not None and header.noise.refuted:
-        refuted_sigma, sigma, covariance = sigma, None, ISOTROPIC_DIFFERENCE
+        refuted_sigma, sigma = sigma, None
+        covariance = to_noise(None, None, robot, plain, length=length)[1]
     encoders = _to_encoder_readings(header, readings.encoders, robot)
     common = to_common_uncertainty(header.noise, length)
     repeatability = None if header.noise is None else header.noise.repeatability

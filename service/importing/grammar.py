@@ -345,7 +345,10 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
     Raises:
         ImportFileError: the header is not understood.
     """
-    base = _STATE_PHRASE.sub(lambda phrase: _STATE_OF[fold_word(phrase[0].replace("-", " "))], base)
+    # A state takes the place of its phrase as one word.
+    base = _STATE_PHRASE.sub(
+        lambda phrase: _STATE_OF[fold_word(phrase[0].replace("-", " "))].replace("_", ""), base
+    )
     axes, states, kinds, name_matches = _classify_words(base, state_words)
     target = base[name_matches[0].start() : name_matches[-1].end()] if name_matches else None
     name_words = _TOKEN.findall(target or "")

@@ -60,7 +60,7 @@ _MIN_VALUES: Final = 5
 """Fewest values of a column for which a spread is computed."""
 _MAX_LISTED_LABELS: Final = 3
 """Labels named in a message."""
-_STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "deflection")
+_STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "unloaded_after", "deflection")
 _SINGLE_STATES: Final[tuple[list[State], ...]] = (["unloaded"], ["loaded"])
 """Positions in one state only, without a deflection."""
 
@@ -501,11 +501,11 @@ def _describe_gap(observation: ObservationRecord, target: str, states: dict[Stat
         reason = f"{quote(observation.label)}: target {target} has both positions and a deflection"
         remedy = "omit one of them, for instance with `ignore`"
         raise ImportFileError(states["deflection"].place, reason, remedy)
-    if present in ({"deflection"}, {"unloaded", "loaded"}):
+    if present - {"unloaded_after"} in ({"deflection"}, {"unloaded", "loaded"}):
         return None
     if not present:
         return f"the cells of target {target} are empty"
-    return f"target {target} was read only {' and '.join(sorted(present))}"
+    return f"target {target} was read only {' and '.join(sorted(present)).replace('_', ' ')}"
 
 
 def _check_sigmas(observations: list[ObservationRecord], faults: Faults) -> dict[_Uncertainty, int]:

@@ -41,6 +41,7 @@ class Campaign(messages.Campaign):
         load_point: Numbers | None = None,
         unloaded: Numbers | None = None,
         loaded: Numbers | None = None,
+        unloaded_after: Numbers | None = None,
         deflections: Numbers | None = None,
         directions: Numbers | None = None,
         targets: Sequence[str] | Mapping[str, npt.ArrayLike] | None = None,
@@ -68,6 +69,7 @@ class Campaign(messages.Campaign):
             unloaded: (N, T, 3) positions in R0 without load; (N, 3) of one target; or a dictionary of (N, 3)
                 by target.
             loaded: positions under load, in the same form as `unloaded`.
+            unloaded_after: positions after the load was removed, in the same form; NaN where not read again.
             deflections: loaded minus unloaded positions, in the same form; with `directions` (N, T) lengths.
                 Deflections need the places of the targets.
             directions: (3,), (T, 3) or (N, T, 3): directions of the lengths, axes of R0.
@@ -96,6 +98,7 @@ class Campaign(messages.Campaign):
                 load_point,
                 unloaded,
                 loaded,
+                unloaded_after,
                 deflections,
                 directions,
                 targets,

@@ -374,6 +374,8 @@ def _build_reading(record: ObservationRecord, target: str) -> Reading:
         fields["sigma"] = sqrt(sum(sigma[0] ** 2 for sigma in sigmas.values()) / len(sigmas))
     elif sigmas:
         for state, sigma in sigmas.items():
+            if state == "unloaded_after":  # as uncertain as the first position without load
+                continue
             covariance = [[sigma[i] ** 2 if i == j else 0.0 for j in range(3)] for i in range(3)]
             fields[f"{state}_covariance"] = covariance
     return Reading.model_validate({"target": target, **fields})

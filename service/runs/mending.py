@@ -164,6 +164,7 @@ def _exchange_unloaded_and_loaded(measured: _Set, _action: Action) -> _Set:
                     update={
                         "unloaded": reading.loaded,
                         "loaded": reading.unloaded,
+                        "unloaded_after": None,  # it belongs to the order of readings before the exchange
                         "unloaded_covariance": reading.loaded_covariance,
                         "loaded_covariance": reading.unloaded_covariance,
                         "deflection": reading.deflection and tuple(-part for part in reading.deflection),

@@ -99,7 +99,10 @@ def describe_passed_checks(assessment: Assessment, owner: str = "") -> str:
 
 
 def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
-    """Return lines with the verdict, its reasons and its notes; without details only the worst reasons."""
+    """Return lines with the verdict, its reasons and its notes.
+
+    Without details, these are the worst reasons and the first sentence of each note.
+    """
     reasons = assessment.reasons
     lines: list[Line] = [verdict_line(assessment)]
     for reason in reasons if details else reasons[:MOST_SHOWN]:
@@ -108,7 +111,10 @@ def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
     hidden = len(reasons) - (len(lines) - 1)  # the first line is the verdict
     if hidden:
         lines.append(Line(f"  and {hidden} more (--details)", "dim"))
-    return [*lines, *(Line(f"  {note}", "dim") for note in assessment.notes)]
+    notes = (
+        assessment.notes if details else [f"{note.rstrip('.').split('. ')[0]}." for note in assessment.notes]
+    )
+    return [*lines, *(Line(f"  {note}", "dim") for note in notes)]
 
 
 def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:

@@ -36,6 +36,7 @@ from jointstiff.solver.estimation.payload import inspect_force_unit
 from jointstiff.solver.estimation.pure_error import PureError, compute_pure_error
 from jointstiff.solver.estimation.reliability import LeastMistake, describe_unseen_mistakes
 from jointstiff.solver.estimation.triangle import solve_nonnegative
+from jointstiff.solver.estimation.unloading import Unloading, compare_unloaded_positions
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, fitted_errors, targets_in_flange
 from jointstiff.solver.mechanics.measurements import (
     ASSUMED_FORCE_SCALE,
@@ -147,7 +148,8 @@ def assess(
     """
     robot, measurements, settings = joints.robot, joints.measurements, joints.settings
     findings: Sequence[Finding] = joints.noticed
-    notes = tuple(_list_notes(measurements, estimate))
+    unloading = compare_unloaded_positions(robot, measurements, joints.estimate.compliance)
+    notes = tuple(_list_notes(measurements, estimate, unloading))
     root_mistakes = _group_by_code([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
     if root_mistakes:  # after such a mistake no other check means anything
         reasons: list[Finding] = []
@@ -183,6 +185,7 @@ def assess(
         if gross or better is not None
         else inspect_force_unit(robot, measurements, joints.estimate.joints),
         find_reading_problems(robot, measurements, settings, prediction, findings),
+        [report_remaining_deflection(unloading)] if unloading is not None and unloading.remains else (),
         find_fit_problems(
             measurements,
             estimate,
@@ -197,7 +200,7 @@ def assess(
     return replace(derive_assessment(estimate.joints, found), notes=notes)
 
 
-def _list_notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]:
+def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloading | None) -> Iterator[str]:
     """Yield sentences on assumptions, and on checks that the readings do not allow."""
     force = float(np.linalg.norm(measurements.force, axis=1).max())
     if force > 0.0:
@@ -219,11 +222,43 @@ def _list_notes(measurements: Measurements, estimate: Estimate) -> Iterator[str]
             f"Forces: ±{100 * ASSUMED_FORCE_SCALE:g} % assumed. Enter the uncertainty of the load cell or of "
             "the weight (`noise.force.scale`; on the page: Advanced, Scale of the force)."
         )
+    if unloading is not None:
+        yield describe_unloading(unloading)
+    elif not measurements.in_flange[measurements.present].all():
+        yield (
+            "Each posture was read once without load: a set that remains after unloading is not seen. Read "
+            "again after unloading (`unloaded_after`)."
+        )
     if measurements.in_flange[measurements.present].all():
         yield (
             "The set has deflections and no positions, so the geometry of robot, frames and targets, and "
             "the joint angles, cannot be checked."
         )
+
+
+def describe_unloading(unloading: Unloading) -> str:
+    """Return a sentence on the positions after the load was removed."""
+    count = unloading.postures
+    where = f"{count} posture{'s' if count > 1 else ''} read again after unloading"
+    text = f"Targets come back to {length_text(unloading.distance)} (root mean square, {where})"
+    if unloading.share is None or unloading.standard_uncertainty is None:
+        return f"{text}."
+    share = f"{100.0 * unloading.share:.2g} % ± {100.0 * unloading.standard_uncertainty:.2g} %"
+    return f"{text}; {share} of the deflection remains."
+
+
+def report_remaining_deflection(unloading: Unloading) -> Finding:
+    """Return the finding that a part of the deflections remains after the load was removed."""
+    share, u = unloading.share or 0.0, unloading.standard_uncertainty or 0.0
+    return Finding(
+        code="deflection_remains",
+        weight="use_with_care",
+        message=f"{100.0 * share:.2g} % ± {100.0 * u:.2g} % of the deflection remains after unloading: "
+        "stiffnesses count from the mean of both unloaded positions, and differ by "
+        f"{50.0 * abs(share):.2g} % from either",
+        remedy="load and unload the arm once before the first reading; check that tool, hook and base are "
+        "tight",
+    )
 
 
 def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Finding]) -> Assessment:

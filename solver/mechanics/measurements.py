@@ -251,6 +251,25 @@ class EncoderReadings:
         return EncoderReadings(self.deflection[rows], self.present[rows], self.sigma)
 
 
+@dataclass(frozen=True, eq=False)
+class ReturnReadings:
+    """What remains of the deflections of N observations of T targets after the load was removed.
+
+    The deflections then count from the mean of the readings before and after the load.
+    """
+
+    remaining: FloatArray  #: (N, T, 3) position after minus before the load, axes of R0 [m]
+    present: BoolArray  #: (N, T) which targets were read again; the others hold zeros
+
+    def __post_init__(self) -> None:
+        check_array("unloaded_after", self.remaining, (*self.present.shape, 3))
+        self.present.setflags(write=False)
+
+    def __getitem__(self, rows: slice | IndexArray) -> ReturnReadings:
+        """Return the readings of the selected observations, in the given order."""
+        return ReturnReadings(self.remaining[rows], self.present[rows])
+
+
 NOISE_SIGMAS: Final = 3.0
 """Number of standard deviations below which a deflection carries little information."""
 ASSUMED_LOAD_POINT: Final = 0.01
@@ -386,6 +405,7 @@ class Measurements:
     #: readings of secondary encoders; None without encoders. They require `sigma`, which weights them
     #: relative to the targets.
     encoders: EncoderReadings | None = None
+    returned: ReturnReadings | None = None  #: readings after the load was removed; None without any
     #: repeatability as stated: standard deviation of each joint's angle from one posture to the next, which
     #: moves all targets of a posture together [rad]; None if not stated
     repeatability: float | None = None
@@ -525,7 +545,8 @@ class Measurements:
         arrays = {name: getattr(self, name)[rows] for name in self._row_shapes}
         encoders = None if self.encoders is None else self.encoders[rows]
         labels = tuple(self.labels[i] for i in np.arange(len(self))[rows].tolist())
-        return replace(self, **arrays, encoders=encoders, labels=labels)
+        returned = None if self.returned is None else self.returned[rows]
+        return replace(self, **arrays, encoders=encoders, returned=returned, labels=labels)
 
 
 def _names_or_numbers(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:

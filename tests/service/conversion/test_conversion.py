@@ -381,3 +381,55 @@ def test_units_do_not_matter(length, angle, force, readings):
     # Readings are rounded in their own unit when the campaign is written, to a hundredth of sigma.
     np.testing.assert_allclose(found.compliance, expected.compliance, rtol=1e-3)
     assert found.sigma == pytest.approx(expected.sigma)
+
+
+def read_again(document, *, remains=0.0, rows=4):
+    """Return a campaign whose first rows were read again after unloading, with a part of the deflection."""
+    again = json.loads(json.dumps(document))
+    for observation in again["measurement_set"]["observations"][:rows]:
+        for reading in observation["readings"]:
+            unloaded, loaded = np.array(reading["unloaded"]), np.array(reading["loaded"])
+            reading["unloaded_after"] = (unloaded + remains * (loaded - unloaded)).tolist()
+    return again
+
+
+def test_positions_after_unloading_are_stored_and_returned_as_posted():
+    posted = read_again(simulate_campaign(ARM, configurations=6, seed=3), remains=0.1)
+    measured_set = MeasurementSetDocument.model_validate(posted["measurement_set"])
+    stored = ReadingArrays.unpack(ReadingArrays.from_observations(measured_set.observations).pack())
+    assert [each.model_dump() for each in stored.observations()] == [
+        each.model_dump() for each in measured_set.observations
+    ]
+
+
+def test_the_deflection_counts_from_the_mean_of_both_unloaded_positions():
+    plain = simulate_campaign(ARM, configurations=12, seed=3, sigma=0.0)
+    posted = read_again(plain, remains=0.1, rows=12)
+    first, again = prepare(plain)[1], prepare(posted)[1]
+    np.testing.assert_allclose(again.deflection, 0.95 * first.deflection, atol=1e-12)
+    np.testing.assert_allclose(again.returned.remaining, 0.1 * first.deflection, atol=1e-12)
+
+
+def test_positions_after_unloading_turn_with_the_tracker_frame():
+    document = simulate_campaign(ARM, configurations=12, seed=3, load="pull")
+    posted = read_again(document, remains=0.1, rows=12)
+    R = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+    R = R * np.linalg.det(R)
+    turned = json.loads(json.dumps(posted))
+    for observation in turned["measurement_set"]["observations"]:
+        for reading in observation["readings"]:
+            for state in ("unloaded", "loaded", "unloaded_after"):
+                reading[state] = (R.T @ (np.array(reading[state]) - np.array([1.0, 2.0, 3.0]))).tolist()
+    frame = {"rotation": R.tolist(), "translation": [1.0, 2.0, 3.0]}
+    first, found = (
+        identify(each, elasticity="joints").result for each in (posted, measured(turned, frame=frame))
+    )
+    assert [reason.code for reason in found.assessment.reasons] == ["deflection_remains"]
+    for one, other in zip(first.joints, found.joints, strict=True):
+        assert other.compliance == pytest.approx(one.compliance, rel=1e-6)
+
+
+@pytest.mark.parametrize("fields", [{"unloaded": (0, 0, 1)}, {"deflection": (0, 0, 1)}, {"unloaded": None}])
+def test_a_position_after_unloading_needs_both_other_positions(fields):
+    with pytest.raises(ValidationError, match=r"unloaded_after|give `unloaded`"):
+        Reading(target="tip", unloaded_after=(0.0, 0.0, 1.0), **fields)

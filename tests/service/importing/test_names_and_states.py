@@ -55,6 +55,26 @@ def test_words_that_may_be_states_are_asked_about():
     assert numbers_of(answered(file, state_words={"pre": "unloaded", "post": "loaded"})) == CAMPAIGN_NUMBERS
 
 
+AFTER = """label,j1 [deg],Fx [N],Fy [N],Fz [N],P1 unloaded x [mm],P1 unloaded y [mm],P1 unloaded z [mm],\
+P1 loaded x [mm],P1 loaded y [mm],P1 loaded z [mm],P1 WORDS x [mm],P1 WORDS y [mm],P1 WORDS z [mm]
+c01,0,0,0,-500,1,2,3,1,2,2.5,1,2,2.9
+c02,10,0,0,-500,4,5,6,4,5,5.5,,,
+"""
+
+
+@pytest.mark.parametrize("words", ["unloaded after", "unloaded 2", "nach Entlastung", "again", "UL2"])
+def test_a_position_after_unloading_has_a_state_of_its_own_and_may_be_missing(words):
+    imported = read(("day.csv", AFTER.replace("WORDS", words)))
+    assert points_of(imported) == {
+        ("c01", "P1", "unloaded"): (1.0, 2.0, 3.0),
+        ("c01", "P1", "loaded"): (1.0, 2.0, 2.5),
+        ("c01", "P1", "unloaded_after"): (1.0, 2.0, 2.9),
+        ("c02", "P1", "unloaded"): (4.0, 5.0, 6.0),
+        ("c02", "P1", "loaded"): (4.0, 5.0, 5.5),
+        ("c02", "P1", "unloaded_after"): None,
+    }
+
+
 DIGITS = "c01_P1_0 1 2 3.5\nc01_P1_1 1 2 4.5\n"
 
 

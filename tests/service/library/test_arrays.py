@@ -154,3 +154,13 @@ def test_what_does_not_fit_is_said_with_its_remedy(changes, said):
     with pytest.raises(js.CampaignError) as caught:
         of_arrays(**changes)
     assert str(caught.value) == said
+
+
+def test_positions_after_unloading_reach_the_run_and_may_be_missing():
+    after = read("unloaded")
+    after[2:] = np.nan
+    found = of_arrays(unloaded_after=after)
+    stated = [[r.unloaded_after is not None for r in one.readings] for one in found.observations]
+    assert stated == [[i < 2] * len(TARGETS) for i in range(6)]
+    with pytest.raises(js.CampaignError, match="alone cannot be used as readings"):
+        of_arrays(unloaded=None, loaded=None, deflections=MOVED, unloaded_after=after, targets=dict(TARGETS))

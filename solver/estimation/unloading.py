@@ -1,0 +1,86 @@
+"""What remains of the deflections after the load was removed (method.md §3).
+
+A spring comes back; friction, slip and a set do not. The positions after the load are compared with those
+before: ``r = κ A c + ε``, with the deflections A c that the model predicts. κ is the share that remains. Its
+uncertainty comes from the spread over the postures, because all targets of a posture return alike (Liang &
+Zeger, *Biometrika* 73, 1986).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy import special
+
+from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.mechanics.block import regressor_blocks
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.robot import Robot
+
+_LEVEL: Final = 1e-3
+"""p-value below which a share that remains is no chance."""
+_MATTERS: Final = 0.02
+"""Share of the deflections that remains and changes a stiffness by one percent."""
+_LEAST_POSTURES: Final = 3
+_VARIANCE: Final = 4.0 / 3.0
+"""Variance of a difference of two positions over that of a deflection from the mean of two positions."""
+
+
+@dataclass(frozen=True)
+class Unloading:
+    """Comparison of the positions after the load with those before the load."""
+
+    postures: int  #: number of postures that were read again
+    distance: float  #: root mean square distance of a target from its first position [m]
+    share: float | None  #: share κ of the deflections that remains; None for fewer than three postures
+    standard_uncertainty: float | None  #: of the share; None where the share is None
+    p_value: float  #: of the test that nothing remains; 1 without a share
+
+    @property
+    def remains(self) -> bool:
+        """True if a part of the deflections remains, so large that it changes the stiffnesses."""
+        return self.share is not None and abs(self.share) > _MATTERS and self.p_value < _LEVEL
+
+
+def compare_unloaded_positions(
+    robot: Robot, measurements: Measurements, compliance: FloatArray
+) -> Unloading | None:
+    """Compare the positions after the load with those before the load.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        compliance: (n,) fitted joint compliances [rad/(N·m)].
+
+    Returns:
+        None if no target was read again.
+    """
+    returned = measurements.returned
+    if returned is None or not returned.present.any():
+        return None
+    rows = np.flatnonzero(returned.present.any(axis=1))
+    part = measurements[rows]
+    remaining, present = returned.remaining[rows], returned.present[rows]
+    products, squares = [], []  # of each posture: rᵀ m and mᵀ m with the predicted deflections m, whitened
+    start = 0
+    for block in regressor_blocks(robot, part):
+        stop = start + len(block.torque)
+        both = np.stack([block.A @ compliance, remaining[start:stop] / np.sqrt(_VARIANCE)], axis=-1)
+        white = block.whiten(np.where(present[start:stop, :, None, None], both, 0.0))
+        products.append((white[..., 0] * white[..., 1]).sum(axis=(1, 2)))
+        squares.append(np.square(white[..., 0]).sum(axis=(1, 2)))
+        start = stop
+    product, square = np.concatenate(products), np.concatenate(squares)
+    distance = float(np.sqrt(np.square(remaining[present]).sum(axis=-1).mean()))
+    count = len(rows)
+    if count < _LEAST_POSTURES or not square.sum() > 0.0:
+        return Unloading(count, distance, None, None, 1.0)
+    scale = float(np.sqrt(_VARIANCE))  # whitened rows of r were divided by this number
+    share = float(product.sum() / square.sum())
+    spread = product - share * square
+    u = float(np.sqrt(np.square(spread).sum() * count / (count - 1.0)) / square.sum())
+    ratio = abs(share) / u if u > 0.0 else np.inf
+    p_value = float(2.0 * special.stdtr(count - 1, -ratio))
+    return Unloading(count, distance, scale * share, scale * u, p_value)
