@@ -225,6 +225,11 @@ class ReadingOptions(Message):
         description="Standard uncertainty of one coordinate of one reading; default: that of the campaign, "
         "or 20 µm.",
     )
+    repeatability: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.01)] | None] = Field(
+        default=None,
+        description="Standard deviation of each joint from one posture to the next; default: that of the "
+        "campaign, or 0.",
+    )
     tracker: Instrument | None = Field(
         default=None, description="Tracker in R0, in SI units; its errors replace `sigma`."
     )

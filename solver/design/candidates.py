@@ -23,7 +23,13 @@ from jointstiff.solver.design.optimum import Candidates
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.mechanics.block import fitted_errors, regressor_blocks
-from jointstiff.solver.mechanics.measurements import DifferenceNoise, Instrument, Measurements
+from jointstiff.solver.mechanics.measurements import (
+    NO_SCATTER,
+    DifferenceNoise,
+    Instrument,
+    Measurements,
+    Scatter,
+)
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS, build_links_term
@@ -67,6 +73,7 @@ class Equipment:
     loads: Loads  #: loads that can be applied
     sigma: float  #: standard uncertainty of one coordinate of one reading [m]
     instrument: Instrument | None = None  #: the tracker at its station; isotropic noise of sigma if None
+    scatter: Scatter = NO_SCATTER  #: errors that the targets of a posture share, in units of sigma
 
     def build_measurements(
         self, robot: Robot, joints: FloatArray, force: FloatArray, along: FloatArray | None = None
@@ -90,6 +97,7 @@ class Equipment:
             deflection=np.zeros(shape),
             present=np.ones(shape[:2], dtype=np.bool_),
             sigma=self.sigma,
+            scatter=self.scatter,
             direction=None if along is None else np.broadcast_to(along[:, None], shape).copy(),
         )
         if self.instrument is None:

@@ -720,16 +720,18 @@ def _report_residuals(
         weight: Verdict = "use_with_care" if ratio <= UNUSABLE_RATIO else "do_not_use"
         if test.p_value > CARE_LEVEL or (not joints_alone and ratio <= CARE_RATIO_OF_LINKS):
             weight = "use"  # chance, or the penalty of the links, may enlarge the residuals so far
-        pure = ""
-        if pure_error is not None:
-            pure = f". Targets of the same posture agree to {length_text(pure_error.sigma)}, whatever bends"
-            pure += ": motion of the flange is left unexplained" if pure_error.shows_motion else ""
+        agreement = ""
+        if pure_error is not None and pure_error.shows_motion:
+            agreement = (
+                f". Targets of one posture agree to {length_text(pure_error.sigma)}: the flange moves "
+                "otherwise than the model says"
+            )
         yield Finding(
             code="residuals_exceed_sigma",
             weight=weight,
             message=f"the residuals are {figure(ratio, '.3g')} times as large as the stated noise allows, so "
             "the uncertainties are too small; by how much depends on deflections that the model does "
-            f"not explain{pure}",
+            f"not explain{agreement}",
             remedy=_CHECK_NOISE,
             action=Action.of("omit_noise"),
         )

@@ -35,7 +35,7 @@ from jointstiff.solver.live.innovation import (
     compare_last_reading,
 )
 from jointstiff.solver.live.priors import Standing, compare_priors
-from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.measurements import Measurements, Scatter
 from jointstiff.solver.run import run
 from jointstiff.solver.text import length_text
 
@@ -91,25 +91,30 @@ class Progress:
             The comparison, None if the readings so far cannot predict the new reading; and the check of the
             new reading with the 90 % ball about its prediction, None if the new reading is not held out.
         """
-        compliance, robot = self._compliance, self.candidates.robot
-        if self.weight is not None or readings.direction is not None or compliance is None:
+        fitted, robot = self._fitted, self.candidates.robot
+        if self.weight is not None or readings.direction is not None or fitted is None:
             return None, None
+        compliance, scatter = fitted
+        readings = replace(readings, scatter=scatter)
         found = compare_last_reading(robot, readings, compliance)
         if not self.awaits_held_out or found.doubtful:
             return found, None
         return found, check_held_out_reading(robot, readings, compliance, len(readings) - 1)
 
     @cached_property
-    def _compliance(self) -> FloatArray | None:
-        """(n,) compliances from the readings that count [rad/(N·m)]; None if they cannot be identified."""
+    def _fitted(self) -> tuple[FloatArray, Scatter] | None:
+        """Compliances (n,) from the readings that count [rad/(N·m)], and what the targets of a posture share.
+
+        None if the readings do not identify any joint.
+        """
         robot, measurements = self.candidates.robot, self.so_far.measurements
         if measurements is None:
             return None
         try:
-            estimate = JointsAlone(robot, measurements, Settings.from_options(RunOptions(), robot)).estimate
+            joints = JointsAlone(robot, measurements, Settings.from_options(RunOptions(), robot))
+            return np.maximum(joints.estimate.compliance, 0.0), joints.measurements.scatter
         except JointstiffError:
             return None
-        return np.maximum(estimate.compliance, 0.0)
 
     @cached_property
     def result(self) -> RunResult | JointstiffError | None:

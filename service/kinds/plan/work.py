@@ -35,7 +35,7 @@ from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.mechanics.block import targets_in_flange
-from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import build_messages
 from jointstiff.solver.own_weight.rows import Burden, make_planned_rows_function
@@ -111,6 +111,7 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
     robot, prepared = plan_input.robot, plan_input.prepared
     # What the campaign so far tells; NaN and None where it is unknown.
     nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
+    so_far = None if prepared is None else prepared.measurements
     if prepared is not None and isinstance(request.load, OwnWeight):
         by_weight = RunOptions(weight=request.load)
         result = run_by_weight(robot, prepared.measurements, by_weight, prepared.warnings)
@@ -127,7 +128,7 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
         settings = Settings.from_options(RunOptions(), robot)
         joints = JointsAlone(robot, prepared.measurements, settings, prepared.warnings)
         estimate, screening = joints.estimate, joints.screening
-        sigma = estimate.sigma
+        sigma, so_far = estimate.sigma, joints.measurements
         # A compliance with a great uncertainty is no nominal value: it stays NaN.
         for j, joint in enumerate(estimate.joints):
             u = joint.standard_uncertainty
@@ -152,7 +153,6 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
             else _TOO_FEW_READINGS,
         )
         unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
-    so_far = None if prepared is None else prepared.measurements
     # If the robot's own weight is the load, positions without another load are readings, too.
     if so_far is not None and so_far.unloaded_only is not None:
         so_far = replace(so_far, present=so_far.present | so_far.unloaded_only)
@@ -259,6 +259,7 @@ def to_design_request(
             where="load",
             remedy="omit `work_area`, `tracker` and `directions`; give the noise of the readings as `sigma`",
         )
+    planned_sigma = request.sigma or sigma or _SIGMA
     wanted_joints = [robot.joint_index(name, "joints") for name in request.joints]
     area, directions = request.work_area, _gauge_directions(request)
     lack_of_fit = unexplained is not None and _LACK_OF_FIT < unexplained < 1.0
@@ -267,8 +268,9 @@ def to_design_request(
             targets=targets,
             load_point=_choose_load_point(request, so_far),
             loads=_choose_loads(request, robot, so_far),
-            sigma=request.sigma or sigma or _SIGMA,
+            sigma=planned_sigma,
             instrument=None if request.tracker is None else to_instrument(request.tracker, 1.0),
+            scatter=_choose_scatter(request, so_far, planned_sigma),
         ),
         readings=request.readings,
         nominal=nominal,
@@ -399,6 +401,14 @@ def choose_targets(
     _, first_targets = np.unique(np.round(positions, 6), axis=0, return_index=True)
     kept = np.sort(first_targets)
     return tuple(so_far.targets[t] for t in kept), positions[kept]
+
+
+def _choose_scatter(request: plans.PlanRequest, so_far: Measurements | None, sigma: float) -> Scatter:
+    """Return the errors that targets of a posture will share: as requested, else those of the campaign."""
+    scatter = NO_SCATTER if so_far is None else so_far.scatter
+    if request.repeatability is None:
+        return scatter
+    return replace(scatter, joints=request.repeatability / sigma)
 
 
 def _choose_load_point(request: plans.PlanRequest, so_far: Measurements | None) -> FloatArray:

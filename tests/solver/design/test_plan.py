@@ -48,7 +48,8 @@ from jointstiff.solver.design.plan import (
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument
+from jointstiff.solver.mechanics.block import whole_block
+from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument, Scatter
 from jointstiff.solver.mechanics.postures import Postures
 
 N = len(ARM.stiffnesses)
@@ -100,6 +101,31 @@ class TestPromise:
         # Of 100, whose standard error is 7 %, a standard deviation off by a third is seen by 95 % power.
         scatter = np.std([each.compliance for each in found], axis=0, ddof=1)
         np.testing.assert_allclose(scatter, promised, rtol=2.0 * np.sqrt(1.0 / draws))
+
+    def test_counts_joints_that_do_not_repeat(self, robot):
+        """Turns of 40 µrad are common to the targets: the promise is the scatter of 60 campaigns."""
+        turns, draws = 4e-5, 60
+        tools = equipment(scatter=Scatter(joints=turns / SIGMA))
+        plan = plan_campaign(robot, request_of(tools))
+        rng = np.random.default_rng(0)
+        settings = Settings.from_options(RunOptions(positive=False), robot)
+        found = []
+        for _ in range(draws):
+            exact = read(plan, np.zeros((2, 12, 3, 3)))
+            jacobian = whole_block(robot, exact).jacobian
+            turned = jacobian @ (turns * rng.standard_normal((12, N)))[:, None, :, None]
+            noise = SIGMA * np.sqrt(2.0) * rng.standard_normal((12, 3, 3))
+            moved = replace(
+                exact,
+                deflection=exact.deflection + turned[..., 0] + noise,
+                scatter=tools.scatter,
+                repeatability=turns,
+            )
+            found.append(identify(robot, moved, settings).compliance)
+        promised = plan.uncertainty * ARM.compliances
+        np.testing.assert_allclose(np.std(found, axis=0, ddof=1), promised, rtol=0.3)
+        exactly = plan_campaign(robot, request_of(equipment())).uncertainty
+        assert (plan.uncertainty > 1.3 * exactly).any()
 
     def test_one_that_goes_on_counts_the_readings_so_far(self, robot):
         first = plan_campaign(robot, request_of(equipment(), readings=6))
