@@ -13,6 +13,7 @@ import numpy as np
 
 from benchmarks.designs import SIGMA, Design, planned_design
 from benchmarks.report import Figure, Section
+from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, deflections
 from jointstiff.solver.arrays import FloatArray
@@ -21,6 +22,7 @@ from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.problem import Bounds
+from jointstiff.solver.run import run as identify_run
 from tests.support.springs import robot_of
 
 __all__ = ["run"]
@@ -104,6 +106,53 @@ def _intervals(estimate: Estimate) -> Iterator[tuple[float, float]]:
         yield joint.compliance_interval or (np.nan, np.nan)
 
 
+_DRIFTS = (3e-5, 6e-5, 1.2e-4)
+"""Shifts of the tracker from the first to the last posture of a campaign [m], between both readings."""
+
+
+def _drift(size: float, *, stated: bool, seed: int) -> tuple[bool, list[bool]]:
+    """Identify a campaign whose tracker drifts; return whether a run says so, and what intervals hold."""
+    generator = np.random.default_rng([seed, _STREAM, 1])
+    design = planned_design(default_arm(), seed=seed % 20)
+    count = int(generator.integers(_POSTURES[0], _POSTURES[1] + 1))
+    kept = generator.permutation(len(design.loaded))[:count]
+    direction = generator.standard_normal(3)
+    drift = np.zeros((len(design.loaded), 1, 3))
+    shares = np.linspace(0.0, 1.0, count)[:, None]
+    drift[kept, 0] = size * shares * direction / np.linalg.norm(direction)
+    noise = SIGMA * generator.standard_normal((2, *design.loaded.shape))
+    readings = design.unloaded + noise[0], design.loaded + drift + noise[1]
+    measurements = design.measurements(*readings, sigma=SIGMA if stated else None)[kept]
+    result = identify_run(robot_of(design.arm), measurements, RunOptions())
+    ends = [joint.compliance_interval or (np.nan, np.nan) for joint in result.joints]
+    held = [lower <= c <= upper for (lower, upper), c in zip(ends, design.arm.compliances, strict=True)]
+    return result.assessment.verdict != "use", held
+
+
+def _drifts(*, quick: bool) -> Section:
+    """Draw campaigns whose tracker drifts, with sigma stated and without."""
+    rows, figures = [], list[Figure]()
+    for size in _DRIFTS:
+        for stated in (True, False):
+            found = [_drift(size, stated=stated, seed=seed) for seed in range(3 if quick else 60)]
+            said = sum(each for each, _ in found)
+            held = [one for each, joints in found if not each for one in joints]
+            what = f"{1e6 * size:g} µm, {'sigma stated' if stated else 'nothing stated'}"
+            share = 100.0 * float(np.mean(held)) if held else float("nan")
+            rows.append((what, f"{said} of {len(found)}", f"{share:.1f}" if held else "", str(len(held))))
+            if len(held) >= 240:
+                figures.append(
+                    Figure(f"drift {what}, coverage where plain use", share, "at least", 92.5, " %")
+                )
+    return Section(
+        title="A tracker that drifts over the campaign",
+        columns=("drift", "named", "else holds the truth [%]", "joints"),
+        rows=tuple(rows),
+        figures=tuple(figures),
+        notes=("the shift of the loaded readings grows from the first posture to the last",),
+    )
+
+
 def run(*, quick: bool) -> list[Section]:
     """Draw campaigns with each kind of error, with sigma stated and without."""
     rows, figures = [], list[Figure]()
@@ -139,5 +188,6 @@ def run(*, quick: bool) -> list[Section]:
                 f"three targets, {1e6 * SIGMA:g} µm; the binomial standard error of a share is "
                 f"{100.0 * float(np.sqrt(0.95 * 0.05 / (6 * len(outcomes)))):.1f} %",
             ),
-        )
+        ),
+        _drifts(quick=quick),
     ]
