@@ -201,8 +201,8 @@ HELP = {
     ],
     "map": [
         "Map deflection and compliance over a work area.",
-        "--absolute / --no-absolute True for deflections relative to an arm that does not bend: they "
-        "include the sag by own weight. Needs a run with `weight`.",
+        "--absolute / --no-absolute True for deflections relative to an arm that does not bend: "
+        "with the sag by own weight. Needs a run with `weight`.",
         "--despite-verdict `do_not_use` accepts a run with this verdict, else refused.",
         "--load-point X,Y,Z[mm] Point where the force acts, flange frame; default: the tool's position.",
         "--turns <int> Number of angles about the tool's axis, evenly over a full turn.",
@@ -245,8 +245,8 @@ HELP = {
         "Compensate a program for the deflection under load.",
         "PROGRAM <list[Path]> Robot program; a KUKA program is a .src file and its .dat file. [required]",
         "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller while "
-        "the program runs: `off`, on `same_as_measured` in the campaign, or `compensates_load`, which is "
-        "refused because the load would be compensated twice.",
+        "the program runs: `off`; on, `same_as_measured` in the campaign; or `compensates_load`, which is "
+        "refused: the load would be compensated twice.",
         "--max-displacement NUMBER[mm] Greatest displacement of a correction, in units.length; default: 5 "
         "mm.",
         "--max-rotation NUMBER[deg] Greatest rotation of a correction, in units.angle; default: 10 mrad.",
@@ -259,8 +259,8 @@ HELP = {
         "Identify the geometry of a robot from sweeps or poses.",
         "--fit <one_by_one|together> Fit of the sweeps: one by one, which trusts the controller least, or "
         "all together, which assumes that resting joints are at the controller's angles.",
-        "--base <nominal|axes> Definition of R0. `nominal`: as in the nominal model. `axes`: z along axis "
-        "1, x from axis 1 towards axis 2 along their common perpendicular at model angle zero. Default: "
+        "--base <nominal|axes> Frame R0. `nominal`: as in the nominal model. `axes`: z along axis "
+        "1, x towards axis 2 along the common perpendicular at model angle zero. Default: "
         "`nominal`, or `axes` without a model.",
         "-o, --output ROBOT.json File to write the identified robot to.",
     ],
