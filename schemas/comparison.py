@@ -66,9 +66,9 @@ class ComparisonRequest(ComparisonOptions):
     """A comparison as it is posted: runs of one or two measurement sets, which are its sides."""
 
     run_ids: Annotated[list[Identifier], Field(min_length=2, max_length=MAX_COMPARED)] = Field(
-        description="Runs to compare. Two sets are compared by the first run of each; if a constraint is "
-        "active on a joint, list the same run with `positive` false, too: ratios are those of estimates "
-        "without constraints."
+        description="Runs to compare. Two sets are compared by the first run of each. If a constraint is "
+        "active, list the run with `positive` false, too: ratios are of estimates without "
+        "constraints."
     )
 
     @field_validator("run_ids", mode="after")
@@ -139,7 +139,8 @@ class ComparedRun(Message):
     )
     assessment: Assessment | None = Field(description="Assessment; null if there is an error.")
     compensation: Dimensionless[float | None] = Field(
-        description="Compensation: share of the mean deflection that the model predicts; null as in a run."
+        description="Fraction of the mean deflection that the model predicts, 1 - mean‖residual‖ / "
+        "mean‖deflection‖; null if nothing moved, or without degrees of freedom. Dimensionless."
     )
     rms_residual: Metres[float | None] = Field(
         description="Root mean square of the residual vectors' lengths."
@@ -251,8 +252,8 @@ class OrderedResult(Message):
 
     joints: list[OrderedJoint]
     chi_square_increase: float = Field(
-        description="Increase of the χ² of both sides due to the order. If far larger than the number of "
-        "`equal` joints, the readings contradict the order. Dimensionless."
+        description="Increase of χ² due to the order. If far above the number of `equal` joints, the "
+        "readings contradict the order. Dimensionless."
     )
     certificate: Certificate = Field(description="Proof of optimality.")
 
@@ -262,7 +263,7 @@ class ComparisonResult(Result):
 
     assessment: Assessment = Field(
         description="Worst verdict with its reasons: of all runs of one set, or of the two runs by which "
-        "two sets are compared; reasons of equal kind and place once."
+        "two sets are compared."
     )
     confidence: Dimensionless[float] = Field(description="Confidence level of ratios.")
     sides: list[ComparedSide] = Field(description="One or two measurement sets.")
@@ -273,8 +274,8 @@ class ComparisonResult(Result):
     )
     ordered: OrderedResult | None = Field(description="Common fit of both sides, if requested.")
     warnings: list[Finding] = Field(
-        description="Warnings of the measurement sets and of the fits, then of the comparison; with two "
-        "sides, `where` starts with the side. Duplicates are omitted."
+        description="Warnings of the sets, of the fits, then of the comparison; with two sides, `where` "
+        "begins with the side."
     )
 
     @property

@@ -83,8 +83,8 @@ class SagOptions(Message):
 
     absolute: StrictBool = Field(
         default=False,
-        description="True for deflections relative to an arm that does not bend: they include the sag by "
-        "own weight. Needs a run with `weight`.",
+        description="True for deflections relative to an arm that does not bend: with the sag by own "
+        "weight. Needs a run with `weight`.",
     )
 
 
@@ -192,8 +192,7 @@ class DeflectionBudget(Message):
     """Uncertainty budget of the length of a predicted displacement. The load of the case counts as exact."""
 
     contributions: Metres[dict[str, float]] = Field(
-        description="Contribution to the standard uncertainty by source, as in the run's `budget`; "
-        "`model_error` is the radius of its ball over the coverage factor."
+        description="Contribution to the standard uncertainty by source, as in the run's `budget`."
     )
     included: list[str] = Field(description="Sources that `standard_uncertainty` combines.")
     standard_uncertainty: Metres[float]
@@ -211,8 +210,8 @@ class CaseResult(Message):
     )
     rotation: Radians[Point | None] = Field(description="Rotation vector of the flange, axes of R0.")
     readings_only: Metres[Interval3 | None] = Field(
-        description="Interval of each component of the displacement due to errors of the readings and the "
-        "stated errors of the force; null if the uncertainty is unknown."
+        description="Interval of each component by the errors of the readings and the stated errors of the "
+        "force; null if unknown."
     )
     rotation_interval: Radians[Interval3 | None] = Field(description="Interval of the rotation.")
     with_model_error: ModelErrorInterval | None = Field(
@@ -271,9 +270,8 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     turns: Annotated[int, Field(strict=True, ge=1, le=360)] = Field(
         default=1,
-        description="Number of angles about the tool's axis, evenly over a full turn. At the first angle "
-        "the flange's x axis, seen along the tool, points along x of R0 (along y if the tool points along "
-        "x).",
+        description="Number of angles about the tool's axis over a full turn. At the first, the flange's x "
+        "axis, seen along the tool, points along x of R0 (along y if the tool points along x).",
     )
     force: Newtons[Vector3] = Field(description="Force of the process on the robot.")
     moment: Torque[Vector3 | None] = Field(
@@ -292,9 +290,8 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     near: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
         default=None,
-        description="Posture as the controller shows it: each place gets the posture nearest to it; "
-        "default: the stiffest posture. Needed if the robot has prismatic joints, which keep these "
-        "positions.",
+        description="Posture as the controller shows it: each place gets the nearest posture to it; "
+        "default: the stiffest. Needed for prismatic joints, which keep these positions.",
     )
     confidence: Dimensionless[Confidence] = 0.95
 
@@ -344,10 +341,10 @@ class MapResult(FromRun):
     places: int
     counts: dict[PlaceStatus, int] = Field(
         description="Number of places by status. `reached`: with values. `out_of_reach`: no posture reaches "
-        "the place in any orientation. `joint_limits`: every posture is beyond the joint limits. "
-        "`unseen_joint`: the load twists a joint that the readings do not determine. `overloaded`: the load "
-        "reduces a joint's stiffness by half, or turns it by a quarter radian. `not_followed`: too near a "
-        "singularity for the option `near`."
+        "the place. `joint_limits`: all postures are beyond the limits. `unseen_joint`: the "
+        "load twists a joint that the readings do not determine. `overloaded`: the load halves "
+        "a joint's stiffness, or turns it by 0.25 rad. `not_followed`: too near a singularity "
+        "for `near`."
     )
     percentiles: Metres[dict[str, float]] = Field(
         description="Deflection that this percentage of the reached places does not exceed: `0`, `5`, `25`, "

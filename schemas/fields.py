@@ -118,7 +118,7 @@ Compliance = Annotated[
 ]
 """A value of joints: of a prismatic joint it has the other unit."""
 
-Timestamp = Annotated[datetime, Field(description="Time in UTC, ISO 8601.")]
+Timestamp = Annotated[datetime, Field(description="Time in UTC.")]
 
 Item = TypeVar("Item", bound=Message)
 

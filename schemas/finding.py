@@ -80,10 +80,10 @@ class Action(Message):
     """Action that a program can offer; it changes only the named options or readings."""
 
     kind: ActionKind = Field(
-        description="Action. `fit_causes` fits `causes` with the joints and leaves the readings as they "
-        "are; `convert_units` declares `unit` and keeps the numbers; `exchange_readings` exchanges unloaded "
-        "and loaded readings; `choose_model` lets the readings choose elasticity and loss; `choose_robot` "
-        "identifies the same readings with `robot`."
+        description="Action. `fit_causes`: fit `causes` with the joints. `convert_units`: declare `unit`, "
+        "keep the numbers. `exchange_readings`: exchange unloaded and loaded readings. "
+        "`choose_model`: let the readings choose elasticity and loss. `choose_robot`: identify "
+        "the same readings with `robot`."
     )
     observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
@@ -237,9 +237,8 @@ class Finding(Message):
 
     code: FindingCode = Field(description="Kind of the finding.")
     weight: Verdict = Field(
-        description="Best verdict that the finding allows: `do_not_use`, almost certainly a mistake, to be "
-        "corrected first; `use_with_care`, to be checked; `use`, a mere remark. A run summarises the "
-        "findings of its set by kind, and may explain them."
+        description="Best verdict that the finding allows. `do_not_use`: almost certainly a mistake, to be "
+        "corrected. `use_with_care`: to be checked. `use`: a remark."
     )
     where: str | None = Field(
         default=None,
@@ -305,8 +304,8 @@ class ResultSummary(Message):
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Number of joints that have a stiffness with an upper end; the largest of a comparison's "
-        "runs, the smaller of its two sides; null for geometries.",
+        description="Number of joints with an upper end of the stiffness; the largest of a comparison's "
+        "runs, the smaller of two sides; null for geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     warning_count: int | None = Field(

@@ -30,8 +30,8 @@ class FleetRequest(FleetOptions):
 
     measurement_set_ids: Annotated[list[Identifier], Field(min_length=1, max_length=MAX_SETS)] | None = Field(
         default=None,
-        description="Sets to identify. Null or absent: for each robot that is not deleted, the set with "
-        "loads that was measured last when the fleet is posted; the job names these sets.",
+        description="Sets to identify. Null or absent: of each robot the set with loads that was measured "
+        "last; the job names the sets.",
     )
 
     @field_validator("measurement_set_ids", mode="after")
@@ -51,7 +51,7 @@ class FleetRow(Message):
     robot_name: Name
     verdict: Verdict | None
     joint_kinds: dict[Name, JointKind] = Field(
-        description="Kinds of the joints in order; empty if all are revolute."
+        description="Kinds of the joints in order; empty: all revolute."
     )
     stiffness: Stiffness[dict[Name, float | None]] = Field(
         description="Stiffness of each joint, as in a run."

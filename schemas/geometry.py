@@ -342,9 +342,9 @@ class GeometryRequest(Message):
     )
     base: Literal["nominal", "axes"] | None = Field(
         default=None,
-        description="Definition of R0. `nominal`: as in the nominal model. `axes`: z along axis 1, x from "
-        "axis 1 towards axis 2 along their common perpendicular at model angle zero. Default: `nominal`, or "
-        "`axes` without a model.",
+        description="Frame R0. `nominal`: as in the nominal model. `axes`: z along axis 1, x towards axis 2 "
+        "along the common perpendicular at model angle zero. Default: `nominal`, or `axes` "
+        "without a model.",
     )
     base_height: Quantity = Field(
         default=0.0,
@@ -353,10 +353,9 @@ class GeometryRequest(Message):
     )
     flange: Literal["nominal", "axes", "targets"] | None = Field(
         default=None,
-        description="Definition of the flange frame, which no axis determines. `nominal`: as in the nominal "
-        "model. `axes`: z along the last axis, origin at its point nearest to the previous axis: the centre "
-        "of a spherical wrist. `targets`: by `flange_targets`. Default: `nominal`, or `axes` without a "
-        "model.",
+        description="Flange frame, which no axis determines. `nominal`: as in the nominal model. `axes`: z "
+        "along the last axis, origin nearest to the axis before, the centre of a spherical "
+        "wrist. `targets`: by `flange_targets`. Default: `nominal`, or `axes` without a model.",
     )
     flange_targets: tuple[Name, Name, Name] | None = Field(
         default=None,
@@ -365,13 +364,13 @@ class GeometryRequest(Message):
     )
     base_targets_before: BasePositions | None = Field(
         default=None,
-        description="Targets fixed to the robot's base, read before the other readings; tracker's frame, in "
-        "units.length. Later readings of these targets show whether tracker and robot moved.",
+        description="Targets on the robot's base, read before the other readings; tracker's frame, in "
+        "units.length. Later readings show whether tracker and robot moved.",
     )
     base_targets_after: BasePositions | None = Field(
         default=None,
-        description="The same targets, read after the other readings. If absent, later readings, such as "
-        "those of a measurement set in this geometry's frame, are compared with `base_targets_before`.",
+        description="The same targets after the other readings. If absent, later readings, such as those of "
+        "a set in this frame, are compared with `base_targets_before`.",
     )
 
     @model_validator(mode="after")

@@ -234,8 +234,8 @@ class ImportRequest(ImportOptions):
     )
     accept_unusual: StrictBool = Field(
         default=False,
-        description="True accepts values that look wrong: more than 100 standard deviations from their "
-        "column's median, or a load point more than 5 m from the flange. Without it they are refused.",
+        description="True accepts values that look wrong, else refused: over 100 standard deviations from "
+        "their column's median, or a load point over 5 m from the flange.",
     )
     force: Vector3 | None = Field(
         default=None,
@@ -277,16 +277,16 @@ class ImportAnswer(ImportPreview):
     )
     geometry: GeometryRequest | None = Field(
         default=None,
-        description="Unloaded poses, ready to be posted to /v1/geometries with `robot_id` added, if the "
-        "files have joint angles and unloaded positions only. Its noise is the root mean square of that in "
-        "the files, unless it was stated.",
+        description="Unloaded poses, to be posted to /v1/geometries with `robot_id` added, if the files "
+        "have joint angles and unloaded positions only. Noise that was not stated is the root "
+        "mean square of the files'.",
     )
     leave_out: list[Name] = Field(
         description="Labels of the observations that a column `validation` holds out from the fit, for the "
         "run of this set."
     )
     measurement_set: MeasurementSetDocument | None = Field(
-        description="Measurement set, ready to be posted with `robot_id` added; null if something is "
-        "missing. Unloaded positions make one for the robot's own weight if its masses are known: the robot "
-        "`robot_id` has some, or the files have a table of masses."
+        description="Measurement set, to be posted with `robot_id` added; null if something is missing. "
+        "Unloaded positions make a set for the own weight if the robot or a table of the files "
+        "has masses."
     )

@@ -39,7 +39,7 @@ class Result(Message):
     assessment: Assessment | None
     joint_kinds: dict[Name, JointKind] = Field(
         default_factory=dict,
-        description="Kinds of the joints in order; empty if all are revolute.",
+        description="Kinds of the joints in order; empty: all revolute.",
     )
 
     @property

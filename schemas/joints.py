@@ -19,9 +19,7 @@ from pydantic import Field
 JointKind = Literal["revolute", "prismatic"]
 StatedKind = Annotated[
     JointKind,
-    Field(
-        description="Kind of the joint; `prismatic`: positions in m, stiffnesses in N/m, compliances in m/N."
-    ),
+    Field(description="Kind; `prismatic`: positions in m, stiffnesses in N/m."),
 ]
 """Kind of a joint as messages state it."""
 

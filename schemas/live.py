@@ -77,8 +77,8 @@ class LiveJoint(Message):
         description="95 % interval of the stiffness, with the model error where the postures show it."
     )
     relative: Dimensionless[float | None] = Field(
-        description="Half-width of the compliance's interval divided by the compliance, compared with the "
-        "goal; without assumed errors, which more readings do not reduce."
+        description="Half-width of the compliance's interval divided by the compliance, without assumed "
+        "errors, which readings do not reduce."
     )
     relative_with_assumed: Dimensionless[float | None] = Field(
         default=None, description="`relative` with the assumed errors of load point and force."
@@ -96,9 +96,8 @@ class LiveState(Message):
 
     revision: int = Field(description="Number of entries in the record; every change adds one.")
     state: Literal["measuring", "reached", "cannot", "closed"] = Field(
-        description="`reached`: the goal is met, and a held-out reading agrees with its prediction; "
-        "`cannot`: the goal will not be met, as `message` explains; `closed`: an "
-        "ordinary measurement set."
+        description="`reached`: the goal is met, and a held-out reading agrees with its prediction. "
+        "`cannot`: the goal will not be met; see `message`. `closed`: an ordinary set."
     )
     message: str = Field(description="State in words.")
     goal: str = Field(description="Declared goal in words.")

@@ -101,8 +101,8 @@ class ForceUncertainty(_Uncertain):
 
     scale: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] | None = Field(
         default=None,
-        description="Relative standard uncertainty of the magnitude of forces and moments: 0.01 is one per "
-        "cent. Every stiffness has the same relative error. If absent, 0.01 is assumed.",
+        description="Relative standard uncertainty of all forces and moments, and so of every stiffness: "
+        "0.01 is one per cent, and is assumed if absent.",
         examples=[0.005],
     )
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
@@ -143,7 +143,7 @@ class Noise(Message):
     sigma: Sigma | None = Field(
         default=None,
         description="Standard uncertainty of one coordinate of one position reading, in the set's unit of "
-        "length. The uncertainty of a deflection, a difference of two, is √2 times larger.",
+        "length; of a deflection, a difference, √2 times that.",
         examples=[2e-5],
     )
     encoder_sigma: Annotated[float, Field(strict=True, ge=1e-10, le=10.0)] | None = Field(
@@ -168,16 +168,16 @@ class Noise(Message):
     )
     load_point: Place | None = Field(
         default=None,
-        description="Standard uncertainty of each coordinate of the load point in the flange frame, in the "
-        "set's unit of length; the error is the same in all observations. If absent, 10 mm is assumed, with "
-        "a note in the assessment.",
+        description="Standard uncertainty of each coordinate of the load point, in the set's unit of "
+        "length; one error for all observations. If absent, 10 mm is assumed, with a note in "
+        "the assessment.",
         examples=[5e-4],
     )
     target_places: Place | None = Field(
         default=None,
-        description="Standard uncertainty of each coordinate of each target's position in the flange frame, "
-        "in the set's unit of length; each target has one error for all observations. Errors of the "
-        "readings are in `sigma`. If absent, these positions count as exact.",
+        description="Standard uncertainty of each coordinate of each target in the flange frame, in the "
+        "set's unit of length; one error for all observations. If absent, these positions count "
+        "as exact.",
         examples=[5e-4],
     )
 
@@ -188,9 +188,9 @@ class Noise(Message):
     refuted: StrictBool = Field(
         default=False,
         strict=True,
-        description="True if the residuals refuted the tracker's noise as `noise` or the readings state it. "
-        "The statement stays on record, sigma is estimated from the residuals, and the verdict is at most "
-        "*use with care*.",
+        description="True if the residuals refuted the stated noise of the tracker. The statement stays on "
+        "record, sigma is estimated from the residuals, and the verdict is at most *use with "
+        "care*.",
     )
 
     @model_validator(mode="after")
@@ -240,8 +240,8 @@ class Frame(Message):
     )
     base_targets: Annotated[dict[Name, Vector3], Field(min_length=3, max_length=16)] | None = Field(
         default=None,
-        description="Base targets of the geometry (needs `geometry_id`), read again with this set, in "
-        "units.length. The motion between tracker and robot since then is corrected, with a warning.",
+        description="Base targets of the geometry (needs `geometry_id`), read with this set, in "
+        "units.length. A motion between tracker and robot is corrected, with a warning.",
     )
     forces: Literal["base", "tracker"] = Field(
         default="base",
@@ -431,7 +431,7 @@ class Reading(Message):
     displacement: Quantity | None = Field(
         default=None,
         description="Loaded minus unloaded reading of a dial gauge or 1-D laser, positive along `direction` "
-        "or `flange_direction`, in units.length. Needs the target's position in `flange_targets`.",
+        "or `flange_direction`, in units.length. Needs `flange_targets`.",
     )
     direction: Vector3 | None = Field(
         default=None,
@@ -444,15 +444,14 @@ class Reading(Message):
     )
     sigma: Sigma | None = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of either position of this reading, or "
-        "of the gauge before and under load, in units.length. Either all tracker "
-        "readings state their noise, or none does and `noise` states it; a reading along "
-        "a direction always may.",
+        description="Standard uncertainty of one coordinate of either position, or of the gauge before and "
+        "under load, in units.length. Either all tracker readings state theirs, or `noise` "
+        "does; a reading along a direction always may.",
     )
     unloaded_covariance: Matrix3 | None = Field(
         default=None,
         description="Covariance of the unloaded position, axes of R0, in units.length squared, instead of "
-        "`sigma`. A deflection, the difference of two positions, needs both covariances.",
+        "`sigma`. A deflection needs both covariances.",
     )
     loaded_covariance: Matrix3 | None = Field(
         default=None, description="Covariance of the position under load."

@@ -176,9 +176,8 @@ class ElementShare(Message):
         description="Joint, or joint that carries the link; null for coupling and base."
     )
     share: Dimensionless[float] = Field(
-        description="Share of the measured deflections that this element explains: its predicted "
-        "deflections, projected on the measured ones. All shares and the unexplained rest sum "
-        "to 1."
+        description="Fraction of the measured deflections that this element explains, by projection. All "
+        "fractions and the unexplained rest sum to 1."
     )
     by_observation: Dimensionless[list[float]] = Field(
         description="Shares in each observation, in the order of the set."
@@ -196,9 +195,9 @@ class LinkCertificate(Message):
         description="Distance of the slack matrices from positive semidefinite, relative to the penalty."
     )
     gap: Dimensionless[float] = Field(
-        description="Gap, in units of `scale`. Loss `squared`: bound of the difference of the weighted "
-        "fitted readings from the optimum's. Other losses: bound of the objective's excess, as "
-        "mean length of a residual."
+        description="Gap, in units of `scale`. Loss `squared`: bound of the distance of the weighted fitted "
+        "readings from the optimum's. Else: bound of the objective's excess, as mean length of "
+        "a residual."
     )
     scale: Metres[float] = Field(
         description="Scale: sigma if given, otherwise the residual scale of the joint model."

@@ -53,8 +53,8 @@ class CrossValidation(Message):
     )
     rule: Literal["best", "one_standard_error"] = Field(
         default="best",
-        description="`best`: the penalty of least held-out residual (mean length; beyond 500 targets root "
-        "mean square). `one_standard_error`: the largest penalty within one standard error of the best.",
+        description="`best`: least held-out residual (mean length; beyond 500 targets root mean square). "
+        "`one_standard_error`: the largest penalty within one standard error of the best.",
     )
 
 
@@ -176,7 +176,7 @@ class MethodOptions(Message):
 
     method: Method = Field(
         default="partial_pose",
-        description="Method. `complete_pose`: six rows per configuration, of at least three targets. "
+        description="Method. `complete_pose`: six rows per configuration, from three targets or more. "
         "`partial_pose`: three rows per target. `decoupled_partial_pose`: the arm from the "
         "wrist centre, then the wrist; needs three targets and a spherical wrist.",
     )
@@ -232,11 +232,11 @@ class RunOptions(MethodOptions):
         Literal["squared", "huber", "absolute", "automatic"], BeforeValidator(_replace_missing_loss)
     ] = Field(
         default="automatic",
-        description="Loss function of the norm of each target's whitened residual. `huber`: linear "
-        "beyond a threshold, against bumped targets. `absolute`: the norm itself; needs "
-        "a named elasticity other than `joints`. `automatic`: `squared` for joints alone "
-        "and with `link_penalty`, else by cross-validation. With links or coupling, "
-        "`huber` and `absolute` take at most 500 targets read in all.",
+        description="Loss of the norm of each target's whitened residual. `huber`: linear beyond a "
+        "threshold, against bumped targets. `absolute`: the norm itself; not with elasticity "
+        "`joints`. `automatic`: `squared` for joints alone and with `link_penalty`, else by "
+        "cross-validation. With links or coupling, `huber` and `absolute` accept at most 500 "
+        "targets in all.",
     )
     huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
         default=None,
@@ -246,8 +246,7 @@ class RunOptions(MethodOptions):
     complementary_stiffness: Literal["neglected", "included"] = Field(
         default="included",
         description="Include or neglect the change of the load's joint torques with the deflection (Chen & "
-        "Kao's conservative congruence transformation, K_c); models with elastic links or "
-        "coupling neglect it.",
+        "Kao, K_c); neglected with elastic links or coupling.",
     )
     causes: Causes = Field(
         default_factory=list,
@@ -277,15 +276,13 @@ class RunOptions(MethodOptions):
     elasticity: Elasticity = Field(
         default="automatic",
         validate_default=True,
-        description="Elastic elements. `coupled_joints`: a full joint compliance. `diagonal_links`: "
-        "joints, and six compliances per link. `joints_and_links`: joints, and a 6 x 6 "
-        "compliance per link. `joints_and_base`: joints, and a 6 x 6 compliance of the "
-        "base. `links_and_base`: joints, links and base. `automatic`: joints only, "
-        "unless a test shows that something else bends; then the simplest model within "
-        "one standard error of the best on held-out postures. All but `joints` need "
-        "method `partial_pose` and weighting `covariance`, and no bounds, priors, order, "
-        "encoder readings or resampling; with one of these, `automatic` uses joints "
-        "alone.",
+        description="Parts that bend. `coupled_joints`: a full joint compliance. `diagonal_links`: joints, "
+        "six compliances per link. `joints_and_links`: joints, a 6 x 6 compliance per link. "
+        "`joints_and_base`: joints, a 6 x 6 compliance of the base. `links_and_base`: all of "
+        "them. `automatic`: joints only, unless a test shows that more bends; then the simplest "
+        "model within one standard error of the best on held-out postures. All but `joints` "
+        "need method `partial_pose` and weighting `covariance`, without bounds, priors, order, "
+        "encoder readings or resampling; with one of these, `automatic` uses joints alone.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
@@ -310,9 +307,9 @@ class RunOptions(MethodOptions):
     confidence: Confidence = 0.95
     weight: OwnWeight | None = Field(
         default=None,
-        description="Robot's own weight as the load, together with known loads of the set; the geometry is "
-        "estimated, too. Needs `bodies` of the robot. Not with other methods, weightings, "
-        "losses, elasticities, bounds, priors, orders and resampling.",
+        description="Robot's own weight as load, with known loads of the set; the geometry is estimated, "
+        "too. Needs `bodies` of the robot, and default method, weighting, loss and elasticity, "
+        "without bounds, priors, order or resampling.",
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,

@@ -71,8 +71,7 @@ class DecisionGoal(Message):
     kind: Literal["decision"]
     limit: Metres[_Length] = Field(
         description="Greatest length of the deflection in the work area, by a force along an axis of R0. "
-        "The decision is made once the 95 % interval of the greatest deflection does not "
-        "contain the limit."
+        "Decided once the 95 % interval of the greatest deflection does not contain the limit."
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
@@ -296,20 +295,20 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
         ),
     ] = Field(
         default=None,
-        description="Goal in place of `readings`: the plan has as few readings as meet the goal with the "
-        "noise of the readings (95 %). A goal for joints is relative to `stiffness`.",
+        description="Goal in place of `readings`: the plan has as few readings as meet the goal with their "
+        "noise (95 %). A goal for joints is relative to `stiffness`.",
     )
     criterion: PlanCriterion | None = Field(
         default=None,
         description="Criterion. `work_area`: least mean variance of predicted deflections in the work area, "
-        "the default if one is stated; `relative_a`: least mean variance of the relative compliances, else "
-        "the default; `d`, `e`: volume and longest axis of their uncertainty ellipsoid; `worst_place`: "
-        "greatest variance in the work area.",
+        "the default if an area is stated. `relative_a`: least mean variance of the relative "
+        "compliances, else the default. `d`, `e`: volume and longest axis of their uncertainty "
+        "ellipsoid. `worst_place`: greatest variance in the work area.",
     )
     causes: Causes = Field(
         default_factory=list,
-        description="Causes that are fitted with the joints to the readings of the campaign so far, as in "
-        "its run; from Python and the terminal those of its run.",
+        description="Causes to fit with the joints to the readings so far; from Python and the terminal "
+        "those of its run.",
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,
@@ -343,8 +342,8 @@ class PlannedReading(Message):
         default=None, description="Direction in R0 along which to read; null if all coordinates are read."
     )
     held_out: StrictBool = Field(
-        description="True if the reading is held out. In a plan: from the fit. In a live campaign: it may "
-        "be the last reading, and is compared with its prediction before it counts."
+        description="True if held out: in a plan from the fit; in a live campaign the reading may be the "
+        "last, and is compared with its prediction before it counts."
     )
     block: int = Field(
         default=1,
@@ -396,8 +395,8 @@ class PlanResult(Result):
     criterion: PlanCriterion
     elastic_links: StrictBool = Field(description="True if elastic links were unknowns, too.")
     efficiency: Dimensionless[float] = Field(
-        description="Certified: the list has at least this share of the information of the best list of the "
-        "same length from these candidates, over all directions of force if these are free."
+        description="Certified: the list has at least this fraction of the information of the best list of "
+        "its length from these candidates, over all directions of force if free."
     )
     efficiencies: Dimensionless[dict[str, float]] = Field(description="Efficiency by other criteria.")
     goal_share: Dimensionless[float | None] = Field(

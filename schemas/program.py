@@ -41,9 +41,9 @@ _FrameNumbers = Annotated[
     Field(
         min_length=6,
         max_length=7,
-        description="Frame as the program has it: KUKA X, Y, Z, A, B, C and FANUC X, Y, Z, W, P, R in mm and "
-        "degrees, ABB X, Y, Z in mm and q1 ... q4, UR x, y, z, rx, ry, rz in m and rad; CSV as its columns, "
-        "or as KUKA.",
+        description="Numbers as in the program: KUKA X, Y, Z, A, B, C, FANUC X, Y, Z, W, P, R: mm and °; "
+        "ABB X, Y, Z in mm, q1 ... q4; UR x, y, z, rx, ry, rz: m and rad; CSV as its columns, or as "
+        "KUKA.",
     ),
 ]
 _Line = Annotated[int, Field(strict=True, ge=1, le=MAX_LINE)]
@@ -89,9 +89,9 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
 
     units: Units = Field(description="Units of the numbers in this request; the program has its own.")
     accuracy_option: Literal["off", "same_as_measured", "compensates_load"] = Field(
-        description="Accuracy option of the controller while the program runs: `off`, on `same_as_measured` "
-        "in the campaign, or `compensates_load`, which is refused because the load would be compensated "
-        "twice."
+        description="Accuracy option of the controller while the program runs: `off`; on, "
+        "`same_as_measured` in the campaign; or `compensates_load`, which is refused: the load "
+        "would be compensated twice."
     )
     load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", parse_force, unit="N")] = Field(
         default=None, description="One load, for all moves unless it states lines; other moves have no load."
@@ -102,9 +102,8 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     loads: Name | None = Field(
         default=None,
         description="Name of the sent file with the load at each point, instead of `load` and `segments`: "
-        "CSV with the columns `point` (number along the path, as in points.csv), `Fx [N]`, `Fy [N]`, `Fz "
-        "[N]`, and `Mx "
-        "[N.m]` ... if there are moments. Other points have no load.",
+        "CSV with `point` (number along the path, as in points.csv), `Fx [N]`, `Fy [N]`, `Fz "
+        "[N]`, perhaps `Mx [N.m]` ... Other points have no load.",
     )
     axes: Literal["robot", "tool", "base"] = Field(
         default="robot",
@@ -145,9 +144,9 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         Terminal("", "NUMBERS[deg]", parse_numbers, unit="deg"),
     ] = Field(
         default=None,
-        description="Joints near the first cartesian target, as the controller shows them: angles in "
-        "units.angle, prismatic joints in units.length. Needed if the program does not state the arm's "
-        "configuration, or if the robot has prismatic joints, which stand still there.",
+        description="Joints near the first cartesian target, as the controller shows them, in units.angle; "
+        "prismatic joints in units.length. Needed if the program does not state the arm's "
+        "configuration, or for prismatic joints, which stay there.",
     )
     max_displacement: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="m")] = Field(
         default=None, description="Greatest displacement of a correction, in units.length; default: 5 mm."
@@ -166,22 +165,21 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     leave_others: StrictBool = Field(
         default=False,
-        description="True to leave moves uncorrected whose target, base or tool is not certain, and correct "
-        "the others; without it, a program with such moves is refused with their list.",
+        description="True to leave moves uncorrected whose target, base or tool is not certain; else a "
+        "program with such moves is refused with their list.",
     )
     external_axes: Literal["carry_nothing"] | None = Field(
         default=None,
-        description="`carry_nothing` if external axes and other groups of the program carry neither the arm "
-        "nor the part; without it, moves with such an axis away from zero are not corrected.",
+        description="`carry_nothing` if external axes and other groups carry neither arm nor part; else "
+        "moves with such an axis away from zero are not corrected.",
     )
     format: ProgramFormat | None = Field(
         default=None, description="Format of the program; default: by the file's name."
     )
     mark: StrictBool = Field(
         default=True,
-        description="True to write a comment into the compensated program with the run, its verdict and the "
-        "date. A marked program is not corrected again. The mark is always written for a run with the "
-        "verdict do_not_use.",
+        description="True to write run, verdict and date as a comment into the program. A marked program is "
+        "not corrected again. With the verdict do_not_use the mark is always written.",
     )
 
     @model_validator(mode="after")
@@ -214,8 +212,8 @@ class ProgramRequest(ProgramOptions):
     run_id: Identifier = Field(description="Id of the run whose model is used.")
     files: Annotated[list[ProgramFile], Field(max_length=MAX_FILES)] = Field(
         default_factory=list,
-        description="Program files: one file, or a .src with its .dat and $config.dat; and the table "
-        "of loads. Post them as the form's `files`, not in its `options`.",
+        description="Files: one program, or a .src with its .dat and $config.dat; and the table of loads. "
+        "Post them as the form's `files`.",
     )
 
     @property
@@ -246,8 +244,7 @@ class ProgramPoint(Message):
     correction: Metres[float] = Field(description="Distance from the programmed to the commanded position.")
     correction_rotation: Radians[float]
     standard_uncertainty: Metres[float | None] = Field(
-        description="Standard uncertainty of the length of the deflection, from the errors of the readings; "
-        "null if unknown."
+        description="Standard uncertainty of the length, from the errors of the readings; null if unknown."
     )
     interval: Metres[tuple[float, float] | None] = Field(
         description="Interval of the deflection, by the errors of the readings only."

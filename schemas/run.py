@@ -120,8 +120,8 @@ class BudgetComponent(Message):
     source: BudgetSource
     evaluation: Evaluation
     included: StrictBool = Field(
-        description="True if the component is part of the joints' standard uncertainty. Model error is "
-        "included only if joints alone do not fit; a neglected complementary stiffness never is."
+        description="True if part of the joints' standard uncertainty: model error only if joints alone do "
+        "not fit; a neglected complementary stiffness never."
     )
     degrees_of_freedom: Dimensionless[float | None] = Field(
         description="Degrees of freedom of an evaluation of type A; null for infinitely many."
@@ -157,9 +157,9 @@ class Budget(Message):
         description="Expanded uncertainty of all components, including those not in the intervals."
     )
     missing: list[BudgetGap] = Field(
-        description="Sources without a component, which make an expanded uncertainty partial. "
-        "`model_error`: too few postures for a bound. `lack_of_fit`: the assessment names a "
-        "lack of fit, or a mistake that forbids the numbers."
+        description="Sources without a component: an expanded uncertainty is then partial. `model_error`: "
+        "too few postures for a bound. `lack_of_fit`: a lack of fit, or a mistake that forbids "
+        "the numbers."
     )
 
     def contributions_to(self, joint: str) -> dict[str, float]:
@@ -209,9 +209,9 @@ class Advice(Message):
         "point of that observation, or for a new posture at that of the largest force."
     )
     uncertainty_ratio: float | None = Field(
-        description="Standard uncertainty of the compliance after one such reading of all targets divided "
-        "by that before, by partial pose without constraints and priors. Null if the readings so far do not "
-        "determine the compliance. Dimensionless."
+        description="Standard uncertainty of the compliance after one such reading of all targets, divided "
+        "by the present one, by partial pose without constraints and priors. Null if not "
+        "determined so far. Dimensionless."
     )
     standard_uncertainty: Compliance[float | None] = Field(
         default=None,
@@ -241,8 +241,8 @@ class Identifiability(Message):
     )
     advice: list[Advice] = Field(
         default_factory=list,
-        description="Advice on the next measurements, for at most three joints: joints without a number, at "
-        "zero compliance, or with a standard uncertainty above 10 %. At most two pieces per joint, the "
+        description="Advice on the next measurements, for at most three joints without a number, at zero "
+        "compliance, or with an uncertainty above 10 %; at most two pieces per joint, the "
         "better first.",
     )
     weakest: list[str] = Field(
@@ -334,8 +334,7 @@ class RunRequest(RunOptions):
     measurement_set_id: Identifier
     variant_of: Identifier | None = Field(
         default=None,
-        description="Earlier run that this run is to improve by other options or corrected readings, "
-        "so that listings can group both; it changes no number.",
+        description="Earlier run that this run is to improve, for listings; it changes no number.",
     )
 
 
@@ -488,8 +487,8 @@ class CauseTest(Message):
     )
     least_found: float | None = Field(
         default=None,
-        description="Length of the least mistake that this test finds in 80 % of campaigns, in `unit`; of "
-        "the turn for `turn`. Null with `first`, or if a cause or links were found.",
+        description="Least mistake that this test finds in 80 % of campaigns, in `unit`; of the turn for "
+        "`turn`. Null with `first`, or if a cause or links were found.",
     )
     unit: Literal["m", "rad", "N", "1"] | None = Field(default=None, description="Unit of `least_found`.")
     joint: Name | None = Field(default=None, description="Joint that this mistake moves most.")
@@ -509,9 +508,8 @@ class RunResult(Result):
     assessment: Assessment
     joints: list[JointResult]
     compensation: float | None = Field(
-        description="Compensation: share of the mean deflection that the model predicts, 1 - mean‖residual‖ "
-        "/ mean‖deflection‖; null if nothing moved, or without degrees of freedom. "
-        "Dimensionless."
+        description="Fraction of the mean deflection that the model predicts, 1 - mean‖residual‖ / "
+        "mean‖deflection‖; null if nothing moved, or without degrees of freedom. Dimensionless."
     )
     rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
     sigma: Metres[float | None] = Field(
@@ -541,10 +539,9 @@ class RunResult(Result):
     )
     links: LinksResult | None = Field(
         default=None,
-        description="Elastic links or coupling, if requested. The joints' numbers are then "
-        "effective: of the joint with its link's rotation about the joint's axis. Their "
-        "intervals contain all values that fit the readings with 0.3 times the best "
-        "penalty; null if `link_penalty` is given.",
+        description="Elastic links or coupling, if requested. The joints' numbers are then effective: with "
+        "the link's rotation about the joint's axis. Their intervals contain all values that "
+        "fit with 0.3 times the best penalty; null if `link_penalty` is given.",
     )
     choice: ModelChoice | None = Field(
         default=None,
@@ -576,8 +573,8 @@ class RunResult(Result):
     )
     weight: WeightResult | None = Field(
         default=None,
-        description="Result of a run with `weight`: deflections are relative to the geometry without sag, "
-        "and intervals are outer bounds over all masses within their bounds; null for other runs.",
+        description="Result of a run with `weight`: deflections are relative to an arm without sag, "
+        "intervals are outer bounds over all masses; null for other runs.",
     )
     warnings: list[Finding] = Field(description="Warnings of the measurement set, then of the fit.")
 

@@ -74,9 +74,9 @@ class TrendJoint(Message):
     kind: StatedKind = "revolute"
     points: list[TrendPoint] = Field(description="Points of the joint, one for each of `campaigns`.")
     change: Estimate | None = Field(
-        description="Relative change of stiffness from the first to the latest point without a "
-        "`reason`: -0.1 is 10 % softer; uncertain by the errors that the two campaigns "
-        "do not share. Null with fewer than two points."
+        description="Relative change of stiffness from the first to the latest point without a `reason` "
+        "(-0.1: 10 % softer), uncertain by what the two campaigns do not share. Null with fewer "
+        "than two points."
     )
     p_value: Dimensionless[float | None] = Field(
         description="Probability of a change at least as large if the stiffness is the same (two-sided)."

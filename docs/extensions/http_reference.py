@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict
+from collections.abc import Iterator
 from typing import Any
 
 __all__ = ["messages_page", "operations_page"]
@@ -54,7 +55,23 @@ def _resolved(node: Node, document: Node) -> Node:
 def messages_page(document: Node) -> str:
     """Return the page of all messages, in alphabetical order."""
     schemas = document["components"]["schemas"]
-    return "\n".join((_MESSAGES, *(_message(name, schemas[name]) for name in sorted(schemas, key=str.lower))))
+    names = sorted(schemas, key=str.lower)
+    return "\n".join(
+        (_MESSAGES, *(_message(name, _with_inherited(schemas[name], schemas)) for name in names))
+    )
+
+
+def _with_inherited(schema: Node, schemas: Node) -> Node:
+    """Return the schema of a message with the fields of the messages in its `allOf`."""
+    parts = [
+        _with_inherited(schemas[one["$ref"].rpartition("/")[2]] if "$ref" in one else one, schemas)
+        for one in schema.get("allOf", ())
+    ]
+    parts.append(schema)
+    return schema | {
+        "properties": {name: value for part in parts for name, value in part.get("properties", {}).items()},
+        "required": [name for part in parts for name in part.get("required", ())],
+    }
 
 
 def _operation(verb: str, path: str, operation: Node) -> str:
@@ -116,22 +133,23 @@ def _kind(media: str, schema: Node) -> str:
 
 
 def _message(name: str, schema: Node) -> str:
-    required = schema.get("required", ())
-    fields = [
-        (
-            f"`{field}`",
-            _type(one),
-            one.get("unit", ""),
-            "*required*" if field in required else _default({}, one),
-            _text(one),
-        )
-        for field, one in schema.get("properties", {}).items()
-    ]
+    fields = list(_fields(schema))
     described = schema.get("description", "")
     table = (
         _table(("field", "type", "unit", "default", "meaning"), fields) if fields else f"{_type(schema)}\n"
     )
     return f"({_anchor(name)})=\n## {name}\n\n{described}\n\n{table}"
+
+
+def _fields(schema: Node, prefix: str = "") -> Iterator[tuple[str, ...]]:
+    """Yield a row of the table for each field, and after it rows for the fields of a message in it."""
+    required = schema.get("required", ())
+    for field, one in schema.get("properties", {}).items():
+        default = "*required*" if field in required else _default({}, one)
+        yield f"`{prefix}{field}`", _type(one), one.get("unit", ""), default, _text(one)
+        for part in (one, one.get("items", {}), *one.get("anyOf", ())):
+            if "properties" in part:
+                yield from _fields(part, f"{prefix}{field}.")
 
 
 def _text(schema: Node) -> str:

@@ -103,7 +103,7 @@ def describe_post_responses(message: type[BaseModel]) -> dict[int | str, dict[st
 
     `message` is the class of the job in the answer.
     """
-    later = "Not finished: poll its address, or follow its events at /v1/jobs."
+    later = "Not finished: poll its address."
     return LOCATION | {202: {"description": later, "headers": _ADDRESS, "model": message}}
 
 

@@ -12,26 +12,31 @@ from fastapi import FastAPI
 
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.finding import Problem
+from jointstiff.service.api.compact import (
+    find_answer_schemas,
+    find_used_schemas,
+    inline_small_answers,
+    name_parts,
+    open_answers,
+    require_discriminators,
+    share_fields,
+)
 from jointstiff.service.api.examples import ANSWERS
 
 Node = dict[str, Any]
 
 _PROBLEMS: Final[dict[int | str, str]] = {
-    400: "The client disconnected before its body was complete.",
     404: "The resource does not exist.",
     409: "The resource's state does not allow this; see `remedy`.",
-    413: "The body is too large.",
-    415: "The body has the wrong Content-Type.",
     422: "The request is invalid: `where` names the field, `remedy` says what to do.",
-    507: "The database has reached its quota.",
-    "default": "401 without a valid key; 403 if its role does not allow this, or a page of another site "
-    "requested a change; 429 if the queue is full, or too many wrong keys were sent; 503 while the database "
-    "is unavailable; or another error.",
+    "default": "400: the body ended too early. 401: no valid key. 403: the role of the key does not allow "
+    "this, or a page of another site requested a change. 413: the body is too large. 415: wrong "
+    "Content-Type. 429: the queue is full, or too many wrong keys were sent. 503: the database is "
+    "unavailable. 507: the database has reached its quota.",
 }
 _STATUSES_OF_ALL_ROUTES: Final[frozenset[int | str]] = frozenset({422, "default"})
 # 404: a body may contain the id of a resource that does not exist.
-_STATUSES_OF_BODIES: Final = frozenset({400, 404, 413, 415})
-_STATUS_QUOTA_REACHED: Final = 507
+_STATUSES_OF_BODIES: Final = frozenset({404})
 _EVENTS: Final = "text/event-stream"
 _FORM: Final = "multipart/form-data"
 _PAGE: Final = f"{Page.__name__}_"  # Pydantic's names of pages, such as `Page_JobSummary_`
@@ -61,8 +66,13 @@ class DescribedApplication(FastAPI):
             _drop_unused_schemas(document)
             _require_all_answer_fields(document)
             _inline_pages(document)
+            require_discriminators(document)
+            share_fields(document)
+            open_answers(document)
             _share_components(document)
-            self.openapi_schema = _shorten_nullable_types(document)
+            document = _shorten_nullable_types(document)
+            inline_small_answers(document)
+            self.openapi_schema = name_parts(document)
         return self.openapi_schema
 
 
@@ -117,8 +127,6 @@ def _add_problem_responses(path: str, method: str, operation: Node) -> None:
         statuses |= _STATUSES_OF_BODIES
     if "{" in path:
         statuses |= {404} if method == "get" else {404, 409}
-    if "201" in operation["responses"] and "security" in operation:
-        statuses.add(_STATUS_QUOTA_REACHED)
     responses = operation["responses"] | {str(status): _describe_problem(status) for status in statuses}
     operation["responses"] = dict(sorted(responses.items()))
 
@@ -174,55 +182,52 @@ def _add_example_answers(document: Node) -> None:
             operation["responses"][status]["content"]["application/json"]["example"] = example
 
 
-def _find_used_schemas(document: Node, *roots: Node) -> set[str]:
-    """Return the names of the schemas that `roots`, parts of a description, use directly or indirectly."""
-    schemas, to_search, found = document["components"]["schemas"], list(roots), set[str]()
-    while to_search:
-        names = set(re.findall(r'"#/components/schemas/(\w+)"', json.dumps(to_search.pop()))) - found
-        found |= names
-        to_search += [schemas[name] for name in names]
-    return found
-
-
 def _drop_unused_schemas(document: Node) -> None:
     """Remove from the components the schemas that no operation refers to."""
-    schemas, used = document["components"]["schemas"], _find_used_schemas(document, document["paths"])
+    schemas, used = document["components"]["schemas"], find_used_schemas(document, document["paths"])
     document["components"]["schemas"] = {name: schemas[name] for name in schemas if name in used}
 
 
 def _require_all_answer_fields(document: Node) -> None:
     """Mark every field of schemas that only answers use as required: the service always sends all fields."""
     schemas = document["components"]["schemas"]
-    bodies = [operation.get("requestBody", {}) for *_, operation in _iterate_operations(document)]
-    for name in schemas.keys() - _find_used_schemas(document, *bodies):
+    for name in find_answer_schemas(document):
         if "properties" in schemas[name]:
             schemas[name]["required"] = list(schemas[name]["properties"])
 
 
 def _share_components(document: Node) -> None:
-    """Move error responses, and parameters that several operations use, to the shared components.
+    """Move parameters that several operations use, headers and error responses to the shared components.
 
     In the operations, references (`$ref`) replace them.
     """
-    shared: dict[str, Node] = {"parameters": {}, "responses": {}}
-    operations = list(_iterate_operations(document))
-    for parameter in (
-        parameter for *_, operation in operations for parameter in operation.get("parameters", ())
-    ):
-        parameter["schema"].pop("description", None)  # FastAPI writes it with the parameter, too
-    use_counts = Counter(
-        json.dumps(parameter, sort_keys=True)
-        for *_, operation in operations
-        for parameter in operation.get("parameters", ())
-    )
-    for *_, operation in operations:
-        for index, parameter in enumerate(operation.get("parameters", ())):
-            if use_counts[json.dumps(parameter, sort_keys=True)] > 1:
-                name = "".join(word.title() for word in re.findall(r"[a-z]+", parameter["name"]))
-                if shared["parameters"].setdefault(name, parameter) == parameter:
-                    operation["parameters"][index] = {"$ref": f"#/components/parameters/{name}"}
+    shared: dict[str, Node] = {"parameters": _share_parameters(document), "responses": {}, "headers": {}}
+    for *_, operation in _iterate_operations(document):
+        for answer in operation["responses"].values():
+            for name, header in answer.get("headers", {}).items():
+                shared["headers"][name] = header
+                answer["headers"][name] = {"$ref": f"#/components/headers/{name}"}
         for status in operation["responses"].keys() & set(map(str, _PROBLEMS)):
             name = f"Problem{status.title()}"
             shared["responses"][name] = operation["responses"][status]
             operation["responses"][status] = {"$ref": f"#/components/responses/{name}"}
     document["components"] |= {kind: dict(sorted(components.items())) for kind, components in shared.items()}
+
+
+def _share_parameters(document: Node) -> Node:
+    """Move parameters that several operations use out of the operations; return these parameters by name."""
+    shared: Node = {}
+    lists = [operation.get("parameters", []) for *_, operation in _iterate_operations(document)]
+    for parameter in (parameter for parameters in lists for parameter in parameters):
+        parameter["schema"].pop("description", None)  # FastAPI writes it with the parameter, too
+        if not parameter["required"]:
+            del parameter["required"]  # the default of OpenAPI
+    uses = Counter(json.dumps(parameter, sort_keys=True) for parameters in lists for parameter in parameters)
+    for parameters in lists:
+        for index, parameter in enumerate(parameters):
+            name = "".join(word.title() for word in re.findall(r"[a-z]+", parameter["name"]))
+            if uses[json.dumps(parameter, sort_keys=True)] > 1 and (
+                shared.setdefault(name, parameter) == parameter
+            ):
+                parameters[index] = {"$ref": f"#/components/parameters/{name}"}
+    return shared

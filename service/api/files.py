@@ -290,9 +290,9 @@ def _write_description() -> str:
 
 _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 
-* `tables.json`: the tables as in the terminal (title, caption, head, rows of text, indices of text columns),
-  its other lines (`lines`, `evidence`), and the `assessment`
-* `report.pdf`, `report.html`: request, tables, versions and hash of the input; of a run after ISO/IEC 17025,
+* `tables.json`: the tables of the terminal (title, caption, head, rows, indices of text columns), its lines,
+  and the `assessment`
+* `report.pdf`, `report.html`: request, tables, versions, hash of the input; of a run after ISO/IEC 17025,
   with lines to sign, PDF/A-3b with the run attached
 * `report.xml` of a run: a digital calibration certificate, DCC 3.3.0; needs `measured_at` of the set, and
   `country` and `responsible` of the laboratory's settings

@@ -52,10 +52,9 @@ def create_robot(
 ) -> Response:
     """Store a robot.
 
-    The description is vetted: anything that a kinematics library would silently misread (mimic joints,
-    unexpanded xacro, axes that are no unit vectors, …) is refused with its place. Only the chain of
-    joints from `base` to `flange` is kept; meshes are never opened. Of a geometry the robot keeps
-    the identified model, and the geometry's id.
+    What a kinematics library would silently misread (mimic joints, unexpanded xacro, axes that are no
+    unit vectors, …) is refused with its place. Only the chain of joints from `base` to `flange` is kept;
+    meshes are never opened.
     """
     record = parts.robots.create(body, key)
     return answers.answer_created("robots", record.id, robot_from_record(record).model_dump_json())
@@ -149,11 +148,9 @@ def create_measurement_set(
 ) -> Response:
     """Store a measurement set.
 
-    What cannot be right is refused with its place and the remedy, and nothing is stored. What is
-    suspicious (targets that did not move as one body, deflection against the force, angles that look
-    like the other unit, …) is stored with a warning, which every run of the set shows.
-
-    With `open` the set is measured live: it states its goal, and takes one observation after the other.
+    What cannot be right is refused with place and remedy. What is suspicious (targets that did not move
+    as one body, deflection against the force, …) is stored with a warning, which every run of the set
+    shows. With `open` the set is measured live, one observation after the other.
     """
     if body.open is not None:
         set_id = parts.live.create(body, body.open, key)

@@ -256,9 +256,9 @@ async def compute_deflections(
 ) -> Response:
     """Predict deflection, rotation and Cartesian compliance by the model of a run. Nothing is stored.
 
-    Each case has a posture, a load and a place. Intervals are of two kinds: `readings_only` includes the
-    errors of the readings and the stated errors of the force; `with_model_error` also includes the model
-    error, calibrated on held-out postures. A run never changes, so the same request has the same answer.
+    Each case has a posture, a load and a place. Intervals `readings_only` include the errors of the
+    readings and the stated errors of the force; `with_model_error` also the model error, calibrated on
+    held-out postures.
     """
     # Many cases take seconds: the limiter keeps threads free for other requests.
     return json_response(
@@ -289,11 +289,10 @@ async def create_import(
     """Preview files of readings. Nothing is stored.
 
     Send the files as fields `files` of a form, and missing information as JSON in a field `options`. The
-    answer has the meaning of each column, assumptions and missing items, and, if nothing is missing, the
-    measurement set: add `robot_id` and post it to /v1/measurement-sets. A file with two possible meanings is
-    refused with all faults, each with file:line:column and a remedy; with `show_faults` they are in the
-    preview. With `robot_id` the set is inspected. The `template` of an earlier answer as options refuses
-    files of another form.
+    answer has the meaning of each column, assumptions, missing items and, if nothing is missing, the
+    measurement set: add `robot_id` and post it. A file with two possible meanings is refused with all
+    faults, each with file:line:column and a remedy. With the `template` of an earlier answer as options,
+    files of another form are refused.
     """
     # A small Excel file may unpack to a huge one: the limiter keeps threads free for other requests.
     answer = await run_sync(_import_as_json, parts, files, options, limiter=limiter_of_large_work(request))

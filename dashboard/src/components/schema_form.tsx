@@ -149,7 +149,7 @@ export function SchemaFields({ of, show, value, change, terms = {} }: SchemaFiel
         <Form.Provider value={{ all, terms }}>
           <div class="fields">
             <Properties
-              schema={all[of] ?? {}}
+              schema={plain(all[of] ?? {}, all)}
               show={show}
               value={value}
               change={(next) => change(asFields(next))}

@@ -48,6 +48,8 @@ export interface Schema {
   unit_of_prismatic?: string;
   anyOf?: Schema[];
   oneOf?: Schema[];
+  /** Messages whose fields a message has, too. */
+  allOf?: Schema[];
   properties?: Record<string, Schema>;
   items?: Schema;
   prefixItems?: Schema[];
@@ -62,7 +64,11 @@ export type Schemas = Record<string, Schema>;
 
 /** A schema without references; of a value that may be null, that of the others. */
 export function plain(schema: Schema, all: Schemas): Schema {
-  const { $ref, anyOf, ...own } = schema;
+  const { $ref, anyOf, allOf, ...own } = schema;
+  if (allOf) {
+    const inherited = allOf.map((each) => plain(each, all).properties ?? {});
+    return { ...own, properties: Object.assign({}, ...inherited, own.properties) };
+  }
   if (Array.isArray(own.type)) return { ...own, type: own.type.find((type) => type !== "null"), nullable: true };
   if ($ref) return { ...plain(all[$ref.split("/").at(-1) ?? ""] ?? {}, all), ...own };
   const [first, ...others] = (anyOf ?? []).filter(({ type }) => type !== "null");

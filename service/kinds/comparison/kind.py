@@ -558,9 +558,8 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest](
     ),
     description="""Compare stored runs of one measurement set, or of two; nothing is identified again.
 
-Runs of one set are shown side by side: methods, constraints, other options. Of two sets (motor
-and secondary encoders, before and after, units A and B) the answer also has the ratio of each joint's
-stiffnesses with Fieller's interval, and whether the stiffness has changed; and the share of the deflection
-that the second side avoids, measured where both sides have the observation, and predicted. With `ordered`,
-both sides are also identified in one problem in which no joint is softer on the second side.""",
+Runs of one set are shown side by side. Of two sets (encoders, before and after, two units) the answer also
+has the ratio of each joint's stiffnesses with Fieller's interval, whether it changed, and the fraction of
+the deflection that the second side avoids. With `ordered`, both sides are also identified in one problem in
+which no joint is softer on the second side.""",
 )

@@ -427,8 +427,7 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     examples=_EXAMPLES,
     description="""Identify a robot's geometry from sweeps of single joints, or from unloaded poses.
 
-Axes, base frame, wrist centre and targets have uncertainties; links are listed with their nominal values,
-and the identified model is a robot document that can be posted as `"model": {"format": "geometry", …}`.
-Suspicious readings (a bumped tracker, a short arc, a joint map that does not fit, …) are reported as findings
-with their figures; readings that do not determine the geometry are refused.""",
+Axes, base frame, wrist centre and targets have uncertainties. Post the identified model as the model of a
+robot: `{"format": "geometry", …}`. Suspicious readings (a bumped tracker, a short arc, a wrong joint map,
+…) are findings; readings that do not determine the geometry are refused.""",
 )

@@ -195,7 +195,7 @@ MAP: Final = Kind[Map, MapRequest](
     ),
     description="""Map a work area: deflection of the tool at each place, by the model of a run.
 
-The posture at each place is the stiffest, or the nearest to a given one, of all branches of the inverse
-kinematics and all orientations of the tool within the joint limits. Its deflection is the exact balance of
-springs and load, with both intervals. The answer is a summary; `map.csv` and `map.npz` have all places.""",
+The posture at each place is the stiffest, or the nearest to a given one, of all solutions within the joint
+limits. Its deflection is the exact balance of springs and load, with both intervals. `map.csv` and
+`map.npz` have all places.""",
 )

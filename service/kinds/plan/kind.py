@@ -353,8 +353,7 @@ PLAN: Final = Kind[Plan, PlanRequest](
     ),
     description="""Plan which postures and loads to measure, to begin or continue a campaign.
 
-The list has a certificate: its least share of the best list's information, proved by a sweep over all
-candidates. The answer has the expected uncertainty of each joint, the efficiency of random and one-at-a-time
-plans, and the number of infeasible readings by reason. An impossible plan is refused with a remedy, and
-nothing is stored.""",
+The list has a certificate: its least fraction of the best list's information. The answer has the expected
+uncertainty of each joint, the efficiency of random and one-at-a-time plans, and the number of infeasible
+readings by reason. An impossible plan is refused with a remedy.""",
 )

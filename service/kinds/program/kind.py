@@ -179,9 +179,7 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     examples=_EXAMPLES,
     description="""Compensate a program: the loaded tool then reaches the programmed points.
 
-Send the program as fields `files` of a form (a .src with its .dat, if it has one), and run, tool,
-base, loads and the controller's accuracy option as JSON in a field `options`. Only numbers change. The file
-`program` has the compensated program, `points.csv` each point's deflection, correction, interval and
-predicted residual. A program that is not understood as a whole is refused by line, and nothing is stored.
-Programs of more than 10,000 targets are jobs with progress.""",
+Send the program as fields `files` of a form (a .src with its .dat), and run, tool, base, loads and the
+controller's accuracy option as JSON in a field `options`. Only numbers change: see the files `program` and
+`points.csv`. A program that is not understood as a whole is refused by line, and nothing is stored.""",
 )

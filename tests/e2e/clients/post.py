@@ -30,7 +30,7 @@ from jointstiff_client.models.geometry_request import GeometryRequest
 from jointstiff_client.models.import_answer import ImportAnswer
 from jointstiff_client.models.job_change import JobChange
 from jointstiff_client.models.kinematics_request import KinematicsRequest
-from jointstiff_client.models.map_ import Map
+from jointstiff_client.models.map_job import MapJob
 from jointstiff_client.models.map_request import MapRequest
 from jointstiff_client.models.measurement_set import MeasurementSet
 from jointstiff_client.models.measurement_set_post import MeasurementSetPost
@@ -73,7 +73,7 @@ def jobs() -> None:
     for body in BODIES["/v1/plans"]:
         check(create_plan.sync_detailed(client=CLIENT, body=PlanRequest.from_dict(body)), Plan)
     for body in BODIES["/v1/maps"]:
-        check(create_map.sync_detailed(client=CLIENT, body=MapRequest.from_dict(body)), Map)
+        check(create_map.sync_detailed(client=CLIENT, body=MapRequest.from_dict(body)), MapJob)
     for body in BODIES["/v1/fleets"]:
         check(create_fleet.sync_detailed(client=CLIENT, body=FleetRequest.from_dict(body)), Fleet)
     for body in BODIES["/v1/geometries"]:

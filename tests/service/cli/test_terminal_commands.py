@@ -201,11 +201,11 @@ HELP = {
     ],
     "map": [
         "Map deflection and compliance over a work area.",
-        "--absolute / --no-absolute True for deflections relative to an arm that does not bend: they "
-        "include the sag by own weight. Needs a run with `weight`.",
+        "--absolute / --no-absolute True for deflections relative to an arm that does not bend: "
+        "with the sag by own weight. Needs a run with `weight`.",
         "--despite-verdict `do_not_use` accepts a run with this verdict, else refused.",
         "--load-point X,Y,Z[mm] Point where the force acts, flange frame; default: the tool's position.",
-        "--turns <int> Number of angles about the tool's axis, evenly over a full turn.",
+        "--turns <int> Number of angles about the tool's axis over a full turn.",
         "--moment X,Y,Z[N.m] Moment of the process on the robot, about the load point.",
         "--axes <base|flange> Frame in which force, moment and `direction` are given.",
     ],
@@ -217,9 +217,9 @@ HELP = {
         "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
         "--encoders <motor|secondary> Encoders that close the position loop; never guessed.",
-        "--accept-unusual / --no-accept-unusual True accepts values that look wrong: more than 100 "
-        "standard deviations from their column's median, or a load point more than 5 m from the flange. "
-        "Without it they are refused.",
+        "--accept-unusual / --no-accept-unusual True accepts values that look wrong, "
+        "else refused: over 100 standard deviations from their column's median, or a load point over 5 m from "
+        "the flange.",
         "--template FILE Template of an earlier import; files of another form are refused.",
     ],
     "measure": [
@@ -245,22 +245,21 @@ HELP = {
         "Compensate a program for the deflection under load.",
         "PROGRAM <list[Path]> Robot program; a KUKA program is a .src file and its .dat file. [required]",
         "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller while "
-        "the program runs: `off`, on `same_as_measured` in the campaign, or `compensates_load`, which is "
-        "refused because the load would be compensated twice.",
+        "the program runs: `off`; on, `same_as_measured` in the campaign; or `compensates_load`, which is "
+        "refused: the load would be compensated twice.",
         "--max-displacement NUMBER[mm] Greatest displacement of a correction, in units.length; default: 5 "
         "mm.",
         "--max-rotation NUMBER[deg] Greatest rotation of a correction, in units.angle; default: 10 mrad.",
-        "--mark / --no-mark True to write a comment into the compensated program with the run, its verdict "
-        "and the date. A marked program is not corrected again. The mark is always written for a run with "
-        "the verdict do_not_use.",
+        "--mark / --no-mark True to write run, verdict and date as a comment into the program. A "
+        "marked program is not corrected again. With the verdict do_not_use the mark is always written.",
         "--explain Only print target, base and tool of each move, and why it is not corrected.",
     ],
     "geometry": [
         "Identify the geometry of a robot from sweeps or poses.",
         "--fit <one_by_one|together> Fit of the sweeps: one by one, which trusts the controller least, or "
         "all together, which assumes that resting joints are at the controller's angles.",
-        "--base <nominal|axes> Definition of R0. `nominal`: as in the nominal model. `axes`: z along axis "
-        "1, x from axis 1 towards axis 2 along their common perpendicular at model angle zero. Default: "
+        "--base <nominal|axes> Frame R0. `nominal`: as in the nominal model. `axes`: z along axis "
+        "1, x towards axis 2 along the common perpendicular at model angle zero. Default: "
         "`nominal`, or `axes` without a model.",
         "-o, --output ROBOT.json File to write the identified robot to.",
     ],

@@ -1,0 +1,273 @@
+"""Make an OpenAPI document smaller: what repeats is described once, and answers have no bounds."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import Any, Final
+
+from jointstiff.schemas.fields import Message
+from jointstiff.schemas.job import Job
+from jointstiff.schemas.measurement import MeasurementSetHeader, SetMetadata
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.plan import ReadingOptions
+from jointstiff.schemas.robot import RobotSummary
+
+Node = dict[str, Any]
+
+_REFERENCE: Final = "#/components/schemas/"
+_SHARED: Final[tuple[type[Message], ...]] = (
+    Job,
+    RobotSummary,
+    ReadingOptions,
+    RunOptions,
+    SetMetadata,
+    MeasurementSetHeader,
+)
+"""Messages whose fields others inherit; a message follows its own base."""
+_INLINE_BYTES: Final = 1100
+"""Greatest size of a message of answers that is described in the only field that has it."""
+_PARTS: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
+    {
+        "JointKinds": ("RunResult", "joint_kinds"),
+        "JointKind": ("JointResult", "kind"),
+        "FrameValues": ("ProgramFrame", "values"),
+    }
+)
+"""Names for fields that many messages have: a message and its field that has the schema."""
+_BOUNDS: Final = frozenset(
+    {"minLength", "maxLength", "pattern", "minItems", "maxItems", "propertyNames", "maxProperties", "default"}
+)
+"""Keywords that tell clients what to send; in an answer they tell nothing."""
+
+
+def share_fields(document: Node) -> None:
+    """Describe fields that several messages inherit in one schema; `allOf` of these messages refers to it."""
+    schemas = document["components"]["schemas"]
+    bases = {base.__name__ for base in _SHARED}
+    for base in _SHARED:
+        name = base.__name__
+        heirs = [
+            each
+            for each in _list_subclasses(base)
+            if each in schemas
+            and each not in bases
+            and base.model_fields.keys() & schemas[each]["properties"].keys()
+        ]
+        schema = schemas.setdefault(name, _build_base(base, [schemas[each] for each in heirs]))
+        schema.pop("additionalProperties", None)  # it would refuse the fields of the heirs
+        for heir in heirs:
+            schemas[heir] = _inherit(schemas[heir], name, schema)
+    _close_shared(document)
+
+
+def _build_base(base: type[Message], heirs: list[Node]) -> Node:
+    """Return the schema of the fields that all heirs of a message describe with the same words."""
+    texts = [{_text(field) for field in heir["properties"].items()} for heir in heirs]
+    fields = {
+        name: value
+        for name, value in heirs[0]["properties"].items()
+        if name in base.model_fields and all(_text((name, value)) in each for each in texts)
+    }
+    required = set(fields).intersection(*(heir.get("required", ()) for heir in heirs))
+    return {
+        "properties": fields,
+        "type": "object",
+        "required": [name for name in fields if name in required],
+        "description": (base.__doc__ or "").partition("\n\n")[0],
+    }
+
+
+def _text(field: tuple[str, Node]) -> str:
+    """Return the name and the schema of a field as one text, which can be compared."""
+    return json.dumps(field, sort_keys=True)
+
+
+def _list_subclasses(message: type[Message]) -> list[str]:
+    """Return the names of all classes that inherit from a message, directly or not, each once."""
+    found, to_search = list[str](), [message]
+    while to_search:
+        subclasses = to_search.pop().__subclasses__()
+        to_search += subclasses
+        found += [each.__name__ for each in subclasses]
+    return sorted(set(found))
+
+
+def _inherit(schema: Node, base_name: str, base: Node) -> Node:
+    """Return the schema of a message with a reference to the fields that it has from its base."""
+    own = {
+        name: value for name, value in schema["properties"].items() if base["properties"].get(name) != value
+    }
+    rest = {name: value for name, value in schema.items() if name not in {"properties", "required"}}
+    if rest.pop("additionalProperties", None) is False:
+        # `additionalProperties` would refuse the fields of the base.
+        rest["unevaluatedProperties"] = False
+    required = [name for name in schema.get("required", ()) if name not in base.get("required", ())]
+    return {
+        "allOf": [*rest.pop("allOf", ()), {"$ref": _REFERENCE + base_name}],
+        "properties": own,
+        **({"required": required} if required else {}),
+        **rest,
+    }
+
+
+def _close_shared(document: Node) -> None:
+    """Refuse unknown fields where a request has a shared message itself, which is open for its heirs."""
+    shared = {_REFERENCE + base.__name__ for base in _SHARED}
+
+    def close(node: Any) -> None:  # noqa: ANN401 - any part of a JSON document
+        if isinstance(node, list):
+            for each in node:
+                close(each)
+        elif isinstance(node, dict):
+            if node.get("$ref") in shared:
+                node["unevaluatedProperties"] = False
+            for key, value in node.items():
+                if key != "allOf":
+                    close(value)
+
+    schemas = document["components"]["schemas"]
+    close([schemas[name] for name in schemas.keys() - find_answer_schemas(document)])
+
+
+def find_used_schemas(document: Node, *roots: Node) -> set[str]:
+    """Return the names of the schemas that `roots`, parts of a description, use directly or indirectly."""
+    schemas, to_search, found = document["components"]["schemas"], list(roots), set[str]()
+    while to_search:
+        names = set(re.findall(rf'"{_REFERENCE}(\w+)"', json.dumps(to_search.pop()))) - found
+        found |= names
+        to_search += [schemas[name] for name in names]
+    return found
+
+
+def find_answer_schemas(document: Node) -> set[str]:
+    """Return the names of the schemas that no request uses."""
+    bodies = [
+        operation.get("requestBody", {})
+        for operations in document["paths"].values()
+        for operation in operations.values()
+    ]
+    return set(document["components"]["schemas"]) - find_used_schemas(document, *bodies)
+
+
+def open_answers(document: Node) -> None:
+    """Remove from schemas of answers the bounds of requests, and the promise that no field is ever added."""
+    schemas = document["components"]["schemas"]
+    for name in find_answer_schemas(document):
+        schema: Node = _drop_bounds(schemas[name])
+        schemas[name] = {
+            key: value
+            for key, value in schema.items()
+            if value is not False or key not in {"additionalProperties", "unevaluatedProperties"}
+        }
+
+
+def _drop_bounds(node: Any, *, names: bool = False) -> Any:  # noqa: ANN401 - any part of a JSON document
+    """Return a part of a schema without bounds; with `names`, its keys are names of fields."""
+    if isinstance(node, list):
+        return [_drop_bounds(each) for each in node]
+    if not isinstance(node, dict):
+        return node
+    # An array with `prefixItems` has a fixed length.
+    kept = {"minItems", "maxItems"} if "prefixItems" in node else set()
+    return {
+        key: _drop_bounds(value, names=key == "properties")
+        for key, value in node.items()
+        if names or key not in _BOUNDS or key in kept
+    }
+
+
+def require_discriminators(document: Node) -> None:
+    """Mark the fields that tell the alternatives of a union apart as required, as generators demand."""
+    schemas = document["components"]["schemas"]
+    for discriminator in _iterate_discriminators(document):
+        name = discriminator["propertyName"]
+        for reference in discriminator["mapping"].values():
+            schema = schemas[reference.removeprefix(_REFERENCE)]
+            schema["required"] = list(dict.fromkeys((name, *schema.get("required", ()))))
+
+
+def _iterate_discriminators(node: Any) -> Iterator[Node]:  # noqa: ANN401 - any part of a JSON document
+    """Yield each discriminator of a part of a document."""
+    if isinstance(node, dict):
+        if "discriminator" in node:
+            yield node["discriminator"]
+        node = list(node.values())
+    if isinstance(node, list):
+        for each in node:
+            yield from _iterate_discriminators(each)
+
+
+def name_parts(document: Node) -> Node:
+    """Return the document with a named schema for each field of `_PARTS`, and references to it."""
+    schemas = document["components"]["schemas"]
+    parts = {name: schemas[message]["properties"][field] for name, (message, field) in _PARTS.items()}
+    (jobs,) = (
+        answer["content"]["application/json"]["schema"]
+        for answer in document["paths"]["/v1/jobs/{job_id}"]["get"]["responses"].values()
+        if "application/json" in answer.get("content", {})
+    )
+    parts["AnyJob"] = jobs
+    names = {json.dumps(part, sort_keys=True): name for name, part in parts.items()}
+
+    def refer(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
+        if isinstance(node, list):
+            return [refer(each) for each in node]
+        if not isinstance(node, dict):
+            return node
+        name = names.get(json.dumps(node, sort_keys=True))
+        return {"$ref": _REFERENCE + name} if name else {key: refer(value) for key, value in node.items()}
+
+    named: Node = refer(document)
+    named["components"]["schemas"] |= parts
+    # Generators of TypeScript have a type `Map` already.
+    named = json.loads(json.dumps(named).replace(f'"{_REFERENCE}Map"', f'"{_REFERENCE}MapJob"'))
+    by_name = named["components"]["schemas"]
+    by_name["MapJob"] = by_name.pop("Map")
+    # openapi-python-client understands a base only if it precedes its heirs.
+    bases = [base.__name__ for base in _SHARED]
+    rest = sorted(by_name.keys() - set(bases))
+    named["components"]["schemas"] = {name: _nest_fields(by_name[name]) for name in (*bases, *rest)}
+    return named
+
+
+def _nest_fields(schema: Node) -> Node:
+    """Return a schema whose own fields are a part of its `allOf`, where openapi-python-client finds them."""
+    if "allOf" not in schema:
+        return schema
+    rest = {name: value for name, value in schema.items() if name not in {"type", "properties"}}
+    own = {"type": "object", "properties": schema["properties"]}
+    return {**rest, "allOf": [*schema["allOf"], own]}
+
+
+def inline_small_answers(document: Node) -> None:
+    """Describe a small message of answers in the only field that has it."""
+    schemas = document["components"]["schemas"]
+    uses = Counter(re.findall(rf'"{_REFERENCE}(\w+)"', json.dumps(document)))
+    fields = Counter(re.findall(rf'"{_REFERENCE}(\w+)"', json.dumps(schemas)))
+    small = {
+        name
+        for name in find_answer_schemas(document)
+        if uses[name] == fields[name] == 1
+        and schemas[name].keys() <= {"type", "properties", "required", "description"}
+        and len(json.dumps(schemas[name], ensure_ascii=False)) <= _INLINE_BYTES
+    }
+    # Generators of clients name the class of such a message by its title.
+    inlined = {name: {"title": name, **schemas.pop(name)} for name in small}
+    document["components"]["schemas"] = _replace_references(schemas, inlined)
+
+
+def _replace_references(node: Any, inlined: dict[str, Node]) -> Any:  # noqa: ANN401 - any part of a document
+    """Return a part of a document with the schemas themselves in place of the references to them."""
+    if isinstance(node, list):
+        return [_replace_references(each, inlined) for each in node]
+    if not isinstance(node, dict):
+        return node
+    name = str(node.get("$ref", "")).removeprefix(_REFERENCE)
+    if name in inlined:
+        others = {key: value for key, value in node.items() if key != "$ref"}
+        return _replace_references({**inlined[name], **others}, inlined)
+    return {key: _replace_references(value, inlined) for key, value in node.items()}
