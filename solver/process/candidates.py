@@ -11,7 +11,7 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.inverse import InverseKinematics
-from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.postures import Postures, find_wrist
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.process.path import ProcessPath
@@ -20,6 +20,8 @@ _FULL_TURNS: Final = 2.0 * np.pi * np.array([0, 1, -1, 2, -2])
 """Full turns that are added to a joint's angle [rad], the nearest to zero first."""
 _MOST_STATES: Final = 40_000
 """States of a point of a path from which further full turns of joints are left out."""
+_PARALLEL: Final = 1e-2
+"""Sine of the angle between axes that count as parallel in all postures."""
 _MOST_TURNING: Final = (5, 3, 0, 4, 2, 1)
 """Joints of the arm in the order in which their full turns matter: those with the widest limits first."""
 
@@ -82,17 +84,20 @@ def list_candidates(
     postures = Postures(robot, model_angles)
     size = _compute_sizes(model, path, point, postures)
     regularity = _compute_regularity(inverse, postures)
-    usable = (np.abs(regularity) >= clearance) | (turn < 0)
+    usable = np.abs(regularity) >= clearance
+    if path.near is not None:
+        near = Postures(robot, robot.joint_map.model_angles(path.near))
+        usable &= find_branches(inverse, postures) == find_branches(inverse, near)[point]
+    usable |= turn < 0
     index, angles = _add_full_turns(inverse, robot, model_angles, usable, turn, len(path))
-    order = index[np.argsort(point[index], kind="stable")]
-    angles = angles[np.argsort(point[index], kind="stable")]
-    found = Candidates(
-        point[order],
-        turn[order],
-        robot.joint_map.controller_angles(angles),
-        size[order],
-        regularity[order],
-    )
+    joints = robot.joint_map.controller_angles(angles)
+    if path.near is not None:
+        apart = np.abs(joints - path.near[point[index]])[:, inverse.revolute].max(axis=1, initial=0.0)
+        kept = path.continuous[point[index]] | (apart <= np.pi) | (turn[index] < 0)
+        index, joints = index[kept], joints[kept]
+    order = np.argsort(point[index], kind="stable")
+    index, joints = index[order], joints[order]
+    found = Candidates(point[index], turn[index], joints, size[index], regularity[index])
     _refuse_unreached(found, path, point, usable)
     return found
 
@@ -118,6 +123,28 @@ def _compute_regularity(inverse: InverseKinematics, postures: Postures) -> Float
     # The least eigenvalue of J Jᵀ would lose half of the digits: the singular values keep them.
     least = np.linalg.svd(arm, compute_uv=False)[:, -1]
     return np.asarray(np.sign(np.linalg.det(arm)) * least)
+
+
+def find_branches(inverse: InverseKinematics, postures: Postures) -> IndexArray:
+    """Return numbers (K,) of the branches of the arm: postures of one number need cross no singularity.
+
+    The bits of a number are the signs of three functions, each of which is zero where the arm is singular:
+    ``(a_4 × a_5) · a_6`` of the wrist, ``a_2 · ((o_3 − o_2) × (w − o_3))`` of the elbow, and the determinant
+    of the Jacobian. a_j and o_j are direction and a point of axis j; w is the centre of the wrist, or a point
+    of axis 4 if that is parallel to axis 2.
+    """
+    jacobian = postures.jacobian[:, :, inverse.revolute]
+    moment, axis = jacobian[:, :3].transpose(2, 0, 1), jacobian[:, 3:].transpose(2, 0, 1)
+    foot = np.cross(axis, moment)  # the point of each axis that is nearest to the origin of R0
+    wrist, centre = find_wrist(inverse.arm), foot[3]
+    parallel = np.linalg.norm(np.cross(axis[1], axis[3]), axis=1).max(initial=0.0) < _PARALLEL
+    if wrist is not None and not parallel:
+        centre = postures.to_base(np.broadcast_to(wrist.centre, (len(postures), 1, 3)))[:, 0]
+    of_wrist = np.einsum("ki,ki->k", np.cross(axis[3], axis[4]), axis[5])
+    of_elbow = np.einsum("ki,ki->k", axis[1], np.cross(foot[2] - foot[1], centre - foot[2]))
+    full = postures.pose_jacobian_at(postures.flange_translation[:, None])[:, :, inverse.revolute]
+    signs = (of_wrist > 0.0, of_elbow > 0.0, np.linalg.det(full) > 0.0)
+    return np.asarray(sum(sign.astype(np.intp) << bit for bit, sign in enumerate(signs)))
 
 
 def _add_full_turns(
@@ -163,7 +190,7 @@ def _refuse_unreached(found: Candidates, path: ProcessPath, solved: IndexArray, 
         reason, remedy = "all its postures exceed the joints' limits", "move the workpiece"
         if not usable[solved == point].any():
             reason, remedy = (
-                "all its postures are too near a singularity",
-                "lower `clearance`, or move the workpiece",
+                "all its postures are too near a singularity, or on another branch",
+                "lower `clearance`, state `branches: free`, or move the workpiece",
             )
     raise RequestError(f"point {point + 1} of the path: {reason}", where="turn", remedy=remedy)

@@ -34,6 +34,9 @@ class ProcessPath:
     continuous: BoolArray
     #: (m, n) controller's joints of points with a given posture [rad or m]; NaN where the turn is free
     given: FloatArray
+    #: (m, n) controller's joints of postures whose branch the path keeps, and whose full turns it keeps where
+    #: the joints move freely [rad or m]; None for any branch
+    near: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.poses)

@@ -12,10 +12,10 @@ from support.springs import robot_of
 from jointstiff.simulator import default_arm, equilibrium
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.problem import Bounds, Constraints
-from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.predict.models import JointModel
-from jointstiff.solver.process.candidates import list_candidates
+from jointstiff.solver.process.candidates import find_branches, list_candidates
 from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
 from jointstiff.solver.process.prior import build_prior_model
 from jointstiff.solver.process.sequence import Motion, Trellis
@@ -193,6 +193,33 @@ def test_joints_that_are_given_stay_and_a_free_motion_may_change_the_branch():
     assert np.isnan(choice.turn[0])
     assert np.isfinite(choice.turn[1:]).all()
     assert np.abs(np.diff(choice.joints[1:], axis=0)).max() <= STEP
+
+
+def test_postures_along_a_motion_without_singularity_have_one_branch_and_solutions_differ():
+    """Of a spherical wrist and of three parallel axes; all solutions of a pose have different numbers."""
+    for each in build_nominal_robots():
+        if each.name not in {"KUKA KR 210 R2700 extra", "FANUC R-2000iC/165F", "Universal Robots UR10e"}:
+            continue
+        robot, inverse = each.robot, InverseKinematics(each.robot)
+        start = np.radians([10.0, -70.0, 80.0, 20.0, 50.0, 30.0])
+        solutions, _ = inverse.solve(flange_poses(robot, start[None]))
+        solutions = solutions[0][np.isfinite(solutions[0, :, 0])]
+        numbers = find_branches(inverse, Postures(robot, solutions))
+        assert len(set(numbers.tolist())) == len(numbers) > 1
+        line = start + np.linspace(0.0, 1.0, 30)[:, None] * np.radians([40.0, 5.0, 10.0, 90.0, 30.0, -200.0])
+        regular = np.linalg.det(Postures(robot, line).jacobian)
+        if (np.sign(regular) == np.sign(regular[0])).all():
+            assert len(set(find_branches(inverse, Postures(robot, line)).tolist())) == 1
+
+
+def test_a_path_that_keeps_its_branch_has_only_postures_of_it():
+    p = path("trim", count=10)
+    free = choose_turns(MODEL, INVERSE, p, TASK)
+    near = np.repeat(free.best_fixed[:1], 10, axis=0)
+    kept = choose_turns(MODEL, INVERSE, replace(p, near=near), TASK)
+    numbers = find_branches(INVERSE, Postures(ROBOT, kept.joints))
+    assert set(numbers.tolist()) == set(find_branches(INVERSE, Postures(ROBOT, near)).tolist())
+    assert np.abs(kept.joints[0] - near[0]).max() <= np.pi
 
 
 def test_feed_frames_follow_the_path_and_a_feed_along_the_axis_has_none():
