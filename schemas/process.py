@@ -58,7 +58,7 @@ class ProcessOptions(ProgramOptions):
     branches: Literal["keep", "free"] = Field(
         default="keep",
         description="Branch of the inverse kinematics: that of the program, or `free`; then the controller "
-        "must be sent the joints in points.csv, and the program is not written.",
+        "must be sent the joints in turns.csv, and the program is not written.",
     )
     step: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="deg")] = Field(
         default=None,
@@ -66,7 +66,7 @@ class ProcessOptions(ProgramOptions):
     )
     clearance: Annotated[Quantity, Field(ge=0.0)] = Field(
         default=0.04,
-        description="Distance from singularities: least singular value of the flange's Jacobian, in m and rad.",
+        description="Distance from singularities: least singular value of the flange's Jacobian, in m, rad.",
     )
     smoothness: Dimensionless[Annotated[Quantity, Field(ge=0.0)]] = Field(
         default=0.05,
@@ -78,8 +78,8 @@ class ProcessOptions(ProgramOptions):
     )
     place: Annotated[_Box | None, Terminal("--place", "X,Y,Z,X,Y,Z[mm]", parse_box, unit="m")] = Field(
         default=None,
-        description="Box in R0 in which the path's centre (the middle of its own box) may be, as two corners, in "
-        "units.length; default: the workpiece stays.",
+        description="Box in R0 in which the path's centre (the middle of its own box) may be, as two "
+        "corners, in units.length; default: the workpiece stays.",
     )
     grid: Annotated[tuple[_Count, _Count, _Count], Terminal("--grid", "N,N,N")] = Field(
         default=(4, 4, 3), description="Number of positions along x, y and z that are tried in the box."
@@ -92,8 +92,8 @@ class ProcessOptions(ProgramOptions):
     )
     force_uncertainty: Dimensionless[Annotated[Quantity, Field(ge=0.0, le=1.0)] | None] = Field(
         default=None,
-        description="Relative standard uncertainty of each component of the force; default: 0.25 for a `cut`, "
-        "else 0.",
+        description="Relative standard uncertainty of each component of the force; default: 0.25 for a "
+        "`cut`, else 0.",
     )
 
     @model_validator(mode="after")

@@ -95,9 +95,9 @@ class Cut(Message):
     material: CutMaterial | None = Field(
         default=None, description="Material, for `pressure` and `exponent`; or state both."
     )
-    pressure: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Field(json_schema_extra={"unit": "Pa"})] = (
-        Field(default=None, description="k_c1.1: cutting force of a chip 1 mm wide and thick, per area.")
-    )
+    pressure: Annotated[
+        Annotated[Quantity, Field(gt=0.0)] | None, Field(json_schema_extra={"unit": "Pa"})
+    ] = Field(default=None, description="k_c1.1: cutting force of a chip 1 mm wide and thick, per area.")
     exponent: Dimensionless[Annotated[Quantity, Field(ge=0.0, lt=1.0)] | None] = Field(
         default=None, description="m_c: exponent of the chip's thickness."
     )

@@ -203,7 +203,7 @@ class PriorModel:
             RobotError: the robot has no payload, or other joints than six revolute ones.
         """
         message = (
-            f"no stiffness was measured: the prior from payload and reach makes each deflection right within a "
+            "no stiffness was measured: by the prior from payload and reach, deflections are right within a "
             f"factor of {FACTOR:g}"
         )
         remedy = "measure a campaign: it tells how many micrometres are left, and what a correction is worth"

@@ -136,8 +136,7 @@ class PathDeflection:
     @cached_property
     def size(self) -> float:
         """Root mean square, or greatest value, of the deflections at the points under load [m]."""
-        length = self.length[self.loaded]
-        return float(length.max() if self.greatest else np.sqrt(np.mean(np.square(length))))
+        return self._mean(self.length)
 
     @cached_property
     def effect(self) -> FloatArray | None:
@@ -169,6 +168,34 @@ class PathDeflection:
             for each in (half, wide)
         )
         return near, far
+
+    def remaining(self, residual: FloatArray, share: FloatArray, confidence: float) -> Band:
+        """Return the deflection that is left after a correction by these predictions, with its intervals.
+
+        The value is what the prediction leaves; the intervals reach up to the errors of the prediction, in
+        proportion to the fraction that is corrected.
+
+        Args:
+            residual: (m,) predicted distances of the loaded tool from its targets [m].
+            share: (m,) fraction of the full correction that each command contains.
+            confidence: level of the intervals.
+        """
+        counted, value = self.loaded, self._mean(residual)
+        half = float("nan")
+        if self.effects is not None:
+            deviation = np.sqrt(np.square(self.effects).sum(axis=(1, 2)))
+            half = self.model.quantile(confidence) * self._mean(share * deviation)
+        wide = self._mean(share * self.radius)
+        band = _make_band(value, half, wide if np.isfinite(self.radius[counted]).all() else float("nan"), 0.0)
+        return Band(
+            value,
+            *(None if each is None else (0.0, each[1]) for each in (band.readings, band.with_model_error)),
+        )
+
+    def _mean(self, lengths: FloatArray) -> float:
+        """Return the root mean square, or the greatest, of lengths (m,) at the points under load."""
+        counted = lengths[self.loaded]
+        return float(counted.max() if self.greatest else np.sqrt(np.mean(np.square(counted))))
 
     def compare(self, other: PathDeflection, confidence: float) -> Ranking:
         """Compare this way with another: the interval of the difference of their sizes.

@@ -17,6 +17,8 @@ from jointstiff.solver.process.sequence import Motion, Trellis
 
 NO_GAIN: Final = 0.02
 """Relative difference of the fixed turns' deflections up to which turning gains nothing."""
+_ZERO: Final = 1e-9
+"""Turn that counts as zero [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,7 @@ class TurnChoice:
     #: or motion is allowed
     fixed: FloatArray
     best_fixed: FloatArray | None  #: (m, n) controller's joints of the best fixed turn; None if there is none
+    unturned: FloatArray | None  #: (m, n) controller's joints at turn zero; None if it is not allowed
 
     @property
     def median_fixed(self) -> float:
@@ -121,11 +124,12 @@ def choose_turns(
     best = int(np.argmin(sizes))
     chosen = candidates.joints[sequences[best]]
     turn = candidates.turn[sequences[best]]
-    best_fixed = None
-    if fixed_at:
-        best_fixed = candidates.joints[sequences[fixed_at[int(np.argmin(fixed))]]]
+    joints_of = {k: candidates.joints[sequences[row]] for k, row in fixed_at.items()}
+    best_fixed = joints_of[int(np.argmin(fixed))] if fixed_at else None
+    zero = int(np.argmin(np.abs(task.angles)))
+    unturned = joints_of.get(zero) if abs(task.angles[zero]) < _ZERO else None
     angles = np.where(turn < 0, np.nan, task.angles[turn])
-    return TurnChoice(chosen, angles, float(sizes[best]), fixed, best_fixed)
+    return TurnChoice(chosen, angles, float(sizes[best]), fixed, best_fixed, unturned)
 
 
 def _compute_values(candidates: Candidates, loaded: BoolArray) -> FloatArray:

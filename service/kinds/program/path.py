@@ -303,7 +303,9 @@ def collect_loads(
         return _read_load_table(table, points)
     if options.cut is not None:
         force = convert_cut(options.cut).mean_force()
-        return Loads(np.stack([np.zeros(6), np.append(force, np.zeros(3))]), _find_segments([options.cut], lines))
+        return Loads(
+            np.stack([np.zeros(6), np.append(force, np.zeros(3))]), _find_segments([options.cut], lines)
+        )
     stated: Sequence[ProcessLoad] = options.segments if options.load is None else [options.load]
     # Row 0 is the zero load, for visits without load.
     moments = np.array([load.moment for load in stated]).reshape(-1, 3)
@@ -701,8 +703,11 @@ def find_wanted_postures(
     robot: Robot,
     inverse: InverseKinematics,
     visits: IndexArray,
+    start: FloatArray | None = None,
 ) -> FloatArray:
     """Return the wanted posture (v, n) at each visit, as the controller shows it [rad or m].
+
+    The posture near the first target is `start` (n,), or that of the options.
 
     Raises:
         ProgramError: a target is not reached, or its arm configuration is ambiguous.
@@ -714,7 +719,7 @@ def find_wanted_postures(
     poses = frames.flange_poses(program, visits)
     ranges = stated.ranges(visits)
     has_configuration = np.isfinite(ranges).any(axis=(1, 2))
-    start = convert_start_joints(options, robot)
+    start = convert_start_joints(options, robot) if start is None else start
     # A linear move keeps the arm's configuration; a joint move takes the configuration that is stated.
     takes_stated = program.moves.is_visit_of_joint_move & has_configuration & stated.binds_joint_moves
     with as_request_errors("robot"):

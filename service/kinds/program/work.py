@@ -15,13 +15,14 @@ from typing import Any, Final
 import numpy as np
 
 from jointstiff.schemas.finding import Assessment, Finding, Verdict
-from jointstiff.schemas.process import ProcessRequest
+from jointstiff.schemas.process import Process, ProcessRequest
 from jointstiff.schemas.program import (
     MAX_WORST,
     LeftAlone,
     Program,
     ProgramFile,
     ProgramFormat,
+    ProgramOptions,
     ProgramPoint,
     ProgramRequest,
     ProgramResult,
@@ -438,7 +439,7 @@ def _refuse_out_of_limits(path: ProgramPath, robot: Robot, corrections: Correcti
         raise ProgramError(faults)
 
 
-def _interpret_external_axes(request: ProgramRequest, robot: Robot) -> ExternalAxes:
+def _interpret_external_axes(request: ProgramOptions, robot: Robot) -> ExternalAxes:
     """Return whether the program's external axes are joints of the robot, or may carry the arm or the part.
 
     If the request does not say, they are joints of the robot if its model has linear axes.
@@ -457,11 +458,16 @@ class ProgramWork(Work):
     corrects = True  # whether deflections are corrected
 
     def __init__(
-        self, robot: Robot, robot_id: str, run: Run | None, request: ProgramRequest | ProcessRequest
+        self,
+        robot: Robot,
+        robot_id: str,
+        run: Run | None,
+        request: ProgramRequest | ProcessRequest,
+        content: str = "",
     ) -> None:
         """Read the program, and collect its loads.
 
-        Without a run, the model is the prior of the robot.
+        Without a run, the model is the prior of the robot, and `content` is the hash of the robot.
 
         Raises:
             RequestError: fields of the request contradict each other, the run has no model, or the program
@@ -478,7 +484,9 @@ class ProgramWork(Work):
         self.robot_id, self._request = robot_id, request
         options = request.model_dump_json(exclude={"run_id", "files"})
         contents = [each.content or "" for each in request.files]
-        self.input_hash = hash_texts(robot_id if run is None else run.provenance.input_hash, options, *contents)
+        self.input_hash = hash_texts(
+            content if run is None else run.provenance.input_hash, options, *contents
+        )
         self._run_model: RunModel | PriorModel
         with as_request_errors():
             if run is None:
@@ -498,12 +506,13 @@ class ProgramWork(Work):
                 where="loads",
                 remedy="send the table together with the files of the program",
             )
+        self._external_axes = _interpret_external_axes(request, robot)
         self._program = read_program(
             files,
             request.format,
             request.leave_alone,
             leave_others=request.leave_others,
-            external_axes=_interpret_external_axes(request, robot),
+            external_axes=self._external_axes,
         )
         table = next((decompress_file(each) for each in request.files if each.name == request.loads), None)
         self._visits = Visits.collect(self._program, request, table)
@@ -535,7 +544,11 @@ class ProgramWork(Work):
 
     def _spans(self) -> tuple[Span, ...]:
         """Return the points under load, cut into spans of `STEP_POINTS` points."""
-        return cut_into_spans(len(self._visits.loaded), STEP_POINTS)
+        return cut_into_spans(len(self._points()), STEP_POINTS)
+
+    def _points(self) -> IndexArray:
+        """Return the indices of the points of the path that are written: those under load."""
+        return self._visits.loaded
 
     def compute(self, span: Span) -> Arrays:
         """Compute the corrections of the points of a step; return the fields of `Corrections` by name.
@@ -553,7 +566,7 @@ class ProgramWork(Work):
             RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
             ProgramError: the springs have no stable equilibrium under a load.
         """
-        path, points = self._path, self._visits.loaded[slice(*span)]
+        path, points = self._path, self._points()[slice(*span)]
         model, inverse = self._run_model.model, self._inverse
 
         def hold_linear_axes(commanded: FloatArray) -> FloatArray:
@@ -590,7 +603,7 @@ class ProgramWork(Work):
         contents, points = write_compensated_program(
             self._path, corrections, self._run_model.model, self._inverse, quantile
         )
-        self._check_written(contents)
+        self._check_written(contents, points)
         program, unchanged_moves = self._program, len(self._program.left_moves)
         assessment = self._assess_corrections(corrections)
         if self._must_mark(assessment, unchanged_moves) and points.changed.any():
@@ -607,8 +620,8 @@ class ProgramWork(Work):
         files = [compress_file(source.name, contents.pop(0)) for source in program.sources]
         return self._make_result(points, files, assessment)
 
-    def _check_written(self, contents: Sequence[bytes]) -> None:
-        """Check the contents of the written files, without marks; a compensated program needs no check."""
+    def _check_written(self, contents: Sequence[bytes], points: WrittenPoints) -> None:
+        """Check the written files, without marks; a compensated program needs no further check."""
 
     def _must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
         """Return whether the written program gets a comment that marks it as compensated."""
@@ -756,14 +769,26 @@ def prepare_compensation(inputs: Inputs, request: ProgramRequest) -> ProgramWork
             does not fit the run, or has a program that was compensated already.
     """
     run = find_accepted_run(inputs, request.run_id, request.accept_verdict)
+    refuse_corrected_files(inputs, request, run.prepared.robot_id)
+    return ProgramWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
+
+
+def refuse_corrected_files(inputs: Inputs, request: ProgramRequest | ProcessRequest, robot_id: str) -> None:
+    """Refuse a request without files, or with a file that was written by another job.
+
+    Raises:
+        RequestError: there is no file, or a program was compensated already.
+    """
     if not request.files:
         raise RequestError("no file was sent", where="files", remedy="send the program")
     sent = {hashlib.sha256(decompress_file(file)).hexdigest() for file in request.files}
-    for summary in inputs.job_summaries(Program, run.prepared.robot_id):
+    summaries = (
+        summary for message in (Program, Process) for summary in inputs.job_summaries(message, robot_id)
+    )
+    for summary in summaries:
         if sent.intersection(summary.get("outputs", ())):
             raise RequestError(
                 f"a file is the output of the compensated program '{summary['id']}'",
                 where="files",
                 remedy="send the original program",
             )
-    return ProgramWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
