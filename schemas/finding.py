@@ -213,6 +213,9 @@ FindingCode = Literal[
     "beyond_campaign",
     "near_singularity",
     "nothing_corrected",
+    # in a process
+    "no_order",
+    "prior_stiffness",
     # in what is made of a run
     "prediction_implausible",
     "point_implausible",

@@ -84,6 +84,58 @@ class ProcessLoad(Message):
         return self
 
 
+CutMaterial = Literal[
+    "steel", "alloy_steel", "stainless_steel", "cast_iron", "aluminium", "titanium", "nickel"
+]
+
+
+class Cut(Message):
+    """A milling cut, whose mean force is computed by Kienzle's specific cutting force, in SI units."""
+
+    material: CutMaterial | None = Field(
+        default=None, description="Material, for `pressure` and `exponent`; or state both."
+    )
+    pressure: Annotated[
+        Annotated[Quantity, Field(gt=0.0)] | None, Field(json_schema_extra={"unit": "Pa"})
+    ] = Field(default=None, description="k_c1.1: cutting force of a chip 1 mm wide and thick, per area.")
+    exponent: Dimensionless[Annotated[Quantity, Field(ge=0.0, lt=1.0)] | None] = Field(
+        default=None, description="m_c: exponent of the chip's thickness."
+    )
+    diameter: Metres[Annotated[Quantity, Field(gt=0.0)]] = Field(description="Diameter of the tool.")
+    teeth: Annotated[int, Field(strict=True, ge=1, le=1_000)] = Field(description="Number of teeth.")
+    speed: Annotated[Quantity, Field(gt=0.0, json_schema_extra={"unit": "1/s"})] = Field(
+        description="Speed of the spindle, which turns to the right."
+    )
+    feed: Annotated[Quantity, Field(gt=0.0, json_schema_extra={"unit": "m/s"})] = Field(
+        description="Speed of the tool along its path."
+    )
+    depth: Metres[Annotated[Quantity, Field(gt=0.0)]] = Field(description="Depth along the spindle.")
+    width: Metres[Annotated[Quantity, Field(gt=0.0)]] = Field(
+        description="Width across the feed, at most the diameter."
+    )
+    direction: Literal["climb", "conventional"] = Field(
+        default="climb", description="`climb`: the workpiece is on the right of the feed."
+    )
+    radial: Dimensionless[Annotated[Quantity, Field(ge=0.0)]] = Field(
+        default=0.35, description="Radial force relative to the cutting force."
+    )
+    axial: Dimensionless[Quantity] = Field(
+        default=0.0, description="Force from tip to spindle relative to the cutting force."
+    )
+    first_line: _Line | None = Field(default=None, description="First line of the cut; default: first line.")
+    last_line: _Line | None = Field(default=None, description="Last line of the cut; default: last line.")
+
+    @model_validator(mode="after")
+    def _require_material(self) -> Cut:
+        stated = (self.pressure is not None) + (self.exponent is not None)
+        if stated != (0 if self.material is not None else 2):
+            raise ValueError("state either `material`, or both `pressure` and `exponent`")
+        first, last = self.first_line, self.last_line
+        if first is not None and last is not None and last < first:
+            raise ValueError("`last_line` must not come before `first_line`")
+        return self
+
+
 class ProgramOptions(AcceptingOptions, PredictionOptions):
     """Options of a compensated program."""
 
@@ -105,9 +157,17 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         "CSV with `point` (number along the path, as in points.csv), `Fx [N]`, `Fy [N]`, `Fz "
         "[N]`, perhaps `Mx [N.m]` ... Other points have no load.",
     )
-    axes: Literal["robot", "tool", "base"] = Field(
+    cut: Annotated[Cut | None, Terminal(hidden=True)] = Field(
+        default=None, description="Milling cut that gives the force, instead of `load`, in SI units."
+    )
+    axes: Literal["robot", "tool", "base", "feed"] = Field(
         default="robot",
-        description="Axes of forces and moments: those of R0, of the tool or of the program's base.",
+        description="Axes of forces and moments: those of R0, of the tool, of the program's base; or `feed`: "
+        "feed, normal (to the right, seen from the spindle) and spindle axis.",
+    )
+    spindle: Annotated[Vector3 | None, Terminal("--spindle", "X,Y,Z", parse_numbers)] = Field(
+        default=None,
+        description="Direction from spindle to tip, flange frame; default: the tool's z axis.",
     )
     load_point: Annotated[Vector3 | None, Terminal(unit="m")] = Field(
         default=None,
@@ -185,9 +245,9 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     @model_validator(mode="after")
     def _require_one_load(self) -> ProgramOptions:
         """Refuse more than one statement of the load, and none unless `absolute` makes a load unnecessary."""
-        stated = (self.load is not None) + bool(self.segments) + (self.loads is not None)
-        if stated > 1 or not (stated or self.absolute):
-            raise ValueError("state the load of the process: one of `load`, `segments` and `loads`")
+        loads = (self.load is not None, bool(self.segments), self.loads is not None, self.cut is not None)
+        if sum(loads) > 1 or not (any(loads) or self.absolute):
+            raise ValueError("state the load of the process: one of `load`, `segments`, `loads` and `cut`")
         if any(None in (each.first_line, each.last_line) for each in self.segments):
             raise ValueError("each of `segments` needs `first_line` and `last_line`")
         if self.absolute and self.ramp_length:

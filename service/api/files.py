@@ -73,7 +73,7 @@ _MakeContent = Callable[[_RequestedFile], Content]
 
 def is_stored_file(kind: AnyKind, name: str) -> bool:
     """Return whether this file of a kind of job is stored with the result, so that nothing is computed."""
-    # The compensated program is the only file whose content the result of a job contains.
+    # The files of a program are the only ones whose content the result of a job contains.
     return _find_content_makers(kind).get(name) is _make_program_file
 
 
@@ -114,7 +114,7 @@ def _find_content_makers(kind: AnyKind) -> Mapping[str, _MakeContent]:
         maker_by_name |= {f"model.{suffix}": _make_model_file for suffix in FORMATS}
     elif kind.has_report:
         maker_by_name |= {"report.pdf": _make_job_report, "report.html": _make_job_report}
-    if kind.name == Program.kind_name():
+    if kind.is_form:
         maker_by_name["program"] = _make_program_file
     return maker_by_name | {file.name: partial(_make_table_file, file) for file in kind.files}
 
@@ -298,7 +298,7 @@ _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
   `country` and `responsible` of the laboratory's settings
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with a spring for each joint that has one;
   refused for the verdict `do_not_use` without `accept_verdict`
-* `program` of a program: a compensated file (`file`); only numbers of its targets differ"""
+* `program` of a program or process: a compensated file (`file`); only numbers of its targets differ"""
 
 
 FILES_DESCRIPTION: Final = _write_description()

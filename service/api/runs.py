@@ -21,6 +21,7 @@ from jointstiff.schemas.finding import Action
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.process import Process, ProcessRequest
 from jointstiff.schemas.program import MAX_FILES as MAX_PROGRAM_FILES
 from jointstiff.schemas.program import Program, ProgramRequest
 from jointstiff.schemas.robot import CatalogueModel, RobotDocument
@@ -38,9 +39,10 @@ from jointstiff.service.api.bodies import (
 )
 from jointstiff.service.api.description import describe_problems
 from jointstiff.service.api.examples import EXAMPLES
-from jointstiff.service.api.jobs import InjectedPost, JobId, JobRoute
+from jointstiff.service.api.jobs import InjectedPost, JobId, JobRoute, Posted
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.jobs import Jobs, Parts
+from jointstiff.service.kinds.process.kind import PROCESS
 from jointstiff.service.kinds.program.kind import PROGRAM
 from jointstiff.service.kinds.program.work import compress_file
 from jointstiff.service.problems import NotFoundError, find_path_in_document
@@ -98,6 +100,9 @@ _Program = Annotated[
     ),
 ]
 _ProgramOptions = Annotated[Json[ProgramRequest], Form(examples=[json.dumps(_PROGRAM["options"])])]
+_ProcessOptions = Annotated[
+    Json[ProcessRequest], Form(examples=[json.dumps(PROCESS.examples["free turn"]["options"])])
+]
 
 
 @router.post(
@@ -336,6 +341,36 @@ async def create_program(
     posted: InjectedPost, files: _Program, options: _ProgramOptions, idempotency_key: KeyText = None
 ) -> Response:
     """Correct the targets of a program."""
+    return await _answer_form(posted, Program, files, options, idempotency_key)
+
+
+@programs.post(
+    "/v1/processes",
+    dependencies=[OPERATOR],
+    description=PROCESS.description,
+    status_code=201,
+    response_model=Process,
+    responses=describe_post_responses(Process),
+)
+async def create_process(
+    posted: InjectedPost, files: _Program, options: _ProcessOptions, idempotency_key: KeyText = None
+) -> Response:
+    """Turn the tool and place the workpiece of a program."""
+    return await _answer_form(posted, Process, files, options, idempotency_key)
+
+
+async def _answer_form(
+    posted: Posted,
+    message: type[Program | Process],
+    files: list[UploadFile],
+    options: ProgramRequest | ProcessRequest,
+    idempotency_key: str | None,
+) -> Response:
+    """Store the job of a form with its uploaded files, and return the answer.
+
+    Raises:
+        RequestError: two files have the same name, or the options contain files.
+    """
     if len({file.filename for file in files}) < len(files):
         raise RequestError("two files have the same name", where="files", remedy="send each file once")
     if options.files:
@@ -346,11 +381,11 @@ async def create_program(
         )
 
     def create(jobs: Jobs) -> JobRecord:
-        """Store the job of the program with the uploaded files; return the job's record."""
+        """Store the job with the uploaded files; return the job's record."""
         sent = [compress_file(*read_named_file(file)) for file in files]
         body = options.model_copy(update={"files": sent})
         key = bind_key(idempotency_key, body.model_dump_json().encode())
         return jobs.create(body, key, posted.by)
 
     # Packing and reading a program may take seconds: the limiter keeps threads free for other requests.
-    return await posted.answer(Program.kind_name(), create, limiter_of_large_work(posted.request))
+    return await posted.answer(message.kind_name(), create, limiter_of_large_work(posted.request))

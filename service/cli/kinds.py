@@ -58,6 +58,16 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             ),
         ]
     },
+    "run_or_robot": {
+        "source": Annotated[
+            str,
+            typer.Argument(
+                metavar="CAMPAIGN_OR_ROBOT",
+                help="File of a campaign; or, before one is measured, file of a robot, or name of an arm of "
+                "the catalogue.",
+            ),
+        ]
+    },
     "readings": {"file": Annotated[Path, cli.file_argument("FILE", "File of readings.")]},
     "files": {
         "program": Annotated[
@@ -134,7 +144,7 @@ def build_command(name: str) -> Callable[..., None]:
         _print_job(kind, job, values)
 
     other_options: dict[str, tuple[Any, Any]] = {"options": (_Options, None)}
-    other_options |= {"run": (cli.RunFile, None)} if "run" in kind.sources else {}
+    other_options |= {"run": (cli.RunFile, None)} if {"run", "run_or_robot"} & {*kind.sources} else {}
     other_options |= dict(file_options.options) | (
         {"output": (_Output, None), "as_csv": (_AsCsv, False)} if writes_table else {}
     )
@@ -634,6 +644,22 @@ def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  #
     return job
 
 
+def _write_process(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Process
+    """Write the program and the table of turns to the files of --output and --report; return the job."""
+    from jointstiff.service.kinds.process.kind import PROCESS
+    from jointstiff.service.kinds.program.work import decompress_file
+    from jointstiff.service.tables.files import csv_text
+
+    if values["output"] is not None:
+        paths = _choose_program_paths(values, sources)
+        for file in job.result.files:
+            paths[file.name].write_bytes(decompress_file(file))
+    if values["report"] is not None:
+        sheet = next(file.sheet for file in PROCESS.files if file.name == "turns.csv")
+        cli.write_text(values["report"], csv_text(sheet(job)))
+    return job
+
+
 def _make_optional_parameter(option: Any, kind: type = Path) -> tuple[Any, None]:  # noqa: ANN401 - Typer's
     """Return the annotation and the default, None, of an option that may be omitted."""
     return Annotated[kind | None, option], None
@@ -677,6 +703,21 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
         },
         finish=_write_campaign_to_fill_in,
         list_paths=lambda values, _: [values["campaign"]],
+    ),
+    "process": _FileOptions(
+        options={
+            "output": _make_optional_parameter(
+                cli.output_option(
+                    "File for the program with new orientations; a .dat is written to its folder."
+                )
+            ),
+            "report": _make_optional_parameter(cli.path_option("CSV file to write the turns to.")),
+        },
+        finish=_write_process,
+        list_paths=lambda values, sources: [
+            *([] if values["output"] is None else _choose_program_paths(values, sources).values()),
+            values["report"],
+        ],
     ),
     "program": _FileOptions(
         options={

@@ -24,10 +24,12 @@ READINGS_BYTES: Final = 4 * 1024 * 1024
 
 MEDIA_TYPES: Final = {"csv": "text/csv", "json": "application/json", "npz": "application/octet-stream"}
 """Types of files for HTTP, by the ending of the name."""
-Source = Literal["measurement_set", "run", "campaigns", "sets", "robot_or_set", "readings", "files"]
+Source = Literal[
+    "measurement_set", "run", "campaigns", "sets", "robot_or_set", "run_or_robot", "readings", "files"
+]
 """Arguments of a verb, from which the ids or contents in its request are made: a campaign; a run or a
-campaign to identify; one campaign or two; many campaigns; a robot or a campaign; a file of readings; files of
-a program."""
+campaign to identify; one campaign or two; many campaigns; a robot or a campaign; a run, a campaign or a
+robot; a file of readings; files of a program."""
 
 AnyJob = TypeVar("AnyJob", bound=Job)
 AnyRequest = TypeVar("AnyRequest", bound=Message)

@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.schemas.options import RunOptions
     from jointstiff.schemas.plan import Plan
+    from jointstiff.schemas.process import Process
     from jointstiff.schemas.program import Program
     from jointstiff.service.kinds.run.verb import IdentifyFields
     from jointstiff.service.library.campaigns import Numbers
@@ -101,6 +102,7 @@ class Client(Verbs):
     maps: Jobs[Map]
     fleets: Jobs[Fleet]
     programs: Jobs[Program]
+    processes: Jobs[Process]
 
     def __init__(
         self,
@@ -557,8 +559,8 @@ class Jobs(Collection[AnyJob, JobSummary]):
         """Cancel a job; a job that has ended does not change."""
         self._client.send("PATCH", self._address(identifier), None, {"cancelled": True})
 
-    def files(self, program: Program) -> dict[str, bytes]:
-        """Return the content of each corrected file of a program, by the name of the file."""
+    def files(self, program: Program | Process) -> dict[str, bytes]:
+        """Return the content of each corrected file of a program or process, by the name of the file."""
         names = [] if program.result is None else [file.name for file in program.result.files]
         return {name: self._client.file(program, "program", {"file": name}) for name in names}
 
@@ -665,6 +667,7 @@ class AsyncClient:
         map = _as_awaited(Client.map)
         fleet = _as_awaited(Client.fleet)
         compensate = _as_awaited(Client.compensate)
+        process = _as_awaited(Client.process)
         predict = _as_awaited(Client.predict)
         import_files = _as_awaited(Client.import_files)
 

@@ -5,7 +5,7 @@
     run = jointstiff.identify("campaign.json")               # in this process; a table in a notebook
     run.joints["joint_2"].stiffness                          # [N·m/rad]
     runs = jointstiff.identify_many(files, executor=pool)    # by processes or a cluster
-    jointstiff.predict(run, "postures.csv")                  # plan, map, compensate, compare, geometry
+    jointstiff.predict(run, "postures.csv")                  # plan, map, compensate, process, compare
 
     with jointstiff.Client("http://127.0.0.1:8000") as client:   # the same names against a service
         run = client.identify("campaign.json")
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.measurement import Noise, Units
     from jointstiff.schemas.options import RunOptions
     from jointstiff.schemas.plan import PlanOptions
+    from jointstiff.schemas.process import ProcessOptions
     from jointstiff.schemas.program import ProgramOptions
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.library.campaigns import Campaign
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     fleet = _here.fleet
     map = _here.map  # noqa: A001 - the command's name
     compensate = _here.compensate
+    process = _here.process
 
 _HOMES = {
     "AsyncClient": "service.library.client",
@@ -59,6 +61,7 @@ _HOMES = {
     "Noise": "schemas.measurement",
     "PlanOptions": "schemas.plan",
     "Prediction": "service.library.results",
+    "ProcessOptions": "schemas.process",
     "ProgramOptions": "schemas.program",
     "RefusedError": "service.problems",
     "RobotDocument": "schemas.robot",
@@ -86,6 +89,7 @@ __all__ = [
     "Noise",
     "PlanOptions",
     "Prediction",
+    "ProcessOptions",
     "ProgramOptions",
     "RefusedError",
     "RobotDocument",
@@ -103,6 +107,7 @@ __all__ = [
     "measure",
     "plan",
     "predict",
+    "process",
     "robot",
 ]
 

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from jointstiff.schemas import run as messages
+    from jointstiff.schemas.process import Process
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import AnyPostures, PredictFields
     from jointstiff.solver.arrays import FloatArray
@@ -364,6 +365,15 @@ class TabledRun(PresentedJob, Run):
     ) -> Prediction:
         """Predict deflections with the model of this run; arguments as of `jointstiff.predict`."""
         return self._require_origin().predict(self, postures, forces, **options)
+
+    def process(self, *path: Any, **options: Any) -> Process:  # noqa: ANN401 - as of the verb
+        """Find the least deflection along a path with this run; arguments as of `jointstiff.process`.
+
+        The work is done where this run was done: in this process or in its service.
+        """
+        origin: Any = self._require_origin()
+        job: Process = origin.process(self, *path, **options)
+        return job
 
     @property
     def campaign(self) -> Campaign:

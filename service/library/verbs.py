@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.geometry import verb as of_geometry
     from jointstiff.service.kinds.map import verb as of_map
     from jointstiff.service.kinds.plan import verb as of_plan
+    from jointstiff.service.kinds.process import verb as of_process
     from jointstiff.service.kinds.program import verb as of_program
     from jointstiff.service.kinds.run import verb as of_run
 
@@ -30,6 +31,7 @@ class Verbs:
         map = of_map.map
         fleet = of_fleet.fleet
         compensate = of_program.compensate
+        process = of_process.process
     else:
 
         def __getattr__(self, name: str) -> Callable[..., Any]:

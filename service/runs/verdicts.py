@@ -24,6 +24,7 @@ from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, ModelError
+from jointstiff.solver.process.prior import FACTOR, build_prior_model
 from jointstiff.solver.text import figure
 
 
@@ -132,6 +133,16 @@ class RunModel:
         return cls(run, result, model, error)
 
     @property
+    def name(self) -> str:
+        """Id of the run, for marks in programs."""
+        return self.run.id
+
+    @property
+    def assessment(self) -> Assessment | None:
+        """Assessment of the run."""
+        return self.result.assessment
+
+    @property
     def postures(self) -> int:
         """Number of postures on which the bound of the model error is based."""
         return 0 if self.error is None else self.error.postures
@@ -172,6 +183,36 @@ class RunModel:
         elif np.isinf(self.error.quantile(confidence)):
             remarks.append(f"{prefix}: too many postures are needed to determine a joint")
         return remarks
+
+
+@dataclass(frozen=True, eq=False)
+class PriorModel:
+    """Model of a robot that was not measured: its stiffness is a prior from payload and reach."""
+
+    model: ForwardModel
+    assessment: Assessment
+    error: None = None
+    result: None = None
+    name: str = "prior"
+
+    @classmethod
+    def from_robot(cls, robot: Robot) -> PriorModel:
+        """Build the prior of a robot.
+
+        Raises:
+            RobotError: the robot has no payload, or other joints than six revolute ones.
+        """
+        message = (
+            "no stiffness was measured: by the prior from payload and reach, deflections are right within a "
+            f"factor of {FACTOR:g}"
+        )
+        remedy = "measure a campaign: it tells how many micrometres are left, and what a correction is worth"
+        reason = make_reason("prior_stiffness", "use_with_care", message, remedy)
+        return cls(build_prior_model(robot), Assessment(verdict="use_with_care", reasons=[reason]))
+
+    def remarks(self, confidence: float) -> list[str]:  # noqa: ARG002 - the same for all levels
+        """Return remarks on all predictions."""
+        return ["own weight is not included, because no masses are given"]
 
 
 def _choose_own_weight(
@@ -273,14 +314,15 @@ def assess_with_run(subject: str, reasons: Sequence[Finding], run: Assessment | 
     return combined.model_copy(update={"headline": headline})
 
 
-def find_implausible_deflection(greatest: float | None, run: RunResult) -> list[Finding]:
+def find_implausible_deflection(greatest: float | None, run: RunResult | None) -> list[Finding]:
     """Return a reason if the greatest deflection [m] is implausible for an arm or for the run's campaign.
 
-    The list is empty if the deflection is plausible or unknown.
+    The list is empty if the deflection is plausible or unknown. `run` is None without a campaign.
     """
     if greatest is None or not isfinite(greatest):
         return []
-    greatest_measured = max((hypot(*residual.deflection) for residual in run.residuals), default=0.0)
+    measured = () if run is None else run.residuals
+    greatest_measured = max((hypot(*residual.deflection) for residual in measured), default=0.0)
     ratio = greatest / greatest_measured if greatest_measured > 0.0 else 0.0
     if greatest <= LARGEST_DEFLECTION and ratio <= LARGEST_RATIO:
         return []

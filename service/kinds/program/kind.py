@@ -25,6 +25,7 @@ from jointstiff.service.tables.table import (
 )
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.process import Process
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.resources.inputs import Inputs
     from jointstiff.service.tables.table import Sheet
@@ -56,7 +57,7 @@ def _prepare_work(inputs: Inputs, request: ProgramRequest) -> Work:
     return prepare_compensation(inputs, request)
 
 
-def _points_sheet(job: Program) -> Sheet:
+def make_points_sheet(job: Program | Process) -> Sheet:
     """Return the sheet of all points, decompressed from the stored result of a program."""
     from jointstiff.service.kinds.program.work import decompress_file, points_sheet
 
@@ -65,7 +66,7 @@ def _points_sheet(job: Program) -> Sheet:
     return points_sheet(decompress_file(job.result.table))
 
 
-_CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
+CONTENT: Final = re.compile(r'"content":"[A-Za-z0-9+/=]*"')
 """Pattern of a file's content in a job's JSON; texts of users cannot match: their quotes are escaped."""
 
 
@@ -160,19 +161,19 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     stepped=True,
     max_bytes=16 * 1024 * 1024,
     is_form=True,
-    to_answer=lambda document: _CONTENT.sub('"content":null', document),  # files have their own addresses
+    to_answer=lambda document: CONTENT.sub('"content":null', document),  # files have their own addresses
     files=(
         File(
             name="points.csv",
             description="all points as a table: deflection, correction, interval, residual, and reason "
             "if not corrected.",
-            sheet=_points_sheet,
+            sheet=make_points_sheet,
             made_of="result",
         ),
         File(
             name="points.json",
             description="the table as JSON, column by column, with units.",
-            sheet=_points_sheet,
+            sheet=make_points_sheet,
             made_of="result",
         ),
     ),

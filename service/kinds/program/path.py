@@ -10,6 +10,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from jointstiff.schemas import program as schemas
 from jointstiff.schemas.program import MAX_LINE, ProcessLoad, ProgramFrame, ProgramOptions
 from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_wrong_joint_count
 from jointstiff.service.conversion.units import FORCE, LENGTH
@@ -25,9 +26,15 @@ from jointstiff.service.tables.files import split_table_rows
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
-from jointstiff.solver.mechanics.inverse import InverseKinematics, Unreached, choose_postures
-from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.mechanics.inverse import (
+    InverseKinematics,
+    Unreached,
+    choose_postures,
+    flange_poses,
+)
 from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.process.cut import MATERIALS, Cut, Material
+from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
 
 _LEAST_SINE: Final = 1e-3
 """Sine of the angle between the tool's axis and `tool_x`, below which these count as parallel."""
@@ -294,6 +301,11 @@ def collect_loads(
     """
     if table is not None:
         return _read_load_table(table, points)
+    if options.cut is not None:
+        force = convert_cut(options.cut).mean_force()
+        return Loads(
+            np.stack([np.zeros(6), np.append(force, np.zeros(3))]), _find_segments([options.cut], lines)
+        )
     stated: Sequence[ProcessLoad] = options.segments if options.load is None else [options.load]
     # Row 0 is the zero load, for visits without load.
     moments = np.array([load.moment for load in stated]).reshape(-1, 3)
@@ -305,7 +317,18 @@ def collect_loads(
     return Loads(values, _find_segments(stated, lines))
 
 
-def _find_segments(segments: Sequence[ProcessLoad], lines: IndexArray) -> IndexArray:
+def convert_cut(cut: schemas.Cut) -> Cut:
+    """Convert the message of a cut, whose mean force can then be computed.
+
+    Raises:
+        RequestError: the width exceeds the diameter.
+    """
+    material = Material(1e-6 * (cut.pressure or 0.0), cut.exponent or 0.0, "as stated")
+    fields = cut.model_dump(exclude={"material", "pressure", "exponent", "first_line", "last_line"})
+    return Cut(material if cut.material is None else MATERIALS[cut.material], **fields)
+
+
+def _find_segments(segments: Sequence[ProcessLoad | schemas.Cut], lines: IndexArray) -> IndexArray:
     """Return, for each line (v,), the number of its segment from 1; 0 for a line outside of all segments.
 
     Raises:
@@ -562,13 +585,18 @@ _REASONS: Final = {
 
 @dataclass(frozen=True, eq=False)
 class ProgramPath:
-    """Path of a program: the m targets that moves visit, in order of their first visits."""
+    """Path of a program: the m targets that moves visit, in order of their first visits.
+
+    The wanted postures are those of the program, or others that reach its targets with other orientations.
+    """
 
     program: Program  # program that was read
     frames: ProgramFrames  # tool and base frames of the targets
     stated: StatedConfigurations  # arm configurations that the targets state
     targets: IndexArray  # (m,) indices of the program's targets
     cases: LoadCases  # wanted postures and their loads; `place` is the tool's centre point
+    # (m, n) postures of the program as it was sent, if the wanted postures differ; None if they are the same
+    programmed: FloatArray | None = None
 
     def make_fault(self, point: int, reason: str, remedy: str) -> Fault:
         """Return a fault at a point of the path, given by index, to be raised in a `ProgramError`."""
@@ -633,7 +661,7 @@ def find_path(
         ProgramError: the robot does not reach targets, or their arm configurations are ambiguous.
     """
     frames, stated = ProgramFrames.from_program(program, options), StatedConfigurations(program)
-    joints = _find_wanted_postures(program, options, frames, stated, robot, inverse, visits.targets)
+    joints = find_wanted_postures(program, options, frames, stated, robot, inverse, visits.targets)
     # All visits of a target must have the posture of its first visit; angles may differ by whole turns.
     difference = joints - joints[visits.first][visits.number]
     apart = np.abs(difference - 2 * np.pi * np.round(difference / (2 * np.pi))).max(axis=1)
@@ -643,7 +671,12 @@ def find_path(
     loads = visits.loads.values[visits.loads.of_visit[visits.first]]
     with as_request_errors("program"):
         wanted = joints[visits.first]
-        cases = _make_load_cases(options, frames, robot, visits.order, wanted, loads)
+        # The feed follows the visits, so the poses of all visits are needed.
+        angles = robot.joint_map.model_angles(joints)
+        poses = flange_poses(robot, angles if options.axes == "feed" or options.cut else angles[visits.first])
+        force, moment = turn_loads_to_base(options, frames, visits, poses, loads)
+        load_point, place = find_load_points(options, frames, visits.order)
+        cases = LoadCases(wanted.copy(), force, moment, load_point, place)
     return ProgramPath(program, frames, stated, visits.order, cases)
 
 
@@ -662,7 +695,7 @@ def _make_fault(program: Program, target: int, reason: str, remedy: str) -> Faul
     )
 
 
-def _find_wanted_postures(
+def find_wanted_postures(
     program: Program,
     options: ProgramOptions,
     frames: ProgramFrames,
@@ -670,8 +703,11 @@ def _find_wanted_postures(
     robot: Robot,
     inverse: InverseKinematics,
     visits: IndexArray,
+    start: FloatArray | None = None,
 ) -> FloatArray:
     """Return the wanted posture (v, n) at each visit, as the controller shows it [rad or m].
+
+    The posture near the first target is `start` (n,), or that of the options.
 
     Raises:
         ProgramError: a target is not reached, or its arm configuration is ambiguous.
@@ -683,7 +719,7 @@ def _find_wanted_postures(
     poses = frames.flange_poses(program, visits)
     ranges = stated.ranges(visits)
     has_configuration = np.isfinite(ranges).any(axis=(1, 2))
-    start = convert_start_joints(options, robot)
+    start = convert_start_joints(options, robot) if start is None else start
     # A linear move keeps the arm's configuration; a joint move takes the configuration that is stated.
     takes_stated = program.moves.is_visit_of_joint_move & has_configuration & stated.binds_joint_moves
     with as_request_errors("robot"):
@@ -738,37 +774,63 @@ def _refuse_changed_configuration_letters(
     _refuse_targets(program, np.array(changed_targets, dtype=np.intp), reason, remedy)
 
 
-def _make_load_cases(
-    options: ProgramOptions,
-    frames: ProgramFrames,
-    robot: Robot,
-    targets: IndexArray,
-    joints: FloatArray,
-    loads: FloatArray,
-) -> LoadCases:
-    """Return the load cases of m targets, with loads along the axes of R0 and points in the flange frame.
+def find_load_points(
+    options: ProgramOptions, frames: ProgramFrames, targets: IndexArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return load points (m, 3) and tool centres (m, 3) of m targets, given by index, flange frame [m]."""
+    place = frames.tool.select(targets)[:, :3, 3].copy()
+    if options.load_point is None:
+        return place.copy(), place
+    length_unit = LENGTH[options.units.length]
+    refuse_far_point(options.load_point, "load_point", length=length_unit)
+    return np.tile(length_unit * np.array(options.load_point), (len(targets), 1)), place
+
+
+def find_spindles(options: ProgramOptions, frames: ProgramFrames, targets: IndexArray) -> FloatArray:
+    """Return unit vectors (m, 3) from spindle to tip of m targets, given by index, flange frame.
+
+    Raises:
+        RequestError: `spindle` is the zero vector.
+    """
+    if options.spindle is None:
+        return frames.tool.select(targets)[:, :3, 2].copy()
+    axis = np.array(options.spindle)
+    length = float(np.linalg.norm(axis))
+    if length == 0.0:
+        raise RequestError(
+            "the spindle axis is the zero vector", where="spindle", remedy="give a vector that is not zero"
+        )
+    return np.tile(axis / length, (len(targets), 1))
+
+
+def turn_loads_to_base(
+    options: ProgramOptions, frames: ProgramFrames, visits: Visits, poses: FloatArray, loads: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return forces (m, 3) [N] and moments (m, 3) [N·m] of m targets along the axes of R0.
 
     Args:
-        options: options with the axes of the loads, and the point where the loads act.
+        options: options with the axes of the loads.
         frames: tool and base frames of the program.
-        robot: n joints.
-        targets: (m,) indices of targets.
-        joints: (m, n) wanted postures, as the controller shows them [rad or m].
+        visits: visits of the targets.
+        poses: (m, 4, 4) poses of the flange in R0 [m] at the targets; (v, 4, 4) at all visits if the loads
+            follow the feed.
         loads: (m, 6) force [N] and moment [N·m] along the axes of the options.
+
+    Raises:
+        RequestError: a load needs a direction of feed where the tool does not move across its axis.
     """
-    tool = frames.tool.select(targets)
-    place = tool[:, :3, 3].copy()  # the tool's centre point
-    load_point = place
-    if options.load_point is not None:
-        length_unit = LENGTH[options.units.length]
-        refuse_far_point(options.load_point, "load_point", length=length_unit)
-        load_point = np.tile(length_unit * np.array(options.load_point), (len(targets), 1))
     force, moment = loads[:, :3].copy(), loads[:, 3:].copy()
-    if options.axes != "robot":
-        if options.axes == "base":
-            axes = frames.base.select(targets)[:, :3, :3]
-        else:
-            flange_rotation = Postures(robot, robot.joint_map.model_angles(joints)).flange_rotation
-            axes = flange_rotation @ tool[:, :3, :3]
-        force, moment = np.einsum("bij,bj->bi", axes, force), np.einsum("bij,bj->bi", axes, moment)
-    return LoadCases(joints.copy(), force, moment, load_point.copy(), place)
+    if options.cut is not None or options.axes == "feed":
+        spindle = find_spindles(options, frames, visits.targets)
+        place = frames.tool.select(visits.targets)[:, :3, 3]
+        centres = (poses[:, :3, :3] @ place[..., None])[..., 0] + poses[:, :3, 3]
+        axes = find_feed_frames(centres, (poses[:, :3, :3] @ spindle[..., None])[..., 0])[visits.first]
+        where = "load" if options.cut is None else "cut"
+        return apply_feed_frames(axes, force, where), apply_feed_frames(axes, moment, where)
+    if options.axes == "robot":
+        return force, moment
+    if options.axes == "base":
+        axes = frames.base.select(visits.order)[:, :3, :3]
+    else:
+        axes = poses[:, :3, :3] @ frames.tool.select(visits.order)[:, :3, :3]
+    return np.einsum("bij,bj->bi", axes, force), np.einsum("bij,bj->bi", axes, moment)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.deflection import LinkMass
     from jointstiff.schemas.measurement import Units
-    from jointstiff.schemas.program import ProcessLoad, Program, ProgramFrame
+    from jointstiff.schemas.program import Cut, ProcessLoad, Program, ProgramFrame
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress, Source, Vector
 
 
@@ -31,7 +31,9 @@ class CompensateFields(TypedDict, total=False):
     load: ProcessLoad | Mapping[str, Any] | None
     segments: Sequence[ProcessLoad | Mapping[str, Any]]
     loads: File | None
-    axes: Literal["robot", "tool", "base"]
+    cut: Cut | Mapping[str, Any] | None
+    axes: Literal["robot", "tool", "base", "feed"]
+    spindle: Vector | None
     load_point: Vector | None
     tools: Sequence[ProgramFrame | Mapping[str, Any]]
     bases: Sequence[ProgramFrame | Mapping[str, Any]]
@@ -86,20 +88,32 @@ def compensate(
         OSError: a file cannot be read.
     """
     with JobMonitor(on_progress, cancel, executor) as monitor:
-        door, named_options, paths = door.begun(monitor), dict[str, Any](fields), list(map(Path, files))
+        door = door.begun(monitor)
         request: dict[str, Any] = {"run_id": door.identified(run, executor)}
         if options is None:
             request["units"] = {"length": "m", "angle": "deg", "force": "N"}
-        if "force" in named_options:
-            named_options["load"] = {"force": named_options.pop("force")}
-        # `loads` may be the path of the table, or only the name of a table that is one of `files`.
-        table = named_options.get("loads")
-        if table is not None and Path(table).is_file():
-            named_options["loads"] = Path(table).name
-            paths.append(Path(table))
-        contents = {path.name: path.read_bytes() for path in paths}
+        contents, named_options = gather_files(list(map(Path, files)), fields)
         request |= merge_options(ProgramOptions, options, named_options)
         return door.done(PROGRAM, request, contents, monitor)
+
+
+def gather_files(paths: Sequence[Path], fields: Mapping[str, Any]) -> tuple[dict[str, bytes], dict[str, Any]]:
+    """Read the files of a program and its table of loads; return contents by name, and fields of a request.
+
+    `loads` may be the path of the table, or only the name of a table that is one of `paths`; `force` is short
+    for `load`.
+
+    Raises:
+        OSError: a file cannot be read.
+    """
+    options, read = dict(fields), list(paths)
+    if "force" in options:
+        options["load"] = {"force": options.pop("force")}
+    table = options.get("loads")
+    if table is not None and Path(table).is_file():
+        options["loads"] = Path(table).name
+        read.append(Path(table))
+    return {path.name: path.read_bytes() for path in read}, options
 
 
 describe_fields(compensate, ProgramOptions)

@@ -14,13 +14,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from jointstiff.schemas.finding import Assessment, Verdict
+from jointstiff.schemas.finding import Assessment, Finding, Verdict
+from jointstiff.schemas.process import Process, ProcessRequest
 from jointstiff.schemas.program import (
     MAX_WORST,
     LeftAlone,
     Program,
     ProgramFile,
     ProgramFormat,
+    ProgramOptions,
     ProgramPoint,
     ProgramRequest,
     ProgramResult,
@@ -45,6 +47,7 @@ from jointstiff.service.programs.formats import insert_mark, read_program
 from jointstiff.service.programs.program import BLOCK, NUMBERS, ExternalAxes, Rewriting
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
+    PriorModel,
     RunModel,
     assess_with_run,
     find_accepted_run,
@@ -133,8 +136,18 @@ class WrittenPoints:
     arm: FloatArray  # (m, 6) wanted postures of the arm as the controller shows them [rad]
     quantile: float  # half width of the intervals in standard uncertainties
 
+    @cached_property
+    def counted(self) -> BoolArray:
+        """(k,) mask of the points whose deflections count: all, or those under load if all are written."""
+        cases = self.path.cases[self.corrections.points] if len(self.corrections.points) else None
+        if cases is None or self.path.programmed is None:
+            return np.ones(len(self.corrections.points), dtype=np.bool_)
+        loaded = np.asarray(cases.force.any(axis=1) | cases.moment.any(axis=1))
+        return loaded if loaded.any() else ~loaded
+
     def summarize_sizes(self, sizes: FloatArray) -> Spread | None:
-        """Return median, 95 % quantile and maximum of sizes (k,) [m]; None if `sizes` is empty."""
+        """Return median, 95 % quantile and maximum of sizes (k,) [m] that count; None if there are none."""
+        sizes = sizes[self.counted]
         if not len(sizes):
             return None
         median, p95, greatest = np.quantile(sizes, [0.5, 0.95, 1.0]).tolist()
@@ -212,7 +225,7 @@ class WrittenPoints:
             block = slice(start, start + BLOCK)
             numbers[len(_POSTURE_COLUMNS) :, corrections.points[block]] = self._loaded_columns(block).T
         remark = np.full(len(path.targets), _REMARKS.index("no load"), dtype=np.uint8)
-        remark[corrections.points] = _REMARKS.index("")
+        remark[corrections.points[self.counted]] = _REMARKS.index("")
         remark[corrections.points[corrections.capped]] = _REMARKS.index("capped")
         remark[corrections.points[corrections.uncertain]] = _REMARKS.index(_UNCERTAIN)
         targets = path.program.targets
@@ -336,12 +349,17 @@ def _write_corrected_numbers(
     block = path.targets[points]
     is_joint_target, angle_unit = targets.given_as_joints[block], targets.angle_unit[block, None]
     numbers = path.frames.numbers_of_poses(path.program, block, corrected.flange_pose)
-    programmed_arm = inverse.select_arm_joints(path.cases.joints[points])
+    programmed = path.cases.joints if path.programmed is None else path.programmed
+    programmed_arm = inverse.select_arm_joints(programmed[points])
     corrected_arm = inverse.select_arm_joints(corrections.commanded[rows])
     numbers[is_joint_target, :6] = (corrected_arm / angle_unit)[is_joint_target]
-    numbers[corrections.share[rows] == 0.0] = np.nan  # a target without correction keeps its text
+    # A target without correction keeps its text, unless it is reached in another posture.
+    moves = corrections.share[rows] > 0.0
+    if path.programmed is not None:
+        moves |= ~is_joint_target
+    numbers[~moves] = np.nan
     # Only targets that are poses state a configuration of the arm, which a correction can make wrong.
-    poses = np.flatnonzero(~is_joint_target & (corrections.share[rows] > 0.0))
+    poses = np.flatnonzero(~is_joint_target & moves)
     word_edits = path.stated.list_word_edits(block[poses], programmed_arm[poses], corrected_arm[poses])
     return rewriting.replace(block, numbers, word_edits)
 
@@ -377,11 +395,7 @@ def _compute_residuals(
     pose_rows = np.flatnonzero(~is_joint_target)
     # Angles of the written numbers: read directly from joint targets, solved for pose targets.
     written_angles = robot.joint_map.model_angles(inverse.insert_held_joints(written[:, :6] * angle_unit))
-    programmed = program.targets.values[block, :NUMBERS]
-    written_poses, programmed_poses = (
-        frames.flange_poses(program, block[pose_rows], numbers[pose_rows])
-        for numbers in (written, programmed)
-    )
+    written_poses = frames.flange_poses(program, block[pose_rows], written[pose_rows])
     corrected_arm = inverse.select_arm_joints(corrected.q)
     # If all targets are poses of a robot without linear axes, the kinematics are not computed again.
     start = corrected if inverse.arm is robot and len(pose_rows) == len(block) else None
@@ -392,9 +406,10 @@ def _compute_residuals(
     reached = np.ones(len(block), dtype=np.bool_)
     reached[pose_rows] = pose_reached
     wanted_angles = robot.joint_map.model_angles(cases.joints)
-    wanted_poses = np.empty((len(block), 4, 4))
-    wanted_poses[pose_rows] = programmed_poses
-    wanted_poses[is_joint_target] = flange_poses(robot, wanted_angles[is_joint_target])
+    wanted_poses = flange_poses(robot, wanted_angles)
+    if path.programmed is None:  # the program's own numbers, without the rounding of a posture
+        programmed = program.targets.values[block, :NUMBERS]
+        wanted_poses[pose_rows] = frames.flange_poses(program, block[pose_rows], programmed[pose_rows])
     # The loaded robot is near the wanted posture, moved by the rounding of the written numbers.
     near = wanted_angles + written_angles - corrected.q
     return compute_pose_residuals(model, cases, wanted_poses, written_angles, near), reached
@@ -424,7 +439,7 @@ def _refuse_out_of_limits(path: ProgramPath, robot: Robot, corrections: Correcti
         raise ProgramError(faults)
 
 
-def _interpret_external_axes(request: ProgramRequest, robot: Robot) -> ExternalAxes:
+def _interpret_external_axes(request: ProgramOptions, robot: Robot) -> ExternalAxes:
     """Return whether the program's external axes are joints of the robot, or may carry the arm or the part.
 
     If the request does not say, they are joints of the robot if its model has linear axes.
@@ -439,9 +454,20 @@ class ProgramWork(Work):
 
     unit = "points"
     activity = "compensating"
+    subject = "program"  # noun for the result, in its verdict
+    corrects = True  # whether deflections are corrected
 
-    def __init__(self, robot: Robot, robot_id: str, run: Run, request: ProgramRequest) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        robot_id: str,
+        run: Run | None,
+        request: ProgramRequest | ProcessRequest,
+        content: str = "",
+    ) -> None:
         """Read the program, and collect its loads.
+
+        Without a run, the model is the prior of the robot, and `content` is the hash of the robot.
 
         Raises:
             RequestError: fields of the request contradict each other, the run has no model, or the program
@@ -458,12 +484,21 @@ class ProgramWork(Work):
         self.robot_id, self._request = robot_id, request
         options = request.model_dump_json(exclude={"run_id", "files"})
         contents = [each.content or "" for each in request.files]
-        self.input_hash = hash_texts(run.provenance.input_hash, options, *contents)
+        self.input_hash = hash_texts(
+            content if run is None else run.provenance.input_hash, options, *contents
+        )
+        self._run_model: RunModel | PriorModel
         with as_request_errors():
-            length = LENGTH[request.units.length]
-            self._run_model = RunModel.from_run(
-                robot, run, absolute=request.absolute, masses=request.masses, length=length
-            )
+            if run is None:
+                self._run_model = PriorModel.from_robot(robot)
+            else:
+                self._run_model = RunModel.from_run(
+                    robot,
+                    run,
+                    absolute=request.absolute,
+                    masses=request.masses,
+                    length=LENGTH[request.units.length],
+                )
         files = [(each.name, decompress_file(each)) for each in request.files if each.name != request.loads]
         if request.loads is not None and len(files) == len(request.files):
             raise RequestError(
@@ -471,12 +506,13 @@ class ProgramWork(Work):
                 where="loads",
                 remedy="send the table together with the files of the program",
             )
+        self._external_axes = _interpret_external_axes(request, robot)
         self._program = read_program(
             files,
             request.format,
             request.leave_alone,
             leave_others=request.leave_others,
-            external_axes=_interpret_external_axes(request, robot),
+            external_axes=self._external_axes,
         )
         table = next((decompress_file(each) for each in request.files if each.name == request.loads), None)
         self._visits = Visits.collect(self._program, request, table)
@@ -508,7 +544,11 @@ class ProgramWork(Work):
 
     def _spans(self) -> tuple[Span, ...]:
         """Return the points under load, cut into spans of `STEP_POINTS` points."""
-        return cut_into_spans(len(self._visits.loaded), STEP_POINTS)
+        return cut_into_spans(len(self._points()), STEP_POINTS)
+
+    def _points(self) -> IndexArray:
+        """Return the indices of the points of the path that are written: those under load."""
+        return self._visits.loaded
 
     def compute(self, span: Span) -> Arrays:
         """Compute the corrections of the points of a step; return the fields of `Corrections` by name.
@@ -517,7 +557,16 @@ class ProgramWork(Work):
             RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
             ProgramError: the springs have no stable equilibrium under a load.
         """
-        path, points = self._path, self._visits.loaded[slice(*span)]
+        return self._correct(span)
+
+    def _correct(self, span: Span) -> Arrays:
+        """Compute the corrections of a span of points under load, as `compute` does.
+
+        Raises:
+            RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
+            ProgramError: the springs have no stable equilibrium under a load.
+        """
+        path, points = self._path, self._points()[slice(*span)]
         model, inverse = self._run_model.model, self._inverse
 
         def hold_linear_axes(commanded: FloatArray) -> FloatArray:
@@ -548,22 +597,21 @@ class ProgramWork(Work):
             RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
             ProgramError: the robot does not reach a corrected target.
         """
-        corrections = Corrections(**concatenate_steps(parts or map(self.compute, self._spans())))
+        corrections = Corrections(**concatenate_steps(parts or map(self._correct, self._spans())))
         del parts  # free the memory, as `corrections` is a copy
         quantile = self._run_model.model.quantile(self._request.confidence)
         contents, points = write_compensated_program(
             self._path, corrections, self._run_model.model, self._inverse, quantile
         )
+        self._check_written(contents, points)
         program, unchanged_moves = self._program, len(self._program.left_moves)
         assessment = self._assess_corrections(corrections)
-        if (
-            self._request.mark or assessment.verdict == "do_not_use" or unchanged_moves
-        ) and points.changed.any():
+        if self._must_mark(assessment, unchanged_moves) and points.changed.any():
             # The comment that marks the program as compensated goes into the first file.
             contents[0] = insert_mark(
                 program.format,
                 contents[0],
-                self._run_model.run.id,
+                self._run_model.name,
                 assessment.verdict,
                 datetime.now(UTC).date(),
                 len(program.moves) + unchanged_moves,
@@ -571,6 +619,17 @@ class ProgramWork(Work):
             )
         files = [compress_file(source.name, contents.pop(0)) for source in program.sources]
         return self._make_result(points, files, assessment)
+
+    def _check_written(self, contents: Sequence[bytes], points: WrittenPoints) -> None:
+        """Check the written files, without marks; a compensated program needs no further check."""
+
+    def _must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
+        """Return whether the written program gets a comment that marks it as compensated."""
+        return self._request.mark or assessment.verdict == "do_not_use" or bool(unchanged_moves)
+
+    def _list_reasons(self) -> list[Finding]:
+        """Return reasons of the result that do not concern its corrections, most important first."""
+        return []
 
     def _assess_corrections(self, corrections: Corrections) -> Assessment:
         """Return the verdict on the compensated program, with its reasons and those of the run.
@@ -586,11 +645,12 @@ class ProgramWork(Work):
         )
         near_singularity, run = int((turn > _SINGULAR_TURN).sum()), self._run_model.result
         reasons = [
+            *self._list_reasons(),
             *find_implausible_deflection(float(lengths.max(initial=0.0)), run),
             *find_far_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
             *find_beyond_campaign(int((corrections.extrapolation > EXTRAPOLATED).sum()), points, "points"),
         ]
-        if not corrections.correction.any():
+        if self.corrects and not corrections.correction.any():
             message = "nothing is corrected: no point is loaded, or each deflection is below its uncertainty"
             remedy = "state the load; measure more if the deflections matter"
             reasons.append(make_reason("nothing_corrected", "use_with_care", message, remedy))
@@ -615,7 +675,7 @@ class ProgramWork(Work):
             raise VerdictError.for_result(
                 "a program whose corrections exceed the limits", "max_displacement", items
             )
-        return assess_with_run("program", reasons, run.assessment)
+        return assess_with_run(self.subject, reasons, self._run_model.assessment)
 
     def _correction_limits(self) -> CorrectionLimits:
         """Return the limits of a correction in m and rad, from the request or the default limits."""
@@ -632,7 +692,7 @@ class ProgramWork(Work):
         """Return the result message of the corrected points and written files."""
         corrections, program = points.corrections, self._program
         uncorrected_targets: dict[LeftAlone, int] = {
-            "no_load": len(points.path.targets) - len(corrections.points),
+            "no_load": len(points.path.targets) - int(points.counted.sum()),
             "uncertain": int(corrections.uncertain.sum()),
             "not_used": len(program.targets) - len(points.path.targets),
         }
@@ -709,14 +769,26 @@ def prepare_compensation(inputs: Inputs, request: ProgramRequest) -> ProgramWork
             does not fit the run, or has a program that was compensated already.
     """
     run = find_accepted_run(inputs, request.run_id, request.accept_verdict)
+    refuse_corrected_files(inputs, request, run.prepared.robot_id)
+    return ProgramWork(run.prepared.robot, run.prepared.robot_id, run.run, request)
+
+
+def refuse_corrected_files(inputs: Inputs, request: ProgramRequest | ProcessRequest, robot_id: str) -> None:
+    """Refuse a request without files, or with a file that was written by another job.
+
+    Raises:
+        RequestError: there is no file, or a program was compensated already.
+    """
     if not request.files:
         raise RequestError("no file was sent", where="files", remedy="send the program")
     sent = {hashlib.sha256(decompress_file(file)).hexdigest() for file in request.files}
-    for summary in inputs.job_summaries(Program, run.prepared.robot_id):
+    summaries = (
+        summary for message in (Program, Process) for summary in inputs.job_summaries(message, robot_id)
+    )
+    for summary in summaries:
         if sent.intersection(summary.get("outputs", ())):
             raise RequestError(
                 f"a file is the output of the compensated program '{summary['id']}'",
                 where="files",
                 remedy="send the original program",
             )
-    return ProgramWork(run.prepared.robot, run.prepared.robot_id, run.run, request)

@@ -1,0 +1,204 @@
+"""A path of a process with the least deflection: turns about the spindle, and places of the workpiece."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field, StrictBool, model_validator
+
+from jointstiff.schemas.fields import (
+    Dimensionless,
+    Identifier,
+    Message,
+    Metres,
+    Point,
+    Quantity,
+    Radians,
+    Terminal,
+    Vector3,
+    parse_box,
+    require_exactly_one,
+)
+from jointstiff.schemas.job import Job
+from jointstiff.schemas.program import MAX_FILES, ProgramFile, ProgramOptions, ProgramResult
+
+MAX_TURNS = 360
+MAX_PROCESS_PLACES = 4_000
+MAX_BEST_PLACES = 5
+
+_Count = Annotated[int, Field(strict=True, ge=1, le=100)]
+_Box = tuple[Vector3, Vector3]
+
+
+def parse_turn(text: str) -> str | list[float]:
+    """Parse `free`, `keep` or a range `LEAST,GREATEST` in degrees; return its JSON."""
+    if text in {"free", "keep"}:
+        return text
+    try:
+        least, greatest = (float(number) for number in text.replace(",", " ").split())
+    except ValueError:
+        raise ValueError(f"'{text}' must be free, keep or a range in degrees, such as -30,30") from None
+    return [least, greatest]
+
+
+class ProcessOptions(ProgramOptions):
+    """Options of a process: those of a compensated program, and what may be chosen."""
+
+    turn: Annotated[
+        Literal["free", "keep"] | tuple[Quantity, Quantity],
+        Terminal("--turn", "free|keep|LEAST,GREATEST[deg]", parse_turn, unit="deg"),
+    ] = Field(
+        default="free",
+        description="Turn about the spindle: `free`, `keep` (as programmed), or the least and the greatest "
+        "turn from the program's, in units.angle.",
+    )
+    turns: Annotated[int, Field(strict=True, ge=1, le=MAX_TURNS)] = Field(
+        default=36, description="Number of turns that are tried in a full turn."
+    )
+    branches: Literal["keep", "free"] = Field(
+        default="keep",
+        description="Branch of the inverse kinematics: that of the program, or `free`; then the controller "
+        "must be sent the joints in turns.csv, and the program is not written.",
+    )
+    step: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="deg")] = Field(
+        default=None,
+        description="Greatest motion of a joint between two points of a line, in units.angle; default: 20°.",
+    )
+    clearance: Annotated[Quantity, Field(ge=0.0)] = Field(
+        default=0.04,
+        description="Distance from singularities: least singular value of the flange's Jacobian, in m, rad.",
+    )
+    smoothness: Dimensionless[Annotated[Quantity, Field(ge=0.0)]] = Field(
+        default=0.05,
+        description="Cost of a change of the turn by 1 rad, in mean squares of the deflection.",
+    )
+    objective: Literal["rms", "greatest"] = Field(
+        default="rms",
+        description="Deflection along the path that is minimised: root mean square, or greatest.",
+    )
+    place: Annotated[_Box | None, Terminal("--place", "X,Y,Z,X,Y,Z[mm]", parse_box, unit="m")] = Field(
+        default=None,
+        description="Box in R0 in which the path's centre (the middle of its own box) may be, as two "
+        "corners, in units.length; default: the workpiece stays.",
+    )
+    grid: Annotated[tuple[_Count, _Count, _Count], Terminal("--grid", "N,N,N")] = Field(
+        default=(4, 4, 3), description="Number of positions along x, y and z that are tried in the box."
+    )
+    place_turns: Annotated[int, Field(strict=True, ge=1, le=MAX_TURNS)] = Field(
+        default=8, description="Number of turns of the workpiece about z, evenly over a full turn."
+    )
+    correct: StrictBool = Field(
+        default=True, description="True to compensate the deflection that is left, as `compensate` does."
+    )
+    force_uncertainty: Dimensionless[Annotated[Quantity, Field(ge=0.0, le=1.0)] | None] = Field(
+        default=None,
+        description="Relative standard uncertainty of each component of the force; default: 0.25 for a "
+        "`cut`, else 0.",
+    )
+
+    @model_validator(mode="after")
+    def _limit_places(self) -> ProcessOptions:
+        """Refuse a range or a box whose ends are exchanged, and too many places."""
+        if isinstance(self.turn, tuple) and self.turn[0] > self.turn[1]:
+            raise ValueError("`turn` needs the least turn first")
+        if self.place is not None and any(a > b for a, b in zip(*self.place, strict=True)):
+            raise ValueError("`place` needs the corner with the least coordinates first")
+        count = self.grid[0] * self.grid[1] * self.grid[2] * self.place_turns
+        if self.place is not None and count > MAX_PROCESS_PLACES:
+            raise ValueError(f"`grid` and `place_turns` give {count} places, more than {MAX_PROCESS_PLACES}")
+        return self
+
+
+class ProcessRequest(ProcessOptions):
+    """A process as it is posted: options and files."""
+
+    run_id: Identifier | None = Field(default=None, description="Id of the run whose model is used.")
+    robot_id: Identifier | None = Field(
+        default=None,
+        description="Id of a robot that was not measured, instead of `run_id`: its stiffness is a prior from "
+        "payload and reach, within a factor of two.",
+    )
+    files: Annotated[list[ProgramFile], Field(max_length=MAX_FILES)] = Field(
+        default_factory=list,
+        description="Program or table of poses, and the table of loads; post them as the form's `files`.",
+    )
+
+    _one_source: Any = require_exactly_one("run_id", "robot_id")
+
+    @property
+    def name(self) -> str | None:
+        """Name of the first file, for listings."""
+        return next((file.name for file in self.files), None)
+
+
+class DeflectionBand(Message):
+    """A deflection along a path, or a difference of two, with its intervals."""
+
+    value: Metres[float]
+    readings: Metres[tuple[float, float] | None] = Field(
+        description="Interval by the errors of readings and forces; null if unknown."
+    )
+    with_model_error: Metres[tuple[float, float] | None] = Field(
+        description="Interval with the model error; null without a bound."
+    )
+
+
+class ProcessPlace(Message):
+    """A place of the workpiece."""
+
+    centre: Metres[Point] = Field(description="Centre of the path in R0.")
+    shift: Metres[Point] = Field(description="Displacement of the centre from where it is.")
+    turn: Radians[float] = Field(description="Turn of the workpiece about z through its centre.")
+    deflection: DeflectionBand
+    behind_best: DeflectionBand | None = Field(
+        description="Difference from the best place; null for the best place."
+    )
+    is_worse: StrictBool = Field(
+        description="True if the interval of the difference excludes zero; else no order is stated."
+    )
+
+
+class ProcessResult(ProgramResult):
+    """Deflection before, after turning and after correction; the program and tables have own addresses."""
+
+    objective: Literal["rms", "greatest"]
+    gain: Literal["less", "no_order", "no_gain"] = Field(
+        description="Whether the choice has less deflection than the program: `less`, if the interval of the "
+        "difference excludes zero; `no_order`, if not; `no_gain`, if no turn makes a difference."
+    )
+    before: DeflectionBand = Field(description="Deflection along the path as it was sent.")
+    turned: DeflectionBand = Field(description="Deflection along the path as chosen.")
+    remaining: DeflectionBand = Field(description="Deflection that is left after the correction.")
+    difference: DeflectionBand = Field(description="`turned` minus `before`.")
+    fixed_turns: Radians[list[float]] = Field(description="Turns that were tried along the whole path.")
+    fixed_deflections: Metres[list[float | None]] = Field(
+        description="Deflection with each of these turns; null where limits or step exclude it."
+    )
+    places: Annotated[list[ProcessPlace], Field(max_length=MAX_BEST_PLACES)] = Field(
+        description="Best places of the workpiece, the best first; empty without a search."
+    )
+    places_tried: int = Field(description="Number of places that were tried.")
+    places_reached: int = Field(description="Number of places from which the robot follows the path.")
+    flat_low: Metres[Point | None] = Field(
+        description="Least coordinates of the places within 5 % of the best; null without a search."
+    )
+    flat_high: Metres[Point | None] = Field(description="Greatest coordinates of these places.")
+    flat_places: int = Field(description="Number of these places.")
+    frames: list[str] = Field(description="Base frames to set in the controller for the best place.")
+    choice: ProgramFile = Field(description="Turns and places; null in answers: `turns.csv`, `places.csv`.")
+
+
+class Process(Job):
+    """A stored process. Once finished, it never changes."""
+
+    collection: ClassVar[str] = "processes"
+
+    kind: Literal["process"] = "process"
+    request: ProcessRequest
+    result: ProcessResult | None = Field(description="Result; present if the job has succeeded.")
+
+    @property
+    def outputs(self) -> list[str]:
+        """SHA-256 of each corrected file, for listings; none if nothing was corrected."""
+        files = self.result.files if self.result is not None and self.result.corrected else []
+        return [file.sha256 for file in files if file.sha256]

@@ -1,0 +1,245 @@
+"""Processes: the declaration of the kind, and the report of a process."""
+
+from __future__ import annotations
+
+from math import degrees
+from typing import TYPE_CHECKING, Any, Final
+
+from jointstiff.schemas.process import (
+    DeflectionBand,
+    Process,
+    ProcessOptions,
+    ProcessPlace,
+    ProcessRequest,
+    ProcessResult,
+)
+from jointstiff.service.kinds.kind import File, Kind
+from jointstiff.service.kinds.program.kind import CONTENT, make_points_sheet
+from jointstiff.service.tables.report import Report, View
+from jointstiff.service.tables.table import (
+    Area,
+    Chart,
+    Column,
+    Line,
+    Part,
+    Table,
+    interval_formatter,
+    number_formatter,
+    vector_formatter,
+)
+from jointstiff.solver.text import figure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from jointstiff.service.kinds.work import Work
+    from jointstiff.service.resources.inputs import Inputs
+    from jointstiff.service.tables.table import Sheet
+
+_EXAMPLES: Final[dict[str, Any]] = {
+    "free turn": {
+        "files": [
+            "DEF part()\n$TOOL=TOOL_DATA[1]\n$BASE=$NULLFRAME\n"
+            "PTP {X 1803.0,Y 290.3,Z 1505.4,A 18.5,B 140.5,C 9.0,S 2,T 3}\n"
+            "LIN {X 1823.0,Y 290.3,Z 1505.4,A 18.5,B 140.5,C 9.0}\nEND\n"
+        ],
+        "options": {
+            "run_id": "ID_OF_A_RUN",
+            "units": {"length": "mm", "angle": "deg", "force": "N"},
+            "accuracy_option": "off",
+            "load": {"force": [-100.0, -300.0, -500.0]},
+            "axes": "feed",
+            "tools": [{"name": "TOOL_DATA[1]", "values": [0.0, 0.0, 200.0, 0.0, 45.0, 0.0]}],
+            "start": [10.0, -5.0, 10.0, 5.0, 45.0, 3.0],
+            "turn": "free",
+            "format": "krl",
+        },
+    }
+}
+
+
+def _prepare_work(inputs: Inputs, request: ProcessRequest) -> Work:
+    """Return the work of a process, which is computed later; numerical modules are imported here."""
+    from jointstiff.service.kinds.process.work import prepare_process
+
+    return prepare_process(inputs, request)
+
+
+def _choice_sheet(name: str) -> Callable[[Process], Sheet]:
+    """Return the function that makes the table of turns or of places from a stored process."""
+
+    def make_sheet(job: Process) -> Sheet:
+        """Return the table, decompressed from the stored result of a process."""
+        from jointstiff.service.kinds.process import work
+        from jointstiff.service.kinds.program.work import decompress_file
+
+        if job.result is None:
+            raise ValueError("the process has no result")
+        make = work.turns_sheet if name == "turns" else work.places_sheet
+        return make(decompress_file(job.result.choice))
+
+    return make_sheet
+
+
+_GAINS: Final = {
+    "no_gain": "no gain: the deflection is the same at all turns, as for a spindle along the last axis",
+    "no_order": "no order is stated: the interval of the difference contains zero",
+}
+
+
+def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
+    """Return the report: deflection before and after, what turning gains, the best places, remarks."""
+    size = "root mean square" if result.objective == "rms" else "greatest"
+    before, turned = result.before.value, result.turned.value
+    change = _GAINS.get(
+        result.gain, f"{figure(100 * (1 - turned / before), '.3g')} % less deflection than before"
+    )
+    parts: list[Part] = [
+        Line(f"{change}; {result.points} targets, {result.moves} moves"),
+        _bands_table(result, f"Deflection along the path, {size}", job.request.confidence),
+    ]
+    allowed = [each for each in result.fixed_deflections if each is not None]
+    if len(allowed) > 1:
+        parts.append(
+            Line(
+                f"{len(allowed)} of {len(result.fixed_turns)} fixed turns are within limits and step: "
+                f"{_micrometres(min(allowed))} to {_micrometres(max(allowed))} µm"
+            )
+        )
+    if result.places:
+        parts += _place_parts(result)
+    parts += [Line(f"set in the controller: {frame}") for frame in result.frames]
+    if job.request.branches == "free":
+        parts.append(Line("the branches are free: move to the joints in turns.csv; no program is written"))
+    return Report([*parts, *map(Line, result.remarks)])
+
+
+def _micrometres(length: float) -> str:
+    """Format a length in micrometres."""
+    return figure(1e6 * length, ".4g")
+
+
+def _bands_table(result: ProcessResult, title: str, confidence: float) -> Table:
+    """Return a table of the deflection before, after turning and after correction, with its intervals."""
+    rows = {
+        "before": result.before,
+        "as chosen": result.turned,
+        "difference": result.difference,
+        "left after correction": result.remaining,
+    }
+    return Table(
+        [Column("deflection", list(rows), text=True), *_band_columns([*rows.values()])],
+        title=title,
+        caption=f"intervals at {100 * confidence:g} %",
+    )
+
+
+def _band_columns(bands: list[DeflectionBand | None]) -> list[Column]:
+    """Return columns of values with their intervals, in µm."""
+    interval = interval_formatter(".4g", 1e6)
+    return [
+        Column("value", [each and each.value for each in bands], number_formatter(".4g", 1e6), "µm"),
+        Column("readings and forces", [each and each.readings for each in bands], interval, "µm"),
+        Column("with model error", [each and each.with_model_error for each in bands], interval, "µm"),
+    ]
+
+
+def _place_parts(result: ProcessResult) -> list[Part]:
+    """Return a table of the best places, and how flat the deflection is around them."""
+    places = result.places
+    table = Table(
+        [
+            Column(
+                "centre of the path", [each.centre for each in places], vector_formatter(".0f", 1e3), "mm"
+            ),
+            Column("turn about z", [degrees(each.turn) for each in places], number_formatter(".0f"), "°"),
+            *_band_columns([each.deflection for each in places]),
+            Column("than the best", [_order(each) for each in places], text=True),
+        ],
+        title="Best places of the workpiece",
+    )
+    parts: list[Part] = [table]
+    lines = [f"{result.places_reached} of {result.places_tried} places let the robot follow the path"]
+    if result.flat_low is not None and result.flat_high is not None:
+        extent = [
+            f"{axis} {1e3 * low:.0f} to {1e3 * high:.0f}"
+            for axis, low, high in zip("xyz", result.flat_low, result.flat_high, strict=True)
+        ]
+        lines.append(f"{result.flat_places} places are within 5 % of the best: {', '.join(extent)} mm")
+    return parts + [Line(each) for each in lines]
+
+
+def _order(place: ProcessPlace) -> str:
+    """Return how a place compares with the best."""
+    if place.behind_best is None:
+        return "—"
+    return "worse" if place.is_worse else "no order"
+
+
+def make_charts(result: ProcessResult) -> list[Chart]:
+    """Return a chart of the deflection of each fixed turn; none if only one turn was tried."""
+    if len(result.fixed_turns) < 2:
+        return []
+    names = [f"{degrees(each):.0f}°" for each in result.fixed_turns]
+    series = {"the same turn along the path": result.fixed_deflections}
+    return [Chart("Deflection at fixed turns", names, series, 1e6, "µm", "turns")]
+
+
+def make_area_map(sheet: Sheet) -> Area:
+    """Return a map of the deflection over x and y, the least over heights and turns of the workpiece."""
+    columns = {name: [float(each) for each in values] for name, values in sheet.columns.items()}
+    least: dict[tuple[float, float], float] = {}
+    for x, y, value in zip(columns["x [m]"], columns["y [m]"], columns["deflection [m]"], strict=True):
+        key = 1e3 * x, 1e3 * y
+        least[key] = min(least.get(key, float("inf")), value if value == value else float("inf"))
+    values = [each if each < float("inf") else float("nan") for each in least.values()]
+    return Area(
+        "Least deflection at each position of the path's centre",
+        [x for x, _ in least],
+        [y for _, y in least],
+        values,
+        ("x [mm]", "y [mm]", "deflection [µm]"),
+        1e6,
+    )
+
+
+PROCESS: Final = Kind[Process, ProcessRequest](
+    message=Process,
+    request=ProcessRequest,
+    options=ProcessOptions,
+    prepare_work=_prepare_work,
+    make_report=_make_report,
+    sources=("run_or_robot", "files"),
+    make_charts=make_charts,
+    title="Process",
+    stepped=True,
+    max_bytes=16 * 1024 * 1024,
+    is_form=True,
+    to_answer=lambda document: CONTENT.sub('"content":null', document),
+    files=(
+        File(
+            name="points.csv",
+            description="all points as of a compensated program.",
+            sheet=make_points_sheet,
+            made_of="result",
+        ),
+        File(
+            name="turns.csv",
+            description="turn, deflection before and after, and joints of each point.",
+            sheet=_choice_sheet("turns"),
+            made_of="result",
+        ),
+        File(
+            name="places.csv",
+            description="all places that were tried, with their deflection.",
+            sheet=_choice_sheet("places"),
+            made_of="result",
+        ),
+    ),
+    examples=_EXAMPLES,
+    description="""Find the least deflection along a path: turns about the spindle, and the workpiece's place.
+
+Send the program or a table of poses as `files` of a form, and the rest as `options`, as for a compensated
+program. The result has the deflection before, after turning and after correction, with intervals of their
+difference; `program` is the program with new orientations, `turns.csv` and `places.csv` are tables.""",
+)

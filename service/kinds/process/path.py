@@ -1,0 +1,195 @@
+"""The path of a process, made from a program: poses that may turn about the spindle, and their loads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jointstiff.schemas.process import ProcessRequest
+from jointstiff.service.conversion.units import ANGLE
+from jointstiff.service.kinds.program.path import (
+    ProgramFrames,
+    ProgramPath,
+    StatedConfigurations,
+    Visits,
+    find_load_points,
+    find_path,
+    find_spindles,
+    turn_loads_to_base,
+)
+from jointstiff.service.kinds.work import as_request_errors
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.program import Program
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.cases import LoadCases
+from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.process.path import ProcessPath
+from jointstiff.solver.process.sequence import Motion
+from jointstiff.solver.process.turning import TurnTask
+
+MAX_POSES = 100_000
+"""Greatest number of visited targets times turns."""
+_STEP = float(np.radians(20.0))
+"""Greatest motion of a joint between two points of a line, unless the request states another [rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProgramToTurn:
+    """A program whose tool may turn about the spindle: v visits of m targets."""
+
+    program: Program
+    frames: ProgramFrames
+    stated: StatedConfigurations
+    visits: Visits
+    path: ProcessPath  # one point for each visit
+    programmed: ProgramPath | None  # path with the program's own postures; None if these are not known
+
+    @classmethod
+    def find(
+        cls,
+        program: Program,
+        request: ProcessRequest,
+        robot: Robot,
+        inverse: InverseKinematics,
+        visits: Visits,
+    ) -> ProgramToTurn:
+        """Find poses, loads and programmed postures of a program.
+
+        Raises:
+            RequestError: a field of the request is missing or does not fit the program, or the program states
+                no orientation that could be turned.
+            ProgramError: the robot does not reach targets, or their arm configurations are ambiguous.
+        """
+        turns = len(make_turn_task(request).angles)
+        if len(visits.targets) * turns > MAX_POSES:
+            raise RequestError(
+                f"{len(visits.targets)} points and {turns} turns are more than {MAX_POSES:,} poses",
+                where="turns",
+                remedy="lower `turns`, or split the program",
+            )
+        frames = ProgramFrames.from_program(program, request)
+        _refuse_without_orientation(program, request, visits.targets)
+        programmed = _find_programmed(program, request, robot, inverse, visits)
+        path = _make_path(program, request, robot, inverse, visits, frames)
+        if programmed is not None and request.branches == "keep":
+            path = replace(path, near=programmed.cases.joints[visits.number])
+        return cls(program, frames, StatedConfigurations(program), visits, path, programmed)
+
+    @property
+    def same(self) -> IndexArray:
+        """(v,) index of the first visit of the same target, for each visit."""
+        return self.visits.first[self.visits.number]
+
+    def move(self, shift: FloatArray, angle: float) -> ProgramToTurn:
+        """Return the program of the workpiece in another place, with its base frames.
+
+        Args:
+            shift: (3,) displacement of the path's centre [m].
+            angle: turn about the z axis of R0 through the centre [rad].
+        """
+        displacement = self.path.displacement(shift, angle)
+        base = replace(self.frames.base, poses=displacement @ self.frames.base.poses)
+        path = self.path.move(shift, angle)
+        return replace(self, frames=replace(self.frames, base=base), path=path)
+
+    def turned(self, joints: FloatArray) -> ProgramPath:
+        """Return the program's path in chosen postures (v, n), controller's joints [rad or m]."""
+        first, path = self.visits.first, self.path
+        cases = LoadCases(
+            joints[first].copy(),
+            path.force[first].copy(),
+            path.moment[first].copy(),
+            path.load_point[first].copy(),
+            path.place[first].copy(),
+        )
+        before = cases.joints if self.programmed is None else self.programmed.cases.joints
+        return ProgramPath(self.program, self.frames, self.stated, self.visits.order, cases, before)
+
+
+def make_turn_task(request: ProcessRequest) -> TurnTask:
+    """Return the turns to choose from, and how the robot may move, as the request states."""
+    angle = ANGLE[request.units.angle]
+    step = _STEP if request.step is None else angle * request.step
+    motion = Motion(step, request.smoothness, greatest=request.objective == "greatest")
+    if request.turn == "free":
+        return TurnTask.free(request.turns, request.clearance, motion)
+    if request.turn == "keep":
+        return TurnTask(np.zeros(1), request.clearance, motion)
+    low, high = (angle * each for each in request.turn)
+    return TurnTask.within(float(low), float(high), request.turns, request.clearance, motion)
+
+
+def _refuse_without_orientation(program: Program, request: ProcessRequest, targets: IndexArray) -> None:
+    """Refuse a program that states positions or tool axes only, unless its turn is kept.
+
+    Raises:
+        RequestError: a turn of the tool cannot be written into the program.
+    """
+    notations = program.targets.notations
+    used = {int(i) for i in np.unique(program.targets.notation[targets])}
+    missing = any(not notations[i].has_pose and not notations[i].is_joints for i in used)
+    if missing and request.turn != "keep" and request.branches == "keep":
+        raise RequestError(
+            "the program states no angle about the tool's axis, so that a turn cannot be written into it",
+            where="turn",
+            remedy="send full poses; or `branches: free`, and take the joints from points.csv",
+        )
+
+
+def _find_programmed(
+    program: Program, request: ProcessRequest, robot: Robot, inverse: InverseKinematics, visits: Visits
+) -> ProgramPath | None:
+    """Return the path with the program's own postures; None if they are not known and need not be.
+
+    Raises:
+        RequestError: a field of the request is missing, or does not fit the program.
+        ProgramError: the robot does not reach targets, or their arm configurations are ambiguous.
+    """
+    try:
+        return find_path(program, request, robot, inverse, visits)
+    except ProgramError:
+        if request.branches == "free" and request.turn != "keep":
+            return None
+        raise
+
+
+def _make_path(
+    program: Program,
+    request: ProcessRequest,
+    robot: Robot,
+    inverse: InverseKinematics,
+    visits: Visits,
+    frames: ProgramFrames,
+) -> ProcessPath:
+    """Return the path of a process with a point for each visit of a target."""
+    targets, number = program.targets, visits.number
+    is_joint_target = targets.given_as_joints[visits.order]
+    given = np.full((len(visits.order), robot.n), np.nan)
+    arm_angles = targets.values[visits.order, :6] * targets.angle_unit[visits.order, None]
+    given[is_joint_target] = inverse.insert_held_joints(arm_angles[is_joint_target])
+    poses = frames.flange_poses(program, visits.order)
+    known = robot.joint_map.model_angles(given[is_joint_target])
+    poses[is_joint_target] = flange_poses(robot, known) if len(known) else poses[is_joint_target]
+    loads = visits.loads.values[visits.loads.of_visit[visits.first]]
+    along_feed = request.cut is not None or request.axes == "feed"
+    with as_request_errors("program"):
+        force, moment = turn_loads_to_base(
+            request, frames, visits, poses[number] if along_feed else poses, loads
+        )
+        load_point, place = find_load_points(request, frames, visits.order)
+        spindle = find_spindles(request, frames, visits.order)
+    continuous = ~program.moves.is_visit_of_joint_move
+    continuous[0] = False
+    return ProcessPath(
+        poses=poses[number],
+        spindle=spindle[number],
+        place=place[number],
+        load_point=load_point[number],
+        force=force[number],
+        moment=moment[number],
+        continuous=continuous,
+        given=given[number],
+    )

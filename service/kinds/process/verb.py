@@ -1,0 +1,192 @@
+"""The verb of processes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+
+from jointstiff.schemas.process import ProcessOptions
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.kinds.process.kind import PROCESS
+from jointstiff.service.kinds.program.verb import gather_files
+from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.resources.documents import read_plan_source
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from concurrent.futures import Executor
+
+    from jointstiff.schemas.deflection import LinkMass
+    from jointstiff.schemas.measurement import Units
+    from jointstiff.schemas.process import Process
+    from jointstiff.schemas.program import Cut, ProcessLoad, ProgramFrame
+    from jointstiff.service.kinds.verb import Cancel, File, Matrix, OnProgress, Source, Vector
+
+
+class ProcessFields(TypedDict, total=False):
+    """Options of `process`."""
+
+    absolute: bool
+    masses: Sequence[LinkMass | Mapping[str, Any]]
+    confidence: float
+    accept_verdict: Literal["do_not_use"] | None
+    units: str | Units | Mapping[str, Any]
+    accuracy_option: Literal["off", "same_as_measured", "compensates_load"]
+    load: ProcessLoad | Mapping[str, Any] | None
+    segments: Sequence[ProcessLoad | Mapping[str, Any]]
+    loads: File | None
+    cut: Cut | Mapping[str, Any] | None
+    axes: Literal["robot", "tool", "base", "feed"]
+    spindle: Vector | None
+    load_point: Vector | None
+    tools: Sequence[ProgramFrame | Mapping[str, Any]]
+    bases: Sequence[ProgramFrame | Mapping[str, Any]]
+    world: Vector | None
+    flange: Vector | None
+    tool_x: Vector | None
+    start: Vector | None
+    max_displacement: float | None
+    max_rotation: float | None
+    ramp_length: float
+    leave_alone: Sequence[str]
+    leave_others: bool
+    external_axes: Literal["carry_nothing"] | None
+    format: Literal["csv", "krl", "fanuc", "rapid", "ur"] | None
+    mark: bool
+    turn: Literal["free", "keep"] | Vector
+    turns: int
+    branches: Literal["keep", "free"]
+    step: float | None
+    clearance: float
+    smoothness: float
+    objective: Literal["rms", "greatest"]
+    place: Matrix | None
+    grid: Sequence[int]
+    place_turns: int
+    correct: bool
+    force_uncertainty: float | None
+    force: Vector
+
+
+def process(
+    door: Door,
+    source: Source | RobotDocument,
+    /,
+    *path: File | Matrix,
+    forces: Vector | Matrix | Mapping[str, Any] | File | None = None,
+    options: ProcessOptions | None = None,
+    on_progress: OnProgress | None = None,
+    cancel: Cancel | None = None,
+    executor: Executor | None = None,
+    **fields: Unpack[ProcessFields],
+) -> Process:
+    """Turn the tool and place the workpiece for the least deflection along a path.
+
+    Args:
+        door: `Here` or a `Client`, which has this function as a method and does the work.
+        source: what `identify` returned, or a campaign, which is identified now; or an arm that was not
+            measured: a robot document, or the name of an arm of the catalogue.
+        path: the program, a .src with its .dat, or a CSV table of poses; or an array of poses of the tool
+            in R0: (N, 4, 4) [m], or (N, 6) with X, Y, Z [m] and rotation vector [rad]. The tool is the flange
+            unless `tools` states another.
+        forces: one force (3,), forces (N, 3) of the points of an array, a milling cut (fields of `Cut`), or
+            the CSV file of a load for each point, along `axes`.
+        options: a `ProcessOptions`; keyword arguments replace options of the same name.
+        on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
+            notebook, if it takes more than 2 s.
+        cancel: called between steps, such as `threading.Event().is_set`; if true, the job ends as
+            `cancelled`.
+        executor: carries out the steps, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
+            client's `get_executor()`; all numbers are the same to the last bit. A `Client` refuses an
+            executor.
+        fields: fields of `ProcessOptions`, and `force`, short for `load`.
+
+    Returns:
+        The Process, with its result in SI units. If the computation fails, its state is `failed`.
+
+    Raises:
+        CampaignError: a source or an option cannot be used; the error's `problem` has reason and remedy.
+        RefusedError: the service refuses the request.
+        OSError: a file cannot be read.
+        ValueError: an array of poses or forces has another shape.
+    """
+    with JobMonitor(on_progress, cancel, executor) as monitor:
+        door, named_options = door.begun(monitor), dict[str, Any](fields)
+        # A run is used as it is; a robot, or the name of an arm, has no run.
+        described = source if isinstance(source, RobotDocument) else read_plan_source(source)
+        request: dict[str, Any] = (
+            {"robot_id": door.described(described)}
+            if isinstance(described, RobotDocument)
+            else {"run_id": door.identified(described, executor)}
+        )
+        files = [each for each in path if isinstance(each, str | PathLike)]
+        arrays = [each for each in path if not isinstance(each, str | PathLike)]
+        contents = dict[str, bytes]()
+        if options is None:
+            request |= {"units": {"length": "m", "angle": "deg", "force": "N"}, "accuracy_option": "off"}
+        if arrays:
+            contents, defaults = _write_poses(arrays)
+            request |= defaults
+        if forces is not None:
+            named_options |= _state_forces(forces, contents)
+        files_sent, named_options = gather_files([Path(each) for each in files], named_options)
+        request |= merge_options(ProcessOptions, options, named_options)
+        return door.done(PROCESS, request, contents | files_sent, monitor)
+
+
+def _write_poses(arrays: list[Any]) -> tuple[dict[str, bytes], dict[str, Any]]:
+    """Write an array of poses as the table of a path; return it by name, and default options for it.
+
+    Raises:
+        ValueError: there are several arrays or files, or the array has another shape.
+    """
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    poses = np.asarray(arrays[0], dtype=np.float64)
+    if len(arrays) > 1 or poses.shape[1:] not in {(4, 4), (6,)}:
+        raise ValueError("the path must be one array of poses, (N, 4, 4) or (N, 6), or files")
+    if poses.ndim == 3:
+        rotation = Rotation.from_matrix(poses[:, :3, :3]).as_rotvec()
+        poses = np.column_stack([poses[:, :3, 3], rotation])
+    lines = ["x [m],y [m],z [m],rx [rad],ry [rad],rz [rad]"]
+    lines += [",".join(f"{number:.15g}" for number in row) for row in poses.tolist()]
+    zero = [0.0] * 6
+    defaults = {
+        "tools": [{"values": zero}],
+        "bases": [{"values": zero}],
+        "branches": "free",
+        "format": "csv",
+    }
+    return {"path.csv": "\n".join(lines).encode() + b"\n"}, defaults
+
+
+def _state_forces(forces: Any, contents: dict[str, bytes]) -> dict[str, Any]:  # noqa: ANN401 - arrays, files
+    """Return the options that state forces; a table of forces is added to the contents of files.
+
+    Raises:
+        ValueError: an array of forces has another shape.
+    """
+    import numpy as np
+
+    if isinstance(forces, str | PathLike):
+        return {"loads": forces}
+    if isinstance(forces, Mapping) or hasattr(forces, "model_dump"):
+        return {"cut": forces}
+    array = np.asarray(forces, dtype=np.float64)
+    if array.shape == (3,):
+        return {"force": array.tolist()}
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError("forces must be one force (3,), or forces (N, 3) of the points")
+    lines = ["point,Fx [N],Fy [N],Fz [N]"]
+    lines += [
+        ",".join([str(number), *(f"{each:.15g}" for each in row)])
+        for number, row in enumerate(array.tolist(), 1)
+    ]
+    contents["forces.csv"] = "\n".join(lines).encode() + b"\n"
+    return {"loads": "forces.csv"}
+
+
+describe_fields(process, ProcessOptions)

@@ -1,0 +1,558 @@
+"""The work of a process: search places, choose turns, correct what is left, and write the program."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from jointstiff.schemas.finding import Assessment, Finding, Verdict
+from jointstiff.schemas.process import (
+    MAX_BEST_PLACES,
+    DeflectionBand,
+    ProcessPlace,
+    ProcessRequest,
+    ProcessResult,
+)
+from jointstiff.schemas.run import Run
+from jointstiff.service.conversion.units import LENGTH
+from jointstiff.service.kinds.process.path import ProgramToTurn, make_turn_task
+from jointstiff.service.kinds.program.path import ProgramPath, find_wanted_postures
+from jointstiff.service.kinds.program.work import (
+    ProgramWork,
+    WrittenPoints,
+    compress_file,
+    refuse_corrected_files,
+)
+from jointstiff.service.kinds.work import Arrays, Span, as_request_errors, cut_into_spans
+from jointstiff.service.programs.formats import choose_frame_notation, read_program
+from jointstiff.service.resources.inputs import Inputs
+from jointstiff.service.runs.verdicts import find_accepted_run, make_reason
+from jointstiff.service.tables.table import Sheet
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.messages import point
+from jointstiff.solver.process.cut import UNCERTAINTY
+from jointstiff.solver.process.deflection import Band, PathDeflection, Ranking
+from jointstiff.solver.process.path import find_feed_frames
+from jointstiff.solver.process.placing import (
+    PlaceBox,
+    coarsen,
+    evaluate_places,
+    find_flatness,
+    search_around,
+)
+from jointstiff.solver.process.turning import TurnChoice, choose_turns
+from jointstiff.solver.text import figure
+
+_QUICK_POSES: Final = 5_000
+"""Greatest number of points times turns that are chosen at once, without a step."""
+_PLACES_A_STEP: Final = 8
+_REFINED: Final = 2
+"""Places of the grid around which the search goes on."""
+_READ_BACK: Final = 1e-4
+"""Greatest difference of a joint between what was meant and what the written program says [rad or m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """The program in its best place, and what the search of places found."""
+
+    program: ProgramToTurn
+    choice: TurnChoice
+    places: FloatArray  # (k, 4) best places, the best first [m, rad]; empty without a search
+    rankings: tuple[tuple[Band, Ranking | None], ...]  # deflection at each, and its difference from the best
+
+
+class ProcessWork(ProgramWork):
+    """Work of a process, whose units are places of the workpiece, or points if a path is long."""
+
+    activity = "placing and turning"
+    subject = "process"
+    _request: ProcessRequest
+
+    def __init__(
+        self, robot: Robot, robot_id: str, run: Run | None, request: ProcessRequest, content: str = ""
+    ) -> None:
+        """Read the program, and collect its loads.
+
+        Without a run, the model is the prior of the robot, and `content` is the hash of the robot.
+
+        Raises:
+            RequestError: fields of the request contradict each other, there is no model, or the program is
+                not understood.
+        """
+        super().__init__(robot, robot_id, run, request, content)
+        self.unit = "points" if request.place is None else "places"
+        self.corrects = request.correct
+        self._task = make_turn_task(request)
+        self._sizes, self._chosen = np.zeros(0), dict[str, Any]()
+
+    def steps(self) -> Sequence[Span]:
+        """Return spans of places as steps; without a search of places one step for a long path."""
+        if self._request.place is not None:
+            return cut_into_spans(len(self._box.places()), _PLACES_A_STEP)
+        points = len(self._visits.targets)
+        return () if points * len(self._task.angles) <= _QUICK_POSES else ((0, points),)
+
+    def compute(self, span: Span) -> Arrays:
+        """Evaluate the places of a step, or choose the turns of a long path; return arrays by name.
+
+        Raises:
+            RequestError: the robot does not follow the path.
+        """
+        if self._request.place is None:
+            choice = self._choose(self._as_sent)
+            return {
+                "joints": choice.joints,
+                "turn": choice.turn,
+                "size": np.array(choice.size),
+                "fixed": choice.fixed,
+                "of_fixed_turns": np.stack(
+                    [
+                        np.full_like(choice.joints, np.nan) if joints is None else joints
+                        for joints in (choice.best_fixed, choice.unturned)
+                    ]
+                ),
+            }
+        path, task, first = self._coarse
+        places = self._box.places()[slice(*span)]
+        return {"sizes": evaluate_places(self._run_model.model, self._inverse, path, task, places, first)}
+
+    def conclude(self, parts: Sequence[Arrays]) -> ProcessResult:
+        """Choose place and turns, correct what is left, and write the program.
+
+        Raises:
+            RequestError: the robot does not follow the path from any place.
+            ProgramError: the robot does not reach a target, or the written program would be misread.
+        """
+        if self._request.place is not None:
+            steps = parts or [self.compute(span) for span in self.steps()]
+            self._sizes = np.concatenate([each["sizes"] for each in steps])
+        elif parts:
+            self._chosen = dict(parts[0])
+        fields = dict(super().conclude(()))
+        if self._request.branches == "free":  # a program cannot state the branches
+            fields |= {"files": [], "corrected": 0}
+        return ProcessResult.model_validate(fields | self._describe_choice())
+
+    @cached_property
+    def _as_sent(self) -> ProgramToTurn:
+        """The program in the place of the workpiece as it is."""
+        visits, robot = self._visits, self._run_model.model.robot
+        return ProgramToTurn.find(self._program, self._request, robot, self._inverse, visits)
+
+    @cached_property
+    def _box(self) -> PlaceBox:
+        """Box of places of the request."""
+        if self._request.place is None:
+            raise ValueError("the request has no box of places")
+        low, high = LENGTH[self._request.units.length] * np.array(self._request.place)
+        turns = 2.0 * np.pi * np.arange(self._request.place_turns) / self._request.place_turns
+        return PlaceBox(low, high, self._request.grid, turns)
+
+    @cached_property
+    def _coarse(self) -> tuple[Any, Any, IndexArray]:
+        """Path and task with fewer points and turns, for the search of places."""
+        return coarsen(self._as_sent.path, self._task, self._as_sent.same)
+
+    def _choose(self, program: ProgramToTurn) -> TurnChoice:
+        """Return the turns of a program with the least deflection; its own postures if the turn is kept."""
+        if self._is_kept and program.programmed is not None:
+            joints = program.programmed.cases.joints[program.visits.number]
+            size = self._predict(program, joints).size
+            turn = np.where(np.isnan(program.path.given[:, 0]), 0.0, np.nan)
+            return TurnChoice(joints, turn, size, np.array([size]), joints, joints)
+        return choose_turns(self._run_model.model, self._inverse, program.path, self._task, program.same)
+
+    def _predict(self, program: ProgramToTurn, joints: FloatArray) -> PathDeflection:
+        """Predict the deflections of a program in postures (v, n) [rad or m], each target once."""
+        first, request = program.visits.first, self._request
+        cases = program.path.cases(first, joints[first])
+        return PathDeflection.predict(
+            self._run_model.model,
+            self._run_model.error,
+            cases,
+            force_parts=self._split_forces(program, cases.force),
+            confidence=request.confidence,
+            greatest=request.objective == "greatest",
+        )
+
+    def _split_forces(self, program: ProgramToTurn, force: FloatArray) -> FloatArray | None:
+        """Return standard errors (m, 3, 3) of the components of forces (m, 3) [N]; None without an error.
+
+        Components are along feed, normal and spindle axis if the forces follow the feed, else along R0.
+        """
+        request = self._request
+        share = request.force_uncertainty
+        if share is None:
+            share = UNCERTAINTY if request.cut is not None else 0.0
+        if not share:
+            return None
+        frames = np.tile(np.eye(3), (len(force), 1, 1))
+        if request.cut is not None or request.axes == "feed":
+            path = program.path
+            frames = np.nan_to_num(find_feed_frames(path.centres, path.axes)[program.visits.first])
+        components = np.einsum("bik,bi->bk", frames, force)
+        return np.asarray(share * frames * components[:, None])
+
+    @cached_property
+    def _placed(self) -> _Placed:
+        """The program in its best place, with the turns chosen there.
+
+        Raises:
+            RequestError: the robot does not follow the path within limits and step.
+        """
+        if self._request.place is not None:
+            return self._choose_place()
+        if self._chosen:
+            stored = self._chosen
+            best_fixed, unturned = (
+                None if np.isnan(joints).any() else joints for joints in stored["of_fixed_turns"]
+            )
+            choice = TurnChoice(
+                stored["joints"],
+                stored["turn"],
+                float(stored["size"]),
+                stored["fixed"],
+                best_fixed,
+                unturned,
+            )
+        else:
+            choice = self._choose(self._as_sent)
+        return _Placed(self._as_sent, choice, np.zeros((0, 4)), ())
+
+    def _choose_place(self) -> _Placed:
+        """Evaluate the best places of the search in full, and choose the best of them."""
+        path, task, first = self._coarse
+        model, box, grid = self._run_model.model, self._box, self._box.places()
+        if not np.isfinite(self._sizes).any():
+            raise RequestError(
+                f"from none of {len(grid)} places the robot follows the path within limits and step",
+                where="place",
+                remedy="move or enlarge the box, raise `step`, or lower `clearance`",
+            )
+
+        def evaluate(places: FloatArray) -> FloatArray:
+            return evaluate_places(model, self._inverse, path, task, places, first)
+
+        order = np.argsort(self._sizes, kind="stable")
+        order = order[np.isfinite(self._sizes[order])][:MAX_BEST_PLACES]
+        candidates = [grid[i] for i in order.tolist()]
+        candidates += [
+            search_around(box, grid[i], float(self._sizes[i]), evaluate)[0] for i in order[:_REFINED].tolist()
+        ]
+        found = []
+        for place in np.unique(np.array(candidates), axis=0):
+            program = self._as_sent.move(place[:3] - self._as_sent.path.middle, float(place[3]))
+            try:
+                choice = self._choose(program)
+            except RequestError:
+                continue  # the coarse path can be followed there, but not the whole one
+            found.append((self._predict(program, choice.joints), place, program, choice))
+        if not found:
+            raise RequestError(
+                "from the best places the robot follows a part of the path's points, but not all of them",
+                where="place",
+                remedy="raise `step`, lower `clearance`, or choose a finer `grid`",
+            )
+        found.sort(key=lambda each: each[0].size)
+        best, confidence = found[0][0], self._request.confidence
+        rankings = tuple(
+            (each.band(confidence), each.compare(best, confidence) if each is not best else None)
+            for each, _, _, _ in found[:MAX_BEST_PLACES]
+        )
+        places = np.array([place for _, place, _, _ in found[:MAX_BEST_PLACES]])
+        return _Placed(found[0][2], found[0][3], places, rankings)
+
+    @cached_property
+    def _path(self) -> ProgramPath:
+        """Path of the program in the chosen place and postures."""
+        if self._is_kept and self._as_sent.programmed is not None:
+            return self._as_sent.programmed  # the very path of `compensate`
+        return self._placed.program.turned(self._placed.choice.joints)
+
+    @cached_property
+    def _ramp(self) -> FloatArray:
+        """Fraction (m,) of the full correction at each point: zero if no correction is requested."""
+        return super()._ramp if self.corrects else np.zeros(len(self._path.targets))
+
+    def _points(self) -> IndexArray:
+        """Return the indices of the points that are written: all, if their turns may differ."""
+        return super()._points() if self._is_kept else np.arange(len(self._visits.order))
+
+    @property
+    def _is_kept(self) -> bool:
+        """Whether the path stays as it was sent."""
+        return self._request.turn == "keep" and self._request.place is None
+
+    @cached_property
+    def _after(self) -> PathDeflection:
+        """Deflections along the path as chosen."""
+        return self._predict(self._placed.program, self._placed.choice.joints)
+
+    @cached_property
+    def _before(self) -> PathDeflection:
+        """Deflections along the path as it was sent.
+
+        If its postures are not known, they are those of the best branch at turn zero, or else of the best
+        fixed turn.
+        """
+        sent, choice = self._as_sent, self._placed.choice
+        if sent.programmed is not None:
+            return self._predict(sent, sent.programmed.cases.joints[sent.visits.number])
+        if self._request.place is not None:
+            choice = self._choose(sent)
+        known = (each for each in (choice.unturned, choice.best_fixed) if each is not None)
+        return self._predict(sent, next(known, choice.joints))
+
+    @cached_property
+    def _ranking(self) -> Ranking:
+        """Whether the chosen path has less deflection than the path as it was sent."""
+        return self._after.compare(self._before, self._request.confidence)
+
+    def _gain(self) -> str:
+        """Return whether the choice is better: `less`, `no_order`, or `no_gain` if turns do not matter."""
+        searched = self._request.place is not None
+        if self._request.turn != "keep" and not searched and not self._placed.choice.gains:
+            return "no_gain"
+        return "less" if self._ranking.first_is_less else "no_order"
+
+    def _list_reasons(self) -> list[Finding]:
+        """Return the reason that comes first: nothing orders the chosen path and the path as it was sent."""
+        if self._gain() != "no_order" or self._request.turn == "keep":
+            return []
+        band = self._ranking.difference
+        interval = band.with_model_error or band.readings
+        text = "has no interval"
+        if interval is not None:
+            text = f"is within {figure(1e6 * interval[0], '.3g')} to {figure(1e6 * interval[1], '.3g')} µm"
+        message = f"the difference of the deflections before and after {text}, so that no order is stated"
+        remedy = "measure more, or with loads as those of the process, before the choice is trusted"
+        verdict: Verdict = "use_with_care"
+        return [make_reason("no_order", verdict, message, remedy)]
+
+    def _must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
+        """Return whether the written program gets a comment that marks it as compensated."""
+        return self.corrects and super()._must_mark(assessment, unchanged_moves)
+
+    def _check_written(self, contents: Sequence[bytes], points: WrittenPoints) -> None:
+        """Read the written files back, and compare the joints with those that were meant.
+
+        Raises:
+            RequestError: a target would be reached in other joints than meant.
+        """
+        self._written = points
+        if self._request.branches == "free" or self._is_kept:
+            return
+        request, model, placed = self._request, self._run_model.model, self._placed
+        files = [
+            (source.name, content) for source, content in zip(self._program.sources, contents, strict=True)
+        ]
+        program = read_program(
+            files,
+            request.format,
+            request.leave_alone,
+            leave_others=request.leave_others,
+            external_axes=self._external_axes,
+        )
+        with as_request_errors("program"):
+            read = find_wanted_postures(
+                program,
+                request,
+                placed.program.frames,
+                type(placed.program.stated)(program),
+                model.robot,
+                self._inverse,
+                self._visits.targets,
+                start=self._meant[0],
+            )
+        difference = np.abs(read - self._meant).max(axis=1)
+        if (difference > _READ_BACK).any():
+            i = int(np.argmax(difference > _READ_BACK))
+            line = int(program.targets.line[self._visits.targets[i]])
+            raise RequestError(
+                f"line {line}: the controller would not reach the turned target in the posture that was "
+                f"meant, as a joint would differ by {np.degrees(difference[i]):.3g}°",
+                where="turn",
+                remedy="state a range of `turn`, or `branches: free` and take the joints from turns.csv",
+            )
+
+    @property
+    def _meant(self) -> FloatArray:
+        """(v, n) controller's joints of the corrected targets at each visit [rad or m]."""
+        return np.asarray(self._commanded[self._visits.number])
+
+    def _describe_choice(self) -> dict[str, Any]:
+        """Return the fields of the result that a compensated program does not have."""
+        request, choice, placed = self._request, self._placed.choice, self._placed
+        confidence = request.confidence
+        tried = self._box.places() if request.place is not None else np.zeros((0, 4))
+        flat = None
+        if request.place is not None:
+            flat = find_flatness(tried, self._sizes, float(np.nanmin(self._sizes)))
+        fixed = np.where(np.isfinite(choice.fixed), choice.fixed, np.nan)
+        return {
+            "objective": request.objective,
+            "gain": self._gain(),
+            "before": _band_message(self._before.band(confidence)),
+            "turned": _band_message(self._after.band(confidence)),
+            "remaining": _band_message(self._remaining(confidence)),
+            "difference": _band_message(self._ranking.difference),
+            "fixed_turns": self._task.angles.tolist() if len(fixed) == len(self._task.angles) else [0.0],
+            "fixed_deflections": [None if np.isnan(each) else each for each in fixed.tolist()],
+            "places": self._place_messages(placed),
+            "places_tried": len(tried),
+            "places_reached": int(np.isfinite(self._sizes).sum()),
+            "flat_low": None if flat is None else point(flat.low[:3]),
+            "flat_high": None if flat is None else point(flat.high[:3]),
+            "flat_places": 0 if flat is None else flat.count,
+            "frames": self._list_frames() if request.place is not None else [],
+            "choice": compress_file("choice", self._pack_choice(tried)),
+        }
+
+    def _remaining(self, confidence: float) -> Band:
+        """Return the deflection that is left after the correction, with its intervals.
+
+        The correction is right where the prediction is, so what is left is the error of the prediction.
+        """
+        if not self.corrects:
+            return self._after.band(confidence)
+        share = self._at_all_points(self._written.corrections.share, 0.0)
+        return self._after.remaining(self._residual, share, confidence)
+
+    @property
+    def _residual(self) -> FloatArray:
+        """(m,) predicted distances of the loaded tool from its targets [m]; zero where nothing is written."""
+        return self._at_all_points(np.linalg.norm(self._written.residual[:, :3], axis=1), 0.0)
+
+    def _at_all_points(self, values: FloatArray, other: float | FloatArray) -> FloatArray:
+        """Return values (m, …) of all points from those (k, …) of the written ones, and others elsewhere."""
+        everywhere = np.empty((len(self._visits.order), *values.shape[1:]))
+        everywhere[...] = other
+        everywhere[self._written.corrections.points] = values
+        return everywhere
+
+    def _place_messages(self, placed: _Placed) -> list[ProcessPlace]:
+        """Return the best places as messages."""
+        middle = self._as_sent.path.middle
+        return [
+            ProcessPlace(
+                centre=point(place[:3]),
+                shift=point(place[:3] - middle),
+                turn=float(place[3]),
+                deflection=_band_message(band),
+                behind_best=None if ranking is None else _band_message(ranking.difference),
+                is_worse=ranking is not None and ranking.is_ordered,
+            )
+            for place, (band, ranking) in zip(placed.places, placed.rankings, strict=True)
+        ]
+
+    def _list_frames(self) -> list[str]:
+        """Return the base frames of the best place, as a user types them into the controller."""
+        notation, frames = choose_frame_notation(self._program), self._placed.program.frames
+        used = np.unique(frames.base.of_target[self._visits.order]).tolist()
+        lines = []
+        for index in used:
+            name = self._program.targets.frames[index].name if index >= 0 else "base of the whole program"
+            pose = np.linalg.inv(self._world) @ frames.base.poses[index]
+            numbers = notation.from_poses(pose[None], np.zeros((1, 3 + notation.count)))[0]
+            lines.append(f"{name or 'base'}: {', '.join(figure(each, '.7g') for each in numbers.tolist())}")
+        return lines
+
+    @cached_property
+    def _world(self) -> FloatArray:
+        """(4, 4) pose of the controller's world in R0 [m]."""
+        stated = self._request.world
+        return np.eye(4) if stated is None else choose_frame_notation(self._program).to_pose(stated)
+
+    def _pack_choice(self, tried: FloatArray) -> bytes:
+        """Return the tables of turns and places as bytes that `choice_sheets` reads."""
+        first, choice, placed = self._visits.first, self._placed.choice, self._placed
+        confidence = self._request.confidence
+        near, far = self._after.bands(confidence)
+        columns = {
+            "turn [deg]": np.degrees(choice.turn[first])[:, None],
+            "before [mm]": 1e3 * self._before.length[:, None],
+            "turned [mm]": 1e3 * self._after.length[:, None],
+            "turned low, readings [mm]|turned high, readings [mm]": 1e3 * near,
+            "turned low, with model error [mm]|turned high, with model error [mm]": 1e3 * far,
+            "remaining [mm]": 1e3 * self._residual[:, None],
+            _joint_headers(""): np.degrees(self._arm(self._path.cases.joints)),
+            _joint_headers(", command"): np.degrees(self._arm(self._commanded)),
+        }
+        table = np.column_stack(list(columns.values()))
+        places = np.column_stack([tried, self._sizes]) if len(tried) else np.zeros((0, 5))
+        content = io.BytesIO()
+        np.savez(
+            content,
+            allow_pickle=False,
+            headers=np.array("|".join(columns)),
+            turns=table.astype(np.float32),
+            places=places.astype(np.float32),
+            best=placed.places.astype(np.float32),
+        )
+        return content.getvalue()
+
+    def _arm(self, joints: FloatArray) -> FloatArray:
+        """Return the arm's joints (m, 6) [rad] of all joints (m, n)."""
+        return self._inverse.select_arm_joints(joints)
+
+    @property
+    def _commanded(self) -> FloatArray:
+        """(m, n) controller's joints of the corrected targets [rad or m]."""
+        return self._at_all_points(self._written.corrections.commanded, self._path.cases.joints)
+
+
+def _joint_headers(suffix: str) -> str:
+    """Return the headers of six joints, separated by bars."""
+    return "|".join(f"J{j}{suffix} [deg]" for j in range(1, 7))
+
+
+def _band_message(band: Band) -> DeflectionBand:
+    """Return the message of a value with its intervals."""
+    return DeflectionBand(value=band.value, readings=band.readings, with_model_error=band.with_model_error)
+
+
+def turns_sheet(content: bytes) -> Sheet:
+    """Return the table of the turns of all points from bytes of a result's `choice`."""
+    stored = np.load(io.BytesIO(content), allow_pickle=False)
+    numbers = stored["turns"]
+    columns: dict[str, Any] = {"point": np.arange(1, len(numbers) + 1)}
+    columns |= dict(zip(str(stored["headers"]).split("|"), numbers.T, strict=True))
+    return Sheet(columns, digits=".7g")
+
+
+def places_sheet(content: bytes) -> Sheet:
+    """Return the table of all places that were tried from bytes of a result's `choice`."""
+    places = np.load(io.BytesIO(content), allow_pickle=False)["places"]
+    columns: Mapping[str, Any] = {
+        "x [m]": places[:, 0],
+        "y [m]": places[:, 1],
+        "z [m]": places[:, 2],
+        "turn [deg]": np.degrees(places[:, 3]),
+        "deflection [m]": places[:, 4],
+    }
+    return Sheet(dict(columns), digits=".7g")
+
+
+def prepare_process(inputs: Inputs, request: ProcessRequest) -> ProcessWork:
+    """Fetch the run or robot of a request, and return the work of the process.
+
+    Raises:
+        RequestError: run or robot do not exist or give no model; or the request has no files, does not fit,
+            or has a program that was compensated already.
+    """
+    if request.run_id is None:
+        robot_id = request.robot_id or ""
+        robot, content = inputs.robot(robot_id, "robot_id")
+        refuse_corrected_files(inputs, request, robot_id)
+        return ProcessWork(robot, robot_id, None, request, content)
+    run = find_accepted_run(inputs, request.run_id, request.accept_verdict)
+    refuse_corrected_files(inputs, request, run.prepared.robot_id)
+    return ProcessWork(run.prepared.robot, run.prepared.robot_id, run.run, request)

@@ -1,0 +1,196 @@
+"""Postures that bring the tool to the points of a path: all turns about the spindle, and all branches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.postures import Postures, find_wrist
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.predict.forward import ForwardModel
+from jointstiff.solver.process.path import ProcessPath
+
+_FULL_TURNS: Final = 2.0 * np.pi * np.array([0, 1, -1, 2, -2])
+"""Full turns that are added to a joint's angle [rad], the nearest to zero first."""
+_MOST_STATES: Final = 40_000
+"""States of a point of a path from which further full turns of joints are left out."""
+_PARALLEL: Final = 1e-2
+"""Sine of the angle between axes that count as parallel in all postures."""
+_MOST_TURNING: Final = (5, 3, 0, 4, 2, 1)
+"""Joints of the arm in the order in which their full turns matter: those with the widest limits first."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """K postures for the points of a path, within the limits of the joints; sorted by point.
+
+    Postures whose joints differ by full turns have the same deflection.
+    """
+
+    point: IndexArray  #: (K,) index of the point
+    turn: IndexArray  #: (K,) index of the turn about the spindle axis; −1 for a given posture
+    joints: FloatArray  #: (K, n) controller's joints [rad or m]
+    size: FloatArray  #: (K,) length of the deflection, to first order in the load [m]; zero without a load
+    #: (K,) least singular value of the flange's Jacobian, in m and rad, with the sign of its determinant:
+    #: the arm crosses a singularity between two postures of different signs
+    regularity: FloatArray
+
+    def select(self, kept: BoolArray) -> Candidates:
+        """Return those candidates only that a mask (K,) keeps."""
+        return Candidates(*(each[kept] for each in vars(self).values()))
+
+    def rows(self, points: int) -> list[slice]:
+        """Return the rows of each of the path's points."""
+        ends = np.searchsorted(self.point, np.arange(points + 1))
+        return [slice(first, last) for first, last in pairwise(ends.tolist())]
+
+
+def list_candidates(
+    model: ForwardModel,
+    inverse: InverseKinematics,
+    path: ProcessPath,
+    turns: FloatArray,
+    clearance: float,
+) -> Candidates:
+    """List the postures for all points and turns that keep the limits of the joints and the clearance.
+
+    Args:
+        model: model of the loaded robot.
+        inverse: inverse kinematics of the same robot.
+        path: path of m points.
+        turns: (T,) turns about the spindle axis, from the posture of the path [rad].
+        clearance: least singular value of the flange's Jacobian that a posture may have, in m and rad.
+
+    Raises:
+        RequestError: a point has no posture.
+    """
+    robot = model.robot
+    free = np.flatnonzero(np.isnan(path.given[:, 0]))
+    point, turn = np.repeat(free, len(turns)), np.tile(np.arange(len(turns)), len(free))
+    solutions, _ = inverse.solve(path.turn(point, turns[turn])) if len(point) else (np.zeros((0, 8, 6)), None)
+    row, branch = np.nonzero(np.isfinite(solutions[:, :, 0]))
+    point, turn = point[row], turn[row]
+    model_angles = inverse.insert_held_joints(solutions[row, branch], of_model=True)
+    given = np.flatnonzero(~np.isnan(path.given[:, 0]))
+    point = np.concatenate([point, given])
+    turn = np.concatenate([turn, np.full(len(given), -1, dtype=np.intp)])
+    model_angles = np.concatenate([model_angles, robot.joint_map.model_angles(path.given[given])])
+    postures = Postures(robot, model_angles)
+    size = _compute_sizes(model, path, point, postures)
+    regularity = _compute_regularity(inverse, postures)
+    usable = np.abs(regularity) >= clearance
+    if path.near is not None:
+        near = Postures(robot, robot.joint_map.model_angles(path.near))
+        usable &= find_branches(inverse, postures) == find_branches(inverse, near)[point]
+    usable |= turn < 0
+    index, angles = _add_full_turns(inverse, robot, model_angles, usable, turn, len(path))
+    joints = robot.joint_map.controller_angles(angles)
+    if path.near is not None:
+        apart = np.abs(joints - path.near[point[index]])[:, inverse.revolute].max(axis=1, initial=0.0)
+        kept = path.continuous[point[index]] | (apart <= np.pi) | (turn[index] < 0)
+        index, joints = index[kept], joints[kept]
+    order = np.argsort(point[index], kind="stable")
+    index, joints = index[order], joints[order]
+    found = Candidates(point[index], turn[index], joints, size[index], regularity[index])
+    _refuse_unreached(found, path, point, usable)
+    return found
+
+
+def _compute_sizes(
+    model: ForwardModel, path: ProcessPath, point: IndexArray, postures: Postures
+) -> FloatArray:
+    """Return the lengths (K,) of the deflections of postures at points, to first order in the load [m]."""
+    size = np.zeros(len(point))
+    if len(point):
+        joints = model.robot.joint_map.controller_angles(postures.q)
+        cases = path.cases(point, joints)
+        size = np.linalg.norm(model.linear_displacement(cases, postures), axis=1)
+    return size
+
+
+def _compute_regularity(inverse: InverseKinematics, postures: Postures) -> FloatArray:
+    """Return the signed least singular values (K,) of the flange's Jacobian of the arm's joints."""
+    if not len(postures):
+        return np.zeros(0)
+    jacobian = postures.pose_jacobian_at(postures.flange_translation[:, None])
+    arm = jacobian[:, :, inverse.revolute]
+    # The least eigenvalue of J Jᵀ would lose half of the digits: the singular values keep them.
+    least = np.linalg.svd(arm, compute_uv=False)[:, -1]
+    return np.asarray(np.sign(np.linalg.det(arm)) * least)
+
+
+def find_branches(inverse: InverseKinematics, postures: Postures) -> IndexArray:
+    """Return numbers (K,) of the branches of the arm: postures of one number need cross no singularity.
+
+    The bits of a number are the signs of three functions, each of which is zero where the arm is singular:
+    ``(a_4 × a_5) · a_6`` of the wrist, ``a_2 · ((o_3 − o_2) × (w − o_3))`` of the elbow, and the determinant
+    of the Jacobian. a_j and o_j are direction and a point of axis j; w is the centre of the wrist, or a point
+    of axis 4 if that is parallel to axis 2.
+    """
+    jacobian = postures.jacobian[:, :, inverse.revolute]
+    moment, axis = jacobian[:, :3].transpose(2, 0, 1), jacobian[:, 3:].transpose(2, 0, 1)
+    foot = np.cross(axis, moment)  # the point of each axis that is nearest to the origin of R0
+    wrist, centre = find_wrist(inverse.arm), foot[3]
+    parallel = np.linalg.norm(np.cross(axis[1], axis[3]), axis=1).max(initial=0.0) < _PARALLEL
+    if wrist is not None and not parallel:
+        centre = postures.to_base(np.broadcast_to(wrist.centre, (len(postures), 1, 3)))[:, 0]
+    of_wrist = np.einsum("ki,ki->k", np.cross(axis[3], axis[4]), axis[5])
+    of_elbow = np.einsum("ki,ki->k", axis[1], np.cross(foot[2] - foot[1], centre - foot[2]))
+    full = postures.pose_jacobian_at(postures.flange_translation[:, None])[:, :, inverse.revolute]
+    signs = (of_wrist > 0.0, of_elbow > 0.0, np.linalg.det(full) > 0.0)
+    return np.asarray(sum(sign.astype(np.intp) << bit for bit, sign in enumerate(signs)))
+
+
+def _add_full_turns(
+    inverse: InverseKinematics,
+    robot: Robot,
+    angles: FloatArray,
+    usable: BoolArray,
+    turn: IndexArray,
+    points: int,
+) -> tuple[IndexArray, FloatArray]:
+    """Return all postures within the limits that differ from usable ones by full turns of joints.
+
+    Given postures (`turn` −1) stay as they are. Full turns of further joints are left out where a point
+    would have more than `_MOST_STATES` postures.
+
+    Returns:
+        (S,) indices of the postures, and (S, n) the model's joints [rad or m].
+    """
+    fixed = np.flatnonzero(turn < 0)
+    index = np.flatnonzero(usable & (turn >= 0))
+    states = angles[index]
+    for j in inverse.revolute[list(_MOST_TURNING)].tolist():
+        low, high = robot.limits[j]
+        wrapped = states[:, j] - 2.0 * np.pi * np.round(states[:, j] / (2.0 * np.pi))
+        shifted = wrapped[:, None] + _FULL_TURNS
+        inside = (shifted >= low) & (shifted <= high)
+        if inside.sum() > _MOST_STATES * points:  # keep only the angle nearest to zero
+            inside &= np.cumsum(inside, axis=1) == 1
+        row, column = np.nonzero(inside)
+        states, index = states[row], index[row]
+        states[:, j] = shifted[row, column]
+    return np.concatenate([index, fixed]), np.concatenate([states, angles[fixed]])
+
+
+def _refuse_unreached(found: Candidates, path: ProcessPath, solved: IndexArray, usable: BoolArray) -> None:
+    """Raise a `RequestError` for the first point of a path that has no posture."""
+    counts = np.bincount(found.point, minlength=len(path))
+    if counts.all():
+        return
+    point = int(np.argmin(counts))
+    reason, remedy = "the robot does not reach it at any turn", "check tool, base and place of the workpiece"
+    if (solved == point).any():
+        reason, remedy = "all its postures exceed the joints' limits", "move the workpiece"
+        if not usable[solved == point].any():
+            reason, remedy = (
+                "all its postures are too near a singularity, or on another branch",
+                "lower `clearance`, state `branches: free`, or move the workpiece",
+            )
+    raise RequestError(f"point {point + 1} of the path: {reason}", where="turn", remedy=remedy)

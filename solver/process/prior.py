@@ -1,0 +1,53 @@
+"""Prior stiffness of an arm that nobody has measured: from its payload and reach.
+
+Makers build joints for the torque of the payload at the reach. Of the two arms that are published with
+numbers, the ratio of each joint's stiffness to this torque is known; see `estimation/payload.py`.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.errors import RobotError
+from jointstiff.solver.estimation.fit import Likelihood
+from jointstiff.solver.estimation.payload import MEASURED_ARMS, payload_torque
+from jointstiff.solver.estimation.problem import Bounds, Constraints
+from jointstiff.solver.mechanics.postures import measure_reach
+from jointstiff.solver.mechanics.robot import Robot
+from jointstiff.solver.predict.models import JointModel
+
+FACTOR: Final = 2.0
+"""Factor within which a prior stiffness is expected to be right, at 95 %."""
+_DEVIATION: Final = 0.5 * float(np.log(FACTOR))
+"""Relative standard deviation of a prior compliance."""
+_SIX: Final = 6
+
+
+def build_prior_model(robot: Robot) -> JointModel:
+    """Build the model of an arm with six revolute joints from its payload and its reach.
+
+    The ratio of joint 1 is taken as the geometric mean of those of joints 2 and 3, because a dead weight does
+    not twist joint 1, so that neither of the two arms has its stiffness.
+
+    Raises:
+        RobotError: the payload is unknown, or the arm has other joints.
+    """
+    if robot.payload is None:
+        raise RobotError(
+            "the robot has no payload, from which a prior of its stiffness follows",
+            where="payload",
+            remedy="state `payload` of the robot [kg], or identify its stiffness",
+        )
+    if robot.n != _SIX or robot.prismatic.any():
+        raise RobotError(
+            "only an arm with six revolute joints has a prior of its stiffness",
+            where="robot",
+            remedy="identify its stiffness",
+        )
+    ratios = np.exp(np.mean([np.log(arm.ratios()) for arm in MEASURED_ARMS], axis=0))  # of joints 2 to 6
+    ratios = np.concatenate([[np.sqrt(ratios[0] * ratios[1])], ratios])
+    compliance = 1.0 / (ratios * payload_torque(robot.payload, measure_reach(robot)))
+    likelihood = Likelihood(np.arange(_SIX), compliance, np.diag(np.square(_DEVIATION * compliance)))
+    return JointModel(robot, compliance, likelihood, Constraints(Bounds.positive(_SIX)))

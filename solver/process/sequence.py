@@ -1,0 +1,231 @@
+"""The sequence of postures along a path with the least deflection, by dynamic programming.
+
+The sequence is the best of all sequences of the candidates: the least sum of squares (or the least greatest
+value) of the deflections, plus a weight on changes of the turn, where no joint moves more than a step between
+two points of a line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.process.candidates import Candidates
+
+_NONE: Final = -1
+_ROUNDING: Final = 1e-9
+"""Part of a step that is kept free, so that differences of rounded angles do not exceed the step."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How a sequence of postures may move."""
+
+    step: float  #: greatest motion of a joint from a point to the next along a line [rad or m]
+    #: cost of a change of the turn by 1 rad, as a multiple of the mean square of the deflections
+    smoothness: float = 0.0
+    greatest: bool = False  #: whether the greatest deflection is minimised, and not the root mean square
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Allowed motions from the candidates of a point to those of the next, sorted by the latter."""
+
+    first: IndexArray  # (E,) candidate of the point before, counted from its first one
+    last: IndexArray  # (E,) candidate of the point
+    cost: FloatArray  # (E,) cost of the change of the turn, in units of the candidates' values
+
+
+@dataclass(frozen=True, eq=False)
+class Trellis:
+    """Candidates of m points, and the motions between them.
+
+    Attributes:
+        rows: m slices of the candidates.
+        links: m − 1 motions, from each point to the next; None if the joints move freely.
+    """
+
+    candidates: Candidates
+    rows: Sequence[slice]
+    links: Sequence[Links | None]
+    angles: FloatArray  # (T,) turns about the spindle axis [rad]
+
+    @classmethod
+    def link(
+        cls, candidates: Candidates, angles: FloatArray, continuous: BoolArray, motion: Motion
+    ) -> Trellis:
+        """Find the motions between the candidates of a path.
+
+        Args:
+            candidates: candidates of the m points of the path.
+            angles: (T,) turns about the spindle axis [rad].
+            continuous: (m,) mask of points that are reached from the point before along a line or an arc.
+            motion: step and smoothness.
+
+        Raises:
+            RequestError: between two points of a line each posture would move a joint by more than the step,
+                or across a singularity.
+        """
+        rows = candidates.rows(len(continuous))
+        links: list[Links | None] = []
+        # Only candidates that are reached from the first point are tried, so that errors name a real gap.
+        reached = np.ones(rows[0].stop - rows[0].start, dtype=np.bool_)
+        for i in range(1, len(continuous)):
+            before, here = rows[i - 1], rows[i]
+            if not continuous[i]:
+                links.append(None)
+                reached = np.ones(here.stop - here.start, dtype=np.bool_)
+                continue
+            sources = np.flatnonzero(reached)
+            first, last = _find_near(candidates, before, here, sources, motion.step)
+            if not len(first):
+                _refuse_gap(candidates, before, here, sources, i, motion.step)
+            order = np.argsort(last, kind="stable")
+            first, last = first[order], last[order]
+            turns = candidates.turn[before][first], candidates.turn[here][last]
+            change = angles[turns[1]] - angles[turns[0]]
+            change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
+            # A given posture has no turn.
+            change = np.where((turns[0] < 0) | (turns[1] < 0), 0.0, change)
+            links.append(Links(first, last, motion.smoothness * np.square(change)))
+            reached = np.zeros(here.stop - here.start, dtype=np.bool_)
+            reached[last] = True
+        return cls(candidates, rows, links, angles)
+
+    def restrict(self, kept: BoolArray) -> Trellis:
+        """Return a trellis of those candidates only that a mask (K,) keeps."""
+        links: list[Links | None] = []
+        numbers = np.cumsum(kept) - 1  # new indices of the candidates that are kept
+        rows = [
+            slice(int(numbers[each.start - 1]) + 1 if each.start else 0, int(numbers[each.stop - 1]) + 1)
+            for each in self.rows
+        ]
+        for i, link in enumerate(self.links):
+            if link is None:
+                links.append(None)
+                continue
+            first, last = link.first + self.rows[i].start, link.last + self.rows[i + 1].start
+            both = kept[first] & kept[last]
+            first, last = numbers[first[both]] - rows[i].start, numbers[last[both]] - rows[i + 1].start
+            links.append(Links(first, last, link.cost[both]))
+        return Trellis(self.candidates.select(kept), rows, links, self.angles)
+
+    def find_best(self, value: FloatArray, *, greatest: bool = False) -> IndexArray | None:
+        """Find the sequence of the least sum of values, or of the least greatest value.
+
+        Args:
+            value: (K,) value of each candidate, such as the square of its deflection.
+            greatest: whether the greatest value counts in place of the sum.
+
+        Returns:
+            (m,) indices of candidates; None if no sequence is allowed.
+        """
+        if any(each.start == each.stop for each in self.rows):
+            return None
+        total, back = value[self.rows[0]], list[IndexArray]()
+        for links, here in zip(self.links, self.rows[1:], strict=True):
+            own = value[here]
+            if links is None:
+                best = int(np.argmin(total))
+                before, source = np.full(len(own), total[best]), np.full(len(own), best, dtype=np.intp)
+            else:
+                before, source = _find_best_links(links, total, len(own), greatest=greatest)
+            total = np.maximum(before, own) if greatest else before + own
+            back.append(source)
+        state = int(np.argmin(total))
+        if not np.isfinite(total[state]):
+            return None
+        sequence = [state]
+        for source in reversed(back):
+            sequence.append(int(source[sequence[-1]]))
+        return np.array([self.rows[i].start + s for i, s in enumerate(reversed(sequence))], dtype=np.intp)
+
+    def find_consistent(
+        self, value: FloatArray, first: IndexArray, *, greatest: bool = False
+    ) -> IndexArray | None:
+        """Find the best sequence in which points that are the same target have the same posture.
+
+        If the best of all sequences reaches a target in two postures, the posture at the target's first visit
+        is kept, and the best sequence with it is found.
+
+        Args:
+            value: (K,) value of each candidate.
+            first: (m,) index of the first point that is the same target, for each point.
+            greatest: whether the greatest value counts in place of the sum.
+
+        Returns:
+            (m,) indices of candidates; None if no sequence is found.
+        """
+        found, candidates = self.find_best(value, greatest=greatest), self.candidates
+        if found is None or (candidates.joints[found] == candidates.joints[found[first]]).all():
+            return found
+        repeated = np.flatnonzero(np.bincount(first, minlength=len(first))[first] > 1)
+        is_repeated = np.isin(candidates.point, repeated)
+        wanted = candidates.joints[found[first[candidates.point]]]
+        kept = ~is_repeated | (candidates.joints == wanted).all(axis=1)
+        again = self.restrict(kept).find_best(value[kept], greatest=greatest)
+        return None if again is None else np.flatnonzero(kept)[again]
+
+
+def _find_near(
+    candidates: Candidates, before: slice, here: slice, sources: IndexArray, step: float
+) -> tuple[IndexArray, IndexArray]:
+    """Return all pairs of postures between which no joint moves by more than a step, nor a singularity lies.
+
+    Args:
+        candidates: candidates of the path.
+        before: rows of the point before.
+        here: rows of the point.
+        sources: (s,) candidates of the point before to be tried, counted from its first one.
+        step: greatest motion of a joint [rad or m].
+
+    Returns:
+        (E,) candidates of the point before, and (E,) candidates of the point, counted from its first one.
+    """
+    joints, regularity = candidates.joints, candidates.regularity
+    near = KDTree(joints[before][sources]).sparse_distance_matrix(
+        KDTree(joints[here]), step * (1.0 - _ROUNDING), p=np.inf, output_type="ndarray"
+    )
+    first, last = sources[near["i"]], near["j"].astype(np.intp)
+    signs = np.sign(regularity[before][first]), np.sign(regularity[here][last])
+    given = (candidates.turn[before][first] < 0) | (candidates.turn[here][last] < 0)
+    same_side = (signs[0] == signs[1]) | given
+    return first[same_side], last[same_side]
+
+
+def _find_best_links(
+    links: Links, total: FloatArray, count: int, *, greatest: bool
+) -> tuple[FloatArray, IndexArray]:
+    """Return the least total (count,) with which each candidate is reached, and the candidate before it."""
+    cost = total[links.first] if greatest else total[links.first] + links.cost
+    before, source = np.full(count, np.inf), np.zeros(count, dtype=np.intp)
+    if not len(cost):
+        return before, source
+    starts = np.flatnonzero(np.diff(links.last, prepend=_NONE))
+    reached = links.last[starts]
+    before[reached] = np.minimum.reduceat(cost, starts)
+    # The first link of the least cost: a link is the best one of its candidate if its cost is the minimum.
+    is_best = np.flatnonzero(cost == before[links.last])
+    source[links.last[is_best[::-1]]] = links.first[is_best[::-1]]
+    return before, source
+
+
+def _refuse_gap(
+    candidates: Candidates, before: slice, here: slice, sources: IndexArray, point: int, step: float
+) -> None:
+    """Raise a `RequestError` that names the step that would be needed between two points."""
+    distance, _ = KDTree(candidates.joints[before][sources]).query(candidates.joints[here], p=np.inf)
+    least = float(np.degrees(np.min(distance)))
+    reason = (
+        f"between the points {point} and {point + 1} of the path a joint moves by at least {least:.3g}°, "
+        f"more than the step of {np.degrees(step):.3g}°"
+        if least > np.degrees(step)
+        else f"between the points {point} and {point + 1} of the path each motion crosses a singularity"
+    )
+    raise RequestError(reason, where="step", remedy="raise `step`, or add points between the two")

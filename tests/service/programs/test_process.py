@@ -1,0 +1,263 @@
+"""Processes: programs with turned tools, written and read back, beside exact springs."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from support.process_paths import process_path
+from support.programs import ARM, exact_run, loaded_poses, options, path, tool_poses, work_of
+
+import jointstiff
+from jointstiff.schemas.process import ProcessRequest
+from jointstiff.service.kinds.process.work import ProcessWork, places_sheet, turns_sheet
+from jointstiff.service.kinds.program.work import compress_file, decompress_file, points_sheet
+from jointstiff.service.programs.formats import read_program
+from jointstiff.simulator import equilibrium, simulate_campaign
+from jointstiff.simulator.programs import PROGRAM_FILES, program_text
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.process.cut import MATERIALS, Cut
+
+ACROSS = [float(np.sin(np.pi / 4)), 0.0, float(np.cos(np.pi / 4))]
+"""Spindle at 45° to the last axis."""
+FORCE = [300.0, 400.0, -1400.0]
+
+
+def work(kind, text, **changes):
+    robot, run = exact_run()
+    files = [compress_file(PROGRAM_FILES[kind], text.encode("latin-1"))]
+    stated = options(kind, spindle=ACROSS, step=60.0) | changes
+    request = ProcessRequest.model_validate({"run_id": "r", "files": files, **stated})
+    return ProcessWork(robot, "robot", run, request)
+
+
+def processed(kind, text, **changes):
+    return work(kind, text, **changes).conclude(())
+
+
+def program(kind, count=8, digits=9):
+    return program_text(kind, tool_poses(path(count)), digits)
+
+
+def turns(result):
+    return {
+        name: np.asarray(values)
+        for name, values in turns_sheet(decompress_file(result.choice)).columns.items()
+    }
+
+
+def commanded(result):
+    table = turns(result)
+    return np.radians(np.column_stack([table[f"J{j}, command [deg]"] for j in range(1, 7)]))
+
+
+@pytest.mark.parametrize("kind", PROGRAM_FILES)
+def test_the_written_program_reads_back_as_it_was_meant_and_the_loaded_tool_is_on_its_targets(kind):
+    result = processed(kind, program(kind))
+    assert result.gain in {"less", "no_order"}
+    assert result.turned.value < result.before.value
+    written = read_program([(PROGRAM_FILES[kind], decompress_file(result.files[0]))])
+    (notation,) = written.targets.notations
+    goal = tool_poses(path(8))
+    joints = commanded(result)
+    if notation.has_pose:
+        tool = notation.to_poses(written.targets.values[:, : 3 + notation.count])
+        to_tool = np.eye(4)
+        to_tool[:3, 3] = [0.01, -0.02, 0.2155]
+        inverse = InverseKinematics(exact_run()[0])
+        joints, reached = inverse.refine(tool @ np.linalg.inv(to_tool), joints)
+        assert reached.all()
+        np.testing.assert_allclose(joints, commanded(result), rtol=0, atol=1e-5)
+        # The spindle points where it did, and the loaded tool is on its target.
+        loaded = loaded_poses(joints, FORCE)
+        np.testing.assert_allclose(loaded[:, :3, 3], goal[:, :3, 3], rtol=0, atol=1e-7)
+        np.testing.assert_allclose(loaded[:, :3, :3] @ ACROSS, goal[:, :3, :3] @ ACROSS, rtol=0, atol=1e-6)
+        assert result.corrected == 8
+    else:
+        assert not any(np.isfinite(turns(result)["turn [deg]"])), "targets in joint angles have no turn"
+
+
+@lru_cache
+def turned():
+    return processed("krl", program("krl"))
+
+
+def test_the_deflection_before_and_after_is_that_of_exact_springs():
+    result = turned()
+    table = turns(result)
+
+    def exact(joints):
+        force = np.tile(FORCE, (len(joints), 1))
+        zero, place = 0.0 * force, np.tile([0.01, -0.02, 0.2155], (len(joints), 1))
+        bent = joints + equilibrium(ARM, joints, force, zero, place)
+        ends = [ARM.posture(each).point_to_base(place) for each in (joints, bent)]
+        return np.linalg.norm(ends[1] - ends[0], axis=1)
+
+    wanted = np.radians(np.column_stack([table[f"J{j} [deg]"] for j in range(1, 7)]))
+    np.testing.assert_allclose(1e-3 * table["turned [mm]"], exact(wanted), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(1e-3 * table["before [mm]"], exact(path(8)), rtol=0, atol=1e-8)
+    assert result.before.value == pytest.approx(np.sqrt(np.mean(exact(path(8)) ** 2)), abs=1e-8)
+    assert result.turned.value == pytest.approx(np.sqrt(np.mean(exact(wanted) ** 2)), abs=1e-8)
+    assert result.difference.value == pytest.approx(result.turned.value - result.before.value)
+
+
+def test_a_turn_that_is_kept_is_the_program_of_compensate():
+    """One path, one model: the same numbers, and the same bytes."""
+    kept = processed("krl", program("krl"), turn="keep")
+    compensated = work_of("krl", program("krl"), load={"force": FORCE}).conclude(())
+    assert decompress_file(kept.files[0]) == decompress_file(compensated.files[0])
+    assert kept.deflection == compensated.deflection
+    assert kept.before == kept.turned
+    table, expected = (points_sheet(decompress_file(each.table)).columns for each in (kept, compensated))
+    for name, column in expected.items():
+        np.testing.assert_array_equal(table[name], column)
+
+
+def test_without_a_correction_only_orientations_change():
+    result = processed("krl", program("krl"), correct=False)
+    written = read_program([("part.src", decompress_file(result.files[0]))])
+    sent = read_program([("part.src", program("krl").encode())])
+    np.testing.assert_allclose(written.targets.values[:, :3], sent.targets.values[:, :3], rtol=0, atol=1e-5)
+    assert np.abs(written.targets.values[:, 3:6] - sent.targets.values[:, 3:6]).max() > 1.0
+    assert result.remaining == result.turned
+    assert b"Jointstiff run" not in decompress_file(result.files[0])
+
+
+def test_a_range_of_turns_is_kept():
+    result = processed("krl", program("krl"), turn=[-20.0, 30.0])
+    angles = turns(result)["turn [deg]"]
+    assert angles.min() >= -20.0 - 1e-4
+    assert angles.max() <= 30.0 + 1e-4
+    assert result.turned.value >= turned().turned.value
+
+
+def test_a_force_along_the_feed_and_a_cut_are_those_of_the_solver():
+    """Both are one load along the path, which compensate takes, too."""
+    cut = {
+        "material": "aluminium",
+        "diameter": 0.016,
+        "teeth": 3,
+        "speed": 200.0,
+        "feed": 0.06,
+        "depth": 0.004,
+        "width": 0.016,
+    }
+    fields = {name: value for name, value in cut.items() if name != "material"}
+    force = Cut(MATERIALS["aluminium"], **fields).mean_force().tolist()
+    by_cut = processed("krl", program("krl"), load=None, cut=cut)
+    by_feed = processed("krl", program("krl"), load={"force": force}, axes="feed", force_uncertainty=0.25)
+    assert by_cut.before == by_feed.before
+    assert by_cut.turned == by_feed.turned
+    exact = processed("krl", program("krl"), load={"force": force}, axes="feed")
+    assert exact.before.value == by_feed.before.value
+    half = [each.before.readings[1] - each.before.value for each in (by_cut, exact)]
+    assert half[0] > 0.2 * by_cut.before.value > half[1]
+    compensated = work_of("krl", program("krl"), load=None, cut=cut, spindle=ACROSS).conclude(())
+    kept = processed("krl", program("krl"), load=None, cut=cut, turn="keep")
+    assert compensated.deflection == kept.deflection
+
+
+@pytest.fixture(scope="module")
+def run():
+    document = simulate_campaign(ARM, load="pull", configurations=16, seed=1)
+    return jointstiff.identify(document)
+
+
+def tools_of(p):
+    """Poses (m, 4, 4) of the tool, axes of the flange."""
+    poses = p.poses.copy()
+    poses[:, :3, 3] = p.centres
+    return poses
+
+
+def array_options(p):
+    return {
+        "axes": "feed",
+        "spindle": p.spindle[0].tolist(),
+        "tools": [{"values": [*p.place[0].tolist(), 0.0, 0.0, 0.0]}],
+    }
+
+
+def test_a_run_places_and_turns_an_array_of_poses(run):
+    p = process_path("trim", np.array([1.7, 0.0, 0.8]), count=12)
+    stated = array_options(p)
+    turned_only = run.process(tools_of(p), forces=[-150.0, -300.0, -120.0], **stated)
+    low, high = p.middle - [0.2, 0.2, 0.0], p.middle + [0.2, 0.2, 0.0]
+    placed = run.process(
+        tools_of(p),
+        forces=np.tile([-150.0, -300.0, -120.0], (12, 1)),
+        turn="free",
+        place=[low.tolist(), high.tolist()],
+        grid=(3, 3, 1),
+        place_turns=4,
+        **stated,
+    )
+    assert turned_only.error is placed.error is None
+    best = placed.result.places[0]
+    assert placed.result.turned.value == best.deflection.value < turned_only.result.turned.value
+    assert placed.result.before == turned_only.result.before
+    assert (np.array(best.centre) >= low - 1e-9).all()
+    assert (np.array(best.centre) <= high + 1e-9).all()
+    np.testing.assert_allclose(np.array(best.centre) - best.shift, p.middle, atol=1e-9)
+    assert placed.result.places_tried == 36
+    assert len(placed.table("csv").splitlines()) == 13
+    sheet = places_sheet(decompress_file(placed.result.choice))
+    assert len(sheet.columns["x [m]"]) == 36
+    for other in placed.result.places[1:]:
+        assert other.behind_best.value >= 0.0
+        interval = other.behind_best.with_model_error or other.behind_best.readings
+        assert other.is_worse == (interval[0] > 0.0)
+    assert "Best places" in str(placed)
+
+
+def test_forces_of_the_points_are_the_force_of_all(run):
+    p = process_path("blade", np.array([1.7, 0.0, 0.8]), count=8)
+    stated = array_options(p)
+    one = run.process(tools_of(p), forces=[-150.0, -300.0, -120.0], **stated)
+    each = run.process(tools_of(p), forces=np.tile([-150.0, -300.0, -120.0], (8, 1)), **stated)
+    assert one.result.turned == each.result.turned
+    with pytest.raises(ValueError, match="array of poses"):
+        run.process(np.zeros((8, 5)), forces=[1.0, 0.0, 0.0])
+
+
+def test_an_arm_of_the_catalogue_is_answered_before_it_is_measured():
+    p = process_path("trim", np.array([1.9, 0.0, 0.9]), count=8)
+    stated = array_options(p)
+    prior = jointstiff.process(
+        "KUKA KR 210 R2700 extra", tools_of(p), forces=[-150.0, -300.0, -120.0], **stated
+    )
+    assert prior.error is None
+    codes = [reason.code for reason in prior.result.assessment.reasons]
+    assert "prior_stiffness" in codes
+    assert prior.result.assessment.verdict == "use_with_care"
+    low, high = prior.result.before.readings
+    assert low < 0.75 * prior.result.before.value < 1.25 * prior.result.before.value < high
+
+
+def test_a_spindle_along_the_last_axis_gains_nothing(run):
+    p = process_path("trim", np.array([1.7, 0.0, 0.8]), count=8, angle=0.0, offset=(0.0, 0.0, 0.3))
+    result = run.process(tools_of(p), forces=[-150.0, -300.0, -120.0], **array_options(p))
+    assert result.result.gain == "no_gain"
+    assert str(result).splitlines()[1].startswith("no gain")
+
+
+def test_a_run_that_cannot_rank_says_so_first(run):
+    p = process_path("trim", np.array([1.7, 0.0, 0.8]), count=8)
+    weak = run.process(
+        tools_of(p),
+        forces=[-150.0, -300.0, -120.0],
+        turn=[-12.0, 12.0],
+        turns=180,
+        force_uncertainty=1.0,
+        **array_options(p),
+    )
+    assert weak.result.gain == "no_order"
+    assert weak.result.assessment.reasons[0].code == "no_order"
+
+
+def test_a_table_of_positions_cannot_be_turned():
+    text = "x [mm],y [mm],z [mm]\n" + "\n".join(
+        ",".join(f"{1e3 * each:.3f}" for each in pose[:3, 3]) for pose in tool_poses(path(4))
+    )
+    with pytest.raises(RequestError, match="no angle about the tool's axis"):
+        processed("csv", text, tool_x=[1.0, 0.0, 0.0])

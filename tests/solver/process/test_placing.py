@@ -1,0 +1,169 @@
+"""Places of the workpiece, what one way gains over another, and the prior of an arm that nobody measured."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.catalogue_arms import build_nominal_robots
+from support.process_paths import process_path
+from support.springs import robot_of
+
+from jointstiff.simulator import default_arm
+from jointstiff.solver.errors import RobotError
+from jointstiff.solver.estimation.fit import Likelihood
+from jointstiff.solver.estimation.payload import MEASURED_ARMS, payload_torque
+from jointstiff.solver.estimation.problem import Bounds, Constraints
+from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.postures import measure_reach
+from jointstiff.solver.predict.models import JointModel
+from jointstiff.solver.process.deflection import PathDeflection
+from jointstiff.solver.process.placing import (
+    PlaceBox,
+    coarsen,
+    evaluate_places,
+    find_flatness,
+    search_around,
+)
+from jointstiff.solver.process.prior import build_prior_model
+from jointstiff.solver.process.sequence import Motion
+from jointstiff.solver.process.turning import TurnTask, choose_turns
+
+ARM = default_arm()
+ROBOT = robot_of(ARM)
+POSITIVE = Constraints(Bounds.positive(6))
+INVERSE = InverseKinematics(ROBOT)
+TASK = TurnTask.free(18, 0.04, Motion(np.radians(30.0), 0.05))
+CENTRE = np.array([1.7, 0.0, 0.8])
+
+
+def model(deviation=0.05):
+    """The arm, whose compliances are each known to 5 %, without correlation."""
+    covariance = np.diag(np.square(deviation * ARM.compliances))
+    return JointModel(ROBOT, ARM.compliances, Likelihood(np.arange(6), ARM.compliances, covariance), POSITIVE)
+
+
+def predicted(p, joints, **options):
+    return PathDeflection.predict(model(), None, p.cases(np.arange(len(p)), joints), **options)
+
+
+def test_a_place_moves_path_and_forces_together():
+    p = process_path("pocket", CENTRE, count=12)
+    moved = p.move(np.array([0.1, -0.2, 0.05]), np.pi / 2)
+    np.testing.assert_allclose(moved.middle, p.middle + np.array([0.1, -0.2, 0.05]), atol=1e-12)
+    np.testing.assert_allclose(moved.force[:, 1], p.force[:, 0], atol=1e-9)
+    feed, moved_feed = (np.diff(each.centres, axis=0) for each in (p, moved))
+    cosine = np.einsum("ij,ij->i", feed, p.force[1:]), np.einsum("ij,ij->i", moved_feed, moved.force[1:])
+    np.testing.assert_allclose(*cosine, atol=1e-9)
+
+
+def test_the_search_finds_the_best_place_of_its_grid_and_then_a_better_one():
+    p = process_path("trim", CENTRE, count=10)
+    half = np.array([0.3, 0.3, 0.0])
+    box = PlaceBox(CENTRE - half, CENTRE + half, (3, 3, 1), np.array([0.0, np.pi / 2]))
+    places = box.places()
+    assert len(places) == 18
+    sizes = evaluate_places(model(), INVERSE, p, TASK, places)
+    best = int(np.nanargmin(sizes))
+    p_best = p.move(places[best, :3] - p.middle, places[best, 3])
+    assert choose_turns(model(), INVERSE, p_best, TASK).size == pytest.approx(sizes[best], rel=1e-12)
+
+    def evaluate(trials):
+        return evaluate_places(model(), INVERSE, p, TASK, trials)
+
+    place, size = search_around(box, places[best], float(sizes[best]), evaluate)
+    assert size <= sizes[best]
+    assert (place[:3] >= box.low - 1e-12).all()
+    assert (place[:3] <= box.high + 1e-12).all()
+    flat = find_flatness(places, sizes, size)
+    if flat is not None:
+        assert flat.count == int((sizes <= 1.05 * size).sum())
+
+
+def test_a_place_out_of_reach_has_no_number():
+    p = process_path("trim", CENTRE, count=6)
+    sizes = evaluate_places(model(), INVERSE, p, TASK, np.array([[9.0, 0.0, 0.8, 0.0], [*CENTRE, 0.0]]))
+    assert np.isnan(sizes[0])
+    assert np.isfinite(sizes[1])
+
+
+def test_a_coarse_path_is_a_part_of_the_path():
+    p = process_path("pocket", CENTRE, count=50)
+    continuous = p.continuous.copy()
+    continuous[20] = False  # a move of the joints lies between the kept points 18 and 21
+    thinned, task, first = coarsen(replace(p, continuous=continuous), TASK, np.arange(50))
+    assert len(thinned) == 17
+    np.testing.assert_array_equal(thinned.poses, p.poses[::3])
+    assert task.motion.step == pytest.approx(3 * TASK.motion.step)
+    np.testing.assert_array_equal(np.flatnonzero(~thinned.continuous), [0, 7])
+    np.testing.assert_array_equal(first, np.arange(17))
+
+
+def test_the_interval_of_a_root_mean_square_is_that_of_its_derivative():
+    """Beside central differences in each compliance."""
+    p = process_path("blade", CENTRE, count=9)
+    joints = choose_turns(model(), INVERSE, p, TASK).joints
+    found = predicted(p, joints)
+    variance = 0.0
+    for j in range(6):
+        ends = []
+        for sign in (1.0, -1.0):
+            compliance = ARM.compliances.copy()
+            compliance[j] *= 1.0 + sign * 1e-4
+            bent = JointModel(ROBOT, compliance, None, POSITIVE).deflect(p.cases(np.arange(9), joints))
+            ends.append(np.sqrt(np.mean(np.square(np.linalg.norm(bent.displacement, axis=1)))))
+        variance += (0.05 * (ends[0] - ends[1]) / 2e-4) ** 2
+    band = found.band(0.95)
+    assert band.readings[1] - band.value == pytest.approx(1.959964 * np.sqrt(variance), rel=1e-5)
+    assert band.with_model_error is None
+
+
+def test_a_common_error_cancels_in_the_difference_and_equal_ways_have_no_order():
+    p = process_path("pocket", CENTRE, count=12)
+    choice = choose_turns(model(), INVERSE, p, TASK)
+    turned, fixed = predicted(p, choice.joints), predicted(p, choice.best_fixed)
+    ranking = turned.compare(fixed, 0.95)
+    low, high = ranking.difference.readings
+    own = turned.band(0.95).readings
+    assert high - low < own[1] - own[0]
+    assert turned.compare(turned, 0.95).difference.readings == (0.0, 0.0)
+    assert not turned.compare(turned, 0.95).is_ordered
+    # An error of the force that is the same at all points changes no order.
+    parts = 0.25 * np.stack([p.force, 0.0 * p.force, 0.0 * p.force], axis=2)
+    worse = predicted(p, choice.joints, force_parts=parts)
+    assert worse.band(0.95).readings[1] - worse.size > 0.49 * worse.size
+    again = worse.compare(predicted(p, choice.best_fixed, force_parts=parts), 0.95)
+    assert again.is_ordered == ranking.is_ordered
+    assert again.difference.value == ranking.difference.value
+
+
+def test_the_true_difference_lies_in_its_interval_as_often_as_stated():
+    """Arms are drawn whose compliances err by 5 %; the interval foretells the difference on the true arm."""
+    p = process_path("trim", CENTRE, count=8)
+    draw, inside = np.random.default_rng(0), 0
+    choice = choose_turns(model(), INVERSE, p, TASK)
+    cases = [p.cases(np.arange(8), joints) for joints in (choice.joints, choice.best_fixed)]
+    for _ in range(200):
+        estimate = ARM.compliances * (1.0 + 0.05 * draw.standard_normal(6))
+        covariance = np.diag(np.square(0.05 * ARM.compliances))
+        drawn = JointModel(ROBOT, estimate, Likelihood(np.arange(6), estimate, covariance), POSITIVE)
+        first, second = (PathDeflection.predict(drawn, None, each) for each in cases)
+        low, high = first.compare(second, 0.95).difference.readings
+        truth = [predicted(p, each).size for each in (choice.joints, choice.best_fixed)]
+        inside += low <= truth[0] - truth[1] <= high
+    assert 180 <= inside <= 199
+
+
+def test_the_prior_of_a_measured_arm_is_within_a_factor_of_two_of_it():
+    robot = next(each.robot for each in build_nominal_robots() if each.name == "KUKA KR 210 R2700 extra")
+    prior = 1.0 / build_prior_model(robot).compliance
+    scale = payload_torque(210, measure_reach(robot))
+    assert np.exp(np.log(prior[1:] / scale).mean()) == pytest.approx(98.4, abs=1.0)  # 93 and 104
+    for arm in MEASURED_ARMS:
+        ratio = prior[1:] / scale / arm.ratios()
+        assert (ratio > 0.5).all()
+        assert (ratio < 2.0).all()
+
+
+def test_an_arm_without_payload_has_no_prior():
+    with pytest.raises(RobotError, match="no payload"):
+        build_prior_model(ROBOT)

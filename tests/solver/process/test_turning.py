@@ -1,0 +1,242 @@
+"""Turns along a path beside exact springs, all sequences, and what may never happen."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from support.catalogue_arms import build_nominal_robots
+from support.process_paths import FORCE, SHAPES, process_path, reach_centre, spindle_at
+from support.springs import robot_of
+
+from jointstiff.simulator import default_arm, equilibrium
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.estimation.problem import Bounds, Constraints
+from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
+from jointstiff.solver.mechanics.postures import Postures
+from jointstiff.solver.predict.models import JointModel
+from jointstiff.solver.process.candidates import find_branches, list_candidates
+from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
+from jointstiff.solver.process.prior import build_prior_model
+from jointstiff.solver.process.sequence import Motion, Trellis
+from jointstiff.solver.process.turning import TurnTask, choose_turns
+
+ARM = default_arm()
+ROBOT = robot_of(ARM)
+POSITIVE = Constraints(Bounds.positive(6))
+MODEL = JointModel(ROBOT, ARM.compliances, None, POSITIVE)
+INVERSE = InverseKinematics(ROBOT)
+STEP = np.radians(20.0)
+TASK = TurnTask.free(36, 0.04, Motion(STEP, 0.05))
+CENTRE = np.array([1.7, 0.0, 0.8])
+
+
+def path(shape="pocket", **options):
+    return process_path(shape, CENTRE, **options)
+
+
+def exact_lengths(arm, p, joints):
+    """Distance [m] by which exact springs let the tool go from where it is without load."""
+    turn = equilibrium(arm, joints, p.force, p.moment, p.load_point)
+    ends = (arm.posture(at).point_to_base(p.place) for at in (joints, joints + turn))
+    before, after = ends
+    return np.linalg.norm(after - before, axis=1)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_deflection_along_the_turned_path_is_that_of_the_exact_balance(shape):
+    p = path(shape)
+    choice = choose_turns(MODEL, INVERSE, p, TASK)
+    exact = exact_lengths(ARM, p, choice.joints)
+    foretold = np.linalg.norm(MODEL.deflect(p.cases(np.arange(40), choice.joints)).displacement, axis=1)
+    np.testing.assert_allclose(foretold, exact, rtol=0, atol=1e-8)
+    assert choice.size == pytest.approx(np.sqrt(np.mean(exact**2)), abs=1e-8)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_tool_and_spindle_stay_on_the_path_whatever_the_turn(shape):
+    p = path(shape)
+    choice = choose_turns(MODEL, INVERSE, p, TASK)
+    at = Postures(ROBOT, choice.joints)
+    np.testing.assert_allclose(at.to_base(p.place[:, None])[:, 0], p.centres, rtol=0, atol=1e-9)
+    np.testing.assert_allclose((at.flange_rotation @ p.spindle[..., None])[..., 0], p.axes, rtol=0, atol=1e-9)
+    expected = p.turn(np.arange(len(p)), choice.turn)
+    np.testing.assert_allclose(at.flange_pose, expected, rtol=0, atol=1e-8)
+
+
+def test_dynamic_programming_finds_the_best_of_all_sequences():
+    """Every sequence of a short path with few turns is tried by hand."""
+    p = path(count=4)
+    angles = np.radians([0.0, 15.0, 30.0])
+    motion = Motion(STEP, 0.05)
+    candidates = list_candidates(MODEL, INVERSE, p, angles, 0.04)
+    trellis = Trellis.link(candidates, angles, p.continuous, motion)
+    value = np.square(candidates.size) / np.square(candidates.size).mean()
+    found = trellis.find_best(value)
+    greatest = trellis.find_best(value, greatest=True)
+    least, least_greatest = np.inf, np.inf
+    for rows in product(*(range(each.start, each.stop) for each in trellis.rows)):
+        joints, regularity = candidates.joints[list(rows)], candidates.regularity[list(rows)]
+        if np.abs(np.diff(joints, axis=0)).max() > STEP or (np.diff(np.sign(regularity)) != 0).any():
+            continue
+        turns = angles[candidates.turn[list(rows)]]
+        total = value[list(rows)].sum() + 0.05 * np.square(np.diff(turns)).sum()
+        least, least_greatest = min(least, total), min(least_greatest, value[list(rows)].max())
+    turns = angles[candidates.turn[found]]
+    assert value[found].sum() + 0.05 * np.square(np.diff(turns)).sum() == pytest.approx(least, rel=1e-12)
+    assert value[greatest].max() == pytest.approx(least_greatest, rel=1e-12)
+
+
+def draws(count, seed=3):
+    """Random arms of the catalogue, shapes, places and spindles."""
+    draw = np.random.default_rng(seed)
+    robots = [each.robot for each in build_nominal_robots() if (each.robot.payload or 0) > 100]
+    for _ in range(count):
+        robot = robots[draw.integers(len(robots))]
+        place = reach_centre(robot, draw.uniform(0.5, 0.75), draw.uniform(0.1, 0.4), draw.uniform(-0.3, 0.3))
+        yield (
+            robot,
+            process_path(
+                draw.choice(list(SHAPES)),
+                place,
+                yaw=draw.uniform(0.0, 2 * np.pi),
+                count=int(draw.integers(8, 16)),
+                angle=float(draw.choice([np.pi / 4, np.pi / 2])),
+            ),
+        )
+
+
+@pytest.mark.parametrize("greatest", [False, True])
+def test_limits_and_steps_are_kept_and_no_fixed_turn_is_better(greatest):
+    """On random arms and paths; the joints are those that the controller shows."""
+    found = 0
+    for robot, p in draws(12):
+        task = TurnTask.free(18, 0.04, Motion(np.radians(30.0), 0.05, greatest=greatest))
+        model = build_prior_model(robot)
+        try:
+            choice = choose_turns(model, InverseKinematics(robot), p, task)
+        except RequestError:
+            continue
+        found += 1
+        q = robot.joint_map.model_angles(choice.joints)
+        assert (q >= robot.limits[:, 0]).all()
+        assert (q <= robot.limits[:, 1]).all()
+        assert np.abs(np.diff(choice.joints, axis=0)).max() <= np.radians(30.0)
+        assert choice.size <= choice.fixed.min()
+        lengths = np.linalg.norm(
+            model.deflect(p.cases(np.arange(len(p)), choice.joints)).displacement, axis=1
+        )
+        own = lengths.max() if greatest else np.sqrt(np.mean(lengths**2))
+        assert choice.size == pytest.approx(own, rel=1e-12)
+    assert found >= 6
+
+
+def test_a_spindle_along_the_last_axis_gains_nothing():
+    choice = choose_turns(MODEL, INVERSE, path(angle=0.0, offset=(0.0, 0.0, 0.3)), TASK)
+    assert not choice.gains
+    assert choice.fixed.max() == pytest.approx(choice.fixed.min(), rel=1e-6)
+    assert choose_turns(MODEL, INVERSE, path(), TASK).gains
+
+
+def test_a_spindle_along_the_last_axis_but_beside_it_gains():
+    """The tool's centre off the axis moves the wrist when it turns."""
+    assert choose_turns(MODEL, INVERSE, path(angle=0.0, offset=(0.3, 0.0, 0.3)), TASK).gains
+
+
+def test_turns_stay_in_the_range_that_is_stated():
+    low, high = np.radians([-25.0, 40.0])
+    task = TurnTask.within(low, high, 36, 0.04, TASK.motion)
+    choice = choose_turns(MODEL, INVERSE, path(), task)
+    assert choice.turn.min() >= low - 1e-12
+    assert choice.turn.max() <= high + 1e-12
+    assert 0.0 in task.angles
+    assert choice.size >= choose_turns(MODEL, INVERSE, path(), TASK).size
+
+
+def test_a_step_too_short_is_refused_with_the_step_that_is_needed():
+    task = replace(TASK, motion=Motion(np.radians(0.2)))
+    with pytest.raises(RequestError, match=r"points 1 and 2 of the path a joint moves by at least 0\.\d+°"):
+        choose_turns(MODEL, INVERSE, path(), task)
+
+
+def test_a_point_out_of_reach_is_named():
+    p = path()
+    far = replace(p, poses=p.poses + 0.0)
+    far.poses[7, 0, 3] += 9.0
+    with pytest.raises(RequestError, match="point 8 of the path: the robot does not reach it"):
+        choose_turns(MODEL, INVERSE, far, TASK)
+
+
+def test_a_target_that_is_visited_again_has_one_posture():
+    p = path("pocket", count=24)
+    first = np.arange(24)
+    first[23] = 0  # the contour ends where it began
+    free = choose_turns(MODEL, INVERSE, p, TASK)
+    same = choose_turns(MODEL, INVERSE, p, TASK, first)
+    np.testing.assert_array_equal(same.joints[0], same.joints[23])
+    assert same.size >= free.size
+    assert same.size <= same.fixed.min()
+
+
+def test_joints_that_are_given_stay_and_a_free_motion_may_change_the_branch():
+    p = path("trim", count=12)
+    start = np.radians([0.0, -20.0, 20.0, 0.0, 40.0, 0.0])
+    given = p.given.copy()
+    given[0] = start
+    continuous = p.continuous.copy()
+    continuous[[0, 1]] = False
+    fixed = replace(
+        p, given=given, continuous=continuous, force=np.where(np.arange(12)[:, None], p.force, 0.0)
+    )
+    choice = choose_turns(MODEL, INVERSE, fixed, TASK)
+    np.testing.assert_allclose(choice.joints[0], start, rtol=0, atol=1e-12)
+    assert np.isnan(choice.turn[0])
+    assert np.isfinite(choice.turn[1:]).all()
+    assert np.abs(np.diff(choice.joints[1:], axis=0)).max() <= STEP
+
+
+def test_postures_along_a_motion_without_singularity_have_one_branch_and_solutions_differ():
+    """Of a spherical wrist and of three parallel axes; all solutions of a pose have different numbers."""
+    for each in build_nominal_robots():
+        if each.name not in {"KUKA KR 210 R2700 extra", "FANUC R-2000iC/165F", "Universal Robots UR10e"}:
+            continue
+        robot, inverse = each.robot, InverseKinematics(each.robot)
+        start = np.radians([10.0, -70.0, 80.0, 20.0, 50.0, 30.0])
+        solutions, _ = inverse.solve(flange_poses(robot, start[None]))
+        solutions = solutions[0][np.isfinite(solutions[0, :, 0])]
+        numbers = find_branches(inverse, Postures(robot, solutions))
+        assert len(set(numbers.tolist())) == len(numbers) > 1
+        line = start + np.linspace(0.0, 1.0, 30)[:, None] * np.radians([40.0, 5.0, 10.0, 90.0, 30.0, -200.0])
+        regular = np.linalg.det(Postures(robot, line).jacobian)
+        if (np.sign(regular) == np.sign(regular[0])).all():
+            assert len(set(find_branches(inverse, Postures(robot, line)).tolist())) == 1
+
+
+def test_a_path_that_keeps_its_branch_has_only_postures_of_it():
+    p = path("trim", count=10)
+    free = choose_turns(MODEL, INVERSE, p, TASK)
+    near = np.repeat(free.best_fixed[:1], 10, axis=0)
+    kept = choose_turns(MODEL, INVERSE, replace(p, near=near), TASK)
+    numbers = find_branches(INVERSE, Postures(ROBOT, kept.joints))
+    assert set(numbers.tolist()) == set(find_branches(INVERSE, Postures(ROBOT, near)).tolist())
+    assert np.abs(kept.joints[0] - near[0]).max() <= np.pi
+
+
+def test_feed_frames_follow_the_path_and_a_feed_along_the_axis_has_none():
+    t = np.linspace(0.0, 1.5, 30)
+    centres = np.column_stack([np.cos(t), np.sin(t), 0.0 * t])
+    down = np.tile([0.0, 0.0, -1.0], (30, 1))
+    frames = find_feed_frames(centres, down)
+    tangent = np.column_stack([-np.sin(t), np.cos(t), 0.0 * t])
+    np.testing.assert_allclose(frames[1:-1, :, 0], tangent[1:-1], atol=1e-12)
+    # Seen from the spindle, above, the normal points to the right: outward on a turn to the left.
+    np.testing.assert_allclose(frames[1:-1, :, 1], centres[1:-1], atol=1e-12)
+    drilled = find_feed_frames(np.outer(t, [0.0, 0.0, -1.0]), down)
+    along = apply_feed_frames(drilled, np.tile([0.0, 0.0, -100.0], (30, 1)), "axes")
+    np.testing.assert_allclose(along, np.tile([0.0, 0.0, 100.0], (30, 1)))
+    with pytest.raises(RequestError, match="no direction of feed"):
+        apply_feed_frames(drilled, np.tile(FORCE, (30, 1)), "axes")
+
+
+def test_the_spindle_of_the_test_is_where_it_says():
+    assert spindle_at(np.pi / 2) == pytest.approx([1.0, 0.0, 0.0])
