@@ -8,8 +8,8 @@ Huber's loss on the targets' residuals, and the weights of the readings at its o
 over the targets i, each with its three coordinates (Huber, *Robust estimation of a location parameter*,
 1964; on norms, so that no frame is preferred). At the optimum reading i has the weight
 ``w_i = min(1, threshold/‖r_i‖)``, and weighted least squares with these weights has the same optimum. So the
-methods use the weights as covariances Σ_i/w_i: partial pose, and complete pose by covariance on three targets,
-then give exactly the Huber estimate; every other method and weighting becomes robust because of the weights.
+methods use the weights as covariances Σ_i/w_i: partial pose, and complete pose by covariance on three
+targets, then give exactly the Huber estimate; the weights make every other method and weighting robust, too.
 Clarabel solves the problem that `convex` states; rounds of weighted least squares, damped between Newton's
 step and reweighting, refine Clarabel's point, and the outcome is certified from the data. The rows of all
 targets are kept until then: 24 (n + 1) bytes for each reading.

@@ -182,7 +182,7 @@ class Excitation:
         self.add_seen_from(block, block.jacobian, block.measurements.present)
 
     def add_seen_from(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
-        """Add a block of observations, with the motion of the joints as given points and the encoders show it.
+        """Add a block of observations, with the motion of the joints as points and encoders show it.
 
         An encoder counts like a target at the distance from the axis at which a target has the same weight.
 
@@ -352,8 +352,8 @@ def explain_noise(
         f"hidden by noise: its standard uncertainty of {figure(uncertainty, '.2g')} "
         f"{units.compliance} exceeds {figure(observability.reference_compliance[joint], '.2g')} "
         f"{units.compliance}, the compliance with which it alone would explain all deflections; the load "
-        f"{units.loads} it with at most {least} {units.effort}{most_loaded_joint}: add loads that {units.load_verb} it "
-        "more"
+        f"{units.loads} it with at most {least} {units.effort}{most_loaded_joint}: add loads that "
+        f"{units.load_verb} it more"
     )
 
 
