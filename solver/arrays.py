@@ -10,7 +10,7 @@ import numpy.typing as npt
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 IndexArray: TypeAlias = npt.NDArray[np.intp]
-Support: TypeAlias = npt.NDArray[np.int8]
+ActiveBounds: TypeAlias = npt.NDArray[np.int8]
 """Array that is -1 for a parameter at its lower bound, 1 at its upper bound, and 0 for a free parameter."""
 
 

@@ -14,7 +14,7 @@ of a 3 × 3 matrix.
 Criteria say how much a set of readings tells, as one number.
 
 Each criterion is an *information* φ(M), concave and homogeneous of degree 1 in the information matrix M.
-Hence any supporting matrix G ⪰ 0 bounds it everywhere, ``φ(M′) ≤ ⟨G, M′⟩``, and what any design reaches:
+Hence any supergradient G ⪰ 0 bounds it everywhere, ``φ(M′) ≤ ⟨G, M′⟩``, and what any design reaches:
 
 | criterion | φ(M) | G |
 |---|---|---|
@@ -26,8 +26,8 @@ Hence any supporting matrix G ⪰ 0 bounds it everywhere, ``φ(M′) ≤ ⟨G, M
 L selects the s parameters of interest, which are the first; the others are a nuisance. Each class has
 
 * ``information(M)``, φ(M) (...) of matrices (..., p, p), zero where M is singular;
-* ``support(M, dual)``, G at a positive definite M. For E the dual is Z, for G it is π; any dual is valid, as
-  it is first made positive with trace (or sum) 1;
+* ``supergradient(M, dual)``, G at a positive definite M. For E the dual is Z, for G it is π; any dual is
+  valid, as it is first made positive with trace (or sum) 1;
 * ``scaled(unit)``, the same criterion of parameters measured in other units, M → diag(u) M diag(u);
 * if the criterion is smooth (D, A, I), for Newton's method ``slope(M, K)``, −log φ at M with its derivatives
   along K (k, p, p).
@@ -57,22 +57,23 @@ class Slope(NamedTuple):
 class DOptimality:
     """D-optimality: volume of the uncertainty ellipsoid of the first s parameters."""
 
-    interest: int  #: number s of the parameters of interest
+    interest_count: int  #: number s of the parameters of interest
 
     def information(self, M: FloatArray) -> FloatArray:
         """Return the information det(C)^(1/s) (...) of matrices M (..., p, p); zero where M is singular."""
         # The determinant of M over that of its nuisance block is det(C).
-        s = self.interest
+        s = self.interest_count
         nuisance = _log_det(M[..., s:, s:])
         regular = np.isfinite(nuisance)
         return np.asarray(regular * np.exp((_log_det(M) - np.where(regular, nuisance, 0.0)) / s))
 
-    def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
-        """Return the supporting matrix G = φ/s · (M⁻¹ − M₂₂⁻¹) at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
+    def supergradient(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
+        """Return the supergradient G = φ/s · (M⁻¹ − M₂₂⁻¹) at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
-        M₂₂ is the block of the nuisance parameters. `dual` is ignored, as the criterion is smooth.
+        M₂₂ is the block of the nuisance parameters; M₂₂⁻¹ is padded with zeros to (p, p). `dual` is ignored,
+        as the criterion is smooth.
         """
-        s = self.interest
+        s = self.interest_count
         G = np.linalg.inv(M)
         G[s:, s:] -= np.linalg.inv(M[s:, s:])
         G = 0.5 * (G + G.T)
@@ -80,12 +81,11 @@ class DOptimality:
 
     def slope(self, M: FloatArray, K: FloatArray) -> Slope:
         """Return −log φ = −log det(C)/s, and its derivatives when M moves along each of K (k, p, p)."""
-        s = self.interest
+        s = self.interest_count
         value, gradient, hessian = _log_det_slope(M, K)
-        of_nuisance = _log_det_slope(M[s:, s:], K[:, s:, s:])
-        return Slope(
-            -(value - of_nuisance[0]) / s, -(gradient - of_nuisance[1]) / s, (hessian - of_nuisance[2]) / s
-        )
+        # log det C is log det M minus log det of the nuisance block; `hessian` is minus the Hessian.
+        value_22, gradient_22, hessian_22 = _log_det_slope(M[s:, s:], K[:, s:, s:])
+        return Slope(-(value - value_22) / s, -(gradient - gradient_22) / s, (hessian - hessian_22) / s)
 
     def scaled(self, unit: FloatArray) -> DOptimality:  # noqa: ARG002
         """Return this criterion unchanged: other units of the parameters (p,) change φ by a factor only."""
@@ -107,8 +107,8 @@ class AOptimality:
         inverse, regular = _invert_regular(M)
         return np.asarray(regular / (self.W * inverse).sum(axis=(-2, -1)))
 
-    def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
-        """Return the supporting matrix G = φ² · M⁻¹ W M⁻¹ at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
+    def supergradient(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
+        """Return the supergradient G = φ² · M⁻¹ W M⁻¹ at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
         `dual` is ignored, as the criterion is smooth.
         """
@@ -152,11 +152,12 @@ class EOptimality:
         covariance = inverse[..., :s, :s] / np.outer(self.metric, self.metric)
         return np.asarray(regular / np.linalg.eigvalsh(covariance)[..., -1])
 
-    def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
-        """Return the supporting matrix G = X V Z V Xᵀ at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
+    def supergradient(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
+        """Return the supergradient G = X V Z V Xᵀ at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
-        Z is the dual (s, s), made positive semidefinite with trace 1. Without a dual, Z = v vᵀ with v the
-        unit vector of the combination of parameters that has the greatest variance.
+        X = M⁻¹ L C, with C the covariance of the first s parameters, and V is diagonal (`metric`). Z is the
+        dual (s, s), made positive semidefinite with trace 1. Without a dual, Z = v vᵀ with v the unit vector
+        of the combination of parameters that has the greatest variance.
         """
         s = len(self.metric)
         inverse = np.linalg.inv(M)[:, :s]
@@ -195,17 +196,17 @@ class GOptimality:
         """Return the criterion of the mean variance over the places, weighted with shares (R,)."""
         return AOptimality(np.tensordot(shares, self.places, axes=1))
 
-    def support(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
-        """Return the supporting matrix G at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
+    def supergradient(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
+        """Return the supergradient G at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
-        G is the supporting matrix of the mean variance, in which place r has the share π_r. The dual is
-        π (R,), scaled to sum 1; without a dual, the worst place has the share 1.
+        G is the supergradient of the mean-variance criterion, in which place r has the share π_r. The dual
+        is π (R,), scaled to sum 1; without a dual, the worst place has the share 1.
         """
         if dual is None:
             dual = np.zeros(len(self.places))
             dual[int(np.argmax(self.variances(M)))] = 1.0
         shares = np.maximum(dual, 0.0)
-        return self.build_mean_criterion(shares / shares.sum()).support(M)
+        return self.build_mean_criterion(shares / shares.sum()).supergradient(M)
 
     def scaled(self, unit: FloatArray) -> GOptimality:
         """Return the criterion for parameters in new units; `unit` (p,) are the new units in the old."""
@@ -435,7 +436,7 @@ class Candidates:
         """Return the price (N,) of each candidate: the greatest ``⟨G, K_i⟩`` over its possible loads.
 
         Args:
-            G: (p, p) symmetric supporting matrix of a criterion.
+            G: (p, p) symmetric supergradient of a criterion.
         """
         products = self._price_pairs_of_axes(slice(None), G)
         return greatest_eigenvalue(_arrange_symmetric(products)) if self.free else products[:, 0]
@@ -445,7 +446,7 @@ class Candidates:
 
         Args:
             index: (k,) indices of the candidates.
-            G: (p, p) symmetric supporting matrix of a criterion.
+            G: (p, p) symmetric supergradient of a criterion.
         """
         force = np.zeros((len(index), 3))
         if self.free:
@@ -459,7 +460,7 @@ class Candidates:
         """Return the candidate with the greatest price ``⟨G, K_i⟩`` as one atom.
 
         Args:
-            G: (p, p) symmetric supporting matrix of a criterion.
+            G: (p, p) symmetric supergradient of a criterion.
             allowed: (N,) mask of the candidates to choose from; True for all.
         """
         return self.build_atoms(np.array([np.argmax(np.where(allowed, self.prices(G), -np.inf))]), G)
@@ -473,8 +474,8 @@ class Candidates:
             return Atoms(index, force, self._information[index, 0] * self._squares)
         # The six pairs of axes a ≤ b; a pair of different axes counts twice in the sum over all a and b.
         a, b = np.triu_indices(3)
-        squares = force[:, a] * force[:, b] * np.where(a == b, 1.0, 2.0)
-        K = np.einsum("ie,iepq->ipq", squares, self._information[index])
+        products = force[:, a] * force[:, b] * np.where(a == b, 1.0, 2.0)
+        K = np.einsum("ie,iepq->ipq", products, self._information[index])
         return Atoms(index, force, K * self._squares)
 
     def sum_information(self) -> FloatArray:
@@ -501,7 +502,7 @@ class Bound:
     """Bound on the information of every design of a problem."""
 
     efficiency: float  #: φ of the design at hand over the bound on φ of any design
-    support: FloatArray  #: (p, p) G, with ``φ(M′) ≤ ⟨G, M′⟩`` for all M′, in the problem's units
+    supergradient: FloatArray  #: (p, p) G, with ``φ(M′) ≤ ⟨G, M′⟩`` for all M′, in the problem's units
     prices: FloatArray  #: (N,) greatest ``⟨G, K_i⟩`` of each candidate
 
 
@@ -523,15 +524,15 @@ class DesignProblem:
         total = base + readings / len(candidates) * candidates.sum_information()
         diagonal = np.diagonal(total)
         unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-        #: (p, p) factors of an information matrix: M * squares is in the problem's units
-        self.squares = np.outer(unit, unit)
-        values = np.linalg.eigvalsh(total * self.squares)
+        #: (p, p) factors of an information matrix: M * scale_squared is in the problem's units
+        self.scale_squared = np.outer(unit, unit)
+        values = np.linalg.eigvalsh(total * self.scale_squared)
         if values[0] < _NO_INFORMATION * values[-1]:
-            unchanged = np.flatnonzero(diagonal <= 0.0).tolist()
+            unaffected = np.flatnonzero(diagonal <= 0.0).tolist()
             raise RequestError(
                 f"all candidates together determine {int((values > _NO_INFORMATION * values[-1]).sum())} of "
                 f"{len(values)} parameters"
-                + (f"; no load changes parameter {unchanged}" if unchanged else ""),
+                + (f"; no load changes parameter {unaffected}" if unaffected else ""),
                 where="candidates",
                 remedy="add loads or postures that change the missing parameters, "
                 "or leave these parameters out",
@@ -539,7 +540,7 @@ class DesignProblem:
         self.readings = readings
         self.candidates = candidates.scaled(unit)
         self.criterion = criterion.scaled(unit)
-        self.base = base * self.squares
+        self.base = base * self.scale_squared
 
     def information_matrix(self, atoms: Atoms, weights: FloatArray) -> FloatArray:
         """Return M0 + n Σ w_i K_i (p, p) in the problem's units."""
@@ -555,19 +556,19 @@ class DesignProblem:
             M: (p, p) positive definite, information of a design.
             dual: dual variable of a criterion with a kink (E or G); None for its default.
         """
-        support = self.criterion.support(M, dual)
-        prices = self.candidates.prices(support)
-        upper = self.upper_bound(support, float(prices.max()))
-        return Bound(min(1.0, float(self.criterion.information(M)) / upper), support, prices)
+        G = self.criterion.supergradient(M, dual)
+        prices = self.candidates.prices(G)
+        upper = self.upper_bound(G, float(prices.max()))
+        return Bound(min(1.0, float(self.criterion.information(M)) / upper), G, prices)
 
-    def upper_bound(self, support: FloatArray, mean_price: float) -> float:
-        """Return the upper bound ⟨G, M0⟩ + n d on φ, with d the greatest possible mean price of n readings.
+    def upper_bound(self, G: FloatArray, mean_price: float) -> float:
+        """Return the upper bound ⟨G, M0⟩ + n d on φ, with d the greatest mean price of n readings.
 
         Args:
-            support: (p, p) supporting matrix G.
-            mean_price: d.
+            G: (p, p) supergradient of the criterion.
+            mean_price: greatest possible mean price d.
         """
-        return float((support * self.base).sum()) + self.readings * mean_price
+        return float((G * self.base).sum()) + self.readings * mean_price
 
 
 @dataclass(frozen=True, eq=False)
@@ -607,8 +608,10 @@ def optimise_design(problem: DesignProblem, tolerance: float | None = None) -> D
             best, efficiency = (active, weights, bound), bound.efficiency
         if 1.0 - efficiency <= (tolerance if stalled < _STALLED else _STALLED_GAP):
             active, weights, bound = best
-            M = problem.base / problem.squares
-            M = M + problem.readings * np.tensordot(weights, active.information / problem.squares, axes=1)
+            M = problem.base / problem.scale_squared
+            M = M + problem.readings * np.tensordot(
+                weights, active.information / problem.scale_squared, axes=1
+            )
             return Design(active, weights, M, bound)
         # Candidates of the greatest prices become active. With free directions, an active candidate may enter
         # once more under another force.
@@ -616,16 +619,19 @@ def optimise_design(problem: DesignProblem, tolerance: float | None = None) -> D
         if not problem.candidates.free:
             promising = np.setdiff1d(promising, active.index)
         entering = promising[np.argsort(-bound.prices[promising])[:_MOST_ENTERING]]
-        active = active.join(problem.candidates.build_atoms(entering, bound.support))
+        active = active.join(problem.candidates.build_atoms(entering, bound.supergradient))
         weights = np.concatenate([weights, np.zeros(len(entering))])
     raise SolverError(f"the design did not converge: its gap is {1.0 - efficiency:.1e}")
 
 
 def _choose_start_atoms(problem: DesignProblem) -> Atoms:
-    """Choose the candidates to start from, one by one the greatest price in an evenly spread sample."""
-    every = np.arange(len(problem.candidates))
+    """Choose the first active candidates: one after the other, that of the greatest price in a sample.
+
+    The sample is spread evenly over all candidates.
+    """
+    all_indices = np.arange(len(problem.candidates))
     count = max(_START_READINGS, len(problem.base))
-    step = max(1, len(every) // _START_SAMPLE)
+    step = max(1, len(all_indices) // _START_SAMPLE)
     sample = problem.candidates[::step]
     # A little of all information and of the unit matrix makes M regular before any reading is chosen.
     M = problem.base + 0.01 * problem.readings / len(sample) * sample.sum_information()
@@ -633,10 +639,10 @@ def _choose_start_atoms(problem: DesignProblem) -> Atoms:
     allowed = np.ones(len(sample), dtype=np.bool_)
     chosen: list[Atoms] = []
     for _ in range(min(count, len(sample))):
-        chosen.append(sample.find_highest_priced(problem.criterion.support(M), allowed))
+        chosen.append(sample.find_highest_priced(problem.criterion.supergradient(M), allowed))
         allowed[chosen[-1].index] = False
         M = M + problem.readings / count * chosen[-1].information[0]
-    active = chosen[0].join(*chosen[1:]).map_indices(every[::step])
+    active = chosen[0].join(*chosen[1:]).map_indices(all_indices[::step])
     # The sample may lack the rare candidates that determine a parameter: add these until M is regular.
     for _ in range(len(problem.base)):
         M = problem.information_matrix(active, np.full(len(active), 1.0 / len(active)))
@@ -693,45 +699,47 @@ def optimise_weights(
         """Return −log φ at weights w (k,), and its derivatives with respect to w."""
         return criterion.slope(base + (w @ K.reshape(len(K), -1)).reshape(base.shape), K)
 
-    w, at, last_decrement = weights, compute_slope(weights), np.inf
+    w, slope, last_decrement = weights, compute_slope(weights), np.inf
     for _ in range(_STEPS):
-        step = _compute_newton_step(at, w)
+        step = _compute_newton_step(slope, w)
         # The step sums to zero, so the weighted mean of the gradient is subtracted to lessen rounding.
-        decrement = -float((at.gradient - at.gradient @ w) @ step)
+        decrement = -float((slope.gradient - slope.gradient @ w) @ step)
         if decrement <= _CONVERGED:
             break
         # Take the first of the points w + step, w + step/2, … that decreases −log φ enough.
         for size in 0.5 ** np.arange(_HALVINGS + 1):
-            moved = np.maximum(w + size * step, 0.0)
-            moved /= moved.sum()
-            after = compute_slope(moved)
-            if decrement < _QUADRATIC or after.value <= at.value - _DECREASE * size * decrement:
+            new_w = np.maximum(w + size * step, 0.0)
+            new_w /= new_w.sum()
+            new_slope = compute_slope(new_w)
+            if decrement < _QUADRATIC or new_slope.value <= slope.value - _DECREASE * size * decrement:
                 break
-        if decrement < _QUADRATIC and last_decrement <= decrement:  # rounding keeps it from getting smaller
+        if (
+            decrement < _QUADRATIC and last_decrement <= decrement
+        ):  # rounding keeps the decrement from shrinking
             break
-        w, at, last_decrement = moved, after, decrement
+        w, slope, last_decrement = new_w, new_slope, decrement
     return w
 
 
-def _compute_newton_step(at: Slope, w: FloatArray) -> FloatArray:
+def _compute_newton_step(slope: Slope, w: FloatArray) -> FloatArray:
     """Return the step (k,) from weights w to the minimum of the quadratic model subject to Σ w = 1, w ≥ 0.
 
     The step is solved by non-negative least squares with a heavy row for Σ x = 1 (Lawson & Hanson 1974,
     chapter 23). The weighted mean is subtracted from the gradient, so that at the optimum the heavy
     row has no effect.
     """
-    ridge = _RIDGE * np.trace(at.hessian) / len(w) * np.eye(len(w))
+    ridge = _RIDGE * np.trace(slope.hessian) / len(w) * np.eye(len(w))
     try:
-        root = np.linalg.cholesky(at.hessian + ridge).T
+        root = np.linalg.cholesky(slope.hessian + ridge).T
     except np.linalg.LinAlgError:
         raise SolverError(
             "the readings of the plan determine some parameters so badly that rounding hides them",
             remedy="give loads and postures of plausible size, or name the joints to be determined",
             where="candidates",
         ) from None
-    downhill = np.linalg.solve(root.T, at.gradient @ w - at.gradient)
-    heavy = _SUM_ROW_WEIGHT * float(np.abs(root).max())
-    x = nnls(np.vstack([root, np.full(len(w), heavy)]), np.append(root @ w + downhill, heavy))[0]
+    downhill = np.linalg.solve(root.T, slope.gradient @ w - slope.gradient)
+    sum_weight = _SUM_ROW_WEIGHT * float(np.abs(root).max())
+    x = nnls(np.vstack([root, np.full(len(w), sum_weight)]), np.append(root @ w + downhill, sum_weight))[0]
     return np.asarray(x / x.sum() - w)
 
 
@@ -752,18 +760,19 @@ def optimise_worst_place(
     Returns:
         The optimal weights (k,), and the shares π (R,) of the places.
     """
-    count, best = len(criterion.places), weights  # `best` are the best weights for the last shares
+    count, best_weights = len(criterion.places), weights  # best weights for the shares tried last
 
-    def negative_log_dual(shares: FloatArray) -> tuple[float, FloatArray]:
-        """Return −log of the dual function at shares (R,), and its gradient; update the weights `best`."""
-        nonlocal best
-        best = optimise_weights(criterion.build_mean_criterion(np.maximum(shares, 0.0)), base, K, best)
-        variances = criterion.variances(base + np.tensordot(best, K, axes=1))
+    def compute_negative_log_dual(shares: FloatArray) -> tuple[float, FloatArray]:
+        """Return −log of the dual function at shares (R,), and its gradient; update `best_weights`."""
+        nonlocal best_weights
+        mean_criterion = criterion.build_mean_criterion(np.maximum(shares, 0.0))
+        best_weights = optimise_weights(mean_criterion, base, K, best_weights)
+        variances = criterion.variances(base + np.tensordot(best_weights, K, axes=1))
         mean_variance = float(shares @ variances)
         return -float(np.log(mean_variance)), -variances / mean_variance
 
     solution = minimize(
-        negative_log_dual,
+        compute_negative_log_dual,
         np.full(count, 1.0 / count),
         jac=True,
         method="SLSQP",
@@ -771,5 +780,5 @@ def optimise_worst_place(
         constraints=LinearConstraint(np.ones((1, count)), 1.0, 1.0),
         options={"ftol": 1e-10, "maxiter": 100},
     )
-    negative_log_dual(solution.x)  # sets the best weights for the final shares
-    return best, solution.x
+    compute_negative_log_dual(solution.x)  # sets `best_weights` for the final shares
+    return best_weights, solution.x

@@ -179,7 +179,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     validation = _draw_validation_readings(pool, distinct, exact.atoms.index, held_out, request.seed)
     atoms = exact.atoms.join(validation)
     block = _divide_into_blocks(
-        exact.atoms.information / problem.squares, pool.base, criteria[request.criterion]
+        exact.atoms.information / problem.scale_squared, pool.base, criteria[request.criterion]
     )
     anchors = pool.readings.anchor[atoms.index]
     # To change the anchor takes longer than to travel, so readings at several anchors are not divided into
@@ -494,7 +494,7 @@ def find_exact_design(
         RequestError: there are fewer distinct postures than readings.
     """
     search = _ExchangeSearch(problem, design, distinct)
-    expected = (design.matrix * problem.squares - problem.base) / problem.readings
+    expected = (design.matrix * problem.scale_squared - problem.base) / problem.readings
     best = search.improve(_complete_list(problem, distinct, [], expected))
     random = np.random.default_rng(seed)
     restarts_pay = problem.readings < _LONG_LIST and len(problem.base) <= _MANY_PARAMETERS
@@ -504,7 +504,7 @@ def find_exact_design(
         best = max(
             best, trial, key=lambda atoms: problem.criterion.information(search.information_matrix(atoms))
         )
-    M = search.information_matrix(best) / problem.squares
+    M = search.information_matrix(best) / problem.scale_squared
     return ExactDesign(best[0].join(*best[1:]), M, bound_list_efficiency(problem, distinct, M, design))
 
 
@@ -523,11 +523,11 @@ def bound_list_efficiency(
         optimum: optimal weights of the problem.
     """
     # Both matrices in the problem's units
-    M, optimal = M * problem.squares, optimum.matrix * problem.squares
+    M, optimal = M * problem.scale_squared, optimum.matrix * problem.scale_squared
     bounds = [optimum.bound]
     bounds += [problem.bound(share * M + (1.0 - share) * optimal) for share in _MIXTURES]
     upper = min(
-        problem.upper_bound(bound.support, distinct.bound_mean_price(bound.prices, problem.readings))
+        problem.upper_bound(bound.supergradient, distinct.bound_mean_price(bound.prices, problem.readings))
         for bound in bounds
     )
     return min(1.0, float(problem.criterion.information(M)) / upper)
@@ -559,7 +559,7 @@ def _complete_list(
                 where="distinct_angle",
                 remedy="request fewer readings, a smaller angle, or more candidates",
             )
-        G = problem.criterion.support(M + (problem.readings - len(atoms)) * expected)
+        G = problem.criterion.supergradient(M + (problem.readings - len(atoms)) * expected)
         atoms.append(problem.candidates.find_highest_priced(G, allowed))
         allowed &= ~distinct.find_conflicts(atoms[-1].index[0])
         M = M + atoms[-1].information[0]
@@ -593,7 +593,9 @@ class _ExchangeSearch:
                 # candidate is allowed if only the reading taken out is too near to it.
                 rest, allowed = M - old.information[0], conflicts == near[i]
                 # If the other readings are nearly singular, prices are computed from the whole list.
-                G = self._criterion.support(rest if self._criterion.information(rest) > 1e-6 * value else M)
+                G = self._criterion.supergradient(
+                    rest if self._criterion.information(rest) > 1e-6 * value else M
+                )
                 prices = np.where(allowed, self._candidates.prices(G), -np.inf)
                 tried = self._candidates.build_atoms(
                     np.argsort(-prices)[: min(_EVALUATED_EXCHANGES, int(allowed.sum()))], G
@@ -629,8 +631,8 @@ def average_random_plans(problem: DesignProblem, M: FloatArray, s: int, seed: in
         drawn = problem.candidates.build_atoms_under(index, _draw_directions(random, n)).information
         random_M = problem.base + drawn.sum(axis=0)
         informations.append(problem.criterion.information(random_M))
-        variances.append(np.square(compute_uncertainties(random_M / problem.squares, s)))
-    efficiency = float(np.mean(informations) / problem.criterion.information(M * problem.squares))
+        variances.append(np.square(compute_uncertainties(random_M / problem.scale_squared, s)))
+    efficiency = float(np.mean(informations) / problem.criterion.information(M * problem.scale_squared))
     return OtherPlan(efficiency, np.sqrt(np.mean(variances, axis=0)))
 
 
@@ -645,7 +647,7 @@ def plan_one_at_a_time(
         M: (p, p) information with the list.
         s: number of joints to be determined.
     """
-    M = M * problem.squares
+    M = M * problem.scale_squared
     other_M = problem.base
     # A little of the list's information makes the matrix regular before the first readings are chosen.
     for atoms in _complete_list(
@@ -653,7 +655,7 @@ def plan_one_at_a_time(
     ):
         other_M = other_M + atoms.information[0]
     efficiency = float(problem.criterion.information(other_M) / problem.criterion.information(M))
-    return OtherPlan(efficiency, compute_uncertainties(other_M / problem.squares, s))
+    return OtherPlan(efficiency, compute_uncertainties(other_M / problem.scale_squared, s))
 
 
 def _draw_directions(random: np.random.Generator, count: int) -> FloatArray:

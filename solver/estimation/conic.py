@@ -8,9 +8,9 @@ Semidefinite programs with a penalty on traces (method.md §7), of two losses:
 ρ(u) is u²/(2h) up to h and u − h/2 beyond; h = 0 leaves the sum of the norms. Then least squares over cones
 of products c η of a compliance with unknowns in a box (method.md §14), see `MassCones`.
 
-Whatever led to an answer, it is made feasible exactly, and so is a point of the dual that its residual or
-Clarabel tells; the gap between the two is computed without cancellation, and only an answer whose gap is
-small enough leaves this module.
+Each proposed answer is made exactly feasible. So is a point of the dual program, which comes from the
+residual of the answer or from Clarabel. The gap between the two is computed without cancellation, and only an
+answer whose gap is small enough leaves this module.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 
 GAP: Final = 1e-8
 """Greatest excess of the loss over its optimum, with ‖b‖ = 1, that `solve_mass_cones` accepts."""
-_CONE_LADDER: Final = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
+_CONE_TOLERANCES: Final = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 """Tolerances of Clarabel, tried in this order: not every problem can be solved to the tightest."""
 _NORMS_TOLERANCES: Final = (1e-7, 1e-8, 1e-9, 1e-10)
 """Tolerances of Clarabel for robust losses, tried in this order."""
 _MASS_TOLERANCES: Final = (1e-10, 1e-9, 1e-8)
 """Tolerances of Clarabel for cones of masses and moments, tried in this order."""
-_END_LADDER: Final = (1e-8, 1e-7, 1e-6)
+_END_TOLERANCES: Final = (1e-8, 1e-7, 1e-6)
 """Tolerances of Clarabel for ends of intervals; an end needs no more digits than the last tolerance gives."""
 _NEAR_LEAST_SQUARES: Final = 1e-6
 """Singular values below this part of the first are ignored in the starting point of a program."""
@@ -163,7 +163,7 @@ class ConeSolution:
     certificate: Certificate  #: evidence of optimality at x
 
 
-_Proven = TypeVar("_Proven", bound=ConeSolution)
+_Solution = TypeVar("_Solution", bound=ConeSolution)
 
 
 def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | None = None) -> ConeSolution:
@@ -179,13 +179,13 @@ def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | No
     """
 
     def propose_solutions() -> Iterator[ConeSolution]:
-        """Yield certified candidates, with Clarabel's tolerance made tighter and tighter.
+        """Yield solutions with their certificates, with Clarabel's tolerance made tighter and tighter.
 
-        At each tolerance the program is stated in units of the readings, and then of the residual.
+        At each tolerance the program is solved in units of the readings, and then in units of the residual.
         """
         T, z = program.fit.compressed
         residual_size = max(float(np.linalg.norm(z - T @ program.fit.near)), _LEAST_UNIT)
-        for tolerance in _CONE_LADDER:
+        for tolerance in _CONE_TOLERANCES:
             for unit in (1.0, residual_size):
                 proposed = program.find_interior_point(tolerance, unit)
                 for _ in range(1 + _NEWTON_STEPS):
@@ -218,23 +218,25 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
             solution = program.loss.program.solve_with_duals(data, tolerance)
             if solution is not None:
                 x = program.loss.cone.project(solution[0])
-                dual = -solution[1].reshape(-1, 4)[:, 1:]  # of each cone's four, the last are −ν
+                dual = -solution[1].reshape(-1, 4)[
+                    :, 1:
+                ]  # each cone has four multipliers; the last three are −ν
                 yield ConeSolution(x, certify_robust(program, x, dual))
 
     return _select_certified(propose_solutions(), gap, accepted)
 
 
-def _select_certified(proposals: Iterable[_Proven], gap: float, accepted: float | None) -> _Proven:
-    """Return the first feasible proposal with a gap of at most `gap`, else that with the least gap.
+def _select_certified(proposals: Iterable[_Solution], gap: float, accepted: float | None) -> _Solution:
+    """Return the first feasible proposal with a gap of at most `gap`, else the proposal with the least gap.
 
     Raises:
         SolverError: no feasible proposal has a gap of at most `accepted`, or of at most `gap` if `accepted`
             is None.
     """
-    best: _Proven | None = None
+    best: _Solution | None = None
     for solution in proposals:
-        better = best is None or solution.certificate.gap < best.certificate.gap
-        if better and solution.certificate.primal == 0.0:
+        is_better = best is None or solution.certificate.gap < best.certificate.gap
+        if is_better and solution.certificate.primal == 0.0:
             best = solution
         if best is not None and best.certificate.gap <= gap:
             return best
@@ -272,7 +274,7 @@ def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> C
     Args:
         program: program with a robust loss.
         x: (p,) point in the cone.
-        dual: (K, 3) ν, nearly feasible.
+        dual: (K, 3) nearly feasible multipliers ν of the residuals.
     """
     loss, h = program.loss, program.threshold
     rows = loss.A.reshape(-1, len(x))
@@ -339,7 +341,7 @@ def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, round
 def compute_penalised_range(
     program: SemidefiniteProgram, x: FloatArray, rise: float, functions: FloatArray
 ) -> FloatArray:
-    """Return the ranges of linear functions over all points whose objective exceeds the optimum by a rise.
+    """Return the ranges of linear functions over all points whose objective is at most optimum + rise.
 
     Each range is ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone.
 
@@ -361,7 +363,7 @@ def compute_penalised_range(
     for number, side in np.ndindex(ends.shape):
         a = functions[number]
         if size := float(np.linalg.norm(a)):
-            point = stated.solve({"a": (1.0, -1.0)[side] * a / size}, *_END_LADDER)
+            point = stated.solve({"a": (1.0, -1.0)[side] * a / size}, *_END_TOLERANCES)
             ends[number, side] = np.nan if point is None else a @ point
     return ends
 
@@ -410,13 +412,13 @@ class _BlockFace:
             for i in range(len(self.core))
             for j in range(i + 1)
         ]
-        across = [(np.outer(u, v) + np.outer(v, u)) / np.sqrt(2.0) for u in self.U.T for v in V.T]
-        matrices = [*within, *across]
+        between = [(np.outer(u, v) + np.outer(v, u)) / np.sqrt(2.0) for u in self.U.T for v in V.T]
+        matrices = [*within, *between]
         size = len(U) * (len(U) + 1) // 2
         return to_vector(np.array(matrices)).T if matrices else np.zeros((size, 0))
 
     def take_step(self, step: FloatArray) -> FloatArray | None:
-        """Return the block of the same rank after a tangent step (d,), as a vector; None outside the cone."""
+        """Return the block as a vector (q,) after a step (d,) that keeps the rank; None outside the cone."""
         if not len(self.core):
             return np.zeros(len(self.basis))
         tangent = to_matrix(self.basis @ step, len(self.U))
@@ -439,9 +441,8 @@ class Face:
 
     x: FloatArray  #: (p,) point on the face
     free: IndexArray  #: indices of the scalars that are not zero
-    blocks: tuple[
-        tuple[_BlockFace, slice], ...
-    ]  #: face of each block, and the slice of its tangent coordinates
+    #: face of each block, and the slice of its tangent coordinates
+    blocks: tuple[tuple[_BlockFace, slice], ...]
     basis: FloatArray  #: (p, d) tangent vectors: the free scalars', then those of the blocks
     information: FloatArray  #: (d, d) Gram matrix 2 RᵀR of the readings in tangent coordinates
     hessian: FloatArray  #: (d, d) Hessian of the objective on the face
@@ -456,6 +457,7 @@ class Face:
         for size, place in cone.blocks():
             X, S = to_matrix(x[place], size), to_matrix(slack[place], size)
             values, vectors = np.linalg.eigh(X)
+            # The rank counts the eigenvalues that exceed both their slack, in units of X, and rounding.
             exceeds = np.linalg.eigvalsh(X - largest / program.weight * S) > 0.0
             rank = min(int(exceeds.sum()), int((values > _ROUNDING * largest).sum()))
             values, U, V = values[size - rank :], vectors[:, size - rank :], vectors[:, : size - rank]
@@ -466,8 +468,8 @@ class Face:
         for place, U, V, values in decomposed:
             # At the optimum the slack is positive semidefinite: take the nearest such matrix.
             eigenvalues, vectors = np.linalg.eigh(V.T @ to_matrix(self._slack[place], len(U)) @ V)
-            definite = (vectors * np.maximum(eigenvalues, 0.0)) @ vectors.T
-            faces.append(_BlockFace(place, U, V, np.diag(values), definite))
+            S_s = (vectors * np.maximum(eigenvalues, 0.0)) @ vectors.T
+            faces.append(_BlockFace(place, U, V, np.diag(values), S_s))
         ends = np.cumsum([len(free), *(face.basis.shape[1] for face in faces)]).tolist()
         self.blocks = tuple(zip(faces, [slice(*each) for each in pairwise(ends)], strict=True))
         self.basis = np.zeros((len(x), ends[-1]))
@@ -479,28 +481,28 @@ class Face:
         self.hessian = self.information.copy()
         for face, coordinates in self.blocks:
             if rank := len(face.core):  # the slack adds curvature in the coordinates of B, the last ones
-                across = slice(coordinates.start + rank * (rank + 1) // 2, coordinates.stop)
-                self.hessian[across, across] += np.kron(np.linalg.inv(face.core), face.slack)
+                between = slice(coordinates.start + rank * (rank + 1) // 2, coordinates.stop)
+                self.hessian[between, between] += np.kron(np.linalg.inv(face.core), face.slack)
         self.hessian[np.diag_indices_from(self.hessian)] += _RIDGE * self.hessian.diagonal().max(initial=0.0)
 
     def step(self) -> FloatArray | None:
-        """Return the point (p,) after one step of Newton's method on the face.
+        """Return the point (p,) after one step of Newton's method on the face; None if the step fails.
 
-        The result is None if the step leaves the cone or fails. The point may be worse than before, so it
-        needs a certificate.
+        A step fails if it leaves the cone. The point may be worse than before, so it needs a certificate.
         """
         try:
             step = np.asarray(np.linalg.solve(self.hessian, -(self.basis.T @ self._slack)), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
-        out = np.zeros(len(self.x))
-        out[self.free] = self.x[self.free] + step[: len(self.free)]
+        moved = np.zeros(len(self.x))
+        moved[self.free] = self.x[self.free] + step[: len(self.free)]
         for face, coordinates in self.blocks:
             block = face.take_step(step[coordinates])
             if block is None:
                 return None
-            out[face.place] = block
-        return out if np.isfinite(out).all() and (out[self.free] >= 0.0).all() else None
+            moved[face.place] = block
+        is_in_cone = np.isfinite(moved).all() and (moved[self.free] >= 0.0).all()
+        return moved if is_in_cone else None
 
 
 def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
@@ -527,7 +529,7 @@ def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> Fl
 
 @dataclass(frozen=True, eq=False)
 class MassCones:
-    """Set of the products c π of a joint's compliance c and unknown masses and moments π; a block a joint.
+    """Set of the products c π of compliances c and unknown masses and moments π, one block for each joint.
 
     Unknowns π in a box and in balls, each multiplied by its joint's own c ≥ 0, lie in a convex cone: the
     perspective of that set (Boyd & Vandenberghe 2004, §3.2.6). In units of the half-widths a block of x is
@@ -557,11 +559,11 @@ class MassCones:
         for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
             zeta = s[start + 1 : start + 1 + block.boxes].copy()
             nu = s[start + 1 + block.boxes : start + block.size].reshape(-1, 3)
-            pulls = np.linalg.norm(nu, axis=1)
-            for (box, ratio), pull in zip(block.balls, pulls.tolist(), strict=True):
-                if box >= 0:
-                    zeta[box] -= ratio * pull
-            total += cap * min(0.0, float(s[start] - np.abs(zeta).sum() - pulls.sum()))
+            norms = np.linalg.norm(nu, axis=1)
+            for (box, ratio), norm in zip(block.balls, norms.tolist(), strict=True):
+                if box >= 0:  # the ball's radius grows with the mass `box`; −1 if the mass is exact
+                    zeta[box] -= ratio * norm
+            total += cap * min(0.0, float(s[start] - np.abs(zeta).sum() - norms.sum()))
         return total
 
     def move_into_set(self, x: FloatArray) -> FloatArray:
@@ -597,27 +599,29 @@ def solve_mass_cones(A: FloatArray, b: FloatArray, cones: MassCones) -> MassCone
     Args:
         A: (rows, p) regressor.
         b: (rows,) readings.
-        cones: set of x, in units in which x is about as large as ‖b‖.
+        cones: set of x, in units in which x is about as large as ‖b‖; the caps of the compliances bound the
+            set, so that the minimum of gᵀy exists.
 
     Raises:
         SolverError: no answer is certified.
     """
     from jointstiff.solver.estimation import convex  # takes a second to import
 
-    size = float(np.linalg.norm(b)) or 1.0  # the program is stated for readings of unit norm
+    b_norm = float(np.linalg.norm(b)) or 1.0  # the program is stated for readings of unit norm
     program = convex.state_mass_cones(len(b), cones.blocks)
 
     def propose_solutions() -> Iterator[MassConeSolution]:
-        """Yield points with their certificates, one for each tolerance that Clarabel reaches."""
+        """Yield a solution with its certificate for each tolerance that Clarabel reaches."""
         for tolerance in _MASS_TOLERANCES:
-            point = program.solve({"A": A, "b": b / size, "cap": cones.cap / size}, tolerance)
+            point = program.solve({"A": A, "b": b / b_norm, "cap": cones.cap / b_norm}, tolerance)
             if point is not None:
-                x = cones.move_into_set(size * point)
+                x = cones.move_into_set(b_norm * point)
                 residual = A @ x - b
                 gradient = A.T @ residual
-                dual_infeasibility = -2.0 * cones.minimise_linear_function(gradient) / size**2
-                gap = dual_infeasibility + 2.0 * float(gradient @ x) / size**2
-                certificate = Certificate(0.0, dual_infeasibility, gap, residual / size, "clarabel")
+                # gap = 2 (gᵀx − min gᵀy) / ‖b‖²; the second term is zero if g is in the dual cone.
+                dual_infeasibility = -2.0 * cones.minimise_linear_function(gradient) / b_norm**2
+                gap = dual_infeasibility + 2.0 * float(gradient @ x) / b_norm**2
+                certificate = Certificate(0.0, dual_infeasibility, gap, residual / b_norm, "clarabel")
                 yield MassConeSolution(x, certificate, float(residual @ residual))
 
     return _select_certified(propose_solutions(), GAP, None)
@@ -646,16 +650,17 @@ def bound_compliances(
     radius = max(float(np.sqrt(optimum.loss + rise)), _LEAST_RADIUS * float(np.linalg.norm(b)))
     program = convex.state_mass_cone_end(len(b), cones.blocks)
     data = {"A": A, "b": (b - A @ optimum.x) / radius, "near": optimum.x / radius, "cap": cones.cap / radius}
-    bounds, duals = np.full((len(cones.cap), 2), np.nan), {}
-    for j, side in np.ndindex(bounds.shape):
+    bounds, multipliers = np.full((len(cones.cap), 2), np.nan), {}
+    for j, side in np.ndindex(bounds.shape):  # side 0 minimises the compliance of block j, side 1 maximises
         a = np.zeros(len(optimum.x))
         a[cones.first[j]] = (1.0, -1.0)[side]
         solution = program.solve_with_duals({"a": a, **data}, *_MASS_TOLERANCES)
         if solution is not None:
-            duals[j, side] = a, solution[1][1 : 1 + len(b)]
+            # The first multiplier belongs to the norm; the next are those of the rows.
+            multipliers[j, side] = a, solution[1][1 : 1 + len(b)]
     cap = cones.cap
     for _ in range(2):  # the second round uses the caps that the first has lowered
-        for (j, side), (a, u) in duals.items():
+        for (j, side), (a, u) in multipliers.items():
             least = (
                 u @ b
                 - radius * float(np.linalg.norm(u))

@@ -7,12 +7,12 @@ Huber's loss on the targets' residuals, and the weights of the readings at its o
 
 over the targets i, each with its three coordinates (Huber, *Robust estimation of a location parameter*,
 1964; on norms, so that no frame is preferred). At the optimum reading i has the weight
-``w_i = min(1, threshold/‖r_i‖)``, and weighted least squares with these weights has the same optimum. So
-they are handed on as covariances Σ_i/w_i: partial pose, and complete pose by covariance on three targets,
-then *are* the Huber estimate, and every other method and weighting is as robust as they make it. Clarabel
-solves the problem as `convex` states it; rounds of weighted least squares, damped between Newton's
-step and reweighting, polish its point, and the outcome is certified from the data. All rows of all targets
-are kept meanwhile: 24 (n + 1) bytes a reading.
+``w_i = min(1, threshold/‖r_i‖)``, and weighted least squares with these weights has the same optimum. So the
+methods use the weights as covariances Σ_i/w_i: partial pose, and complete pose by covariance on three
+targets, then give exactly the Huber estimate; the weights make every other method and weighting robust, too.
+Clarabel solves the problem that `convex` states; rounds of weighted least squares, damped between Newton's
+step and reweighting, refine Clarabel's point, and the outcome is certified from the data. The rows of all
+targets are kept until then: 24 (n + 1) bytes for each reading.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from scipy import special
 from scipy.linalg import block_diag
 
 from jointstiff.schemas.run import SupportFinder
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
+from jointstiff.solver.arrays import ActiveBounds, BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
 from jointstiff.solver.estimation.method import MethodTriangles, Prior
 from jointstiff.solver.estimation.observability import (
@@ -76,7 +76,7 @@ class Likelihood:
         return Likelihood(self.joints, self.centre, factor * self.covariance, rows)
 
     def add_common_errors(self, responses: FloatArray) -> Likelihood:
-        """Return the likelihood with S Sᵀ, the covariance of errors shared by all observations, added to C.
+        """Return the likelihood with S Sᵀ, the covariance of errors that all observations share, added to C.
 
         ``RᵀR`` then becomes ``Rᵀ(I + (R S)(R S)ᵀ)⁻¹R``.
 
@@ -106,14 +106,16 @@ def invert_to_root(covariance: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The outcome of a method before sigma is known."""
+    """The estimate of a method, with covariances in units of sigma², before sigma is known."""
 
-    compliance: FloatArray  #: (n,) optimum [rad/(N·m)]; zero for null columns
-    active: Support  #: (n,) -1 or 1 at a lower or upper bound, else 0
-    tied: BoolArray  #: (n,) joints whose compliance an order makes equal to another's
-    covariance: FloatArray  #: (n, n) of the unconstrained estimate in units of sigma²; zero for null columns
+    compliance: FloatArray  #: (n,) optimum [rad/(N·m)]; zero for joints without effect
+    active: ActiveBounds  #: (n,) -1 or 1 at a lower or upper bound, else 0
+    tied: BoolArray  #: (n,) mask of joints whose compliance an order makes equal to that of another joint
+    #: (n, n) covariance of the unconstrained estimate, in units of sigma²; zero for joints without effect
+    covariance: FloatArray
     likelihood: Likelihood  #: likelihood of the compliances that the readings see, before any constraint
-    parameters: float  #: number of parameters that the readings determine: the rank, less a prior's share
+    #: number of parameters that the readings determine: the rank, less the part that a prior determines
+    parameters: float
     #: groups of joints that neither the readings nor a prior tell apart
     undetermined: tuple[Combination, ...]
     identifiability: tuple[Identifiability, ...]  #: identifiability of each stage, by the readings alone
@@ -122,8 +124,8 @@ class Fit:
 
     def multiply_covariance(self, factor: float) -> Fit:
         """Return the fit with the covariance of the estimate multiplied by a factor."""
-        wider = self.likelihood.multiply_covariance(factor)
-        return replace(self, covariance=factor * self.covariance, likelihood=wider)
+        likelihood = self.likelihood.multiply_covariance(factor)
+        return replace(self, covariance=factor * self.covariance, likelihood=likelihood)
 
     def add_common_errors(self, responses: FloatArray) -> Fit:
         """Return the fit with the covariance of errors that all observations share added to the covariance.
@@ -154,7 +156,7 @@ class StageFit:
     parameters: float  #: number of parameters that the readings determine
     prior: FloatArray  #: (k,) right-hand side of the prior's rows, which come last
     solution: Solution  #: optimum under the constraints
-    tied: BoolArray  #: (p,) joints whose compliance an order makes equal to another's
+    tied: BoolArray  #: (p,) mask of joints whose compliance an order makes equal to that of another joint
 
     @classmethod
     def from_rows(
@@ -170,25 +172,25 @@ class StageFit:
 
         Args:
             R: (m, p) compressed rows of the stage's readings.
-            z: (m,) compressed deflections, less the deflections by joints of an earlier stage.
+            z: (m,) compressed deflections, less the deflections due to joints of an earlier stage.
             joints: (p,) joints of the columns.
             constraints: constraints on these p compliances.
             prior: prior of all compliances, in units of sigma, added as further rows.
             find: function that solves a problem.
         """
-        readings = spectrum = Spectrum(R)
-        analysis = analyse_spectrum(readings, joints)
-        undetermined, parameters, known = analysis.combinations, float(readings.rank), np.zeros(0)
+        spectrum = Spectrum(R)
+        analysis = analyse_spectrum(spectrum, joints)
+        undetermined, parameters, prior_values = analysis.combinations, float(spectrum.rank), np.zeros(0)
         if prior is not None:
-            rows, known = prior.rows(joints)
+            rows, prior_values = prior.rows(joints)
             spectrum = Spectrum(np.vstack([R, rows]))
             undetermined = analyse_spectrum(spectrum, joints).combinations
-            # Trace of the influence of the readings: what the prior determines does not count.
+            # Trace of the influence of the readings: parameters that the prior determines do not count.
             parameters = float(np.sum(spectrum.inverse[:, : len(R)].T * R))
         solution = find(
             IdentificationProblem(
                 spectrum.determined,
-                np.concatenate([z, known]),
+                np.concatenate([z, prior_values]),
                 constraints.bounds,
                 constraints.inequalities,
             )
@@ -198,7 +200,7 @@ class StageFit:
             equalised = constraints.equalise_tied(solution.compliance, solution.tight)
             solution = replace(solution, compliance=equalised)
             tied[np.array(constraints.order)[solution.tight].ravel()] = True
-        return cls(joints, spectrum, analysis, undetermined, parameters, known, solution, tied)
+        return cls(joints, spectrum, analysis, undetermined, parameters, prior_values, solution, tied)
 
     def estimate_without_constraints(self, z: FloatArray) -> FloatArray:
         """Return the compliances (p,) of the fit without constraints; the shortest solution if not unique.
@@ -219,21 +221,21 @@ def fit_method(
 ) -> Fit:
     """Solve the stages of a method in turn, without the joints that have no effect on the readings.
 
-    A later stage takes the compliances of an earlier stage as known. So a stiffness order between an arm
-    joint and a wrist joint only bounds the wrist joint here, as the arm's stage comes first.
+    A later stage takes the compliances of an earlier stage as known. The stage of the arm comes first, so a
+    stiffness order between an arm joint and a wrist joint only bounds the wrist joint.
 
     Args:
         triangles: compressed rows of all observations.
-        null: (n,) joints that the readings do not see.
-        constraints: on all n compliances.
-        prior: of the n compliances, in units of sigma; with weighting by covariance only.
+        null: (n,) mask of joints that have no effect on the readings.
+        constraints: constraints on all n compliances.
+        prior: prior of the n compliances, in units of sigma; only for weighting by covariance.
         find: function that solves a problem; `solve_step` is faster, for use in iterations.
 
     Raises:
         RequestError: if the bounds on a wrist joint from the stiffness order leave no feasible compliance.
-        UnsupportedMethodError: if the wrist centre does not show an arm joint that the targets see, or
-            determines arm joints only in combination, so that the arm's share of the targets' deflection is
-            unknown.
+        UnsupportedMethodError: if an arm joint moves the targets but not the wrist centre, or if the wrist
+            centre determines arm joints only in combination, so that the arm's share of the targets'
+            deflection is unknown.
     """
     n, method = len(null), triangles.method
     compliance, unconstrained = np.zeros(n), np.zeros(n)
@@ -244,9 +246,11 @@ def fit_method(
         joints, known = stage.joints[~null[stage.joints]], stage.known[~null[stage.known]]
         if not len(joints):
             continue
-        R, z, by_known = triangle.matrix[:, joints], triangle.rhs, triangle.matrix[:, known]
+        R, z, columns_of_known = triangle.matrix[:, joints], triangle.rhs, triangle.matrix[:, known]
         remaining = constraints.fix_joints(known, compliance[known], joints)
-        fitted = StageFit.from_rows(R, z - by_known @ compliance[known], joints, remaining, prior, find)
+        fitted = StageFit.from_rows(
+            R, z - columns_of_known @ compliance[known], joints, remaining, prior, find
+        )
         if fitted.undetermined and stage is not method.stages[-1]:
             combined = sorted(j for group in fitted.undetermined for j in group.joints)
             raise UnsupportedMethodError(
@@ -257,9 +261,10 @@ def fit_method(
                 remedy="use method partial_pose, or add postures and load directions",
             )
         compliance[joints] = unconstrained[joints] = fitted.solution.compliance
-        constrained = fitted.solution.active.any() or fitted.tied.any()
-        if constrained or (unconstrained[known] != compliance[known]).any():
-            remainder = z - by_known @ unconstrained[known]
+        # The estimate without constraints differs if a constraint acts in this stage or in an earlier stage.
+        is_constrained = fitted.solution.active.any() or fitted.tied.any()
+        if is_constrained or (unconstrained[known] != compliance[known]).any():
+            remainder = z - columns_of_known @ unconstrained[known]
             unconstrained[joints] = fitted.estimate_without_constraints(remainder)
         fits[number] = fitted
     return _combine_stages(triangles, fits, compliance, unconstrained)
@@ -295,20 +300,22 @@ def _combine_stages(
         tied[stage.joints], active[stage.joints] = stage.tied, stage.solution.active
     joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])
     covariance = _compute_covariance(triangles, fits)
-    part = covariance[np.ix_(joints, joints)]
+    covariance_of_fitted = covariance[np.ix_(joints, joints)]
     undetermined = tuple(group for stage in stages for group in stage.undetermined)
+    # R of the likelihood: the compressed rows where these have the covariance of the estimate, else computed
+    # from the covariance of the determined sums; None leaves the computation to `Likelihood`.
     rows = None
     if len(triangles.stages) == 1 and triangles.spreads is None and stages:
         rows = stages[0].spectrum.determined
     elif undetermined:
         determined = block_diag(*(stage.spectrum.seen for stage in stages))
-        rows = invert_to_root(determined @ part @ determined.T) @ determined
+        rows = invert_to_root(determined @ covariance_of_fitted @ determined.T) @ determined
     return Fit(
         compliance,
         active,
         tied,
         covariance,
-        Likelihood(joints, centre[joints], part, rows),
+        Likelihood(joints, centre[joints], covariance_of_fitted, rows),
         sum(stage.parameters for stage in stages),
         undetermined,
         tuple(stage.analysis for stage in stages),
@@ -326,21 +333,22 @@ def _compute_covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -
     n = len(triangles.cross)
     covariance = np.zeros((n, n))
     for number, stage in fits.items():
-        half = stage.spectrum.inverse
-        if triangles.spreads is not None:
-            half = half @ half.T @ triangles.spreads[number].matrix[:, stage.joints].T
-        covariance[np.ix_(stage.joints, stage.joints)] = half @ half.T
+        root = stage.spectrum.inverse  # (p, m), root @ root.T is the covariance
+        if triangles.spreads is not None:  # the rows were not weighted with the covariance of the readings
+            root = root @ root.T @ triangles.spreads[number].matrix[:, stage.joints].T
+        covariance[np.ix_(stage.joints, stage.joints)] = root @ root.T
     if len(fits) > 1:
         arm, wrist = fits.values()
         inverse = wrist.spectrum.inverse
         rows = triangles.stages[1].matrix[:, arm.joints]
-        leak = inverse[:, : len(rows)] @ rows  # L A_a; a prior of the wrist does not depend on the arm
+        L_A = inverse[:, : len(rows)] @ rows  # L A_a; rows of a prior of the wrist do not depend on the arm
         shared = (inverse @ inverse.T) @ triangles.cross[np.ix_(wrist.joints, arm.joints)]
         shared = shared @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)  # cov(L d, ĉ_a)
-        of_arm = covariance[np.ix_(arm.joints, arm.joints)]
-        correlation = shared @ leak.T
-        covariance[np.ix_(wrist.joints, wrist.joints)] += leak @ of_arm @ leak.T - correlation - correlation.T
-        covariance[np.ix_(wrist.joints, arm.joints)] = shared - leak @ of_arm
+        arm_covariance = covariance[np.ix_(arm.joints, arm.joints)]
+        correlation = shared @ L_A.T
+        of_wrist = np.ix_(wrist.joints, wrist.joints)
+        covariance[of_wrist] += L_A @ arm_covariance @ L_A.T - correlation - correlation.T
+        covariance[np.ix_(wrist.joints, arm.joints)] = shared - L_A @ arm_covariance
         covariance[np.ix_(arm.joints, wrist.joints)] = covariance[np.ix_(wrist.joints, arm.joints)].T
     return covariance
 
@@ -359,9 +367,9 @@ class Scale:
     #: standard uncertainty of one coordinate of one reading [m]; None where it was not given and there are
     #: no degrees of freedom to estimate it from
     sigma: float | None
-    given: bool  #: whether it was stated with the readings
-    chi_square: float  #: chi square of the targets' residuals, under sigma
-    degrees_of_freedom: float  #: expectation of chi_square where model and sigma are right
+    given: bool  #: whether sigma was stated with the readings
+    chi_square: float  #: sum of the squared residuals of the targets over sigma²
+    degrees_of_freedom: float  #: expectation of `chi_square` if model and sigma are right
 
     def quantile(self, probability: float) -> float:
         """Return a quantile of the distribution of the estimate's error over its standard uncertainty.
@@ -372,16 +380,16 @@ class Scale:
 
 
 def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
-    """Return sigma, the chi-square of the targets' residuals, and its degrees of freedom.
+    """Return sigma, the chi-square of the targets' residuals, and the degrees of freedom of this chi-square.
 
     For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``, which is rows − p for
-    weighted least squares, with p the number of parameters that the readings, not a prior, determine. So all
+    weighted least squares. Here p is the number of parameters that the readings, not a prior, determine. All
     methods get sigma from the same readings.
 
     Args:
         fit: outcome of a method.
         readings: compressed rows of all readings, whitened in units of sigma.
-        sigma: as stated with the readings [m]; None to estimate sigma from the residuals.
+        sigma: stated standard uncertainty of a coordinate [m]; None to estimate sigma from the residuals.
     """
     R = readings.matrix
     squares = float(np.sum((R @ fit.compliance - readings.rhs) ** 2))
@@ -406,12 +414,13 @@ class SigmaTest:
 
 
 def sigma_test(chi_square: float, degrees_of_freedom: float, by_statements: float = 0.0) -> SigmaTest | None:
-    """Test a stated sigma against the residuals by a two-sided test; None without degrees of freedom.
+    """Return a two-sided test of a stated sigma against the residuals; None without degrees of freedom.
 
     Args:
         chi_square: sum of squared residuals over the squared sigma.
-        degrees_of_freedom: its expectation where model, sigma and statements are right.
-        by_statements: by how much the expectation is less where what is stated is exact.
+        degrees_of_freedom: expectation of `chi_square` if model, sigma and stated uncertainties are right.
+        by_statements: part of this expectation that stated errors cause, such as those of masses; the
+            expectation is lower by this part if the stated values are exact.
     """
     if degrees_of_freedom < _LEAST_FREEDOM:
         return None
@@ -420,8 +429,8 @@ def sigma_test(chi_square: float, degrees_of_freedom: float, by_statements: floa
     p_value = min(1.0, 2.0 * float(min(tails)))
     if p_value >= SIGMA_TEST_LEVEL:
         return SigmaTest(p_value, "consistent")
-    large = tails[1] < tails[0]
-    return SigmaTest(p_value, "residuals_too_large" if large else "residuals_too_small")
+    too_large = tails[1] < tails[0]
+    return SigmaTest(p_value, "residuals_too_large" if too_large else "residuals_too_small")
 
 
 SUSPICIOUS_NORM = float(np.sqrt(2.0 * special.gammaincinv(1.5, 0.999)))
@@ -448,7 +457,7 @@ class TargetRows:
     """Whitened rows of all readings, kept uncompressed for the Huber loss: 24 (n + 1) bytes a reading."""
 
     def __init__(self, parameters: int) -> None:
-        """Start without observations."""
+        """Create a store without observations for a number of parameters."""
         self._rows: list[FloatArray] = []
         self._present: list[BoolArray] = []
         self.squared = Triangle(joints=parameters)
@@ -523,8 +532,9 @@ class RobustFit:
         Below the threshold the expected ``‖r‖²`` is used. The factor is 1.0 for good readings.
         """
         half = 0.5 * self.threshold**2
-        below = float(special.gammainc(2.5, half) / special.gammainc(1.5, half))  # E[χ²₃ | χ²₃ ≤ t²] / 3
-        w = self.weight[self.residual_norm > 0]
+        # E[χ²₃ | χ²₃ ≤ t²] / 3, with t the threshold: expected square per coordinate below the threshold
+        below = float(special.gammainc(2.5, half) / special.gammainc(1.5, half))
+        w = self.weight[self.residual_norm > 0]  # weights of the targets that were read
         if not len(w):
             return 1.0
         a = float(np.mean(np.where(w < 1.0, self.threshold**2 / 3.0, below)))
@@ -578,17 +588,17 @@ class _HuberProblem:
     def minimise_model(self, c: FloatArray, damping: float) -> tuple[FloatArray, Certificate]:
         """Minimise a quadratic model of the objective around c (p,) under the constraints.
 
-        A reading beyond the threshold adds the curvature ``w (I − (1 − damping) u uᵀ)``, u the direction of
-        its residual: damping 0 gives Newton's step, and 1 a reweighted step, which never increases the
-        objective. Returns the minimiser (p,) and the certificate of the model's minimum.
+        A reading beyond the threshold adds the curvature ``w (I − (1 − damping) u uᵀ)``, with u the direction
+        of the residual: damping 0 gives Newton's step, and 1 a reweighted step, which never increases the
+        objective. Return the minimiser (p,) and the certificate of the model's minimum.
         """
         A, S = self.rows[..., :-1], self.squared[:, :-1]
         residual, norm = self.residuals_at(c)
         weight = _huber_weights(norm)
         u = residual / np.maximum(norm, 1.0)[:, None]
         flattened = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)  # curvature removed along u
-        curved = A - flattened[:, None, None] * u[..., None] * (u[:, None] @ A)
-        weighted = (np.sqrt(weight)[:, None, None] * curved).reshape(-1, len(c))
+        scaled_A = A - flattened[:, None, None] * u[..., None] * (u[:, None] @ A)
+        weighted = (np.sqrt(weight)[:, None, None] * scaled_A).reshape(-1, len(c))
         R = compute_triangular_factor(np.vstack([weighted, S]))
         gradient = S.T @ (S @ c - self.squared[:, -1])
         gradient -= np.einsum("kij,ki->j", A, weight[:, None] * residual)
@@ -623,17 +633,17 @@ def fit_huber(
 
     Args:
         targets: whitened rows of all readings.
-        null: (n,) joints that the readings do not see.
-        constraints: on all n compliances.
-        prior: of the n compliances; its loss stays squared.
-        sigma: as stated with the readings [m], or None.
+        null: (n,) mask of joints that have no effect on the readings.
+        constraints: constraints on all n compliances.
+        prior: prior of the n compliances; the loss of its rows stays squared.
+        sigma: stated standard uncertainty of a coordinate [m]; None if it is unknown.
         threshold: length of a residual from which the loss is linear, in units of sigma.
 
     Returns:
-        The weights of the readings, with the certificate of the optimum.
+        Weights and residuals of the readings, and the certificate of the optimum.
 
     Raises:
-        UnsupportedMethodError: sigma is unknown, and too few readings are left to estimate it.
+        UnsupportedMethodError: sigma is unknown, and there are too few readings to estimate it.
         SolverError: optimality could not be certified.
     """
     joints = np.flatnonzero(~null)
@@ -644,8 +654,8 @@ def fit_huber(
     if sigma is None:
         sigma = _estimate_robust_scale(problem, threshold)
     if prior is not None:
-        rows, known = prior.in_units_of(sigma).rows(joints)
-        problem = replace(problem, squared=np.vstack([problem.squared, np.column_stack([rows, known])]))
+        rows, values = prior.in_units_of(sigma).rows(joints)
+        problem = replace(problem, squared=np.vstack([problem.squared, np.column_stack([rows, values])]))
     problem = problem.in_units_of(threshold * sigma)
     compliance, certificate = _minimise_huber_loss(problem)
     norm = problem.residuals_at(compliance)[1]
@@ -684,10 +694,11 @@ def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificat
         proposed, model_certificate = problem.minimise_model(compliance, damping)
         value = problem.objective(proposed)
         if value > objective * (1.0 + _NO_DESCENT) and damping < 1.0:
-            damping = 1.0
+            damping = 1.0  # Newton's step went too far: reweighting from the same point always descends
             continue
         compliance, objective = proposed, value
         damping = max(0.1 * damping, _LEAST_DAMPING)
+        # Clarabel found the active bounds if the refined point has zeros at the same joints.
         same_zeros = clarabel_point is not None and np.array_equal(clarabel_point == 0.0, compliance == 0.0)
         solved_by = "clarabel" if same_zeros else model_certificate.solved_by
         certificate = problem.certificate(compliance, solved_by)
@@ -708,20 +719,22 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
         UnsupportedMethodError: there are no more readings than parameters.
     """
     compliance = solve_step(problem.state_unweighted()).compliance
-    rows = problem.rows[..., 0].size
-    freedom = rows - len(compliance)
-    if freedom < 1:
+    row_count = problem.rows[..., 0].size
+    degrees_of_freedom = row_count - len(compliance)
+    if degrees_of_freedom < 1:
         raise UnsupportedMethodError(
             "the Huber loss needs sigma, which cannot be estimated: there are no more readings than joints",
             where="loss",
             remedy="state `noise`, or add observations",
         )
-    unit = np.sqrt(rows / freedom) / MEDIAN_NORM
-    least = _LEAST_SCALE * float(np.sqrt(np.mean(problem.rows[..., -1] ** 2)))
+    # Factor from the median norm to the standard deviation of one coordinate
+    factor = np.sqrt(row_count / degrees_of_freedom) / MEDIAN_NORM
+    least_scale = _LEAST_SCALE * float(np.sqrt(np.mean(problem.rows[..., -1] ** 2)))
     scale = np.inf
     for _ in range(_SCALE_ROUNDS):
-        previous, scale = scale, max(least, unit * float(np.median(problem.residuals_at(compliance)[1])))
-        if abs(scale - previous) <= _SCALE_TOLERANCE * scale:
+        norms = problem.residuals_at(compliance)[1]
+        previous_scale, scale = scale, max(least_scale, factor * float(np.median(norms)))
+        if abs(scale - previous_scale) <= _SCALE_TOLERANCE * scale:
             break
         compliance, _ = problem.in_units_of(threshold * scale).minimise_model(compliance, 1.0)
     return scale

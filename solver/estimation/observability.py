@@ -52,7 +52,7 @@ class Combination:
         return " and ".join(_sum_in_words(row, self.joints, names) for row in self.seen)
 
     def reason(self, names: tuple[str, ...]) -> str:
-        """Return why these joints have no stiffness, with a remedy; `names` has the names of all joints."""
+        """Return why no stiffness of these joints is known, and a remedy; `names` are those of all joints."""
         together = ", ".join(names[joint] for joint in self.joints)
         return (
             f"only a combination of {together} is observable, {self.in_words(names)}: add postures in "
@@ -95,9 +95,9 @@ def split_null_space(
     if not len(null_space):
         return ()
     # The projector onto the null space does not depend on the basis, and is block diagonal over the groups.
-    linked = np.abs(null_space.T @ null_space) > _INVOLVED_PART
-    _, labels = connected_components(coo_array(linked), directed=False)
-    involved = linked.diagonal()
+    are_linked = np.abs(null_space.T @ null_space) > _INVOLVED_PART  # (p, p)
+    _, labels = connected_components(coo_array(are_linked), directed=False)
+    involved = are_linked.diagonal()
     groups = [np.flatnonzero((labels == label) & involved) for label in np.unique(labels[involved])]
     return tuple(_describe_combination(null_space, scale, group, columns) for group in groups)
 
@@ -149,29 +149,26 @@ def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ..
 class Observability:
     """Dependence of the readings on each joint, and excitation of each joint by the loads."""
 
-    null: (
-        BoolArray  #: (n,) whether the joint has no effect on the readings: its column is zero up to rounding
-    )
+    #: (n,) mask of joints that have no effect on the readings: the joint's column is zero up to rounding
+    null: BoolArray
     #: (n,) compliance with which the joint alone, at its full lever, would explain all deflection
     #: [rad/(N·m)]
     reference_compliance: FloatArray
-    reasons: tuple[
-        str | None, ...
-    ]  #: (n,) for joints without effect the reason, with a remedy; None for other joints
+    #: (n,) reason why the joint has no effect, with a remedy; None for a joint that has an effect
+    reasons: tuple[str | None, ...]
     #: (n,) norm of the joint's column over the largest norm possible, with the force across the joint's lever
     #: and the moment about the joint's axis in every observation; 0 to 1
     excitation: FloatArray
-    greatest_torque: (
-        FloatArray  #: (n,) greatest torque of the load about the joint over all observations [N·m]
-    )
+    #: (n,) greatest torque of the load about the joint over all observations [N·m]
+    greatest_torque: FloatArray
     kinds: tuple[JointKind, ...]  #: (n,) kinds of the joints
 
 
 class Excitation:
-    """Sums over observations: how strongly the load excites each joint, and how well the targets show it.
+    """Sums over observations of the effect of loads on each joint, and of each joint on the targets.
 
-    For each joint the sums compare the effect of loads and targets with the largest effect possible at the
-    same levers, with the force across them. The ratios do not depend on unit or frame.
+    For each joint the sums compare the effect with the largest effect possible at the same levers, with the
+    force perpendicular to the levers. The ratios do not depend on unit or frame.
     """
 
     def __init__(self, joint_kinds: tuple[JointKind, ...]) -> None:
@@ -181,36 +178,37 @@ class Excitation:
         self._deflection = 0.0
 
     def add(self, block: RegressorBlock) -> None:
-        """Add a block of observations, in which the targets show the motion of the joints."""
+        """Add a block of observations, with the motion of the joints as the targets show it."""
         self.add_seen_from(block, block.jacobian, block.measurements.present)
 
     def add_seen_from(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
-        """Add a block of observations, in which any points and the encoders show the motion of the joints.
+        """Add a block of observations, with the motion of the joints as points and encoders show it.
 
-        An encoder counts like a target at that distance from the axis at which both have equal weights.
+        An encoder counts like a target at the distance from the axis at which a target has the same weight.
 
         Args:
             block: B observations.
             jacobian: (B, T, 3, n) Jacobian J_v of the T points [m/rad].
             present: (B, T) whether the point counts in the observation.
         """
-        part = block.measurements
-        force = np.linalg.norm(part.force, axis=1)[:, None]
-        moment = np.linalg.norm(part.moment, axis=1)[:, None]
+        measurements = block.measurements
+        force = np.linalg.norm(measurements.force, axis=1)[:, None]
+        moment = np.linalg.norm(measurements.moment, axis=1)[:, None]
         lever = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
         jacobians = jacobian if present.all() else jacobian * present[..., None, None]
         jacobians = jacobians.reshape(len(jacobians), -1, jacobians.shape[-1])
         motion = np.einsum("bij,bij->bj", jacobians, jacobians)
-        if part.encoders is not None:
-            motion += part.encoder_lever**2 * part.encoders.present
-            self._deflection += float((part.encoder_lever**2 * part.encoders.deflection**2).sum())
-        reach = (lever * force + moment) ** 2
+        if measurements.encoders is not None:
+            squared_lever, encoders = measurements.encoder_lever**2, measurements.encoders
+            motion += squared_lever * encoders.present
+            self._deflection += float((squared_lever * encoders.deflection**2).sum())
+        squared_greatest_torque = (lever * force + moment) ** 2  # of a force perpendicular to the lever
         self._torque += (block.torque**2).sum(axis=0)
         np.maximum(self._greatest_torque, np.abs(block.torque).max(axis=0), out=self._greatest_torque)
-        self._lever += reach.sum(axis=0)
+        self._lever += squared_greatest_torque.sum(axis=0)
         self._column += (block.torque**2 * motion).sum(axis=0)
-        self._potential += (reach * motion).sum(axis=0)
-        self._deflection += float((part.deflection**2).sum())
+        self._potential += (squared_greatest_torque * motion).sum(axis=0)
+        self._deflection += float((measurements.deflection**2).sum())
 
     @property
     def anything_moved(self) -> bool:
@@ -219,8 +217,8 @@ class Excitation:
 
     def observability(self) -> Observability:
         """Return the observability of the joints in all observations added so far."""
-        without_lever = self._potential <= NULL_COLUMN**2 * self._potential.max()
-        null = without_lever | (self._column <= NULL_COLUMN**2 * self._potential)
+        has_no_lever = self._potential <= NULL_COLUMN**2 * self._potential.max()
+        null = has_no_lever | (self._column <= NULL_COLUMN**2 * self._potential)
         potential = np.where(self._potential > 0, self._potential, np.inf)
         return Observability(
             null=null,
@@ -234,9 +232,10 @@ class Excitation:
     def _explain_no_effect(self, joint: int) -> str:
         """Return why a joint has no effect on the readings, with a remedy."""
         words = JOINT_UNITS[self._kinds[joint]]
-        # A load on the joint's own axis has no lever, so the greatest lever of all joints sets the limit.
-        lever = max(self._lever[joint], 1e-6 * self._lever.max())
-        if self._torque[joint] <= NULL_COLUMN**2 * lever:
+        # If the load always acts on the joint's axis, the joint's own sum is zero: compare with the greatest
+        # sum of all joints.
+        possible_torque = max(self._lever[joint], 1e-6 * self._lever.max())
+        if self._torque[joint] <= NULL_COLUMN**2 * possible_torque:
             return f"the load never {words.loads} it: add loads that {words.load_verb} it"
         return f"no target moves when it {words.moves}: place a target away from its axis"
 
@@ -273,7 +272,7 @@ class Spectrum:
         determined: (m, p) the regressor with the directions of `null_space` removed, so that no fit follows
             rounding; the regressor itself where the rank is full.
         inverse: (p, m) pseudo-inverse of the regressor.
-        seen: (rank, p) functions of the compliances that the readings determine, one a row.
+        seen: (rank, p) weighted sums of the compliances that the readings determine, one in each row.
     """
 
     def __init__(self, R: FloatArray) -> None:
@@ -307,17 +306,18 @@ def analyse_spectrum(spectrum: Spectrum, columns: IndexArray) -> Identifiability
     """Return rank, condition number, combined joints and weakest direction from a spectrum.
 
     Args:
-        spectrum: of the regressor of p joints.
+        spectrum: spectrum of the regressor of p joints.
         columns: (p,) index of the joint of each column; the result uses these indices.
     """
     singular = spectrum.singular_values
-    full = spectrum.rank == len(columns)
-    condition, weakest = float(singular[0] / singular[-1]) if full else float("inf"), None
-    if full and condition > HARD_TO_TELL:
+    has_full_rank = spectrum.rank == len(columns)
+    condition = float(singular[0] / singular[-1]) if has_full_rank else float("inf")
+    weakest = None
+    if has_full_rank and condition > HARD_TO_TELL:
         direction = spectrum.weakest
         parts = np.flatnonzero(np.abs(direction) > _RELEVANT_PART * np.abs(direction).max())
         change = direction[parts] / spectrum.scale[parts]
-        # The sign of a singular vector is arbitrary: choose that in which the first joint's part is positive.
+        # The sign of a singular vector is arbitrary: choose the sign for which the first part is positive.
         change = change * (np.sign(change[0]) / np.abs(change).max())
         weakest = WeakDirection(tuple(int(columns[i]) for i in parts), change, condition)
     return Identifiability(
@@ -343,7 +343,7 @@ def explain_noise(
     torque, most_loaded = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
     units, units_of_most = (JOINT_UNITS[observability.kinds[j]] for j in (joint, most_loaded))
     least, greatest = figure(torque[joint], ".2g"), figure(torque[most_loaded], ".2g")
-    instead = (
+    most_loaded_joint = (
         ""
         if most_loaded == joint
         else f", and {names[most_loaded]} with up to {greatest} {units_of_most.effort}"
@@ -352,8 +352,8 @@ def explain_noise(
         f"hidden by noise: its standard uncertainty of {figure(uncertainty, '.2g')} "
         f"{units.compliance} exceeds {figure(observability.reference_compliance[joint], '.2g')} "
         f"{units.compliance}, the compliance with which it alone would explain all deflections; the load "
-        f"{units.loads} it with at most {least} {units.effort}{instead}: add loads that {units.load_verb} it "
-        "more"
+        f"{units.loads} it with at most {least} {units.effort}{most_loaded_joint}: add loads that "
+        f"{units.load_verb} it more"
     )
 
 
@@ -364,11 +364,11 @@ def observability_indices(
 
     Each column is divided by the largest norm that the joint's levers allow, so ``Σ s² ≤ p``, and no index
     exceeds 1. These norms grow with the number of readings, so that readings taken twice change nothing;
-    Borm & Menq divide by the root of that number instead.
+    Borm & Menq divide by the square root of the number of readings instead.
 
     Args:
-        regressor: (m, n) of all readings, weighted by their covariance, in any unit.
-        observability: of the same readings.
+        regressor: (m, n) regressor of all readings, weighted with their covariance, in any unit.
+        observability: observability in the same readings.
 
     Returns:
         The indices by name; None where the rank is not full.

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
+from jointstiff.solver.arrays import ActiveBounds, BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError, SolverError
 
 FREE, LOWER, UPPER = 0, -1, 1
@@ -61,11 +61,11 @@ class Bounds:
         """Return the bounds of the variables ``x = c / unit``, for units (n,) or (K, n)."""
         return Bounds(self.lower / unit, self.upper / unit)
 
-    def support_at(self, x: FloatArray) -> Support:
-        """Return for each entry of x: -1 if equal to the lower bound, 1 if equal to the upper one, else 0."""
+    def active_bounds_at(self, x: FloatArray) -> ActiveBounds:
+        """Return for each entry of x: -1 if at its lower bound, 1 if at its upper bound, else 0."""
         return np.where(x == self.lower, LOWER, np.where(x == self.upper, UPPER, FREE)).astype(np.int8)
 
-    def values_at_bounds(self, active: Support) -> FloatArray:
+    def values_at_bounds(self, active: ActiveBounds) -> FloatArray:
         """Return the value of each parameter that is at a bound, and zero for each free parameter."""
         return np.where(active == LOWER, self.lower, np.where(active == UPPER, self.upper, 0.0))
 
@@ -74,7 +74,7 @@ class Bounds:
         x = np.where(x - self.lower <= TOLERANCE, self.lower, x)
         return np.where(self.upper - x <= TOLERANCE, self.upper, x)
 
-    def hold_exactly(self, c: FloatArray, active: Support) -> FloatArray:
+    def hold_exactly(self, c: FloatArray, active: ActiveBounds) -> FloatArray:
         """Return compliances that satisfy the bounds exactly, after the rounding of a change of units.
 
         Args:
@@ -83,15 +83,17 @@ class Bounds:
         """
         return np.clip(np.where(active == FREE, c, self.values_at_bounds(active)), self.lower, self.upper)
 
-    def pivot(self, active: Support, x: FloatArray, gradient: FloatArray) -> Support:
-        """Return the support after one round of block principal pivoting (Portugal, Júdice & Vicente 1994).
+    def pivot(self, active: ActiveBounds, x: FloatArray, gradient: FloatArray) -> ActiveBounds:
+        """Return the active bounds after one round of block principal pivoting.
 
+        Portugal, Júdice & Vicente (1994).
         A free parameter outside its bounds goes to the bound; a parameter at a bound is freed if the sign of
         its multiplier is wrong. Rounds may cycle; the certificate of the outcome then detects the failure.
         """
+        # The multiplier of a free parameter is set to 1, so that the parameter stays free.
         multiplier = np.where(active == LOWER, gradient, np.where(active == UPPER, -gradient, 1.0))
-        freed = np.where(multiplier < 0, FREE, active)
-        return np.where(x < self.lower, LOWER, np.where(x > self.upper, UPPER, freed)).astype(np.int8)
+        after_freeing = np.where(multiplier < 0, FREE, active)
+        return np.where(x < self.lower, LOWER, np.where(x > self.upper, UPPER, after_freeing)).astype(np.int8)
 
     def gradient_violation(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
         """Return by how much each entry of the gradient violates optimality at x; negative for no violation.
@@ -127,12 +129,12 @@ class Constraints:
     def __post_init__(self) -> None:
         if not self.order:
             return
-        below = self._implied_order()  # (n, n), whether c_i ≤ c_j
+        below = self._implied_order()  # (n, n) table: true where c_i ≤ c_j
         if below.diagonal().any():
             raise RequestError(
                 "`stiffness_order` contradicts itself: the chains of joints form a cycle",
                 where="stiffness_order",
-                remedy="name each joint once per chain, and let no two chains contradict each other",
+                remedy="name each joint only once in a chain, and remove chains that contradict each other",
             )
         below_or_same = below | np.eye(len(below), dtype=np.bool_)
         lower = np.where(below_or_same, self.bounds.lower[:, None], -np.inf).max(axis=0)
@@ -157,7 +159,7 @@ class Constraints:
     def select(self, columns: IndexArray) -> Constraints:
         """Return the constraints on the joints with indices `columns` (p,), which are ascending."""
         below = self._implied_order()[np.ix_(columns, columns)]
-        below &= ~(below @ below)  # drop pairs that follow from other pairs
+        below &= ~(below @ below)  # drop pairs that follow from two other pairs (i, k) and (k, j)
         order = tuple((int(i), int(j)) for i, j in np.argwhere(below))
         return Constraints(self.bounds.select(columns), order)
 
@@ -181,8 +183,8 @@ class Constraints:
             upper[below[:, joint]] = np.minimum(upper[below[:, joint]], value)
         if not (lower[others] < upper[others]).all():
             raise RequestError(
-                "the decoupled method fits the arm first, which leaves no feasible compliance for a wrist "
-                "joint between its bounds and the order",
+                "the decoupled method fits the arm joints first; with their compliances, no compliance of a "
+                "wrist joint satisfies both its bounds and `stiffness_order`",
                 where="stiffness_order",
                 remedy="use method partial_pose, which fits all joints at once",
             )
@@ -246,9 +248,9 @@ class IdentificationProblem:
     def column_norms(self) -> FloatArray:
         """Norms (n,) of the columns of R, by which R is scaled to unit columns."""
         largest = np.abs(self.R).max(axis=0, initial=0.0)
-        # Scaled first: the squares of a column in other units may under- or overflow.
-        safe = np.where(largest > 0, largest, 1.0)
-        return np.asarray(np.linalg.norm(self.R / safe, axis=0) * largest)
+        # Divide by the largest entry first: the squares of very small or large entries under- or overflow.
+        divisor = np.where(largest > 0, largest, 1.0)
+        return np.asarray(np.linalg.norm(self.R / divisor, axis=0) * largest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,7 +294,7 @@ class Scaled:
         return np.asarray(self.A.T @ (self.A @ x - self.b))
 
     def tight_rows(self, x: FloatArray, slack: float = TOLERANCE) -> BoolArray:
-        """Return which rows (k,) of the constraints hold with equality at x, up to a relative slack."""
+        """Return a mask (k,) of the constraints that hold with equality at x, up to a relative slack."""
         G, h = self.rows
         return np.asarray(G @ x - h <= slack * max(1.0, float(np.abs(x).max())))
 
@@ -315,10 +317,11 @@ class Scaled:
                 return multipliers
         return multipliers
 
-    def solve_on_support(self, active: Support, near: FloatArray | None = None) -> FloatArray:
+    def solve_with_active_bounds(self, active: ActiveBounds, near: FloatArray | None = None) -> FloatArray:
         """Return the least-squares point (n,) with all active variables fixed at their bounds.
 
-        Of several such points, the point nearest to `near` is returned; the shortest if `near` is None.
+        If several points minimise ‖A x − b‖², the minimum nearest to `near` is returned, or the minimum of
+        least norm if `near` is None.
         """
         free = active == FREE
         x = self.bounds.values_at_bounds(active)
@@ -329,18 +332,18 @@ class Scaled:
             x[free] += np.linalg.lstsq(self.A[:, free], rhs, rcond=_NO_DIRECTION)[0]
         return x
 
-    def solve_by_pivoting(self, active: Support) -> FloatArray:
-        """Return the least-squares point (n,) reached by pivoting from a support; not certified.
+    def solve_by_pivoting(self, active: ActiveBounds) -> FloatArray:
+        """Return the least-squares point (n,) reached by pivoting from given active bounds; not certified.
 
-        Pivoting ends when the support no longer changes, or after `MOST_PIVOTS` rounds.
+        Pivoting ends when the active bounds no longer change, or after `MOST_PIVOTS` rounds.
         """
-        x = self.solve_on_support(active)
+        x = self.solve_with_active_bounds(active)
         for _ in range(MOST_PIVOTS):
             pivoted = self.bounds.pivot(active, x, self.gradient(x))
             if (pivoted == active).all():
                 break
             active = pivoted
-            x = self.solve_on_support(active)
+            x = self.solve_with_active_bounds(active)
         return x
 
     def solve_on_rows(self, active: BoolArray, near: FloatArray) -> FloatArray:

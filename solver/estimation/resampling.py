@@ -385,7 +385,7 @@ def _solve_stage(stage: StageStack, weights: FloatArray, known: FloatArray, boun
     for k in np.flatnonzero(pending):
         drawn = np.repeat(np.arange(weights.shape[1]), weights[k].astype(np.intp))
         x[k] = _solve_from_rows(stage, drawn, offset[k], box)
-    return bounds.hold_exactly(x * unit, box.support_at(x))
+    return bounds.hold_exactly(x * unit, box.active_bounds_at(x))
 
 
 def _solve_from_rows(stage: StageStack, drawn: IndexArray, offset: FloatArray, box: Bounds) -> FloatArray:

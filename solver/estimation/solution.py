@@ -2,10 +2,10 @@
 
 The steps are those of method.md §5. Columns and right-hand side are brought to unit norm, so that
 neither units nor twelve decades between the joints matter. The program stated in `convex` is solved by
-Clarabel; its answer tells which bounds and inequalities are active, and least squares on these are exact. The
-point is accepted only if the conditions of Karush, Kuhn and Tucker hold in the data. Where an interior point
-blurs a tie, an exact active set takes its place. By convexity it does not matter who proposed what is
-certified.
+Clarabel. From Clarabel's answer follow the active bounds and inequalities, and least squares with these held
+exactly gives the point. The point is accepted only if the conditions of Karush, Kuhn and Tucker hold in the
+data. Where Clarabel's interior point does not show which constraints are active, an active-set method takes
+over. The problems are convex, so a certified point is the optimum, whichever algorithm proposed it.
 
 Many small problems with bounds alone are solved at once from their Gram matrices (`solve_batch`).
 """
@@ -21,7 +21,7 @@ import numpy as np
 
 from jointstiff.schemas.run import Certificate as StagesCertificate
 from jointstiff.schemas.run import SupportFinder
-from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray, Support
+from jointstiff.solver.arrays import ActiveBounds, BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.problem import (
     FREE,
@@ -62,7 +62,7 @@ class Certificate:
     #: (n + k,) multipliers of the bounds, positive at a lower and negative at an upper bound, then of the
     #: inequalities. For a cone, (m,) or (K, 3) multipliers of the equations that define the residuals
     multipliers: FloatArray
-    solved_by: SupportFinder  #: algorithm that found the support
+    solved_by: SupportFinder  #: algorithm that found the active bounds
 
     def is_optimal(self) -> bool:
         """Return whether no violation exceeds `TOLERANCE`, so that the point is the optimum."""
@@ -70,7 +70,7 @@ class Certificate:
 
 
 def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
-    """Return one certificate for all stages (at least one) of a method: the greatest of their violations."""
+    """Return one certificate for all stages (at least one) of a method, with their greatest violations."""
     return StagesCertificate(
         primal=max(stage.primal for stage in stages),
         dual=max(stage.dual for stage in stages),
@@ -89,34 +89,38 @@ def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certific
     """
     gradient, size = scaled.gradient(x), max(1.0, float(np.abs(x).max()))
     if len(scaled.d):
-        # Multipliers that are not negative are sought for the tight rows alone, so complementarity holds by
-        # construction, and it does not matter that the rows may depend on each other.
+        # Non-negative multipliers are computed for the tight rows alone, so complementarity holds by
+        # construction, and the rows may be linearly dependent.
         G, h = scaled.rows
         multipliers = scaled.multipliers_at(x)
         unbalanced = np.abs(gradient - G.T @ multipliers)
-        # The difference is known to the rounding of its largest terms: nearly parallel rows, such as those of
-        # a joint that the readings hardly show, have multipliers far larger than the gradient.
+        # The rounding error of the difference is that of its largest terms: nearly parallel rows, such as
+        # those of a joint that the readings hardly show, have multipliers far larger than the gradient.
         largest = max(size, float((np.abs(G.T) @ multipliers).max(initial=0.0)))
-        bounds = len(h) - len(scaled.d)
+        bound_count = len(h) - len(scaled.d)  # the rows of the bounds come first
         return Certificate(
             primal=max(0.0, float((h - G @ x).max(initial=0.0)) - _ROUNDING * size),
             dual=max(0.0, float(unbalanced.max()) - _ROUNDING * largest),
             gap=0.0,
-            multipliers=np.concatenate([G[:bounds].T @ multipliers[:bounds], multipliers[bounds:]]),
+            multipliers=np.concatenate(
+                [G[:bound_count].T @ multipliers[:bound_count], multipliers[bound_count:]]
+            ),
             solved_by=solved_by,
         )
     lower, upper = scaled.bounds.lower, scaled.bounds.upper
-    below, above = x - lower, upper - x
-    # The positive part of the gradient is the multiplier of a lower bound, the negative of an upper bound.
-    product = np.maximum(
-        np.minimum(np.maximum(gradient, 0.0), below), np.minimum(np.maximum(-gradient, 0.0), above)
+    lower_slack, upper_slack = x - lower, upper - x
+    # The multiplier of a lower bound is the positive part of the gradient, that of an upper bound minus the
+    # negative part. Either the multiplier or the slack must be zero.
+    complementarity = np.maximum(
+        np.minimum(np.maximum(gradient, 0.0), lower_slack),
+        np.minimum(np.maximum(-gradient, 0.0), upper_slack),
     )
-    # A gradient is known to the rounding of the terms that cancel in it.
-    wrong = scaled.bounds.gradient_violation(x, gradient)
+    # The rounding error of a gradient is that of the terms that cancel in it.
+    violation = scaled.bounds.gradient_violation(x, gradient)
     return Certificate(
-        primal=max(0.0, float(-np.minimum(below, above).min())),
-        dual=max(0.0, float(wrong.max()) - _ROUNDING * size),
-        gap=max(0.0, float(product.max()) - _ROUNDING * size),
+        primal=max(0.0, float(-np.minimum(lower_slack, upper_slack).min())),
+        dual=max(0.0, float(violation.max()) - _ROUNDING * size),
+        gap=max(0.0, float(complementarity.max()) - _ROUNDING * size),
         multipliers=np.where((x <= lower) | (x >= upper), gradient, 0.0),
         solved_by=solved_by,
     )
@@ -127,14 +131,14 @@ class Solution:
     """The optimum of an `IdentificationProblem`."""
 
     compliance: FloatArray  #: (n,) [rad/(N·m)]
-    active: Support  #: (n,) -1 at the lower bound, 1 at the upper bound, else 0
+    active: ActiveBounds  #: (n,) -1 at the lower bound, 1 at the upper bound, else 0
     certificate: Certificate  #: evidence of optimality
     #: (k,) inequalities that hold with equality up to rounding; None where the problem has none
     tight: BoolArray | None = None
 
 
 _Proposal = tuple[FloatArray, SupportFinder]
-"""A point (n,) in equilibrated variables, and the algorithm that found its support."""
+"""A point (n,) in equilibrated variables, and the algorithm that found its active bounds."""
 
 
 def solve(problem: IdentificationProblem) -> Solution:
@@ -148,8 +152,8 @@ def solve(problem: IdentificationProblem) -> Solution:
         SolverError: if no candidate satisfies the optimality conditions.
     """
     scaled = Scaled.from_problem(problem)
-    exact = _propose_by_least_distance(scaled) if len(scaled.d) else _propose_by_active_set(scaled)
-    return _select_first_certified(problem, scaled, chain(_propose_by_clarabel(scaled), exact))
+    fallback = _propose_by_least_distance(scaled) if len(scaled.d) else _propose_by_active_set(scaled)
+    return _select_first_certified(problem, scaled, chain(_propose_by_clarabel(scaled), fallback))
 
 
 def solve_step(problem: IdentificationProblem) -> Solution:
@@ -167,8 +171,8 @@ def solve_step(problem: IdentificationProblem) -> Solution:
             problem, scaled, chain(_propose_by_least_distance(scaled), _propose_by_clarabel(scaled))
         )
     x = scaled.solve_by_pivoting(np.zeros(len(scaled.unit), dtype=np.int8))
-    inside = bool(((x > scaled.bounds.lower) & (x < scaled.bounds.upper)).all())
-    pivoted: _Proposal = x, "least_squares" if inside else "pivoting"
+    no_bound_is_active = bool(((x > scaled.bounds.lower) & (x < scaled.bounds.upper)).all())
+    pivoted: _Proposal = x, "least_squares" if no_bound_is_active else "pivoting"
     return _select_first_certified(
         problem, scaled, chain([pivoted], _propose_by_clarabel(scaled), _propose_by_active_set(scaled))
     )
@@ -187,7 +191,7 @@ def _select_first_certified(
         x = scaled.bounds.snap(point)
         certificate = certify(scaled, x, solved_by)
         if certificate.is_optimal():
-            active = scaled.bounds.support_at(x)
+            active = scaled.bounds.active_bounds_at(x)
             compliance = problem.bounds.hold_exactly(x * scaled.unit, active)
             tight = scaled.tight_rows(x)[-len(scaled.d) :] if len(scaled.d) else None
             return Solution(compliance, active, certificate, tight)
@@ -218,17 +222,18 @@ def _propose_by_clarabel(scaled: Scaled) -> Iterator[_Proposal]:
     active[gradient > near - scaled.bounds.lower] = LOWER
     active[-gradient > scaled.bounds.upper - near] = UPPER
     yield scaled.solve_by_pivoting(active), "clarabel"
-    # Where the optimum is not unique, the shortest point may violate a bound that Clarabel's point keeps.
-    yield scaled.solve_on_support(active, near), "clarabel"
+    # Where the optimum is not unique, pivoting ends at the shortest optimum, which may violate a bound that
+    # Clarabel's point satisfies: also propose the optimum nearest to Clarabel's point.
+    yield scaled.solve_with_active_bounds(active, near), "clarabel"
 
 
 def _propose_by_active_set(scaled: Scaled) -> Iterator[_Proposal]:
-    """Yield the solution under bounds alone by bounded-variable least squares (Stark & Parker 1995)."""
+    """Yield the optimum under bounds alone, by bounded-variable least squares (Stark & Parker 1995)."""
     from scipy.optimize import lsq_linear
 
     bounds = scaled.bounds.lower, scaled.bounds.upper
     outcome = lsq_linear(scaled.A, scaled.b, bounds=bounds, method="bvls", tol=1e-15)
-    yield scaled.solve_on_support(np.asarray(outcome.active_mask, dtype=np.int8)), "active_set"
+    yield scaled.solve_with_active_bounds(np.asarray(outcome.active_mask, dtype=np.int8)), "active_set"
 
 
 def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
@@ -249,27 +254,27 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     least = h - rows @ (Q.T @ scaled.b)
     E = np.vstack([rows.T, least])
     scale = np.linalg.norm(E, axis=0)
-    target = np.zeros(len(E))
-    target[-1] = 1.0
+    right_side = np.zeros(len(E))
+    right_side[-1] = 1.0
     try:
-        multipliers, _ = nnls(E / scale, target)
-    except RuntimeError:
+        multipliers, _ = nnls(E / scale, right_side)
+    except RuntimeError:  # no convergence
         return
     yield from _propose_on_rows(scaled, multipliers > 0, np.zeros(len(scaled.unit)), "least_distance")
 
 
 def _propose_on_rows(
-    scaled: Scaled, active: BoolArray, near: FloatArray, name: SupportFinder
+    scaled: Scaled, active: BoolArray, near: FloatArray, solved_by: SupportFinder
 ) -> Iterator[_Proposal]:
     """Yield two exact least-squares points at which rows of the constraints hold with equality.
 
-    At the second point these are the `active` rows (k,). At the first point these are the rows with a
-    positive multiplier at the second point: rounding may have hidden some active rows, but where variables
-    differ very much in size, the first point may have too many rows.
+    At the second point the `active` rows (k,) hold with equality. At the first point the rows with a positive
+    multiplier at the second point do: rounding may have hidden some active rows, but where variables differ
+    very much in size, the first point may have too many rows.
     """
     x = scaled.solve_on_rows(active, near)
-    yield scaled.solve_on_rows(scaled.multipliers_at(x) > 0, x), name
-    yield x, name
+    yield scaled.solve_on_rows(scaled.multipliers_at(x) > 0, x), solved_by
+    yield x, solved_by
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +282,7 @@ class BatchSolution:
     """The optima of K problems over n parameters."""
 
     compliance: FloatArray  #: (K, n) [rad/(N·m)]; NaN where not certified
-    active: Support  #: (K, n) -1 at the lower bound, 1 at the upper bound, else 0
+    active: ActiveBounds  #: (K, n) -1 at the lower bound, 1 at the upper bound, else 0
     #: (K,) whether the optimality conditions hold to `TOLERANCE`; False where the Gram matrix is singular or
     #: too ill-conditioned to solve
     certified: BoolArray
@@ -295,7 +300,7 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
     Args:
         gram: (K, n, n) G, symmetric, in any unit.
         moment: (K, n) h.
-        bounds: on the n parameters, the same for all problems.
+        bounds: bounds of the n parameters, the same for all problems.
 
     Returns:
         The optima of all K problems; the optima of ill-conditioned problems are marked as not certified.
@@ -307,7 +312,7 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
         raise SolverError(
             "the Gram matrices overflow", remedy="check the units and magnitudes of the readings"
         )
-    # Equilibrated variables x with c = unit · x (K, n); columns of zeros are left as they are
+    # Equilibrated variables x with c = unit · x (K, n); columns of zeros keep the unit 1.
     diagonal = np.diagonal(gram, axis1=1, axis2=2)
     norms = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     b = moment / norms
@@ -317,10 +322,10 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
     A = gram / (norms[:, :, None] * norms[:, None, :])
     problems = GramProblems(A, b / size, bounds.in_units(unit))
     certified = problems.well_conditioned()
-    sound = problems.select(np.flatnonzero(certified))
+    solvable = problems.select(np.flatnonzero(certified))
     x, active = np.full(moment.shape, np.nan), np.zeros(moment.shape, dtype=np.int8)
-    x[certified] = optima = sound.find_optima()
-    active[certified] = sound.bounds.support_at(optima)
+    x[certified] = optima = solvable.find_optima()
+    active[certified] = solvable.bounds.active_bounds_at(optima)
     return BatchSolution(bounds.hold_exactly(x * unit, active), active, certified)
 
 
@@ -346,20 +351,20 @@ class GramProblems:
         n/(n − 1), and ``det A ≤ λ (n/(n − 1))ⁿ⁻¹``: for most matrices the cheap determinant decides.
         """
         n = self.A.shape[1]
-        sound = np.asarray(np.linalg.det(self.A) * (1.0 - 1.0 / n) ** (n - 1) >= LEAST_EIGENVALUE)
-        sound[~sound] = np.linalg.eigvalsh(self.A[~sound])[:, 0] >= LEAST_EIGENVALUE
-        return sound
+        passes = np.asarray(np.linalg.det(self.A) * (1.0 - 1.0 / n) ** (n - 1) >= LEAST_EIGENVALUE)
+        passes[~passes] = np.linalg.eigvalsh(self.A[~passes])[:, 0] >= LEAST_EIGENVALUE
+        return passes
 
     def find_optima(self) -> FloatArray:
         """Return the optima (K, n) of well-conditioned problems, by pivoting or else by `solve_step`."""
         x = self.bounds.snap(self.solve_by_pivoting())
-        # The conditions of Karush, Kuhn and Tucker at x, which keeps its bounds: the gradient vanishes off
-        # the bounds, is positive at a lower bound and negative at an upper one. It is known to the rounding
-        # of the terms that cancel in it.
-        wrong = self.bounds.gradient_violation(x, self.gradient(x))
+        # x is within its bounds; the other conditions of Karush, Kuhn and Tucker are that the gradient is
+        # zero off the bounds, positive at a lower bound and negative at an upper bound. The gradient has the
+        # rounding error of the terms that cancel in it.
+        violation = self.bounds.gradient_violation(x, self.gradient(x))
         rounding = _ROUNDING * np.maximum(1.0, np.abs(x).max(axis=1))
-        holds: BoolArray = wrong.max(axis=1) <= TOLERANCE + rounding
-        for k in np.flatnonzero(~holds):
+        is_optimal: BoolArray = violation.max(axis=1) <= TOLERANCE + rounding
+        for k in np.flatnonzero(~is_optimal):
             # The same problem as rows: a triangle R with RᵀR = A, and z with Rᵀz = b.
             factor = np.linalg.cholesky(self.A[k])
             z = np.linalg.solve(factor, self.b[k])
@@ -373,21 +378,22 @@ class GramProblems:
         Pivoting ends when no variable changes between free and bound, or after `MOST_PIVOTS` rounds.
         """
         points, active = np.empty(self.b.shape), np.zeros(self.b.shape, dtype=np.int8)
-        unsettled, part = np.arange(len(active)), self
+        # Only the problems whose active bounds still change are solved again.
+        unsettled, problems = np.arange(len(active)), self
         for _ in range(MOST_PIVOTS):
-            side = active[unsettled]
-            points[unsettled] = x = part.solve_on_support(side)
-            pivoted = part.bounds.pivot(side, x, part.gradient(x))
-            changed = (pivoted != side).any(axis=1)
+            before = active[unsettled]
+            points[unsettled] = x = problems.solve_with_active_bounds(before)
+            pivoted = problems.bounds.pivot(before, x, problems.gradient(x))
+            changed = (pivoted != before).any(axis=1)
             unsettled = unsettled[changed]
             active[unsettled] = pivoted[changed]
             if not len(unsettled):
                 return points
-            part = self.select(unsettled)
-        points[unsettled] = part.solve_on_support(active[unsettled])
+            problems = self.select(unsettled)
+        points[unsettled] = problems.solve_with_active_bounds(active[unsettled])
         return points
 
-    def solve_on_support(self, active: Support) -> FloatArray:
+    def solve_with_active_bounds(self, active: ActiveBounds) -> FloatArray:
         """Return the least-squares points (K, n) whose active variables are fixed at their bounds.
 
         Rows and columns of fixed variables become those of the unit matrix. The eigenvalues of the other
@@ -396,8 +402,8 @@ class GramProblems:
         free = active == FREE
         at_bounds = self.bounds.values_at_bounds(active)
         system = np.where(free[:, :, None] & free[:, None, :], self.A, np.eye(free.shape[1]))
-        right = np.where(free, -self.gradient(at_bounds), at_bounds)
-        x = np.linalg.solve(system, right[:, :, None])[:, :, 0]
+        right_side = np.where(free, -self.gradient(at_bounds), at_bounds)
+        x = np.linalg.solve(system, right_side[:, :, None])[:, :, 0]
         return np.where(free, x, at_bounds)
 
     def gradient(self, x: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """Frames, wrist centre, links and the robot as it was measured: what follows from the identified axes.
 
-Two axes fix the base frame R0 but for a convention, because neither shows how high the floor is nor which way
-the maker's x points:
+Two axes determine the base frame R0 up to a convention, because the axes show neither the height of the floor
+nor the direction that the maker chose for x:
 
 * *By a nominal model* (preferred): R0 is related to the perpendicular frame of the identified axes 1 and 2
   (below) as the model's R0 is to that of its own axes, all at model angle zero. The nominal height
@@ -11,10 +11,11 @@ the maker's x points:
   model angle zero of joint 1, from axis 1 towards axis 2. If the two axes meet within their uncertainty, x
   is the product of the directions of axes 2 and 1 instead.
 
-The *perpendicular frame* of a main axis and another one, both with a sense: z along the main axis; x along
-the product of the other's direction with it, which is the direction of their common perpendicular; the
-origin at the foot of that perpendicular on the main axis. It depends on the axes alone, also where they
-meet (there x still is well defined, a vector from foot to foot is not).
+The *perpendicular frame* of a main axis and another axis, both with a sense of rotation, has z along the main
+axis; x along the cross product of the other axis's direction and z, the direction of the common
+perpendicular; and its origin at the foot of that perpendicular on the main axis. The frame depends on the
+axes alone, also where the axes meet: the cross product still defines x, although both feet are the same
+point.
 
 The wrist centre is found in three ways:
 
@@ -24,9 +25,10 @@ The wrist centre is found in three ways:
 * **trilateration**: at each position from three targets (`trilaterate`), at the distances that the spheres
   found.
 
-All use the same readings, so their errors are related. Each way keeps its derivative by the readings, from
-which covariances and those of differences are exact to first order. The combination weights each by the
-inverse of its own covariance: a way that is ill-conditioned counts little, and none has a negative weight.
+All three use the same readings, so their errors are related. Each estimate keeps its derivative with respect
+to the readings, from which the covariances of estimates and of their differences are exact to first order.
+The combination weights each estimate with the inverse of its own covariance: an ill-conditioned estimate
+counts little, and no estimate has a negative weight.
 
 Links are lengths and angles between neighbouring axes as Denavit and Hartenberg name them. For neighbours i
 and i+1: distance a_i and twist alpha_i along and about their common perpendicular x_i; for each axis, offset
@@ -95,12 +97,12 @@ def find_common_perpendicular_feet(first: Axis, second: Axis) -> tuple[FloatArra
     The axes must not be parallel.
     """
     a, b = first.direction, second.direction
-    between = second.point - first.point
+    gap = second.point - first.point
     cosine = float(a @ b)
-    sine2 = float(np.sum(cross(a, b) ** 2))
-    along_first, along_second = float(between @ a), float(between @ b)
-    first_foot = first.point_at((along_first - along_second * cosine) / sine2)
-    second_foot = second.point_at((along_first * cosine - along_second) / sine2)
+    squared_sine = float(np.sum(cross(a, b) ** 2))
+    along_first, along_second = float(gap @ a), float(gap @ b)
+    first_foot = first.point_at((along_first - along_second * cosine) / squared_sine)
+    second_foot = second.point_at((along_first * cosine - along_second) / squared_sine)
     return first_foot, second_foot
 
 
@@ -119,11 +121,11 @@ def compute_perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "fl
         MeasurementError: there are fewer than two axes, or they are nearly parallel.
     """
     if len(axes) < 2:
-        explicit = "give the transform from the tracker's frame to R0 explicitly"
+        base_remedy = "give the transform from the tracker's frame to R0 explicitly"
         raise MeasurementError(
             f"a single axis does not define a {frame} frame",
             where="sweeps",
-            remedy=explicit if frame == "base" else "define the flange by three targets",
+            remedy=base_remedy if frame == "base" else "define the flange frame by three targets",
         )
     main, other = (axes[0], axes[1]) if frame == "base" else (axes[-1], axes[-2])
     x = cross(other.direction, main.direction)
@@ -140,10 +142,10 @@ def compute_perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "fl
 
 @dataclass(frozen=True, eq=False)
 class BaseFrame:
-    """Placement of R0 in the tracker's frame, from identified axes and a convention."""
+    """Placement of R0 in the tracker's frame, computed from identified axes and a convention."""
 
     identified: IdentifiedAxes  #: at least two axes
-    #: from the perpendicular frame of axes 1 and 2, at model angle zero, to R0: the convention
+    #: convention: transform from the perpendicular frame of axes 1 and 2, at model angle zero, to R0
     base_from_perpendicular: pin.SE3
 
     def place(self, axes: Sequence[Axis]) -> pin.SE3:
@@ -162,16 +164,16 @@ class BaseFrame:
         Rows are a small motion in R0: translation [m], then rotation [rad]. Columns are the four chart
         coordinates of each of n axes, then the coordinates of T targets.
         """
-        back = self.transform_tracker_to_base.inverse()
+        base_to_tracker = self.transform_tracker_to_base.inverse()
         return self.identified.differentiate_quantity(
-            lambda axes, _: pin.log6(self.place(axes) * back).vector
+            lambda axes, _: pin.log6(self.place(axes) * base_to_tracker).vector
         )
 
 
 def find_base_frame(
     identified: IdentifiedAxes, nominal: KinematicChain | None = None, *, height: float = 0.0
 ) -> BaseFrame:
-    """Place R0 on the identified axes.
+    """Return the placement of R0 on the identified axes.
 
     Args:
         identified: at least two axes.
@@ -207,7 +209,7 @@ class BaseTargets:
 
     before: FloatArray  #: (B, 3) earlier readings in the tracker's frame [m]
     after: FloatArray  #: (B, 3) later readings in the tracker's frame [m]
-    covariance: FloatArray  #: (3, 3) or (B, 3, 3) of one reading in units of sigma²
+    covariance: FloatArray  #: (3, 3) or (B, 3, 3) covariance of one reading in units of sigma²
     names: tuple[str, ...]  #: (B,) names of the targets
     where: str = "base_targets_after"  #: field of the request that has the later readings
 
@@ -233,6 +235,7 @@ class BaseTargets:
                 where=self.where,
                 remedy="place the targets so that they form a triangle",
             )
+        # Factor 2: both readings of a target have this covariance.
         W = np.broadcast_to(whitener(2.0 * sigma**2 * self.covariance), (len(before), 3, 3))
         turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - middle)
         R = turn.as_matrix()
@@ -251,8 +254,8 @@ class BaseTargets:
         probability = float(special.chdtrc(6, max(gain_of_motion, 0.0)))  # a rigid motion has six numbers
         S = differentiate_by_rigid_motion(reference_point)
         # Test each target alone: the drop in the sum of squares when the target is left out is χ² with three
-        # degrees of freedom. With only three targets, the fit leaves three residual numbers, too few to find
-        # the target that moved.
+        # degrees of freedom. With only three targets, only three degrees of freedom remain after the fit, too
+        # few to find the target that moved.
         suspects: list[tuple[float, str]] = []  # drop in the sum of squares, name of the target
         for target in range(len(before) if len(before) > 3 else 0):
             rows = slice(3 * target, 3 * target + 3)
@@ -319,12 +322,12 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
     def express_in_both_frames(centre: FloatArray, influence: FloatArray) -> dict[str, Any]:
         """Return the fields of a `WristCentre`: position and covariance in the tracker's frame and in R0.
 
-        The centre (3,) [m] is in the tracker's frame; `influence` (3, m) is its derivative with respect to
-        the whitened readings.
+        The centre (3,) [m] is in the tracker's frame; `influence` (3, m) is the derivative of the centre with
+        respect to the whitened readings.
         """
         centre_in_base = transform_points(T, centre)
-        # R0 may depend on more quantities than the centre, the angles of joints that rest during a sweep:
-        # their columns come last.
+        # R0 may depend on more quantities than the centre does, namely the angles of the joints that do not
+        # turn in a sweep; the columns of these angles come last.
         base_influence = (
             differentiate_by_rigid_motion(centre_in_base) @ base.jacobian @ base.identified.influence
         )
@@ -399,7 +402,7 @@ def _find_point_nearest_to_axes(
     """
 
     def place_wrist_axes(axes: Sequence[Axis]) -> list[Axis]:
-        """Return the last three axes in the posture, from all axes at model angle zero."""
+        """Return the last three axes in `posture`, computed from all axes at model angle zero."""
         # `Motion` needs a target; a target at the origin does not affect the axes.
         rotations, origins = Motion(axes, np.zeros((1, 3)), posture[None]).postures.joint_frames
         frames = zip(rotations[0, -WRIST_JOINTS:], origins[0, -WRIST_JOINTS:], strict=True)
@@ -407,7 +410,7 @@ def _find_point_nearest_to_axes(
 
     reference = place_wrist_axes(identified.axes)
     normals = np.stack([axis.frame[:, :2].T for axis in reference])
-    rough = _solve_nearest_point(reference, np.eye(2 * WRIST_JOINTS))
+    unweighted_centre = _solve_nearest_point(reference, np.eye(2 * WRIST_JOINTS))
 
     def compute_offsets(axes: Sequence[Axis], point: FloatArray) -> FloatArray:
         """Return offsets (6,) [m] of three axes from a point, along two normals of each reference axis."""
@@ -415,7 +418,7 @@ def _find_point_nearest_to_axes(
         return np.asarray((normals @ gaps[..., None]).ravel())
 
     offset_covariance = identified.compute_covariance_of(
-        lambda axes, _: compute_offsets(place_wrist_axes(axes), rough)
+        lambda axes, _: compute_offsets(place_wrist_axes(axes), unweighted_centre)
     )
     weight = np.asarray(np.linalg.inv(offset_covariance), dtype=np.float64)
     centre = _solve_nearest_point(reference, weight)
@@ -424,7 +427,10 @@ def _find_point_nearest_to_axes(
         lambda axes, _: _solve_nearest_point(place_wrist_axes(axes), weight)
     )
     probability = float(special.chdtrc(2 * WRIST_JOINTS - 3, residual @ weight @ residual))
-    distance = max(float(np.linalg.norm(axis.nearest_point_to(rough) - rough)) for axis in reference)
+    distance = max(
+        float(np.linalg.norm(axis.nearest_point_to(unweighted_centre) - unweighted_centre))
+        for axis in reference
+    )
     uncertainty = float(np.sqrt(np.trace(offset_covariance) / len(offset_covariance)))
     return (centre, J @ identified.influence), distance, uncertainty, probability
 
@@ -455,8 +461,8 @@ def fit_spheres(
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray] | None:
     """Fit spheres with a common centre, the wrist centre, to the targets.
 
-    While the arm rests and wrist joints turn, each target keeps its distance from the wrist centre. The fit
-    is by maximum likelihood.
+    While the arm is at rest and wrist joints turn, each target keeps its distance from the wrist centre. The
+    fit is by maximum likelihood.
 
     Args:
         identified: axes with the sweeps whose readings are fitted.
@@ -470,17 +476,17 @@ def fit_spheres(
         determine a centre: a single sweep shows only a circle.
     """
     sweeps, readings = identified.sweeps, identified.sweeps.whitened
-    at_rest = []  # for each sweep, a mask of its positions: true if the arm rests at `arm_angles`
+    at_rest = []  # for each sweep, a mask of its positions: true if the arm is at `arm_angles` throughout
     for sweep in sweeps.sweeps:
-        away = np.abs(sweeps.model_angles(sweep)[:, : len(arm_angles)] - arm_angles)
-        at_rest.append(np.full(len(sweep), away.max(initial=0.0) <= RESTING_RANGE))
-    if sum(rests.all() for rests in at_rest) < 2:
+        difference = np.abs(sweeps.model_angles(sweep)[:, : len(arm_angles)] - arm_angles)
+        at_rest.append(np.full(len(sweep), difference.max(initial=0.0) <= RESTING_RANGE))
+    if sum(is_at_rest.all() for is_at_rest in at_rest) < 2:  # a single sweep shows only a circle
         return None
     present = sweeps.present & np.concatenate(at_rest)[:, None]
     k, t = np.nonzero(present)  # position and target of each of the m fitted readings
     points, has_target = readings.points[k, t], np.eye(present.shape[1])[t]
-    # Derivative of each reading with respect to the whitened reading
-    factors = np.linalg.inv(readings.weight[k, t])
+    # (m, 3, 3) derivative of each reading with respect to the whitened reading
+    unwhiteners = np.linalg.inv(readings.weight[k, t])
 
     def compute_distances_and_directions(state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return distances (m,) of the readings from the centre, and unit vectors (m, 3) from the centre."""
@@ -497,7 +503,7 @@ def fit_spheres(
     # The weights are computed at the start values and kept: they hardly depend on the state, and with
     # constant weights the problem is ordinary least squares.
     spread = np.linalg.norm(
-        np.einsum("mji,mj->mi", factors, compute_distances_and_directions(start)[1]), axis=1
+        np.einsum("mji,mj->mi", unwhiteners, compute_distances_and_directions(start)[1]), axis=1
     )
     try:
         state, linear = minimise(
@@ -512,7 +518,7 @@ def fit_spheres(
     if not linear.determines(slice(0, 3)):
         return None
     by_reading = (
-        np.einsum("mji,mj->mi", factors, compute_distances_and_directions(state)[1]) / spread[:, None]
+        np.einsum("mji,mj->mi", unwhiteners, compute_distances_and_directions(state)[1]) / spread[:, None]
     )
     # Columns of `influence` that belong to the coordinates of each reading
     columns = np.arange(readings.points.size).reshape(readings.points.shape)
@@ -523,15 +529,21 @@ def fit_spheres(
 
 
 def _trilaterate_all_positions(
-    identified: SweptAxes, radii: FloatArray, by_sphere: FloatArray, present: BoolArray, near: FloatArray
+    identified: SweptAxes,
+    radii: FloatArray,
+    sphere_influence: FloatArray,
+    present: BoolArray,
+    near: FloatArray,
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Trilaterate the wrist centre in every position in which the three best targets were read, and average.
+    """Return the mean of the wrist centres trilaterated in all positions in which three targets were read.
+
+    The three targets are those that span the largest triangle.
 
     Args:
         identified: axes with their sweeps' readings and targets.
-        radii: (T,) distances of the targets from the centre [m], as `fit_spheres` returns them.
-        by_sphere: (3 + T, m) derivative of centre and radii with respect to the readings, from `fit_spheres`.
-        present: (N, T) readings that may be used.
+        radii: (T,) distances of the targets from the centre [m].
+        sphere_influence: (3 + T, m) derivative of centre and radii with respect to the whitened readings.
+        present: (N, T) mask of the readings that may be used.
         near: (3,) rough centre [m].
 
     Returns:
@@ -547,17 +559,17 @@ def _trilaterate_all_positions(
     if not max(areas, default=0.0) > 0.0:
         return None
     chosen = triples[int(np.argmax(areas))]  # the three targets that span the largest triangle
-    by_radius = by_sphere[[3 + t for t in chosen]]
+    radius_influence = sphere_influence[[3 + t for t in chosen]]
     # Sums over the positions: of the weights, of weight · centre, and of weight · derivative
-    total_weight, centre, influence = np.zeros((3, 3)), np.zeros(3), np.zeros_like(by_sphere[:3])
+    total_weight, centre, influence = np.zeros((3, 3)), np.zeros(3), np.zeros_like(sphere_influence[:3])
     for k in np.flatnonzero(present[:, chosen].all(axis=1)):
         try:
             point, by_distance, by_target = trilaterate(readings.points[k, chosen], radii[chosen], near)
         except MeasurementError:
             continue
-        factors = np.linalg.inv(readings.weight[k, chosen])
-        by_reading = np.einsum("itj,tjk->itk", by_target, factors).reshape(3, -1)
-        point_influence = by_distance @ by_radius
+        unwhiteners = np.linalg.inv(readings.weight[k, chosen])
+        by_reading = np.einsum("itj,tjk->itk", by_target, unwhiteners).reshape(3, -1)
+        point_influence = by_distance @ radius_influence
         weight = np.linalg.inv(by_reading @ by_reading.T + point_influence @ point_influence.T)
         point_influence[:, columns[k, chosen].ravel()] += by_reading
         total_weight += weight
@@ -598,8 +610,8 @@ def trilaterate(
         )
     # In the plane of the targets the spheres meet where ``2 sides · x = sides² + r_0² − r_t²``
     foot = np.linalg.lstsq(sides, 0.5 * (lengths**2 + r[0] ** 2 - r[1:] ** 2), rcond=None)[0]
-    height2 = float(r[0] ** 2 - foot @ foot)
-    if not height2 > 0.0:
+    squared_height = float(r[0] ** 2 - foot @ foot)
+    if not squared_height > 0.0:
         raise MeasurementError(
             "no point has these distances from the three targets, or the point lies in the plane of "
             "the targets",
@@ -607,7 +619,7 @@ def trilaterate(
             remedy="check the distances; trilateration cannot find a centre that lies in the plane of the "
             "targets",
         )
-    points = P[0] + foot + np.outer([1.0, -1.0], np.sqrt(height2) / area * normal)
+    points = P[0] + foot + np.outer([1.0, -1.0], np.sqrt(squared_height) / area * normal)
     centre = min(points, key=lambda point: float(np.linalg.norm(point - np.asarray(near))))
     # Differentiate ``‖centre − P_t‖² = r_t²``: ``(centre − P_t)·(δcentre − δP_t) = r_t δr_t``
     arms = centre - P
@@ -626,7 +638,7 @@ _RANDOM_POSTURES = 200
 
 @dataclass(frozen=True, eq=False)
 class FlangeConvention:
-    """Convention that places the flange frame on the last link: the axes do not determine this frame.
+    """Convention that places the flange frame on the last link; the axes do not determine this frame.
 
     Without `targets`, the flange frame has the pose `frame_from_flange` in the perpendicular frame of the
     last two axes at model angle zero. With the default, the identity, z is the last axis; for a spherical
@@ -709,7 +721,7 @@ def identify_model(
 
     T = base.transform_tracker_to_base
     axes = [axis.transform(T) for axis in identified.axes]
-    if nominal is not None:  # keep each line, but represent it by its point nearest to the nominal joint
+    if nominal is not None:  # the link frames are at the points nearest to those of the nominal model
         nominal_axes, _ = _get_nominal_axes(nominal, len(axes))
         pairs = zip(axes, nominal_axes, strict=True)
         axes = [axis.represent_near(nominal_axis.point) for axis, nominal_axis in pairs]
@@ -723,7 +735,7 @@ def identify_model(
         links = [joint.child for joint in nominal.moving]
         limits = [joint.limits for joint in nominal.moving]
         base_link, flange_link = nominal.base, nominal.flange
-        # The flange is a further link behind the last moving link, which therefore needs another name.
+        # The flange becomes a link of its own behind the last moving link, so the two need different names.
         links[-1] = f"{flange_link}_mount" if links[-1] == flange_link else links[-1]
     joints, origin = [], np.zeros(3)
     for joint, link, limit, axis in zip(names, links, limits, axes, strict=True):
@@ -798,8 +810,9 @@ def compute_link_geometry(
         axes: n axes at model angle zero, in R0.
         flange: transform from the flange frame to R0 at model angle zero.
         parallel: (n - 1,) true for neighbours that are meant to be parallel.
-        signs: (n - 1,) senses of the perpendiculars, see `LinkGeometry.signs`; if None, each points towards
-            the next axis, or close to the perpendicular before it where the axes meet.
+        signs: (n - 1,) senses ±1 of the perpendiculars x relative to z_i × z_{i+1}, or between parallel axes
+            relative to the direction from axis i to axis i + 1. If None, each perpendicular points towards
+            the next axis or, where the axes meet, at most 90° away from the perpendicular before.
     """
     z = [axis.direction for axis in axes]
     x = [_normalise_normal_part(np.eye(3)[0], z[0], np.eye(3)[1])]
@@ -821,7 +834,7 @@ def compute_link_geometry(
         x.append(used_signs[-1] * along)
         starts.append(start)
         ends.append(end)
-    # x_n and the origin of frame n on the last axis: as near to the flange frame as they can be
+    # x_n and the origin of frame n: as near to the flange frame as frame n on the last axis can be
     x.append(_normalise_normal_part(flange.rotation[:, 0], z[-1], flange.rotation[:, 1]))
     starts.append(axes[-1].nearest_point_to(flange.translation))
     frame_n = build_right_handed_frame(x[-1], z[-1], starts[-1])
@@ -843,10 +856,10 @@ def _normalise_normal_part(vector: FloatArray, normal: FloatArray, fallback: Flo
 
     If `vector` is nearly parallel to `normal`, `fallback` (3,) is used in place of `vector`.
     """
-    part = vector - normal * float(vector @ normal)
-    if np.linalg.norm(part) < 0.5:
-        part = fallback - normal * float(fallback @ normal)
-    return np.asarray(part / np.linalg.norm(part))
+    normal_part = vector - normal * float(vector @ normal)
+    if np.linalg.norm(normal_part) < 0.5:
+        normal_part = fallback - normal * float(fallback @ normal)
+    return np.asarray(normal_part / np.linalg.norm(normal_part))
 
 
 def _signed_angle(first: FloatArray, second: FloatArray, about: FloatArray) -> float:
@@ -861,8 +874,8 @@ def compare_links(
 ) -> list[LinkComparison]:
     """Compare the link parameters of the nominal model with the identified link parameters.
 
-    Differences of angles are within ±π [rad]. Omitted are d and theta of the first and the last joint, which
-    only express where R0 and the flange frame were placed.
+    Differences of angles are within ±π [rad]. The result omits d and theta of the first and the last joint,
+    which only express where R0 and the flange frame were placed.
 
     Raises:
         RobotError: the nominal model has another number of joints.
@@ -899,9 +912,9 @@ def compare_links(
     # Quantity and index of the joint of each parameter, in the order of `LinkGeometry.parameters`
     labels = [(q, i) for q in ("a", "alpha", "beta") for i in range(n - 1)]
     labels += [(q, i) for q in ("d", "theta") for i in range(n)]
-    conventions = {(q, i) for q in ("d", "theta") for i in (0, n - 1)}
+    omitted = {(q, i) for q in ("d", "theta") for i in (0, n - 1)}
     # Between parallel axes d is zero by definition, between other axes beta.
-    conventions |= {("d" if is_parallel else "beta", i) for i, is_parallel in enumerate(parallel)}
+    omitted |= {("d" if is_parallel else "beta", i) for i, is_parallel in enumerate(parallel)}
     gaps = values - expected.parameters
     return [
         LinkComparison(
@@ -916,7 +929,7 @@ def compare_links(
         for (q, joint), value, nominal_value, gap, u in zip(
             labels, values, expected.parameters, gaps, spread, strict=True
         )
-        if (q, joint) not in conventions
+        if (q, joint) not in omitted
     ]
 
 
@@ -933,8 +946,8 @@ def build_dh_table(
 ) -> tuple[IdentifiedDh, list[NearlyParallel]]:
     """Convert a chain to a Denavit-Hartenberg table: flange to R0 = base · T_1(q_1) … T_n(q_n) · tool.
 
-    T_i is the transform of row i at joint angle q_i. `base` is the identity if z of R0 is axis 1, `tool` if z
-    of the flange is the last axis.
+    T_i is the transform of row i at joint angle q_i. `base` is the identity if axis 1 is z of R0; `tool` is
+    the identity if the last axis is z of the flange.
 
     Args:
         chain: kinematic chain with revolute joints only.
@@ -950,15 +963,15 @@ def build_dh_table(
     for i, axis in enumerate(axes[1:]):
         previous = table_axes[-1].direction
         sine = float(np.linalg.norm(cross(previous, axis.direction)))
-        replaced = sine < parallel_within or sine == 0.0
+        is_replaced = sine < parallel_within or sine == 0.0
         if sine < LEAST_SINE:
             angle = float(np.arcsin(sine))
             nearly_parallel.append(
-                NearlyParallel(joint=chain.joint_names[i], angle=angle, made_parallel=replaced)
+                NearlyParallel(joint=chain.joint_names[i], angle=angle, made_parallel=is_replaced)
             )
-        made_parallel.append(replaced)
+        made_parallel.append(is_replaced)
         sense = np.sign(previous @ axis.direction)
-        table_axes.append(Axis.through(axis.point, sense * previous) if replaced else axis)
+        table_axes.append(Axis.through(axis.point, sense * previous) if is_replaced else axis)
     geometry = compute_link_geometry(table_axes, flange, made_parallel)
     # Row i of a modified table has a and alpha of the link before axis i; row i of a standard table has a and
     # alpha of the link behind axis i.

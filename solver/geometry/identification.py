@@ -1,15 +1,14 @@
 """Identify the geometry of a robot from sweeps or unloaded poses: one call from readings to a robot.
 
-Every number comes with its uncertainty and every suspicion with its figure; nothing is corrected silently.
+Every number has an uncertainty. Suspicions about the readings are reported with figures; nothing is corrected
+silently.
 
-Suspicions about geometry readings and what was identified by them: reported with figures, never mended.
-
-Anomalies of a sweep, a tracker that was bumped, a position or a reading that is off, are hypotheses with
-columns of their own: from position s on, the tracker sees everything displaced by one rigid motion; one
-position is displaced; one reading is. What a hypothesis would take off the sum of squares, with the fit
-repeated (to first order) together with it, is tested by F against what it would leave. That needs no sigma
-and blames no neighbour: a bump in the middle also spoils the readings around it, but a bump explains them
-all with six numbers.
+The anomalies of a sweep are hypotheses, each with columns of its own in the fit: from position s on, the
+tracker sees all targets displaced by one rigid motion (the tracker was bumped); one position is displaced; or
+one reading is displaced. Each hypothesis is tested by an F-test: the decrease of the sum of squares when the
+fit is repeated (to first order) with the hypothesis, against the remaining sum of squares. The test needs no
+sigma, and does not blame neighbours: a bump in the middle also disturbs the readings around it, but a bump
+explains them all with six numbers.
 """
 
 from __future__ import annotations
@@ -104,7 +103,7 @@ _FINDING_WEIGHTS: Final[dict[FindingCode, Verdict]] = {
     "residuals_below_sigma": "use",
     "axes_nearly_parallel": "use",
 }
-"""Weights of findings that do not ask for care."""
+"""Weights of findings whose weight is not `use_with_care`."""
 
 
 def _make_finding(code: FindingCode, where: str, message: str, remedy: str) -> Finding:
@@ -120,35 +119,37 @@ def report_sweeps(identified: SweptAxes, whole: SweptAxes) -> Iterator[Finding]:
         identified: axes from a separate fit of each sweep.
         whole: the fit of all sweeps together, whose residuals show how well the model describes the robot.
     """
-    typical = float(np.median([fit.linear.rss / fit.dof for fit in identified.fits]))
+    typical_variance = float(np.median([fit.linear.rss / fit.dof for fit in identified.fits]))
     # Standard uncertainty from the median of the residuals, which a few sweeps that do not fit hardly change
     residuals = whole.residual.reshape(-1, 3)[whole.sweeps.present.ravel()]
     robust_sigma = np.median(np.abs(residuals)) / special.ndtri(0.75) * np.sqrt(residuals.size / whole.dof)
     for fit in identified.fits:
-        least = LEAST_BUMP_RATIO * float(robust_sigma)
-        yield from report_sweep(fit, identified.names, typical=typical, least=least)
+        least_bump = LEAST_BUMP_RATIO * float(robust_sigma)
+        yield from report_sweep(
+            fit, identified.names, typical_variance=typical_variance, least_bump=least_bump
+        )
 
 
 def report_sweep(
-    fit: AxisFit, names: tuple[str, ...], *, typical: float = 0.0, least: float = 0.0
+    fit: AxisFit, names: tuple[str, ...], *, typical_variance: float = 0.0, least_bump: float = 0.0
 ) -> Iterator[Finding]:
     """Yield suspicions about one sweep; a clean sweep yields nothing.
 
     Args:
         fit: the fit of this sweep alone.
         names: names of the targets.
-        typical: variance of a residual in the other sweeps [m²]; smaller residuals are no anomaly.
-        least: displacement [m] below which a bump is not reported.
+        typical_variance: variance of a residual in the other sweeps [m²]; smaller residuals are no anomaly.
+        least_bump: displacement [m] below which a bump is not reported.
     """
     where = fit.sweep.where
-    for anomaly, size, probability in _find_anomalies(fit, typical):
-        if anomaly.code == "tracker_bumped" and size < least:
+    for anomaly, displacement, probability in _find_anomalies(fit, typical_variance):
+        if anomaly.code == "tracker_bumped" and displacement < least_bump:
             continue
         target = "" if anomaly.target is None else f", target {names[anomaly.target]}"
-        place = f"{where}, position {anomaly.position + 1}{target}"
+        anomaly_where = f"{where}, position {anomaly.position + 1}{target}"
         effect, remedy = _ANOMALY_TEXTS[anomaly.code]
-        message = effect.format(f"about {length_text(size)} (p = {probability:.1g})")
-        yield _make_finding(anomaly.code, place, message, remedy)
+        message = effect.format(f"about {length_text(displacement)} (p = {probability:.1g})")
+        yield _make_finding(anomaly.code, anomaly_where, message, remedy)
     if fit.arc < SHORT_ARC:
         spread = float(np.sqrt(np.linalg.eigvalsh(fit.axis_covariance[:2, :2]).max()))
         arc = float(np.degrees(fit.arc))
@@ -238,20 +239,23 @@ class _ExplainedReadings:
         along = vectors[:, is_new].T @ np.einsum("mip,mi->p", columns, self.residual[readings])
         return values[is_new], vectors[:, is_new], along
 
-    def compute_f_test(self, anomaly: _Anomaly, typical: float) -> tuple[float, float]:
-        """Return the log of the F-test's p-value for a hypothesis, and the residual variance with it [m²]."""
+    def compute_f_test(self, anomaly: _Anomaly, least_variance: float) -> tuple[float, float]:
+        """Return the log of a hypothesis's p-value in the F-test, and the remaining residual variance [m²].
+
+        The variance is at least `least_variance`. A hypothesis that cannot be tested has p-value 1.
+        """
         values, _, along = self.solve_projected(self.compute_whitened_motion(anomaly), anomaly.readings)
         rank, dof = len(values), self.dof - len(values)
         if rank == 0 or dof < 1:
             return 0.0, 0.0
-        gain = float(along**2 @ (1.0 / values))
-        variance = max(max(float(np.sum(self.residual**2)) - gain, 1e-300) / dof, typical)
+        gain = float(along**2 @ (1.0 / values))  # decrease of the sum of squares
+        variance = max(max(float(np.sum(self.residual**2)) - gain, 1e-300) / dof, least_variance)
         # special.fdtrc is used because stats.f takes fifty times as long.
         probability = float(special.fdtrc(rank, dof, gain / rank / variance))
         return (math.log(probability) if probability > 0.0 else -math.inf), variance
 
     def estimate_displacement(self, anomaly: _Anomaly, variance: float) -> float:
-        """Return the translation [m] of a hypothesis's readings; components within noise count as zero."""
+        """Return the size [m] of a displacement by an anomaly; components within noise count as zero."""
         values, vectors, along = self.solve_projected(self.weight[anomaly.readings], anomaly.readings)
         is_clear = along**2 > _CLEAR_UNCERTAINTIES**2 * variance * values
         return float(np.linalg.norm(vectors[:, is_clear] @ (along[is_clear] / values[is_clear])))
@@ -260,20 +264,20 @@ class _ExplainedReadings:
         """Return the readings with the motion of a further anomaly added to the explained part."""
         columns = self.compute_whitened_motion(anomaly)
         values, vectors, _ = self.solve_projected(columns, anomaly.readings)
-        raw = np.zeros((*self.points.shape, len(values)))
-        raw[anomaly.readings] = columns @ (vectors / np.sqrt(values))
-        more = raw - self.basis @ np.einsum("ktip,ktiq->pq", self.basis, raw)
-        residual = self.residual - more @ np.einsum("ktip,kti->p", more, self.residual)
-        basis = np.concatenate([self.basis, more], axis=-1)
+        motion = np.zeros((*self.points.shape, len(values)))
+        motion[anomaly.readings] = columns @ (vectors / np.sqrt(values))
+        new_basis = motion - self.basis @ np.einsum("ktip,ktiq->pq", self.basis, motion)
+        residual = self.residual - new_basis @ np.einsum("ktip,kti->p", new_basis, self.residual)
+        basis = np.concatenate([self.basis, new_basis], axis=-1)
         return _ExplainedReadings(self.points, self.weight, basis, residual, self.dof - len(values))
 
 
-def _find_anomalies(fit: AxisFit, typical: float) -> Iterator[tuple[_Anomaly, float, float]]:
+def _find_anomalies(fit: AxisFit, typical_variance: float) -> Iterator[tuple[_Anomaly, float, float]]:
     """Find anomalies of a sweep one after the other, the most significant first.
 
     Args:
         fit: fit of the sweep.
-        typical: variance of a residual in the other sweeps [m²]; smaller residuals count as noise.
+        typical_variance: variance of a residual in the other sweeps [m²]; smaller residuals count as noise.
 
     Yields:
         At most `MOST_ANOMALIES` tuples: the anomaly; the size of its displacement [m], without components
@@ -303,7 +307,7 @@ def _find_anomalies(fit: AxisFit, typical: float) -> Iterator[tuple[_Anomaly, fl
             for t in np.flatnonzero(present[k])
         )
     for _ in range(min(MOST_ANOMALIES, len(suspects))):
-        tests = [explained.compute_f_test(anomaly, typical) for anomaly in suspects]
+        tests = [explained.compute_f_test(anomaly, typical_variance) for anomaly in suspects]
         best = min(range(len(tests)), key=lambda index: tests[index][0])
         log_probability, variance = tests[best][0] + math.log(len(tests)), tests[best][1]
         if log_probability > math.log(FALSE_ALARM):
@@ -379,9 +383,10 @@ def report_drift(drift: results.Drift, targets: BaseTargets) -> Iterator[Finding
             "correct later readings with the given transform, or measure again",
         )
     for target in drift.moved_targets:
-        back, index = drift.transform_after_to_before, targets.names.index(target)
-        returned = np.array(back.rotation) @ targets.after[index] + back.translation
-        distance = float(np.linalg.norm(returned - targets.before[index]))
+        # Move the later reading back with the base; what remains is the target's own motion.
+        motion, index = drift.transform_after_to_before, targets.names.index(target)
+        moved_back = np.array(motion.rotation) @ targets.after[index] + motion.translation
+        distance = float(np.linalg.norm(moved_back - targets.before[index]))
         yield _make_finding(
             "base_target_moved",
             f"{targets.where}.{target}",
@@ -418,8 +423,8 @@ def report_vague_parameters(
     for link in links:
         spread = link.standard_uncertainty
         if spread is not None and spread > VAGUE_UNCERTAINTY:
-            shown = f"{1e3 * spread:.2g} mm" if link.unit == "m" else f"{np.degrees(spread):.2g}°"
-            vague.append(f"{link.quantity} of joint {names.index(link.joint) + 1} (± {shown})")
+            uncertainty = f"{1e3 * spread:.2g} mm" if link.unit == "m" else f"{np.degrees(spread):.2g}°"
+            vague.append(f"{link.quantity} of joint {names.index(link.joint) + 1} (± {uncertainty})")
     if vague:
         yield _make_finding(
             "parameters_not_identified",
@@ -443,7 +448,7 @@ class Conventions:
     base: Literal["nominal", "axes"]  #: see `find_base_frame`
     flange: Literal["nominal", "axes", "targets"]  #: see `FlangeConvention`
     height: float = 0.0  #: for base `axes`: height of the foot of the perpendicular above R0 [m]
-    flange_targets: tuple[int, int, int] = (0, 1, 2)  #: for flange `targets`: their indices
+    flange_targets: tuple[int, int, int] = (0, 1, 2)  #: for flange `targets`: indices of the three targets
 
 
 def identify_from_sweeps(
@@ -485,12 +490,12 @@ def identify_from_sweeps(
     wrist_axes = identified = chosen
     if controller_p_value < UNEVEN_GEARS_P_VALUE:
         # Uneven gears: the uncertainties must include errors of the joint angles at rest.
-        columns, joints = propagate_resting_angle_errors(free_fits)
-        identified = _widen_uncertainties(chosen, columns)
+        displacements, joints = propagate_resting_angle_errors(free_fits)
+        identified = _widen_uncertainties(chosen, displacements)
         # The wrist centre is computed in the posture of the wrist's sweeps, in which the arm's joints rested:
         # only errors of the wrist joints' angles affect it.
         is_wrist_joint = np.array(joints, dtype=int) >= sweeps.joint_map.n - WRIST_JOINTS
-        wrist_axes = _widen_uncertainties(chosen, columns[:, is_wrist_joint])
+        wrist_axes = _widen_uncertainties(chosen, displacements[:, is_wrist_joint])
     names = name_joints(nominal, sweeps.joint_map.n)
     evidence = [_describe_sweep(axis_fit, sweeps, names) for axis_fit in separate.fits]
     result = _assemble_result(
@@ -591,7 +596,8 @@ def _assemble_result(
     modified, _ = build_dh_table(model.chain, "modified")
     links = [] if nominal is None else compare_links(identified, base, flange, nominal)
     all_findings = list(findings)
-    wrist, no_wrist, drift = None, None, None
+    wrist, drift = None, None
+    no_wrist = None  # reason why no wrist centre was computed
     if wrist_axes.undetermined.size:
         no_wrist = "the poses do not determine all axes"
     else:
@@ -643,7 +649,7 @@ def _assemble_result(
 
 
 def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.IdentifiedAxis]:
-    """Return the axes in R0 as messages; their uncertainties are computed in the tracker's frame.
+    """Return the axes in R0 as messages, with uncertainties computed in the tracker's frame.
 
     Args:
         base: placement of R0 by n axes.
@@ -661,7 +667,7 @@ def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifie
         identified.differentiate_quantity(compute_axis_coordinates)
     ).reshape(-1, 2, 3, 3)
     is_determined = np.isfinite(covariances).all(axis=(-2, -1))
-    greatest = np.full(is_determined.shape, np.nan)  # standard uncertainty in any direction
+    greatest = np.full(is_determined.shape, np.nan)  # greatest standard uncertainty in any direction
     greatest[is_determined] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariances[is_determined])[:, -1], 0.0))
     return build_messages(
         results.IdentifiedAxis,
@@ -681,12 +687,16 @@ def _describe_robot(name: str, chain: KinematicChain, joint_map: JointMap) -> Ro
     return RobotDocument(name=name, model=model, joint_map=None if is_identity else stored)
 
 
-def _widen_uncertainties(identified: SweptAxes, columns: FloatArray) -> SweptAxes:
-    """Return the axes with the covariance of G independent displacements (4 n + 3 T, G) added."""
+def _widen_uncertainties(identified: SweptAxes, displacements: FloatArray) -> SweptAxes:
+    """Return the axes with the covariance of G independent errors added.
+
+    `displacements` (4 n + 3 T, G) of charts and targets are those due to one standard deviation of each
+    error.
+    """
     return replace(
         identified,
-        covariance=identified.covariance + columns @ columns.T,
-        influence=np.hstack([identified.influence, columns / identified.sigma]),
+        covariance=identified.covariance + displacements @ displacements.T,
+        influence=np.hstack([identified.influence, displacements / identified.sigma]),
     )
 
 

@@ -11,18 +11,18 @@ afterwards. Angles are the controller's, but for corrections that a caller may f
 undetermined is then the poses' fault (a joint that never moved, too few poses), not the parametrisation's;
 such combinations keep their nominal values and are named.
 
-A joint's axis is a directed line: it has four degrees of freedom. `Axis` carries a frame (u, v, a) at one
-of its points, a along the axis; displacements along u and v and rotations about u and v are the *chart*
-in which fits step and covariances are stated. Sliding along the axis and turning about it change
-nothing, so the chart is minimal and has no singularity. Rigid transforms are Pinocchio's: coordinates x in
-one frame become y = R x + t in the other; one is uncertain by a small motion (δ, φ) in the frame of y,
-``y = (I + [φ]×)(R x + t) + δ``.
+A joint's axis is a directed line with four degrees of freedom. `Axis` has a frame (u, v, a) at one of its
+points, with a along the axis. Displacements along u and v and rotations about u and v are the *chart*: the
+coordinates of the steps of a fit and of covariances. Sliding the frame along the axis or turning it about the
+axis changes nothing, so the chart is minimal and has no singularity. Rigid transforms are Pinocchio's:
+coordinates x in one frame become y = R x + t in the other frame. The uncertainty of a transform is that of a
+small motion (δ, φ) in the frame of y, ``y = (I + [φ]×)(R x + t) + δ``.
 
 `minimise` is a damped Gauss-Newton for small non-linear least squares on such curved spaces. The state may
 be anything with a `take_step` function; the Jacobian is taken in the chart at the state itself. At the
-minimum the linearised fit is kept: it carries covariance, rank and what each reading does to each unknown.
-Unknowns that belong to one group of readings each, such as the angle of one position, are eliminated group by
-group: their number costs nothing.
+minimum the linearised fit is kept: from it follow the covariance, the rank, and the effect of each reading on
+each unknown. Unknowns that affect one group of readings only, such as the angle of one position, are
+eliminated group by group, so that their number costs nothing.
 """
 
 from __future__ import annotations
@@ -81,11 +81,13 @@ def orthonormalise_transform(rotation: FloatArray, translation: FloatArray) -> p
     Raises:
         MeasurementError: the matrix is not a rotation.
     """
-    gap = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if not gap <= ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
-        is_reflection = gap <= ROTATION_TOLERANCE
+    deviation = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if not deviation <= ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
+        is_reflection = deviation <= ROTATION_TOLERANCE
         fault = (
-            "it is a reflection (determinant -1)" if is_reflection else f"its largest deviation is {gap:.2g}"
+            "it is a reflection (determinant -1)"
+            if is_reflection
+            else f"its largest deviation is {deviation:.2g}"
         )
         raise MeasurementError(
             f"the rotation matrix is not orthonormal: {fault}",
@@ -145,7 +147,7 @@ class Axis:
 
     @cached_property
     def frame(self) -> FloatArray:
-        """Rotation (3, 3) of the axis's frame: columns u and v, normal to the axis, and its direction."""
+        """Rotation (3, 3) of the axis frame: columns are u and v, normal to the axis, and the direction a."""
         return np.array(self.place.rotation)
 
     @property
@@ -175,7 +177,7 @@ class Axis:
         return Axis(self.place * pin.SE3(turn, np.array([x, y, 0.0])))
 
     def chart(self, other: Axis) -> FloatArray:
-        """Return the coordinates (4,) of another axis in this axis's chart; `displace` inverts this method.
+        """Return the chart coordinates (4,) of another axis relative to this axis: the inverse of `displace`.
 
         The coordinates are displacements x and y along the normals u and v of this axis's frame [m], then
         rotations α and β about u and v [rad]. The other axis must not be perpendicular to this axis.
@@ -184,8 +186,8 @@ class Axis:
         q = self.frame.T @ (other.point - self.point)
         x, y, _ = q - w * (q[2] / w[2])
         sine = float(np.hypot(w[0], w[1]))
-        stretch = np.arctan2(sine, w[2]) / sine if sine > 0.0 else 1.0
-        return np.array([x, y, -w[1] * stretch, w[0] * stretch])
+        angle_over_sine = np.arctan2(sine, w[2]) / sine if sine > 0.0 else 1.0
+        return np.array([x, y, -w[1] * angle_over_sine, w[0] * angle_over_sine])
 
     def transform(self, motion: pin.SE3) -> Axis:
         """Return the axis after a rigid motion, or in another frame; chart coordinates stay the same."""
@@ -201,7 +203,7 @@ class LinearFit:
 
     residual: FloatArray  #: (m,) r
     range_basis: FloatArray  #: (m, k) orthonormal basis U of the range of J, k the rank
-    #: (p, k) matrix with δ = inverse Uᵀ r; where J is rank deficient, δ has minimum norm in scaled unknowns
+    #: (p, k) matrix in δ = inverse Uᵀ r; where J is rank deficient, δ has minimum norm in scaled unknowns
     inverse: FloatArray
     #: (p, p - k) orthonormal combinations of scaled unknowns that r does not determine
     undetermined: FloatArray
@@ -258,11 +260,11 @@ class LinearFit:
         return float(self.residual @ self.residual)
 
     def determines(self, unknowns: slice) -> bool:
-        """Return whether the readings determine every one of these unknowns."""
+        """Return whether the readings determine all unknowns of a slice."""
         return bool((np.linalg.norm(self.undetermined[unknowns], axis=1) < _UNDETERMINED).all())
 
     def step(self, damping: float = 0.0) -> FloatArray:
-        """Return the least squares step (p + G,): δ of the p unknowns, then of the unknown of each group.
+        """Return the least-squares step (p + G,) of the p unknowns, then of the unknown of each group.
 
         Args:
             damping: λ of Levenberg's step, added to the squares of the singular values of scaled columns.
@@ -276,11 +278,11 @@ class LinearFit:
 
     @property
     def explained(self) -> float:
-        """Norm of the part of the residual that the step would explain."""
-        part = float(np.linalg.norm(self.range_basis.T @ self.residual))
+        """Norm of the part of the residual that the least-squares step would explain."""
+        without_groups = float(np.linalg.norm(self.range_basis.T @ self.residual))
         if self.group_unknowns is None:
-            return part
-        return float(np.hypot(part, np.linalg.norm(self.group_unknowns.along)))
+            return without_groups
+        return float(np.hypot(without_groups, np.linalg.norm(self.group_unknowns.along)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,8 +357,8 @@ def minimise(
     """
     r = residual(state)
     for _ in range(_MOST_STEPS):
-        by_group = None if group_jacobian is None else group_jacobian(state)
-        linear = LinearFit.from_derivatives(r, jacobian(state), by_group)
+        group_derivative = None if group_jacobian is None else group_jacobian(state)
+        linear = LinearFit.from_derivatives(r, jacobian(state), group_derivative)
         if linear.explained <= max(_CONVERGED * float(np.linalg.norm(r)), _ROUNDING * readings_norm):
             return state, linear
         damping = 0.0
@@ -505,16 +507,16 @@ def refuse_wrong_units(sigma: float | None, reach: float) -> None:
         raise MeasurementError(
             f"sigma must be positive, but is {sigma}", where="noise.sigma", remedy="give a positive length"
         )
-    # Targets that hardly move are implausible in either unit: another check reports them.
+    # Targets that hardly move are implausible in metres and in millimetres: another check reports them.
     reach_in_other_unit = reach / 1e3 if reach > 1.0 else 1e3 * reach
     if LEAST_REACH <= reach <= MOST_REACH or reach_in_other_unit < LEAST_REACH:
         return
-    shown = f"{reach:,.0f} m" if reach > 1.0 else f"{1e3 * reach:.2g} mm"
-    declared, meant = ("m", "mm") if reach > 1.0 else ("mm", "m")
+    reach_text = f"{reach:,.0f} m" if reach > 1.0 else f"{1e3 * reach:.2g} mm"
+    declared_unit, likely_unit = ("m", "mm") if reach > 1.0 else ("mm", "m")
     raise MeasurementError(
-        f"no target moves farther than {shown}" if reach < 1.0 else f"a target moves by {shown}",
+        f"no target moves farther than {reach_text}" if reach < 1.0 else f"a target moves by {reach_text}",
         where="units.length",
-        remedy=f"check units.length: positions in {meant} seem to be declared in {declared}",
+        remedy=f"check units.length: positions in {likely_unit} seem to be declared in {declared_unit}",
     )
 
 
@@ -540,7 +542,7 @@ class PoseState:
     corrections: FloatArray  #: (N,) corrections of the angles [rad]
 
     def motion(self, readings: PoseReadings) -> Motion:
-        """Return the places of axes and targets in the readings' configurations, at corrected angles."""
+        """Return the positions of axes and targets in the readings' configurations, at corrected angles."""
         return Motion(self.axes, self.targets, readings.angles + self.corrections[:, None] * readings.slopes)
 
     def displace(self, step: FloatArray) -> PoseState:
@@ -559,12 +561,12 @@ def build_arm(axes: Sequence[Axis], places: Sequence[pin.SE3], flange: pin.SE3) 
         places: n frames that move with the joints, at model angle zero, in the frame of the axes.
         flange: placement of the flange frame at model angle zero, in the frame of the axes.
     """
-    model, previous = pin.Model(), pin.SE3.Identity()
+    model, previous_place = pin.Model(), pin.SE3.Identity()
     for i, (axis, place) in enumerate(zip(axes, places, strict=True)):
         joint = pin.JointModelRevoluteUnaligned(place.rotation.T @ axis.direction)
-        model.addJoint(i, joint, previous.actInv(place), f"joint_{i + 1}")
-        previous = place
-    model.addFrame(pin.Frame("flange", len(axes), previous.actInv(flange), pin.FrameType.OP_FRAME))
+        model.addJoint(i, joint, previous_place.actInv(place), f"joint_{i + 1}")
+        previous_place = place
+    model.addFrame(pin.Frame("flange", len(axes), previous_place.actInv(flange), pin.FrameType.OP_FRAME))
     return Robot(model)
 
 
@@ -606,7 +608,7 @@ def fit_poses(
     start: PoseState,
     *,
     where: str,
-    fitted: int | None = None,
+    fitted_axes: int | None = None,
     sufficient_rms: float = 0.0,
 ) -> tuple[PoseState, LinearFit]:
     """Fit axes, targets and corrections of angles to readings, by maximum likelihood.
@@ -618,7 +620,7 @@ def fit_poses(
         readings: readings in at least two configurations.
         start: start values.
         where: name of the readings in errors.
-        fitted: number of axes, base first, that are fitted; None fits all. The other axes stay as they are.
+        fitted_axes: number of axes, base first, that are fitted; the other axes stay fixed. None fits all.
         sufficient_rms: residual [rms, whitened] below which a fit that used all steps counts as converged.
 
     Returns:
@@ -627,16 +629,16 @@ def fit_poses(
     Raises:
         MeasurementError: the fit does not converge.
     """
-    fitted = len(start.axes) if fitted is None else fitted
-    charts = CHART_SIZE * fitted
-    columns_of_fixed_axes = slice(charts, CHART_SIZE * len(start.axes))
-    geometry = charts + start.targets.size  # number of unknowns of axes and targets; corrections follow
+    fitted_axes = len(start.axes) if fitted_axes is None else fitted_axes
+    chart_count = CHART_SIZE * fitted_axes
+    columns_of_fixed_axes = slice(chart_count, CHART_SIZE * len(start.axes))
+    geometry_count = chart_count + start.targets.size  # unknowns of axes and targets; corrections follow
     basis = readings.basis
 
     def take_step(state: PoseState, step: FloatArray) -> PoseState:
         """Return the state after a step of all unknowns."""
-        correction = step[geometry:] if basis is None else basis @ step[geometry:]
-        return replace(state.displace(step[:geometry]), corrections=state.corrections + correction)
+        correction = step[geometry_count:] if basis is None else basis @ step[geometry_count:]
+        return replace(state.displace(step[:geometry_count]), corrections=state.corrections + correction)
 
     def residual(state: PoseState) -> FloatArray:
         """Return the whitened readings minus the prediction (3 N T,)."""
@@ -702,7 +704,7 @@ class IdentifiedAxes:
 
     @property
     def variance_factor(self) -> float:
-        """χ²/dof: 1 on average if sigma was stated and is right; 1 if it was not stated."""
+        """χ²/dof: 1 on average if sigma was stated and is right; exactly 1 if sigma was not stated."""
         return self.rss / (self.dof * self.sigma**2)
 
     def differentiate_quantity(self, geometry: Geometry) -> FloatArray:
@@ -759,8 +761,10 @@ def differentiate_geometry(axes: Sequence[Axis], targets: FloatArray, geometry: 
     def evaluate_after(step: FloatArray) -> FloatArray:
         """Return the quantity (k,) after a step (4 n + 3 T,) of charts and targets."""
         charts = step[: CHART_SIZE * len(axes)].reshape(-1, CHART_SIZE)
-        moved = [a.displace(chart) if chart.any() else a for a, chart in zip(axes, charts, strict=True)]
-        return geometry(moved, targets + step[CHART_SIZE * len(axes) :].reshape(targets.shape))
+        displaced = [
+            axis.displace(chart) if chart.any() else axis for axis, chart in zip(axes, charts, strict=True)
+        ]
+        return geometry(displaced, targets + step[CHART_SIZE * len(axes) :].reshape(targets.shape))
 
     return differentiate_numerically(evaluate_after, CHART_SIZE * len(axes) + targets.size)
 
@@ -777,8 +781,8 @@ def list_chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:
     if prismatic:
         raise RobotError(
             f"only axes of revolute joints can be identified, but {', '.join(prismatic)} is prismatic",
-            remedy="fix it in the model (URDF: type fixed, at its present position), and omit it "
-            "from the readings; or use the nominal model",
+            remedy="make this joint fixed in the model (URDF: type fixed, at its present position), and omit "
+            "it from the readings; or use the nominal model",
             where="robot",
         )
     postures = Postures(Robot(chain.model()), np.zeros((1, len(chain.moving))))
@@ -873,30 +877,31 @@ def calibrate(
 
 
 def _compute_influence_of_poses(linear: LinearFit, count: int) -> FloatArray:
-    """Return contributions (p, N) of the residuals of each of N = `count` poses to the p unknowns.
+    """Return the contribution (p, N) of the residuals of each of N = `count` poses to each of p unknowns.
 
-    The sum of the contributions' outer products is the covariance of the unknowns.
+    The sum of the outer products of the columns is the covariance of the unknowns.
     """
     # A wrong joint angle moves all targets of a pose, so that residuals of one pose are correlated; residuals
     # of different poses are assumed independent (cluster-robust covariance, Liang and Zeger 1986). The factor
     # corrects for the degrees of freedom that the unknowns use.
     influence = linear.pseudo_inverse.reshape(len(linear.scale), count, -1)
-    by_pose = (influence * linear.residual.reshape(count, -1)).sum(axis=-1)
+    contributions = (influence * linear.residual.reshape(count, -1)).sum(axis=-1)
     degrees_of_freedom = count - linear.rank / (linear.residual.size / count)
-    return np.asarray(by_pose * np.sqrt(count / degrees_of_freedom))
+    return np.asarray(contributions * np.sqrt(count / degrees_of_freedom))
 
 
 def _cross_validate(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None, rms: float) -> float | None:
     """Return the root mean square error [m] of coordinates predicted by five-fold cross-validation.
 
     All poses of one posture are in the same fold. A fit that converges slowly counts as converged when its
-    residual is about `rms`, the residual of all poses. None if there is one posture only, or a fit fails.
+    residual is about `rms`, the residual of all poses. Return None if there is one posture only, or a fit
+    fails.
     """
-    _, posture = np.unique(poses.angles, axis=0, return_inverse=True)
-    count = int(posture.max()) + 1
+    _, posture_of_pose = np.unique(poses.angles, axis=0, return_inverse=True)
+    count = int(posture_of_pose.max()) + 1
     if count == 1:  # no other posture is left to calibrate with
         return None
-    fold_of_pose = np.random.default_rng(0).permutation(count)[posture.reshape(-1)] % _FOLDS
+    fold_of_pose = np.random.default_rng(0).permutation(count)[posture_of_pose.reshape(-1)] % _FOLDS
     errors = []
     for fold in range(min(_FOLDS, count)):
         try:

@@ -18,13 +18,13 @@ No axes need be parallel.
 A sweep shows an axis where the joints before it have put it. Turning these back, one after the other,
 about the axes already known, brings every axis to model angle zero (`identify_axes`).
 
-What each sweep by itself does not use is that they show the same robot (`refine_axes`). Every sweep also
-tells where the targets are on the flange and where the axes farther out are. One fit for all uses that; it
-needs no sweep to be of one model joint alone, so coupled axes are an ordinary case. In return it trusts the
-controller's angles of the joints at rest, within a sweep and from one to the next. With free angles it does
-not trust those of the joint that turns, not even in the mean over a sweep: a gear that is off by 60 µrad at
-rest would move the axes farther out by 0.1 mm. Its χ², compared with that of the sweeps one by one, shows
-whether the robot agrees.
+Separate fits do not use that all sweeps show the same robot (`refine_axes`). Every sweep also shows where the
+targets are on the flange, and where the axes nearer to the flange are. A common fit of all sweeps uses that.
+No sweep needs to turn a single model joint, so coupled axes are an ordinary case. In return the common fit
+trusts the controller's angles of the joints at rest, within a sweep and between sweeps. With free angles it
+does not trust the angles of the joint that turns, not even their mean over a sweep: a gear error of 60 µrad
+at rest would displace the axes nearer to the flange by 0.1 mm. The χ² of the common fit, compared with that
+of the separate fits, shows whether one robot fits all sweeps.
 """
 
 from __future__ import annotations
@@ -100,19 +100,19 @@ class Sweep(TrackedReadings):
                 where=self.where,
                 remedy="record more positions; 10 to 20 over a wide arc are good practice",
             )
-        turned = float(np.ptp(self.angles[:, self.joint]))
-        if turned <= RESTING_RANGE:
+        arc = float(np.ptp(self.angles[:, self.joint]))
+        if arc <= RESTING_RANGE:
             moving = np.flatnonzero(np.ptp(self.angles, axis=0) > RESTING_RANGE)
             others = ", ".join(f"joint {index + 1}" for index in moving)
             raise MeasurementError(
-                f"the joint did not move: its angle changes by only {np.degrees(turned):.2g}°"
+                f"the joint did not move: its angle changes by only {np.degrees(arc):.2g}°"
                 + (f", while {others} turned" if others else ""),
                 where=self.where,
                 remedy="name the joint that was turned, or repeat the sweep",
             )
         if self.largest_motion < SMALLEST_MOTION:
             raise MeasurementError(
-                f"the joint did not move: the controller shows {np.degrees(turned):.3g}°, but no target "
+                f"the joint did not move: the controller shows {np.degrees(arc):.3g}°, but no target "
                 f"moved by more than {self.largest_motion * 1e3:.3g} mm",
                 where=self.where,
                 remedy="check that readings and angles belong together, that the targets were tracked, and "
@@ -126,7 +126,7 @@ class Sweep(TrackedReadings):
 
     @property
     def largest_motion(self) -> float:
-        """Diagonal of the box [m] around the readings of the target that moved most."""
+        """Diagonal [m] of the box around the readings of one target, for the target that moved most."""
         paths = [self.points[was_read, t] for t, was_read in enumerate(self.present.T) if was_read.any()]
         return max((float(np.linalg.norm(np.ptp(path, axis=0))) for path in paths), default=0.0)
 
@@ -272,11 +272,11 @@ class AxisFit:
         axial: list[float | None] = []
         for t in range(residuals.shape[1]):
             rows = self.sweep.present[:, t]
-            across, along = residuals[rows, t, :2], residuals[rows, t, 2]
+            normal_part, axial_part = residuals[rows, t, :2], residuals[rows, t, 2]
             if self.outer_fit is None and rows.any():  # project the residuals on the radius
                 lengths = np.linalg.norm(arms[rows, t, :2], axis=1)
-                across = np.sum(arms[rows, t, :2] * across, axis=1) / np.maximum(lengths, 1e-300)
-            for rms_of_targets, components in ((radial, across), (axial, along)):
+                normal_part = np.sum(arms[rows, t, :2] * normal_part, axis=1) / np.maximum(lengths, 1e-300)
+            for rms_of_targets, components in ((radial, normal_part), (axial, axial_part)):
                 rms = float(np.sqrt(np.mean(components**2))) if components.size else None
                 rms_of_targets.append(rms)
         return radial, axial
@@ -319,11 +319,11 @@ def fit_axis(
     by_correction = np.broadcast_to(np.ones(1) if slopes is None else slopes, model_angles.shape)
     readings = PoseReadings(model_angles, sweep.points_or_zero, sweep.weight, by_correction, basis)
     start = _estimate_start(sweep, readings, outer_fit)
-    state, linear = fit_poses(readings, start, where=sweep.where, fitted=1)
+    state, linear = fit_poses(readings, start, where=sweep.where, fitted_axes=1)
     dof = 3 * int(sweep.present.sum()) - linear.rank
     if dof < 1:
         raise MeasurementError(
-            f"{int(sweep.present.sum())} readings leave no redundancy to check the axis",
+            f"{int(sweep.present.sum())} readings are too few to check the fitted axis",
             where=sweep.where,
             remedy="record more positions or more targets",
         )
@@ -395,7 +395,8 @@ def _estimate_start(sweep: Sweep, readings: PoseReadings, outer_fit: AxisFit | N
     axes: tuple[Axis, ...] = (axis.represent_near(sweep.points[sweep.present].mean(axis=0)),)
     if outer_fit is not None:
         inner, (inner_slope, outer_slope) = axes[0], readings.slopes[0]
-        # If the outer joint turns back by about the same angle, the outer axis itself moves on the circle.
+        # If the outer joint turns back by about the same angle, the outer axis itself moves on the circle,
+        # and the inner axis is one radius away from the outer axis.
         if abs(inner_slope + outer_slope) < 0.5 * abs(inner_slope):
             inner = Axis.through(outer_fit.axis.point - radius, inner.direction)
         axes = (inner, outer_fit.axis)
@@ -429,36 +430,38 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     order = sweeps.order
     starts = np.cumsum([0, *(sweep.points.size for sweep in sweeps.sweeps)])
     fits: dict[int, AxisFit] = {}
-    influences: dict[int, FloatArray] = {}  # derivative of a sweep's chart and targets by all readings
+    # For each sweep, derivative of the axis's chart and the targets with respect to all whitened readings
+    influences: dict[int, FloatArray] = {}
     # Last joint first: a sweep that turns two coupled joints needs the fit of the outer axis.
     for joint, index in reversed(list(enumerate(order))):
         sweep = sweeps.sweeps[index]
-        turning, turned = list(sweeps.find_turning_joints(sweep)), sweeps.model_angles(sweep)
-        if len(turning) == 1:
-            fits[index] = fit_axis(sweep, turned[:, joint], sigma=sweeps.sigma, angles=angles)
+        turning_joints, model_angles = list(sweeps.find_turning_joints(sweep)), sweeps.model_angles(sweep)
+        if len(turning_joints) == 1:
+            fits[index] = fit_axis(sweep, model_angles[:, joint], sigma=sweeps.sigma, angles=angles)
         else:
-            outer_fit = fits[order[turning[-1]]]
+            outer_fit = fits[order[turning_joints[-1]]]
             outer_posture = sweeps.model_angles(outer_fit.sweep).mean(axis=0)
-            _refuse_unless_coupled(sweeps, sweep, outer_fit, turned.mean(axis=0) - outer_posture)
+            _refuse_unless_coupled(sweeps, sweep, outer_fit, model_angles.mean(axis=0) - outer_posture)
             fits[index] = fit_axis(
                 sweep,
-                turned[:, turning] - [outer_posture[joint], 0.0],
+                # The inner joint's angle is relative to its angle in the outer axis's sweep.
+                model_angles[:, turning_joints] - [outer_posture[joint], 0.0],
                 sigma=sweeps.sigma,
                 angles=angles,
                 outer_fit=outer_fit,
-                slopes=sweeps.joint_map.matrix[turning, sweep.joint],
+                slopes=sweeps.joint_map.matrix[turning_joints, sweep.joint],
             )
         influences[index] = np.zeros((len(fits[index].influence), starts[-1]))
         influences[index][:, starts[index] : starts[index + 1]] = fits[index].influence
-        if len(turning) > 1:
-            through_outer = fits[index].dependence @ influences[order[turning[-1]]][:CHART_SIZE]
-            influences[index][:CHART_SIZE] += through_outer
+        if len(turning_joints) > 1:
+            outer_influence = influences[order[turning_joints[-1]]][:CHART_SIZE]
+            influences[index][:CHART_SIZE] += fits[index].dependence @ outer_influence
     in_order = tuple(fits[index] for index in range(len(fits)))
     rss, dof = sum(fit.linear.rss for fit in in_order), sum(fit.dof for fit in in_order)
     sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
     at_sweep, points = [fits[index].axis for index in order], fits[order[-1]].target_points
     axes, targets = _move_axes_to_zero(at_sweep, points, sweeps.postures)
-    # Derivative of the axes and targets where the sweeps show them; then of axes and targets at angle zero
+    # Derivative of axes and targets in the postures of the sweeps; below, at model angle zero
     influence_at_sweep = np.vstack(
         [*(influences[index][:CHART_SIZE] for index in order), influences[order[-1]][CHART_SIZE:]]
     )
@@ -501,7 +504,7 @@ def _refuse_unless_coupled(
             f"model joints {joints} turn in one sweep",
             where=sweep.where,
             remedy="turn one controller joint at a time; if the joint map couples more than two joints, "
-            "command the others so that one axis turns; check the order of the rows",
+            "move the other joints so that one axis turns; check the order of the rows",
         )
     if outer_fit.outer_fit is not None:  # the outer joint's own sweep turned two joints, too
         raise MeasurementError(
@@ -529,11 +532,11 @@ def _move_axes_to_zero(
     Return the n axes and the targets (T, 3) [m]. `at_sweep` has each axis as its own sweep shows it, `points`
     (T, 3) [m] the targets in the last joint's sweep, `postures` (n, n) [rad] the joint angles in each sweep.
     """
-    axes, back = [at_sweep[0]], pin.SE3.Identity()  # `back` turns the joints before an axis back to zero
+    axes, to_zero = [at_sweep[0]], pin.SE3.Identity()  # motion when the joints before an axis go to zero
     for axis, posture in zip(at_sweep[1:], postures[1:], strict=True):
-        back = Motion(axes, points, posture[None, : len(axes)]).postures.flange_placement(0).inverse()
-        axes.append(axis.transform(back))
-    return tuple(axes), transform_points(back, points)
+        to_zero = Motion(axes, points, posture[None, : len(axes)]).postures.flange_placement(0).inverse()
+        axes.append(axis.transform(to_zero))
+    return tuple(axes), transform_points(to_zero, points)
 
 
 def _differentiate_swept_axes(
@@ -556,16 +559,16 @@ def _differentiate_swept_axes(
     by_geometry, by_angle = np.zeros((charts + points.size,) * 2), np.zeros((charts + points.size, n, n))
     for k, axis in enumerate(at_sweep):
         rows = slice(CHART_SIZE * k, CHART_SIZE * (k + 1))
-        to_chart = axis.place.inverse().action[CHART]  # from a small motion to the chart of this axis
+        to_chart = axis.place.inverse().action[CHART]  # (4, 6) maps a small motion to the chart of this axis
         motions = np.concatenate([arm.axis_motions[k, :k], arm.placement_motions[k, k : k + 1]])[..., CHART]
         by_geometry[rows, : rows.stop] = (to_chart @ motions).transpose(1, 0, 2).reshape(CHART_SIZE, -1)
         by_angle[rows, k, :k] = to_chart @ arm.jacobian[k, :, :k]
-    moves = differentiate_by_rigid_motion(points).reshape(-1, 6)
+    by_motion = differentiate_by_rigid_motion(points).reshape(-1, 6)
     by_geometry[charts:, :charts] = (
-        (moves @ arm.axis_motions[-1][..., CHART]).transpose(1, 0, 2).reshape(-1, charts)
+        (by_motion @ arm.axis_motions[-1][..., CHART]).transpose(1, 0, 2).reshape(-1, charts)
     )
     by_geometry[charts:, charts:] = np.kron(np.eye(len(points)), arm.flange_rotation[-1])
-    by_angle[charts:, -1, :-1] = moves @ arm.jacobian[-1, :, :-1]
+    by_angle[charts:, -1, :-1] = by_motion @ arm.jacobian[-1, :, :-1]
     return by_geometry, by_angle
 
 
@@ -620,16 +623,16 @@ def compute_restriction_p_value(free: SweptAxes, restricted: SweptAxes) -> float
     restrictions = restricted.dof - free.dof
     if restrictions < 1:
         return 1.0
-    loss = max(restricted.rss - free.rss, 0.0) / restrictions
-    return float(special.fdtrc(restrictions, free.dof, loss / (free.rss / free.dof)))
+    increase = max(restricted.rss - free.rss, 0.0) / restrictions
+    return float(special.fdtrc(restrictions, free.dof, increase / (free.rss / free.dof)))
 
 
 def propagate_resting_angle_errors(swept: SweptAxes) -> tuple[FloatArray, list[int]]:
     """Compute how gear errors of resting joints displace the identified axes and targets.
 
-    A joint's sweep shows the standard deviation of its gear error. Where the joint rests in another sweep, an
-    error of this size is assumed, which the readings do not show: one independent error for each angle at
-    which the joint rests.
+    The sweep of a joint shows the standard deviation of the joint's gear error. Where the joint rests in
+    other sweeps, the readings do not show its error: an independent error of this size is assumed for each
+    angle at which the joint rests.
 
     Args:
         swept: axes fitted one by one with free angles.
@@ -663,7 +666,8 @@ def propagate_resting_angle_errors(swept: SweptAxes) -> tuple[FloatArray, list[i
         group_number = np.searchsorted(starts, angles, side="right")
         for group in range(len(starts)):
             is_in_group = is_resting & (group_number == group + 1)
-            turned = np.where(is_in_group[:, None], sweeps.joint_map.matrix[:, joint], 0.0)
-            columns.append(gear_error * by_posture @ turned.reshape(-1, 1))
+            # (n, n) change of the model angles in each sweep, per change of this controller joint's angle
+            angle_changes = np.where(is_in_group[:, None], sweeps.joint_map.matrix[:, joint], 0.0)
+            columns.append(gear_error * by_posture @ angle_changes.reshape(-1, 1))
             joints.append(joint)
     return np.hstack(columns), joints

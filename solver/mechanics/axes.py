@@ -28,23 +28,23 @@ class DisplacedAxis:
 
     @classmethod
     def differentiate(
-        cls, postures: Postures, joint: int, across: FloatArray, joint_motion: FloatArray
+        cls, postures: Postures, joint: int, axis_displacements: FloatArray, joint_motion: FloatArray
     ) -> DisplacedAxis:
         """Differentiate the kinematics with respect to small displacements of a joint's axis.
 
         Args:
             postures: B postures of n joints.
             joint: index of the joint.
-            across: (6, k) displacements of the axis: translations along, then rotations about the axes of
-                the joint's frame.
+            axis_displacements: (6, k) displacements of the axis: translations along, then rotations about
+                the axes of the joint's frame.
             joint_motion: (B, n, k) change of the joint positions that each displacement causes [rad or m].
         """
         S = postures.jacobian
-        by_joints = S[..., None] * joint_motion[:, None]  # (B, 6, n, k) motion due to each joint
-        carried = np.cumsum(by_joints, axis=2)
-        axis_motion = carried - by_joints  # motion of each axis because of the joints before it
-        behind = postures.axis_motions[:, joint] @ across
-        axis_motion[:, :, joint] += postures.placement_motions[:, joint] @ across
+        joint_part = S[..., None] * joint_motion[:, None]  # (B, 6, n, k) motion due to each joint
+        carried = np.cumsum(joint_part, axis=2)
+        axis_motion = carried - joint_part  # motion of each axis because of the joints before it
+        behind = postures.axis_motions[:, joint] @ axis_displacements
+        axis_motion[:, :, joint] += postures.placement_motions[:, joint] @ axis_displacements
         axis_motion[:, :, joint + 1 :] += behind[:, :, None]
         # In the module's formula, v and w are the parts of S_k, by_v and by_w those of the motion u.
         v, w, by_v, by_w = S[:, :3, :, None], S[:, 3:, :, None], axis_motion[:, :3], axis_motion[:, 3:]
@@ -61,66 +61,72 @@ class DisplacedAxis:
 
 
 def differentiate_torque(
-    block: RegressorBlock, postures: Postures, joint: int, across: FloatArray
+    block: RegressorBlock, postures: Postures, joint: int, axis_displacements: FloatArray
 ) -> FloatArray:
     """Return the derivative (B, n, k) of the load's joint torques with respect to displacements of an axis.
 
-    The joints do not move out of the B postures. `across` (6, k) holds the displacements of the axis of
-    `joint`: translations along, then rotations about the axes of the joint's frame.
+    The joints do not move out of the B postures. `axis_displacements` (6, k) holds the displacements of the
+    axis of `joint`: translations along, then rotations about the axes of the joint's frame.
     """
-    part, no_motion = block.measurements, np.zeros((*postures.q.shape, across.shape[1]))
-    place = postures.to_base(part.load_point[:, None])
-    moved_axes = DisplacedAxis.differentiate(postures, joint, across, no_motion)
-    force, moment = part.force, part.moment + np.cross(place[:, 0], part.force)
-    by_lever = np.cross(moved_axes.differentiate_points(place)[:, 0], force[..., None], axis=1)  # (B, 3, k)
+    measurements = block.measurements
+    no_motion = np.zeros((*postures.q.shape, axis_displacements.shape[1]))
+    load_point = postures.to_base(measurements.load_point[:, None])
+    moved_axes = DisplacedAxis.differentiate(postures, joint, axis_displacements, no_motion)
+    force = measurements.force
+    moment = measurements.moment + np.cross(load_point[:, 0], force)  # about R0's origin
+    lever_torque = np.cross(moved_axes.differentiate_points(load_point)[:, 0], force[..., None], axis=1)
     torque = np.einsum("binm,bi->bnm", moved_axes.linear, force) + np.einsum(
         "binm,bi->bnm", moved_axes.angular, moment
     )
-    return np.asarray(torque + np.einsum("bin,bim->bnm", postures.angular_jacobian, by_lever))
+    return np.asarray(torque + np.einsum("bin,bim->bnm", postures.angular_jacobian, lever_torque))
 
 
 def differentiate_deflection(
-    block: RegressorBlock, compliance: FloatArray, joint: int, across: FloatArray
+    block: RegressorBlock, compliance: FloatArray, joint: int, axis_displacements: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Differentiate predicted deflections and torques with respect to small displacements of one axis.
 
     With the complementary stiffness K_c, torques change by ``dτ = (I − K_c diag(c))⁻¹ ∂τ`` in the loaded
-    posture, and the posture half-way between unloaded and loaded turns by ``c ∘ dτ / 2``. Targets keep the
-    place in R0 where they were read, or, if their place on the flange is known, that place.
+    posture, and the posture half-way between unloaded and loaded turns by ``c ∘ dτ / 2``. A target whose
+    position was read in R0 stays there; a target whose position on the flange is known moves with the flange.
 
     Args:
         block: B observations of T targets.
         compliance: (n,) compliances c of the joints [rad/(N·m)].
         joint: index of the joint.
-        across: (6, k) displacements of the axis: translations along, then rotations about the axes of the
-            joint's frame.
+        axis_displacements: (6, k) displacements of the axis: translations along, then rotations about the
+            axes of the joint's frame.
 
     Returns:
         The derivatives with respect to k displacements: of the targets' deflections (B, T, 3, k) [m per
         unit], and of the joint torques (B, n, k) [N·m per unit].
     """
-    part, postures, balanced = block.measurements, block.postures, block.compliance
-    on_flange = part.in_flange[..., None, None]
-    if balanced is None:  # the block neglects the complementary stiffness
-        torque = differentiate_torque(block, postures, joint, across)
-        moved_axes = DisplacedAxis.differentiate(postures, joint, across, 0.0 * torque)
+    measurements, postures, equilibrium_compliance = block.measurements, block.postures, block.compliance
+    on_flange = measurements.in_flange[..., None, None]
+    if equilibrium_compliance is None:  # the block neglects the complementary stiffness
+        torque = differentiate_torque(block, postures, joint, axis_displacements)
+        moved_axes = DisplacedAxis.differentiate(postures, joint, axis_displacements, 0.0 * torque)
         points = np.where(on_flange, moved_axes.differentiate_points(block.points), 0.0)
     else:
-        unloaded = unloaded_postures(block.robot, part)
-        loaded = Postures(block.robot, unloaded.q + balanced * block.torque)
-        load_jacobian, _ = loaded.load(part.load_point, part.force, part.moment)
-        stiffness = wrench_stiffness(loaded.angular_jacobian, load_jacobian, part.force, part.moment)
-        direct = differentiate_torque(block, loaded, joint, across)  # ∂τ, joints at rest
-        torque = np.asarray(np.linalg.solve(np.eye(len(balanced)) - stiffness * balanced, direct))
-        moved_axes = DisplacedAxis.differentiate(postures, joint, across, 0.5 * balanced[:, None] * torque)
-        read = DisplacedAxis.differentiate(unloaded, joint, across, 0.0 * torque).differentiate_points(
-            part.position
+        unloaded = unloaded_postures(block.robot, measurements)
+        loaded = Postures(block.robot, unloaded.q + equilibrium_compliance * block.torque)
+        force, moment = measurements.force, measurements.moment
+        load_jacobian, _ = loaded.load(measurements.load_point, force, moment)
+        stiffness = wrench_stiffness(loaded.angular_jacobian, load_jacobian, force, moment)
+        # ∂τ: change of the torque without the joint motion that the change of the torque causes
+        direct = differentiate_torque(block, loaded, joint, axis_displacements)
+        feedback = np.eye(len(equilibrium_compliance)) - stiffness * equilibrium_compliance
+        torque = np.asarray(np.linalg.solve(feedback, direct))
+        moved_axes = DisplacedAxis.differentiate(
+            postures, joint, axis_displacements, 0.5 * equilibrium_compliance[:, None] * torque
         )
-        turn = postures.flange_rotation @ unloaded.flange_rotation.mT
-        points = moved_axes.differentiate_points(block.points) - np.where(
-            on_flange, 0.0, turn[:, None] @ read
-        )
-    turns = compliance * block.torque  # (B, n)
+        unloaded_axes = DisplacedAxis.differentiate(unloaded, joint, axis_displacements, 0.0 * torque)
+        # A target read in R0 does not move with the unloaded flange: subtract the motion of the flange,
+        # turned into the half-loaded posture.
+        flange_turn = postures.flange_rotation @ unloaded.flange_rotation.mT
+        with_flange = flange_turn[:, None] @ unloaded_axes.differentiate_points(measurements.position)
+        points = moved_axes.differentiate_points(block.points) - np.where(on_flange, 0.0, with_flange)
+    turns = compliance * block.torque  # (B, n) elastic turns of the joints [rad]
     linear, angular = (
         np.einsum("binm,bn->bim", each, turns) for each in (moved_axes.linear, moved_axes.angular)
     )

@@ -88,7 +88,7 @@ class Burden:
 
     @cached_property
     def unknown(self) -> tuple[list[tuple[int, FloatArray]], list[tuple[int, int, float]]]:
-        """Pair of two lists: the unknown masses and first moments, and the uncertain centres of mass.
+        """Two lists: the unknown masses and first moments, and the uncertain centres of mass.
 
         An unknown is the index of a body, and the mass and first moment (4,) [kg, kg·m] of the greatest
         deviation from the nominal body. The order is that of `Torques.of_unknowns`. An uncertain centre is
@@ -116,7 +116,7 @@ class Burden:
             acts: (K,) mask of the unknowns that change the torque of the joint.
 
         Returns:
-            The block; and the indices of its unknowns among all K: masses and springs, then moments.
+            The block; and the indices of the block's unknowns among all K: masses and springs, then moments.
         """
         _, uncertain_centres = self.unknown
         acting_centres = [
@@ -223,7 +223,8 @@ def linearise_readings(
     geometry = whitened.weight @ motion.jacobian()
     gravity, count = readings.burden.gravity, len(gap)
     size = np.linalg.norm(gravity)
-    tilted = np.einsum(
+    # Change of the positions when gravity turns by a radian about each of two perpendicular axes.
+    by_tilt = np.einsum(
         "kij,kjg,j->kig",
         weighted,
         torques.gravity_derivative @ (compute_perpendicular_basis(gravity) * size),
@@ -234,7 +235,7 @@ def linearise_readings(
         "base": (whitened.weight @ differentiate_by_base_compliance(torques, motion.points)).reshape(
             count, -1, 3
         ),
-        "gravity": tilted,
+        "gravity": by_tilt,
         "joints": weighted * torques.known[:, None],
         "products": (weighted[..., None] * torques.of_unknowns[:, None]).reshape(*weighted.shape[:2], -1),
     }
@@ -388,21 +389,26 @@ class ReducedProblem:
             yield j, unit, slice(start, start + 1 + len(unknown_indices)), unknown_indices
 
     def expand_solution(self, rows: WeightRows, x: FloatArray) -> FloatArray:
-        """Return the unknowns (K,) of all terms of the rows, in SI units, for a solution x of this problem.
+        """Return the unknowns (P,) of all columns of the rows, in SI units, for a solution x of this problem.
 
-        Unknowns that are not in this reduced problem, such as the geometry, are zero.
+        Each block of x has the compliance of a joint first, then the products of this compliance with the
+        deviations of masses and moments. Unknowns outside this problem, such as the geometry, are zero.
         """
         unknowns = np.zeros(sum(rows.stack.widths.values()))
-        products = rows.stack.span["products"].reshape(rows.torques.of_unknowns.shape[1:])
+        # (n, K) position among all unknowns of the product of each joint's compliance with each deviation
+        product_positions = rows.stack.span["products"].reshape(rows.torques.of_unknowns.shape[1:])
         for j, unit, span, unknown_indices in self.blocks:
-            unknowns[rows.stack.span["joints"][j]] = unit * x[span.start] * rows.varies[j]
-            unknowns[products[j, unknown_indices]] = unit * x[span][1:]
+            compliance, *products = unit * x[span]
+            # Sag under a constant torque is part of the geometry, so it must not be counted here again.
+            unknowns[rows.stack.span["joints"][j]] = compliance * rows.varies[j]
+            unknowns[product_positions[j, unknown_indices]] = products
         return unknowns
 
     def compute_sag(self, torques: Torques, x: FloatArray) -> FloatArray:
         """Return the sag (N, n) [rad] of the joints in N postures, for a solution x of the problem."""
         sag = np.zeros(torques.known.shape)
         for j, unit, span, unknown_indices in self.blocks:
-            from_unknowns = torques.of_unknowns[:, j][:, unknown_indices] @ x[span][1:]
-            sag[:, j] = unit * (torques.known[:, j] * x[span.start] + from_unknowns)
+            compliance, products = x[span.start], x[span][1:]
+            from_unknowns = torques.of_unknowns[:, j][:, unknown_indices] @ products
+            sag[:, j] = unit * (torques.known[:, j] * compliance + from_unknowns)
         return sag

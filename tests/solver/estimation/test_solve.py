@@ -362,7 +362,7 @@ def test_a_wrong_support_is_never_certified_in_a_batch(monkeypatch):
         monkeypatch.setattr(
             GramProblems,
             "solve_by_pivoting",
-            lambda self, support=support: self.solve_on_support(support(self.b.shape)),
+            lambda self, support=support: self.solve_with_active_bounds(support(self.b.shape)),
         )
         found = solve_batch(gram, moment, Bounds.positive(5))
         np.testing.assert_array_equal(found.active, expected.active)

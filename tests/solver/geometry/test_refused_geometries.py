@@ -84,7 +84,7 @@ def parallel_cell():
         (
             lambda: identify_axes(joint_3_turned_with_joint_2()),
             "sweep of joint_2 | model joints 2 and 3 turn in one sweep | turn one controller joint at a "
-            "time; if the joint map couples more than two joints, command the others so that one axis "
+            "time; if the joint map couples more than two joints, move the other joints so that one axis "
             "turns; check the order of the rows",
         ),
         (
