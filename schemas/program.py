@@ -137,17 +137,16 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     tool_x: Vector3 | None = Field(
         default=None,
         description="Direction of the tool's x axis in the base, made perpendicular to the tool's axis; "
-        "needed for "
-        "programs that state the tool's axis or a position only.",
+        "for programs that state only the tool's axis or a position.",
     )
     start: Annotated[
         Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None,
         Terminal("", "NUMBERS[deg]", parse_numbers, unit="deg"),
     ] = Field(
         default=None,
-        description="Joints near the first cartesian target, as the controller shows them: angles in "
-        "units.angle, prismatic joints in units.length. Needed if the program does not state the arm's "
-        "configuration, or if the robot has prismatic joints, which stand still there.",
+        description="Joints near the first cartesian target, as the controller shows them, in units.angle "
+        "(prismatic: units.length). Needed if the program does not state the arm's configuration, or if the "
+        "robot has prismatic joints, which stand still there.",
     )
     max_displacement: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="m")] = Field(
         default=None, description="Greatest displacement of a correction, in units.length; default: 5 mm."
@@ -162,26 +161,29 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     leave_alone: Annotated[list[Name], Field(max_length=1_000)] = Field(
         default_factory=list,
-        description="Routines of the program that neither move the robot nor change its frames.",
+        description="Routines of other files that neither move the robot nor change its frames.",
+    )
+    trust_routines: StrictBool = Field(
+        default=False,
+        description="True if no unknown routine moves the robot, frames or points.",
     )
     leave_others: StrictBool = Field(
         default=False,
-        description="True to leave moves uncorrected whose target, base or tool is not certain, and correct "
-        "the others; without it, a program with such moves is refused with their list.",
+        description="True to correct the other moves if target, base or tool of some is not certain; else "
+        "such a program is refused.",
     )
     external_axes: Literal["carry_nothing"] | None = Field(
         default=None,
-        description="`carry_nothing` if external axes and other groups of the program carry neither the arm "
-        "nor the part; without it, moves with such an axis away from zero are not corrected.",
+        description="`carry_nothing` if external axes and other groups carry neither the arm nor the part; "
+        "else moves with such an axis away from zero are not corrected.",
     )
     format: ProgramFormat | None = Field(
         default=None, description="Format of the program; default: by the file's name."
     )
     mark: StrictBool = Field(
         default=True,
-        description="True to write a comment into the compensated program with the run, its verdict and the "
-        "date. A marked program is not corrected again. The mark is always written for a run with the "
-        "verdict do_not_use.",
+        description="True to write a comment with run, verdict and date into the compensated program, which "
+        "is then not corrected again. Always written if the run's verdict is do_not_use.",
     )
 
     @model_validator(mode="after")

@@ -476,6 +476,7 @@ class ProgramWork(Work):
             request.format,
             request.leave_alone,
             leave_others=request.leave_others,
+            trust_routines=request.trust_routines,
             external_axes=_interpret_external_axes(request, robot),
         )
         table = next((decompress_file(each) for each in request.files if each.name == request.loads), None)

@@ -250,9 +250,10 @@ HELP = {
         "--max-displacement NUMBER[mm] Greatest displacement of a correction, in units.length; default: 5 "
         "mm.",
         "--max-rotation NUMBER[deg] Greatest rotation of a correction, in units.angle; default: 10 mrad.",
-        "--mark / --no-mark True to write a comment into the compensated program with the run, its verdict "
-        "and the date. A marked program is not corrected again. The mark is always written for a run with "
-        "the verdict do_not_use.",
+        "--trust-routines / --no-trust-routines True if no unknown routine moves the robot, frames or "
+        "points.",
+        "--mark / --no-mark True to write a comment with run, verdict and date into the compensated program, "
+        "which is then not corrected again. Always written if the run's verdict is do_not_use.",
         "--explain Only print target, base and tool of each move, and why it is not corrected.",
     ],
     "geometry": [
