@@ -196,8 +196,7 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     tool_x: Vector3 | None = Field(
         default=None,
         description="Direction of the tool's x axis in the base, made perpendicular to the tool's axis; "
-        "needed for "
-        "programs that state the tool's axis or a position only.",
+        "for programs that state only the tool's axis or a position.",
     )
     start: Annotated[
         Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None,
@@ -221,7 +220,11 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     leave_alone: Annotated[list[Name], Field(max_length=1_000)] = Field(
         default_factory=list,
-        description="Routines of the program that neither move the robot nor change its frames.",
+        description="Routines of other files that neither move the robot nor change its frames.",
+    )
+    trust_routines: StrictBool = Field(
+        default=False,
+        description="True if no unknown routine moves the robot, frames or points.",
     )
     leave_others: StrictBool = Field(
         default=False,

@@ -617,7 +617,13 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
     files = [(path.name, path.read_bytes()) for path in sources[1]]
     try:
         external = ExternalAxes(values["external_axes"] or ExternalAxes.MAY_CARRY)
-        rows = list_moves(files, values["format"], values["leave_alone"] or (), external)
+        rows = list_moves(
+            files,
+            values["format"],
+            values["leave_alone"] or (),
+            external,
+            trust_routines=bool(values["trust_routines"]),
+        )
     except FilesError as error:
         raise CampaignError(problem_from_error(error)) from error
     if values["as_json"]:

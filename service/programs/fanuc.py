@@ -126,7 +126,7 @@ def _translate_move(line: Line) -> list[Op]:
         reason = f"{quoted} moves the target"
     matched_frames = ("UFRAME_NUM", "UTOOL_NUM")
     move = ir.Move(_MOTIONS[letter], names, bases, tools, matched_frames, reason=reason, remedy=_REMEDY)
-    return [*(ir.Call(name, anytime=True) for name in re.findall(r",CALL ?(\w++)", tail)), move]
+    return [*(ir.Call(name, anytime=True, event=name) for name in re.findall(r",CALL ?(\w++)", tail)), move]
 
 
 def _translate_register_move(line: Line) -> list[Op]:
@@ -142,13 +142,23 @@ def _translate_register_move(line: Line) -> list[Op]:
 
 
 def _translate_frame_change(line: Line) -> list[Op]:
-    """Return the operation of a statement that changes the controller's frames.
+    """Return the operation of a statement that changes one of the controller's frames, or an unknown one.
 
-    All values are unknown, also before this statement: the next run begins with the changed frame.
+    The frame is unknown also before this statement, because the next run begins with the changed frame.
     """
     reason = f"{ir.quote_statement(line.text, line.ordinals)}: the frame changes while the program runs"
     remedy = "set the frames before the program starts, because all of its moves depend on them"
-    return [ir.MakeUnknown(frozenset(), reason, remedy, anytime=True)]
+    frame: ir.Name = ir.MODE
+    if match := re.match(r"U(?:FRAME|TOOL)\[\0\]=", line.text):
+        frame = f"{match[0][0]}{match[0][1]} %s", line.ordinals[0]
+    return [ir.MakeUnknown(frozenset({frame}), reason, remedy, anytime=True)]
+
+
+def _translate_computed_choice(line: Line) -> list[Op]:
+    """Return the operation of a statement that activates a frame or a tool whose number is computed."""
+    reason = f"{ir.quote_statement(line.text, line.ordinals)}: a frame is computed, or chosen in a branch"
+    active: ir.Name = f"U{line['which']}_NUM"
+    return [ir.MakeUnknown(frozenset({active}), reason, _REMEDY)]
 
 
 def _refuse_computed_frame(_line: Line) -> list[Op]:
@@ -283,11 +293,13 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
         elif section == "END" and text.strip():
             machine.refuse(line, "there is text after /END", "send one program")
         elif section == "MN" and text.strip():
-            _add_instruction(machine, spans, line, start, text)
+            _add_instruction(machine, spans, start, text)
     if not section_ends.keys() >= {"MN", "POS"}:
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
         machine.refuse(None, "the file lacks the section /MN or /POS", remedy)
-    end = section_ends["END"] - len("/END") if "END" in section_ends else len(source.text)
+    if "END" not in section_ends:
+        machine.refuse(None, "the file lacks /END: it may have been cut", "send the whole program")
+    end = section_ends["END"] - len("/END")
     positions = _find_positions(machine, source, section_ends["POS"], end)
     machine.add_statements(0, *_spans_to_arrays(positions), translate=_POSITION_LANGUAGE.translate)
     machine.add_statements(0, *_spans_to_arrays(spans))
@@ -299,20 +311,17 @@ def _spans_to_arrays(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArr
     return starts, ends
 
 
-def _add_instruction(
-    machine: Machine, spans: list[tuple[int, int]], line: int, start: int, text: str
-) -> None:
+def _add_instruction(machine: Machine, spans: list[tuple[int, int]], start: int, text: str) -> None:
     """Add the span of a line of /MN to `spans`; a line without a number continues the line before it.
 
-    Raises:
-        ProgramError: the line has neither a number nor a colon.
+    A line that is not in the controller's form is a statement of its own, which is not understood.
     """
     head = _LINE.match(text)
     if text.lstrip().startswith("--"):  # this line only ends a block of logic
         return
     if head is None and not _SECOND_POSITION.match(text):
-        reason = f"the line {quote_text(text)} has no number and colon"
-        machine.refuse(line, reason, "write the program in the controller's form")
+        spans.append((start, start + len(text)))
+        return
     body = head.end() if head else 0
     if text[body:].lstrip().startswith(("!", "//", "--")):
         return
@@ -360,10 +369,16 @@ LANGUAGE: Final = ir.Language(
     constants={"UF 0": np.eye(4), "UT 0": np.eye(4)},  # the robot's own frames: its base and its flange
     field_endings=(".UF", ".UT"),
     is_frame=lambda name: name.startswith(("UF ", "UT ")),
+    is_reached=lambda name: name in {"UFRAME_NUM", "UTOOL_NUM"},
+    lasting="",  # offsets, tracking, soft float: what is not understood may last
     rules=(
         (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _translate_move),
         (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[\0\]) ?(?P<tail>.*)", _translate_register_move),
         (r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM|NUM\[\0\])=#{number}", _translate_frame_choice),
+        (
+            r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM(?:\[GP1\])?|NUM\[\0\])=[\0\w\[\]()+*/-]+",
+            _translate_computed_choice,
+        ),
         (r"IF ?(.+?) ?THEN", "if"),
         (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
         (r"ELSE", "branch"),

@@ -41,6 +41,7 @@ def read_program(
     *,
     leave_others: bool = False,
     external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
+    trust_routines: bool = False,
 ) -> Program:
     """Read a program: its targets, and its moves that can be corrected or are left.
 
@@ -51,6 +52,7 @@ def read_program(
         leave_others: whether moves that are not certain are left; if not, such moves raise an error.
         external_axes: what the user states on external axes; moves with an axis away from zero are left,
             unless the axes are joints of the robot or carry nothing.
+        trust_routines: whether no routine of another file moves the robot, frames or points.
 
     Raises:
         ProgramError: the text is not understood; or a move is not certain, and `leave_others` is false.
@@ -80,7 +82,8 @@ def read_program(
     sources = tuple(_read_source(name, content) for name, content in ordered)
     commas = chosen == "csv" and has_decimal_commas(sources[0].text)
     language = table.DECIMAL_COMMAS if commas else FORMATS[chosen]
-    columns, used, causes = Machine(chosen, sources, language, leave_alone).interpret()
+    machine = Machine(chosen, sources, language, leave_alone, trusts_routines=trust_routines)
+    columns, used, causes = machine.interpret()
     program = columns.build_program(used, causes, external_axes)
     if program.faults and not leave_others:
         raise ProgramError(program.faults, left=program.left_moves)
@@ -92,6 +95,8 @@ def list_moves(
     name: str | None = None,
     leave_alone: Collection[str] = (),
     external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
+    *,
+    trust_routines: bool = False,
 ) -> list[ReadMove]:
     """Return all moves of a program in order of lines, with target, base, tool and whether each is corrected.
 
@@ -99,7 +104,14 @@ def list_moves(
         ProgramError: the text of the program is not understood.
     """
     try:
-        program = read_program(files, name, leave_alone, leave_others=True, external_axes=external_axes)
+        program = read_program(
+            files,
+            name,
+            leave_alone,
+            leave_others=True,
+            external_axes=external_axes,
+            trust_routines=trust_routines,
+        )
     except ProgramError as error:
         if not error.left_moves:
             raise

@@ -34,6 +34,8 @@ _MAX_WORK: Final = 10_000_000
 """Largest number of steps, and of names in states that are joined; programs of people need far fewer."""
 _MAX_DEPTH: Final = 100
 """Largest depth of branches, loops and routines within one another."""
+_MAX_LISTED: Final = 10
+"""Largest number of routines that a remark names."""
 _MAX_CALLS: Final = 200
 """Largest depth of calls that are followed in one pass; deeper calls are followed in the next pass."""
 UNKNOWN: Final = "\0everything"
@@ -118,18 +120,23 @@ class ControlFlow:
     """Control flow of a program: the operations that may follow each operation, besides the next one.
 
     A successor that is never reached does no harm, but a missing successor would: any branch may be skipped.
+    Behind a beginning without an end, and in a routine with an end that has no beginning, no move is certain.
     """
 
     def __init__(self, ops: list[Op], names: list[str]) -> None:
         """Find beginning and end of all branches, loops and routines, and the labels of all jumps.
 
         Args:
-            ops: operations in the order of the text; missing ends of routines are appended to them.
+            ops: operations in the order of the text; missing ends are appended to them.
             names: name of each operation that is a `Flow`; empty for other operations.
 
         Raises:
-            UnmatchedEnd: a beginning has no end, or an end has no beginning.
+            UnmatchedEnd: branches, loops or routines are nested too deep.
         """
+        self.faults: dict[int, tuple[str, str]] = {}  # reason and remedy of each operation that does not fit
+        # index of the fault that makes moves uncertain, by the index of the operation where this begins
+        self.uncertain: dict[int, int] = {}
+        self.faulty_routines: dict[str, int] = {}  # index of the fault of each routine that has one
         self.successors: defaultdict[int, list[int]] = defaultdict(list)  # successors besides the next one
         self.begins: dict[str, int] = {}  # index of the beginning of each routine
         self.ends: dict[int, str] = {}  # routine that ends at each index
@@ -145,34 +152,42 @@ class ControlFlow:
             if isinstance(op, ir.Flow):
                 self._add_operation(i, op)
             self.routine_of.append(self.ends.get(i, self._open_routines[-1]))
-        while self._open_blocks:
-            if self._open_blocks[-1].kind != "routine":
-                raise UnmatchedEnd(
-                    self._open_blocks[-1].begin, "a branch or a loop has no end", "write its end"
-                )
-            # The text may end without the end of a routine: append the end.
-            ops.append(ir.Flow("end"))
-            self._end_block(len(ops) - 1, "end")
-            self.routine_of.append(self.ends[len(ops) - 1])
+        self._append_missing_ends(ops)
         self.bodies: defaultdict[str, list[int]] = defaultdict(list)  # indices of each routine's operations
         for i, name in enumerate(self.routine_of):
             self.bodies[name].append(i)
         self._link_jumps(names)
+        self.uncertain |= {
+            self.begins[routine]: fault
+            for routine, fault in self.faulty_routines.items()
+            if routine in self.begins
+        }
         # A handler without a name handles errors.
         if any(not names[self.begins[handler]] for handler in self.anytime_routines):
             self._add_error_exits()
 
-    def _link_jumps(self, names: list[str]) -> None:
-        """Add the label of each jump to its successors; for a computed jump, add all labels of its routine.
+    def _append_missing_ends(self, ops: list[Op]) -> None:
+        """Append the ends of routines and blocks that are open at the end of the text, which may be cut."""
+        while self._open_blocks:
+            block = self._open_blocks[-1]
+            kind = "end" if block.kind == "routine" else "close"
+            if kind == "close":
+                self._note_missing_end(block)
+                for label in self._labels[self._open_routines[-1]].values():  # what is cut may jump there
+                    self.uncertain.setdefault(label, block.begin)
+            ops.append(ir.Flow(kind))
+            self._end_block(len(ops) - 1, kind)
+            self.routine_of.append(self.ends.get(len(ops) - 1, self._open_routines[-1]))
 
-        Raises:
-            UnmatchedEnd: the label does not exist.
-        """
+    def _link_jumps(self, names: list[str]) -> None:
+        """Add the label of each jump to its successors; for a computed jump, all labels of its routine."""
         for i in self._jumps:
             labels = self._labels[self.routine_of[i]]
             places = [labels[names[i]]] if names[i] in labels else [*labels.values()]
             if not places:
-                raise UnmatchedEnd(i, "the label of a jump does not exist", "write the label")
+                self._note_fault(
+                    i, self.routine_of[i], "the label of a jump does not exist", "write the label"
+                )
             self.successors[i] += places
 
     def _add_error_exits(self) -> None:
@@ -188,7 +203,7 @@ class ControlFlow:
         """Add the operation with index i to the control flow.
 
         Raises:
-            UnmatchedEnd: the operation ends a block that did not begin, or is nested too deep.
+            UnmatchedEnd: the operation is nested too deep.
         """
         if op.kind in {"routine", "handler", "if", "loop", "repeat"}:
             if len(self._open_blocks) >= _MAX_DEPTH:
@@ -210,14 +225,13 @@ class ControlFlow:
             self._end_block(i, op.kind)
 
     def _begin_routine(self, i: int, op: ir.Flow) -> _OpenBlock:
-        """Begin a routine at index i; name a handler that has no name; return the open block.
-
-        Raises:
-            UnmatchedEnd: the routine is defined twice.
-        """
+        """Begin a routine at index i; name a handler that has no name; return the open block."""
         name = self._names[i] or f"handler {i}"
         if name in self.begins:
-            raise UnmatchedEnd(i, "a routine is defined twice", "define each routine once; send one program")
+            reason, remedy = "a routine is defined twice", "define each routine once; send one program"
+            self._note_fault(i, name, reason, remedy)
+            name = f"{name} again {i}"
+            self.faulty_routines[name] = i
         self.begins[name] = i
         self.anytime_routines |= {name} if op.kind == "handler" else set()
         self.shared_routines |= {name} if op.shared else set()
@@ -227,13 +241,30 @@ class ControlFlow:
     def _end_block(self, i: int, kind: str) -> None:
         """End a branch, a loop or a routine at index i, or begin another branch there.
 
-        Raises:
-            UnmatchedEnd: nothing of this kind is open.
+        The end of a routine ends its branches and loops, too. An end without a beginning does nothing.
         """
+        is_in_routine = any(block.kind == "routine" for block in self._open_blocks)
+        while kind == "end" and is_in_routine and self._open_blocks[-1].kind != "routine":
+            self._note_missing_end(self._open_blocks[-1])
+            self._end_block(i, "close")
         block = self._open_blocks[-1] if self._open_blocks else None
         if block is None or (kind != "close_or_end" and (kind == "end") != (block.kind == "routine")):
-            reason = "this line ends a branch, a loop or a routine that does not begin before it"
-            raise UnmatchedEnd(i, reason, "write both ends of branches, loops and routines")
+            self._note_missing_begin(i, kind)
+        else:
+            self._end_open_block(i, kind, block)
+
+    def _note_missing_begin(self, i: int, kind: str) -> None:
+        """Note that the end with index i has no beginning, so that no move of the routine is certain."""
+        reason = "this line ends a branch, a loop or a routine that does not begin before it"
+        self._note_fault(
+            i, self._open_routines[-1], reason, "write both ends of branches, loops and routines"
+        )
+        if kind == "close_or_end":  # an end before it may have ended a routine too early
+            for routine in self.begins:
+                self.faulty_routines.setdefault(routine, i)
+
+    def _end_open_block(self, i: int, kind: str, block: _OpenBlock) -> None:
+        """End the innermost block at index i, or begin its next branch there."""
         if kind in {"branch", "default"}:
             block.other_branches.append(i)
             block.has_default |= kind == "default"
@@ -251,12 +282,28 @@ class ControlFlow:
             for place in (i, *block.exits):
                 self.successors[place].append(block.begin)
 
+    def _note_fault(self, i: int, routine: str, reason: str, remedy: str) -> None:
+        """Note that operation i does not fit, so that no move of the routine is certain."""
+        self.faults.setdefault(i, (reason, remedy))
+        self.faulty_routines.setdefault(routine, i)
+
+    def _note_missing_end(self, block: _OpenBlock) -> None:
+        """Note that a branch or a loop has no end, so that no move behind its beginning is certain."""
+        self.faults.setdefault(block.begin, ("a branch or a loop has no end", "write its end"))
+        self.uncertain.setdefault(block.begin, block.begin)
+
 
 class Machine:
     """Interpreter of a program in the intermediate language."""
 
     def __init__(
-        self, kind: str, sources: tuple[Source, ...], language: Language, allowed: Collection[str] = ()
+        self,
+        kind: str,
+        sources: tuple[Source, ...],
+        language: Language,
+        allowed: Collection[str] = (),
+        *,
+        trusts_routines: bool = False,
     ) -> None:
         """Prepare to interpret a program.
 
@@ -265,8 +312,13 @@ class Machine:
             sources: files of the program.
             language: language of the format.
             allowed: routines that, as the user states, neither move the robot nor change frames.
+            trusts_routines: whether the user states this for all routines of other files.
         """
-        self.sources, self._language = sources, language
+        self.sources, self._language, self._trusts_routines = sources, language, trusts_routines
+        self.unknown_routines: dict[str, None] = {}  # routines of other files that are not allowed
+        self._needs_assumption = False  # whether moves are certain that come behind calls of them
+        self._first_unknown = 0  # first line on which one of them is called
+        self._attached: dict[str, list[str]] = defaultdict(list)  # routines of each event, by its name
         self._allowed = frozenset(each.upper() for each in allowed)
         self.numerals = [Numerals.from_text(source.text, language.number) for source in sources]
         self.columns = Columns(kind, sources, self.numerals, ignores_case=language.ignores_case)
@@ -296,6 +348,7 @@ class Machine:
         self._repeats: dict[int, array[int]] = defaultdict(partial(array, "q"))
         self._named: dict[str, FrameName] = {}  # frames that are known by name
         self._poses: dict[tuple[WrittenNumbers, ...], FloatArray | None] = {}  # products of frames in numbers
+        self._faults: dict[int, Cause] = {}  # causes by the indices of operations that do not fit
         self._work = 0  # steps of the interpretation so far
 
     # reading
@@ -379,6 +432,8 @@ class Machine:
             place = Place(source, line + line_offset, number, self.numerals[source].values, scope)
             if isinstance(op, ir.Use):
                 self._used.update((scope.qualify(name), place.line) for name in op.names)
+            elif isinstance(op, ir.Note):
+                self.columns.add_remark(place.line, op.text)
             elif isinstance(op, ir.Local):
                 scope.names.update(op.names if scope.routine else ())
             elif isinstance(op, ir.Assign) and (declares or op.declares):
@@ -386,6 +441,12 @@ class Machine:
             elif not declares:
                 self._places.append(place)
                 self._ops.append(op)
+
+    def forget_anytime(self, names: frozenset[str], reason: str, remedy: str) -> None:
+        """Make the values of names unknown anywhere in the program, for a reason."""
+        if names and self._places:
+            self._places.append(self._places[-1])
+            self._ops.append(ir.MakeUnknown(names, reason, remedy, anytime=True))
 
     def _enter_scope(self, op: ir.Flow) -> None:
         """Enter the scope of a routine or block where it begins, and leave the scope where it ends."""
@@ -415,6 +476,9 @@ class Machine:
             if isinstance(op, ir.Assign):
                 name = place.qualify(op.name)
                 self._changes[name].append(place.make_cause(f"it gets numbers on line {place.line}"))
+            elif isinstance(op, ir.Call) and op.event:
+                attached = self._attached[place.qualify(op.event)]
+                attached += [] if op.harmless else [place.qualify(op.name)]
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.MakeUnknown):
                 self._collect_unknown_values(place, op)
@@ -430,37 +494,49 @@ class Machine:
         self._causes.append(cause)
         # A statement without names may change all data of the controller, which remain for later runs.
         self._earlier = self._earlier or (None if op.names else cause)
+        names = [place.qualify(name) for name in op.names]
         if op.anytime:
-            self._anytime[UNKNOWN] = cause
-        for name in op.names:
-            self._changes[place.qualify(name)].append(cause)
+            self._anytime |= dict.fromkeys(names or [UNKNOWN], cause)
+        for name in names:
+            self._changes[name].append(cause)
 
     def _collect_call(self, place: Place, op: ir.Call) -> None:
         """Note what a call may change: the arguments of the routine, and for an unknown routine all names."""
+        is_own, unknown = op.name in self._flow.begins, self._explain_unknown_call(place, op)
         cause = place.make_cause(f"{quote_text(str(op.name))} gets it as an argument, and may change it")
-        for passed in map(place.scope.qualify, op.passed):
+        for passed in map(place.scope.qualify, op.passed if is_own or unknown else ()):
             self._changes[passed].append(cause)
             self._anytime.update(dict.fromkeys(self._list_name_and_fields(passed), cause))
-        if op.name in self._flow.begins:
+        if is_own:
             self._flow.anytime_routines |= {str(op.name)} if op.anytime else set()
-        elif isinstance(op.name, tuple) and place.qualify(op.name) in self._changes:
-            pass  # an interrupt that the program declares: its routine is collected at the declaration
-        elif unknown := self._explain_unknown_call(place, op):
+        elif unknown:
             self._causes.append(unknown)
             self._earlier = self._earlier or unknown
-            if op.anytime:
+            if op.anytime and not op.event:
                 self._anytime[UNKNOWN] = unknown
-        else:
+        elif place.qualify(op.name) not in self._attached:
             permission = "the request states that it neither moves the robot nor changes frames"
             self.columns.add_remark(place.line, f"{op.name} is called; {permission}")
 
     def _explain_unknown_call(self, place: Place, op: ir.Call) -> Cause | None:
-        """Return the cause why values are unknown after a call; None if the called routine is allowed."""
+        """Return the cause why values are unknown after a call; None if the called routine is allowed.
+
+        The name of an event means all routines that are attached to the event.
+        """
         name = place.qualify(op.name)
-        if op.harmless or name.upper() in self._allowed:
+        unknown = [
+            each
+            for each in self._attached.get(name, [name])
+            if each.upper() not in self._allowed and each not in self._flow.begins
+        ]
+        if op.harmless or self._trusts_routines or not unknown:
             return None
-        reason = f"{quote_text(name)} is unknown: it may move the robot or change its frames"
-        return place.make_cause(reason, f"if it does neither, name it in `leave_alone`: [{quote_text(name)}]")
+        self.unknown_routines |= dict.fromkeys(unknown)
+        self._first_unknown = min(self._first_unknown or place.line, place.line)
+        quoted = quote_text(unknown[0])
+        reason = f"{quoted} is unknown: it may move the robot or change its frames"
+        remedy = f"if it does neither, state `trust_routines`, or name it in `leave_alone`: [{quoted}]"
+        return place.make_cause(reason, remedy)
 
     def _list_name_and_fields(self, name: str) -> list[str]:
         """Return a list of a name, and the names of all fields that a structure of this name may have."""
@@ -486,6 +562,8 @@ class Machine:
                 reason = f"{name} changes while the program runs"
                 cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
                 self._changed[routine][name] = content if isinstance(content, Cause) else cause
+        for i, fault in self._flow.uncertain.items():
+            self._changed[self._flow.routine_of[i]].setdefault(ir.MODE, self._faults[fault])
         to_visit = [*self._changed]  # routines whose callers may change more names than noted
         while to_visit:
             routine = to_visit.pop()
@@ -517,6 +595,8 @@ class Machine:
         A state has the content of each variable, as it is on all paths to an operation.
         """
         state: State | None = {}  # None where no path leads to the operation
+        if not routine and routine in self._flow.faulty_routines:
+            state = self._add_fault(self._flow.faulty_routines[routine], state)
         shared = False  # whether the state is stored elsewhere, so that it must be copied before a change
         self._entered_routines.append(routine)
         for i in indices:
@@ -540,12 +620,20 @@ class Machine:
 
     def _pass_to_successors(self, op: ir.Flow, i: int, state: State | None) -> State | None:
         """Join a state into the successors of operation i; return the state after the operation."""
+        fault = self._flow.uncertain.get(i)
+        state = self._add_fault(fault, state)
         for place in self._flow.successors.get(i, ()):
             self._join_into(place, state)
         # These operations are not reached from the operation before them, only by jumps.
         if op.kind in {"routine", "handler", "branch", "default"}:
             state = None
-        return self._join_states(self._incoming.get(i), state)
+        return self._add_fault(fault, self._join_states(self._incoming.get(i), state))
+
+    def _add_fault(self, fault: int | None, state: State | None) -> State | None:
+        """Return a state in which no move is certain because of a fault, if there is one."""
+        if fault is None or state is None or isinstance(self._look_up(state, ir.MODE)[0], Cause):
+            return state
+        return {**state, ir.MODE: (self._faults[fault], self._faults[fault].line)}
 
     def _follow_call(self, routine: str, state: State) -> State | None:
         """Return the state after a call; None if the end of the called routine was not reached yet."""
@@ -614,7 +702,10 @@ class Machine:
             for name in map(place.qualify, op.names):
                 state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
         elif (
-            isinstance(op, ir.Call) and not op.anytime and (unknown := self._explain_unknown_call(place, op))
+            isinstance(op, ir.Call)
+            and (op.event or not op.anytime)
+            and op.name not in self._flow.begins
+            and (unknown := self._explain_unknown_call(place, op))
         ):
             self._forget_names(state, unknown)
 
@@ -625,10 +716,20 @@ class Machine:
         state[UNKNOWN] = cause, cause.line
 
     def _is_protected(self, name: str) -> bool:
-        """Return whether the content of a name is safe from changes by unknown routines."""
-        is_private = _get_structure_name(name) in self._private and not self._find_changes(name)
-        is_local = OF_ROUTINE in name
-        return is_private or name in self._constants or is_local
+        """Return whether the content of a name is safe from changes by unknown routines.
+
+        Routines of other files change names of their own, and the active frames. A table of the controller,
+        or data that other programs share, are safe if no file of the program writes them.
+        """
+        if name in self._constants or name == ir.MODE or OF_ROUTINE in name:
+            return True
+        if _get_structure_name(name) in self._private:
+            return not self._find_changes(name)
+        is_reached = self._language.is_reached
+        if is_reached is None or is_reached(name):
+            return False
+        is_table = self._language.is_frame(name) or name in self._shared
+        return not (is_table and self._find_changes(name))
 
     def _find_changes(self, name: str) -> list[Cause]:
         """Return the changes of a name; if there are none, those of its structure, else of its array."""
@@ -653,6 +754,9 @@ class Machine:
         """Return the content of a name in a state, and the line of the statement that set this content."""
         if name == UNKNOWN:  # without an unknown call, there is no cause
             return state.get(name, ("", 0))
+        if name == ir.MODE:  # nothing lasts that may move targets, unless a statement says so
+            lasting = self._anytime.get(name)
+            return (lasting, lasting.line) if lasting else state.get(name, ("", 0))
         if _get_structure_name(name) in self._language.constants:
             return name, 0
         protected = self._is_protected(name)
@@ -715,6 +819,12 @@ class Machine:
             self.refuse(place.line, fault.reason, fault.remedy, place.source)
         # Ends of routines that `ControlFlow` appended get the place of the last statement.
         self._places += self._places[-1:] * (len(self._ops) - len(self._places))
+        self._faults = {
+            i: self._places[i].make_cause(*words) for i, words in sorted(self._flow.faults.items())
+        }
+        for cause in self._faults.values():
+            self._causes.append(cause)
+            self.columns.add_remark(cause.line, cause.reason)
         self._collect_changes()
         self._enter_routines()
         bodies = self._flow.bodies
@@ -730,7 +840,18 @@ class Machine:
             order.reverse()  # callers first carries states into routines, callees first carries them back
         for name, body in bodies.items():
             self._propagate_through(name, body)
+        self._note_assumption()
         return self.columns, self._used, self._causes
+
+    def _note_assumption(self) -> None:
+        """Add a remark on what routines of other files are assumed to leave, if moves behind them need it."""
+        if self._needs_assumption:
+            names = ", ".join(map(quote_text, [*self.unknown_routines][:_MAX_LISTED]))
+            more = len(self.unknown_routines) - _MAX_LISTED
+            others = f" and {more} more" if more > 0 else ""
+            text = "it is assumed that stored frames and points of the program stay as they are in"
+            text = f"{text} {names}{others}"
+            self.columns.add_remark(self._first_unknown, text)
 
     def _record_move(self, op: ir.Move | ir.MoveToStored, i: int, state: State | None) -> None:
         """Add the moves of operation i to the columns, or the cause why they cannot be corrected."""
@@ -746,6 +867,7 @@ class Machine:
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
         cause = self._find_obstacle(place, op, frames, state)
+        self._needs_assumption |= cause is None and UNKNOWN in state and bool(self.unknown_routines)
         repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
         if len(repeats) and cause is None:
             lines, first = np.vstack([[place.line, place.first], repeats]).T
@@ -780,13 +902,13 @@ class Machine:
         """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""
         if op.reason:
             return place.make_cause(op.reason, op.remedy)
-        for each in (each for pair in frames for each in pair):
+        for each in (self._look_up(state, ir.MODE)[0], *(each for pair in frames for each in pair)):
             if isinstance(each, Cause):
                 return each
         for name, frame in zip(op.matched_frames, frames[0], strict=False):
             content, _ = self._look_up(state, name)
             if isinstance(content, Cause):
-                return content
+                continue  # the controller stops unless the frame of the target is active
             # The active frame must be unchanged since the program began, or be the frame of the target.
             is_initial = content == self._language.active[name]
             if not is_initial and not (isinstance(frame, FrameName) and content == frame.name):

@@ -37,6 +37,8 @@ _BAS: Final[dict[str, tuple[Op, ...]]] = {
 _MAY_MOVE_TARGETS: Final = re.compile(
     r"\$(?!BASE\b|TOOL\b|IPO_MODE=#BASE|H_POS|IN_POS)\w*(?:BASE|TOOL|ROOT|WORLD|FRAME|POS|IPO|TECH|SEN|SOFT|ASY|EXT?_?AX|EX_|CORR|CMD)"
 )
+# KSS: with these, the orientation of the tool is not the stated one
+_TURNS_TOOL: Final = frozenset({"$ORI_TYPE", "$PAL_MODE"})
 # KSS: positions that the controller stores, for all of its programs
 _STORED_POSITION: Final = re.compile(r"\$AXIS_ACT|\$POS_ACT|\$H_POS|X?HOME\d?")
 _RESERVED: Final = (
@@ -58,6 +60,7 @@ _FIELD: Final = re.compile(r"(\w+)(?:\[\])? ?(\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+
 _SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ ])|(?<=\[)(?=\])")
 _OWN_FRAME: Final = re.compile(rf"\$(BASE|TOOL|IPO_MODE)=(?:STOOL2?|SBASE|SIPO_MODE)\(({_NAME})(?:\.\w+)?\)")
 """A frame of a single move, by the name of its data."""
+_TRIGGER: Final = r"TRIGGER WHEN (?:DISTANCE|PATH)=(.+?)(?: ?ONSTART)? ?\bDELAY=(.+?) ?DO "
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 
@@ -173,6 +176,9 @@ def _translate_assignment(line: Line) -> list[Op]:
     indices = index.strip("[]").replace("][", ",").replace("].", "+") if "[" in index else ""
     uses = line.read_expression(indices)
     is_system_variable = name.startswith("$") and name not in {"$BASE", "$TOOL"}
+    if name in _TURNS_TOOL and line["value"] not in {"FALSE", "#VAR"}:
+        statement = ir.quote_statement(line.text, line.ordinals)
+        uses.append(ir.Note(f"{statement}: the arm does not reach stated orientations behind this line"))
     if index or is_system_variable:
         changes = [] if is_system_variable else [_forget_name(target)]
         return [*uses, *_read_value(line, line["value"]), *changes]
@@ -202,8 +208,11 @@ def _translate_move(line: Line) -> list[Op]:
     known = tuple(each for each in targets if each is not None)
     if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
         reason = "the target is relative to the position before the move" if line["relative"] else _NOT_WHOLE
+        text = line.text[begin:end]
+        if line["relative"]:  # the step may be given along the axes of the tool
+            text = re.sub(r" ?#(?:TOOL|BASE)$", "", text)
         return ir.make_uncorrected_move(
-            [*found, *line.read_expression(_SEPARATED.sub(",", line.text[begin:end]))], reason, _REMEDY
+            [*found, *line.read_expression(_SEPARATED.sub(",", text))], reason, _REMEDY
         )
     base, tool = ir.Copy("$BASE"), ir.Copy("$TOOL")
     if own_frames:
@@ -287,13 +296,35 @@ def _translate_routine(line: Line) -> list[Op]:
 
 def _translate_attachment(line: Line) -> list[Op]:
     """Return the operations of an interrupt or a trigger, whose routine may run at any time."""
-    action = re.sub(r" ?\bPRIO=", "+", line["action"]).replace("=", "+", 1)
-    found = [*line.read_expression(line["when"]), *line.read_expression(action)]
-    # BAS: IR_STOPM only stops the robot and waits.
-    found = ir.mark_anytime([op for op in found if not (isinstance(op, ir.Call) and op.name == "IR_STOPM")])
     # A trigger has no number; the number of an interrupt gives a name by which it is switched on.
-    name = "INTERRUPT %s", line.first_ordinal("number") if line["number"] else 0
-    return [ir.Assign(name, ir.Named(name)), *found] if line["number"] else found
+    event: ir.Name = ("INTERRUPT %s", line.first_ordinal("number")) if line["number"] else "TRIGGER"
+    action = re.sub(r" ?\bPRIO=", "+", line["action"])
+    found = ir.mark_anytime([*line.read_expression(line["when"]), *line.read_expression(action)], event)
+    # BAS: IR_STOPM only stops the robot and waits.
+    return [
+        op._replace(harmless=True) if isinstance(op, ir.Call) and op.name == "IR_STOPM" else op
+        for op in found
+    ]
+
+
+def _translate_triggered_assignment(line: Line) -> list[Op]:
+    """Return the operations of a trigger that assigns a value: the name may change at any time.
+
+    KSS: what is triggered is an assignment, a pulse of an output, or a call of a routine.
+    """
+    start, end = line.span("action")
+    action = Line(line.language, line["action"], line.ordinals_in(start, end))
+    found = line.language.apply_rules(action)
+    changed: list[Op] = [
+        ir.MakeUnknown(frozenset({op.name}), f"{op.name} changes at a trigger", _REMEDY, anytime=True)
+        for op in found
+        if isinstance(op, ir.Assign)
+    ]
+    return [
+        *changed,
+        *(op._replace(anytime=True) if isinstance(op, ir.MakeUnknown) else op for op in found
+          if not isinstance(op, ir.Assign)),
+    ]  # fmt: skip
 
 
 def _translate_bas(line: Line) -> list[Op]:
@@ -357,6 +388,9 @@ LANGUAGE: Final = ir.Language(
     constants={name: np.eye(4) for name in ("$NULLFRAME", "BASE_DATA[0]", "TOOL_DATA[0]")},
     field_endings=(".BASE", ".TOOL"),
     is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")),
+    # KSS: frames, and the data of inline forms, are active for all programs
+    is_reached=lambda name: name.startswith(("$", "FDAT_ACT")),
+    lasting=_MAY_MOVE_TARGETS.pattern,
     rules=(
         (
             rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? @{{name}}(?:\((?P<parameters>.*)\))?(?: ?PUBLIC)?",
@@ -389,12 +423,10 @@ LANGUAGE: Final = ir.Language(
         ),
         (
             r"INTERRUPT ON #{number}",
-            lambda line: [ir.Call(("INTERRUPT %s", line.first_ordinal("number")), anytime=True)],
+            lambda line: [ir.Call(("INTERRUPT %s", line.first_ordinal("number")))],
         ),
-        (
-            rf"TRIGGER WHEN (?:DISTANCE|PATH)=(.+?) DELAY=(.+?) ?DO (?P<action>(?:\$OUT\[|{_NAME}\().*)",
-            _translate_attachment,
-        ),
+        (rf"{_TRIGGER}(?P<action>{_NAME}\(.*\)(?: ?PRIO=.+)?)", _translate_attachment),
+        (rf"{_TRIGGER}(?P<action>{_NAME}(?:\[[^\]=]*+\]|\.\w++)*=(?!=).+)", _translate_triggered_assignment),
         (
             r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*",
             lambda line: [ir.Call(line.text.replace("\0", "n"), anytime=True)],

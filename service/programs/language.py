@@ -71,13 +71,25 @@ class Local(NamedTuple):
     names: frozenset[str]
 
 
+MODE: Final = "\0mode"
+"""Name of all that lasts in a controller and may move targets, such as offsets, tracking or force control.
+
+Its value is unknown behind a statement that may change it, and then no target is certain."""
+
+
 class MakeUnknown(NamedTuple):
-    """Statement that gives unknown values to names; without names, to all names and the active frames."""
+    """Statement that gives unknown values to names; without names, to all that other routines may change."""
 
     names: frozenset[Name]
     reason: str
     remedy: str
-    anytime: bool = False  # whether the values are unknown before this statement, too, after an earlier run
+    anytime: bool = False  # whether the values may change at any time, also before this statement
+
+
+class Note(NamedTuple):
+    """Statement about which the user reads a remark."""
+
+    text: str
 
 
 class Call(NamedTuple):
@@ -85,7 +97,10 @@ class Call(NamedTuple):
 
     name: Name
     passed: frozenset[str] = frozenset()  # names that the routine gets as arguments
-    anytime: bool = False  # whether the routine may run at any time, such as a routine attached to an event
+    # whether a routine of the program may run at any time, or more than once
+    anytime: bool = False
+    # name of the event to which the routine is attached; an unknown routine then counts as called here
+    event: Name = ""
     # whether the call changes nothing, unless the program itself defines a routine with this name
     harmless: bool = False
 
@@ -137,7 +152,7 @@ class Flow(NamedTuple):
     shared: bool = False  # whether other programs may call a routine, with frames of their own
 
 
-Op: TypeAlias = Assign | Local | MakeUnknown | Call | Use | Move | MoveToStored | Flow
+Op: TypeAlias = Assign | Local | MakeUnknown | Note | Call | Use | Move | MoveToStored | Flow
 
 
 UNKNOWN_STATEMENT: Final = "the statement is unknown: it may move the robot, targets or frames"
@@ -223,6 +238,11 @@ class Language:
     constants: Mapping[str, FloatArray] = field(default_factory=dict)  # frames that no program changes
     # function that tells whether a name is that of a frame whose numbers are stored outside of the program
     is_frame: Callable[[str], bool] = lambda _: False
+    # function that tells whether routines of other files may change a name of the controller's active data;
+    # None if they may change all names
+    is_reached: Callable[[str], bool] | None = None
+    # pattern in statements that are not understood: such a statement may change what lasts (`MODE`)
+    lasting: str = r"(?!)"
     # endings such as `.BASE`, with which the name of a structure becomes the name of one of its fields
     field_endings: tuple[str, ...] = ()
     callable_from_outside: bool = False  # whether other programs may call each of the routines
@@ -346,7 +366,7 @@ class Language:
     def _apply_flow_rule(self, line: Line, kind: str, used: list[Op]) -> list[Op]:
         """Return the operations `used` of the statement's expressions, then a `Flow` of this kind, if any."""
         # The condition of a loop or of a further branch may be computed again, or not at all.
-        used = mark_anytime(used) if kind in {"branch", "loop"} else used
+        used = mark_anytime(used, "\0loop" if kind == "loop" else "") if kind in {"branch", "loop"} else used
         # A name that is a number is masked as NUL: the number is looked up by its ordinal.
         name = ("%s", line.first_ordinal("name")) if line["name"] == "\0" else line["name"]
         return [*used, *([Flow(kind, name)] if kind else [])]
@@ -365,6 +385,8 @@ class Language:
             (line.line_offset, MakeUnknown(frozenset(), reason, remedy)),
             (line.line_offset, MakeUnknown(frozenset([*names, "_"]), reason, remedy)),
         ]
+        if re.search(self.lasting, line.text):
+            ops.append((line.line_offset, MakeUnknown(frozenset({MODE}), reason, remedy)))
         # Blanks replace comments and texts, in which words of motions mean nothing; line breaks remain.
         plain = self._token.sub(
             lambda match: (
@@ -417,9 +439,12 @@ def calls_routine(ops: list[Op]) -> bool:
     return any(isinstance(op, Call) and not op.harmless for op in ops)
 
 
-def mark_anytime(ops: list[Op]) -> list[Op]:
-    """Return the operations with each call marked: its routine may run at any time, or more than once."""
-    return [op._replace(anytime=True) if isinstance(op, Call) else op for op in ops]
+def mark_anytime(ops: list[Op], event: Name = "") -> list[Op]:
+    """Return the operations with each call marked: its routine may run at any time, or more than once.
+
+    With the name of an event, an unknown routine counts as called at the statement.
+    """
+    return [op._replace(anytime=True, event=event) if isinstance(op, Call) else op for op in ops]
 
 
 def make_uncorrected_move(

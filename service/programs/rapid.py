@@ -9,7 +9,7 @@ import numpy as np
 
 from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.interpreter import Machine
-from jointstiff.service.programs.language import Line, Misread, Op, split_outside_brackets
+from jointstiff.service.programs.language import UNKNOWN_STATEMENT, Line, Misread, Op, split_outside_brackets
 from jointstiff.service.programs.notation import Notation, Orientation
 from jointstiff.service.programs.program import Literal, Motion, Source
 
@@ -43,6 +43,7 @@ _FUNCTIONS: Final = (
     r"|POSE(?:MULT|INV|VECT)|(?:ORIENT|EULER)ZYX|DISTANCE|MAXROBSPEED|IS(?:PERS|VAR)"
 )
 _REMEDY: Final = "write [[x, y, z], [q1 ... q4], [cf1 ... cfx], [external axes]] in numbers, or declare it so"
+_ONE_MODULE: Final = "send one module"
 _FRAME_REMEDY: Final = "declare the frame in numbers"
 _WORD: Final = r"[^\W\d]\w*+"
 _N3, _N4, _N6 = (rf"\[\0(?:,\0){{{n - 1}}}\]" for n in (3, 4, 6))
@@ -72,15 +73,28 @@ def _translate_test(line: Line) -> list[Op]:
     return [ir.Flow("if"), *first_case, ir.Flow(kind)]
 
 
-def _refuse_one_line_if(_line: Line) -> list[Op]:
-    """Raise the error that an IF without THEN is not understood.
+_END_OF_OPERAND: Final = re.compile(
+    r"(?:(?<=[\0\w\"]) |(?<=[)\]}\"]) ?)(?<!\bAND )(?<!\bOR )(?<!\bXOR )(?<!\bNOT )(?<!\bDIV )(?<!\bMOD )"
+    r"(?!(?:AND|OR|XOR|NOT|DIV|MOD)\b)(?=[^\W\d])"
+)
+"""Place between an operand and a word that is no operator: there, the condition of a compact IF ends."""
+
+
+def _translate_compact_if(line: Line) -> list[Op]:
+    """Return the operations of an IF without THEN, whose one statement may be skipped.
+
+    Source: ABB's manual, *Compact IF*: the statement behind the condition is the branch.
 
     Raises:
-        Misread: always.
+        Misread: there is no condition, or no statement behind the condition.
     """
-    raise Misread(
-        "an IF without THEN is followed by a move, a call or an assignment", "write IF ... THEN ... ENDIF"
-    )
+    begin = line.span("rest")[0]
+    end = _END_OF_OPERAND.search(line.text, begin)
+    if end is None:
+        raise Misread(UNKNOWN_STATEMENT)
+    statement = Line(line.language, line.text[end.end() :], line.ordinals_in(end.end(), len(line.text)))
+    condition = line.read_expression(line.text[begin : end.start()])
+    return [*condition, ir.Flow("if"), *line.language.apply_rules(statement), ir.Flow("close")]
 
 
 def _translate_instruction(line: Line) -> list[Op]:
@@ -92,13 +106,21 @@ def _translate_instruction(line: Line) -> list[Op]:
     names = frozenset(each for op in found if isinstance(op, ir.Use) for each in op.names)
     if name in {"INCR", "DECR", "ADD", "CLEAR"}:  # they change their first argument
         return [*found, ir.MakeUnknown(names, f"{name} changes it while the program runs", _REMEDY)]
+    if name == "SINGAREA" and "WRIST" in line["arguments"]:
+        note = ir.Note("SingArea \\Wrist: near singularities the tool turns away from its stated orientation")
+        return [*found, note]
     if re.fullmatch(_HARMLESS, name):
         return [*found, ir.Call(name, harmless=True)]
     if _PROCESS_MOVE.fullmatch(name):
         reason, remedy = f"{name} is a move of a process such as welding", "write it as MoveL, MoveJ or MoveC"
         return ir.make_uncorrected_move([*found, ir.MakeUnknown(frozenset(), reason, remedy)], reason, remedy)
     if _SHIFT.match(name):
-        return [*found, ir.MakeUnknown(frozenset(), f"{name} moves targets or frames", "omit it")]
+        reason = f"{name} moves targets or frames"
+        return [
+            *found,
+            ir.MakeUnknown(frozenset(), reason, "omit it"),
+            ir.MakeUnknown(frozenset({ir.MODE}), reason, "omit it"),
+        ]
     return [*found, ir.Call(name, names)]
 
 
@@ -202,7 +224,7 @@ def _translate_move(line: Line) -> list[Op]:
     if ir.calls_routine(found):
         raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
     # MoveLSync and the like name a routine that runs at the target.
-    routine = [ir.Call(arguments[-1].strip('"'), anytime=True)] if after_tool == 1 else []
+    routine = [ir.Call(arguments[-1].strip('"'), anytime=True, event="\0target")] if after_tool == 1 else []
     base, tool = (
         _multiply_frames(work_object, "WOBJDATA"),
         _multiply_frames(arguments[tool_index], "TOOLDATA"),
@@ -236,7 +258,7 @@ def _split_arguments(line: Line, start: int) -> tuple[list[tuple[int, int]], str
 
 
 _ENDS: Final = re.compile(
-    r"\"[^\"\r\n]*+\"|![^\r\n]*+|%%%[^%;!]*+%%%|(?i:(;|:(?!=)"
+    r"\"[^\"\r\n]*+\"|![^\r\n]*+|%%%[^%;!]*+%%%|(?i:(;|:(?!=)|<(?:SMT|DDN|TDN|RDL|EIT|CSE)>"
     r"|\b(?:THEN|DO|ELSE|END(?:IF|FOR|WHILE|TEST|PROC|FUNC|TRAP|MODULE|RECORD))\b"
     r"|(?<![\w\\.])(?:ERROR|UNDO|BACKWARD)\b(?!\s*+:?=)(?:\s*+\([^()]*\))?"
     r"|\b(?:PROC|FUNC\s++\w++)\s++\w++\s*+\([^()]*\)|\bTRAP\s++\w++|\bMODULE\s++\w++(?:\s*+\([^()]*\))?))"
@@ -247,14 +269,9 @@ _ENDS: Final = re.compile(
 def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
     """Add the statements of a module to a machine.
 
-    Raises:
-        ProgramError: the file has a second module.
+    Further modules of the file are parts of the same program.
     """
     text, place = sources[0].text, 0
-    for second in list(re.finditer(r"(?im)^[ \t]*+MODULE\b", text))[1:]:
-        machine.refuse(
-            sources[0].find_line(second.start()), "the file contains a second module", "send one module"
-        )
     starts, ends = [], []
     for end in (*(match.end() for match in _ENDS.finditer(text) if match[1]), len(text)):
         start = end - len(text[place:end].lstrip())
@@ -264,6 +281,25 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
         place = end
     machine.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
     machine.add_statements(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))
+    machine.forget_anytime(_find_ambiguous_names(text), "it is LOCAL in one of the modules", _ONE_MODULE)
+
+
+def _find_ambiguous_names(text: str) -> frozenset[str]:
+    """Return the names of LOCAL data of one module that another module of the same file uses."""
+    begins = [match.start() for match in re.finditer(r"(?im)^[ \t]*+MODULE\b", text)]
+    if len(begins) < 2:
+        return frozenset()
+    modules = [text[start:end].upper() for start, end in zip(begins, [*begins[1:], len(text)], strict=True)]
+    local = [
+        set(re.findall(rf"\bLOCAL\s++(?:CONST|PERS|VAR)\s++\w++\s++({_WORD})", each)) for each in modules
+    ]
+    used = [set(re.findall(_WORD, each)) for each in modules]
+    return frozenset(
+        name
+        for i, names in enumerate(local)
+        for name in names
+        if any(name in other for k, other in enumerate(used) if k != i)
+    )
 
 
 LANGUAGE: Final = ir.Language(
@@ -294,6 +330,7 @@ LANGUAGE: Final = ir.Language(
             rf"|(?:LOCAL )?RECORD {_WORD}(?: {_WORD} {_WORD})?",
             "",
         ),
+        (r"<(?:SMT|DDN|TDN|RDL|EIT|CSE)>", ""),  # placeholders of the editor, which do nothing
         (rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) @{{name}}\((?P<parameters>[^()]*)\)", _translate_routine),
         (r"(?:LOCAL )?TRAP @{name}", "handler"),
         (r"ENDPROC|ENDFUNC|ENDTRAP", "end"),
@@ -321,8 +358,11 @@ LANGUAGE: Final = ir.Language(
         (r"@{name}(?P<part>(?:\{[^{}:]*\}|\.\w+)*):=(?P<value>.+)", _translate_assignment),
         (r"(?:RETURN|RAISE|RETRY|TRYNEXT|EXIT)(?:\b ?(.+))?", "return"),
         (r"GOTO @{name}", "jump"),
-        (rf"CONNECT {_WORD} WITH @{{name}}", lambda line: [ir.Call(line["name"], anytime=True)]),
-        (r"IF .*", _refuse_one_line_if),
+        (
+            rf"CONNECT {_WORD} WITH @{{name}}",
+            lambda line: [ir.Call(line["name"], anytime=True, event="\0trap")],
+        ),
+        (r"IF ?(?P<rest>.*)", _translate_compact_if),
         (r"@{name} ?(?P<arguments>.*)", _translate_instruction),
     ),
 )

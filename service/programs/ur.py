@@ -25,11 +25,13 @@ _MOVES_WITHOUT_TARGET: Final = re.compile(
     r"(?:servo|speed)[jlc]|\w*(?:force|freedrive|teach)_mode|tool_contact|optimove[jl]|\w*(?:conveyor|path_offset)\w*"
     r"|screw_driving|move_until_contact|position_deviation_warning|reset_revolution_counter|set_pos"
 )
+# Those of them that last: they also move what later moves reach
+_LASTING: Final = re.compile(r"(?!servo|speed|tool_contact|optimove|move_until_contact).*")
 # Routines that tell a value, wait, show a text, or set payload, signals, registers and connections.
 _HARMLESS: Final = (
     r"sleep|sync|textmsg|popup|halt|stop[jl]|zero_ftsensor|(?:enter|exit)_critical|random|force|is_(?:steady|within_safety_limits)"
     r"|set_(?:target_)?payload\w*|set_gravity|[sg]et_flag|set_watchdog|set_input_actions_to_default|set_baselight_mode"
-    r"|set_safety_mode_transition_hardness|set_tool_(?:voltage|communication)"
+    r"|set_safety_mode_transition_hardness|set_tool_(?:voltage|communication|output_mode)|set_dual_pin\w*"
     r"|[sg]et_\w*(?:digital|analog|euromap|runstate)_?\w*"
     r"|get_(?:inverse_kin|forward_kin|tcp_offset|tcp_force|tool_current|joint_t\w+|controller_temp|steptime"
     r"|freedrive_status|(?:actual|target)_(?:tcp|joint|payload|waypoint)\w*|conveyor_tick_count)"
@@ -73,9 +75,10 @@ def _translate_call(line: Line) -> list[Op]:
     found = line.read_expression(line.text)
     if not _MOVES_WITHOUT_TARGET.fullmatch(name):
         return found
-    return ir.make_uncorrected_move(
-        found, f"{name} moves the robot without a target", "use movej, movel, movep or movec"
-    )
+    reason, remedy = f"{name} moves the robot without a target", "use movej, movel, movep or movec"
+    if _LASTING.fullmatch(name):
+        found.append(ir.MakeUnknown(frozenset({ir.MODE}), reason, remedy))
+    return ir.make_uncorrected_move(found, reason, remedy)
 
 
 def _read_literal(line: Line, start: int, end: int) -> Literal | None:
@@ -178,6 +181,7 @@ LANGUAGE: Final = ir.Language(
     motion=r"\bmove[jlpc]\b",
     remedy=_REMEDY,
     active={_ACTIVE: "active TCP"},
+    is_reached=lambda name: name == _ACTIVE,
     constants={"robot base": np.eye(4)},
     rules=(
         (r"\$ ?\0(?: ?\"[^\"]*\")*", ""),  # PolyScope numbers its nodes: $ 3 "Waypoint_1"

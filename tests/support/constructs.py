@@ -105,7 +105,7 @@ class Constructs:
             )
         except ProgramError as error:
             return {}, ["refused", *self._faults(subject, error.faults, error.left_moves)]
-        kept = [f"kept {each.line} {each.target}" for each in program.left_alone]
+        kept = [f"kept {each.line} {each.target}".rstrip() for each in program.left_alone]
         return _described(program), [*self._faults(subject, program.faults, program.left_moves), *kept]
 
     def _faults(

@@ -255,7 +255,11 @@ class Cell:
     def change(self, verb: str, rest: str) -> None:
         """Let others change names, or keep one from them; begin what runs beside."""
         if verb == "change":
-            self.values |= {name: self.junk() for name in rest.split(", ") if name not in self.kept}
+            for name in rest.split(", "):
+                plain = name.removeprefix("written ")
+                written = any(f"{plain} = " in each.does for each in self.program.statements)
+                if plain not in self.kept and (plain == name or written):
+                    self.values[plain] = self.junk()
         elif verb == "keep":
             name, _, kind = rest.partition(" if ")
             self.kept |= {name} if kind != "PERS" else set()

@@ -409,6 +409,7 @@ export const later = {
     tools: "Tool, if the program only names it, in its notation",
     bases: "Base, if the program only names it, in its notation",
     carryNothing: "External axes and other groups carry neither the arm nor the part",
+    trust: (routines: string[]) => `Routines of other files move neither frames nor points: ${routines.join(", ")}`,
     leave: "Leave the moves that are not certain as they are, and correct the others",
     make: "Compensate",
     download: (name: string) => `Download ${name}`,

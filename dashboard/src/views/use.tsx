@@ -284,19 +284,31 @@ const OF_LOAD: Terms = { labels: programWords.labels, within: "load.", units: { 
 const asksForAxes = (problem: Problem | null): boolean =>
   (problem?.errors ?? []).some(({ remedy }) => remedy?.includes("external_axes"));
 
+/** Names of the routines of other files because of which moves were left; each is quoted in its remedy. */
+const unknownRoutines = (problem: Problem | null): string[] => [
+  ...new Set(
+    (problem?.errors ?? []).flatMap(({ remedy }) =>
+      remedy?.includes("trust_routines") ? [...remedy.matchAll(/'([^']+)'/g)].map(([, name]) => name ?? "") : [],
+    ),
+  ),
+];
+
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
 export function ProgramForm({ context: { run } }: { context: RunContext }) {
   const [files, setFiles] = useState<File[]>([]);
   const [asked, change] = useDraft<Fields>(`programs/${run.id}`, {});
   const [leave, setLeave] = useState(false);
+  const [trust, setTrust] = useState<string[]>([]); // routines that the user trusts, as the question named them
   const force = (asked["load"] as Fields | undefined)?.["force"];
   const make = useAction(async () => {
     const units = { length: "mm", angle: "deg", force: "N" };
-    const program = { run_id: run.id, units, ...(stated(asked) as Fields), ...(leave ? { leave_others: true } : {}) };
+    const answers = { ...(leave ? { leave_others: true } : {}), ...(trust.length ? { trust_routines: true } : {}) };
+    const program = { run_id: run.id, units, ...(stated(asked) as Fields), ...answers };
     const made = await asking((accepted) => api.addProgram(files, { ...program, ...accepted }, freshKey("program")));
     remember(LAST_FORCE, force);
     return link(["programs", made.id]);
   });
+  const routines = trust.length ? trust : unknownRoutines(make.problem);
   const frame = (name: "tools" | "bases") => (
     <SchemaFields
       of="ProgramFrame"
@@ -309,6 +321,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
   const take = (file: File) => {
     setFiles((before) => [...before.filter((one) => one.name !== file.name), file]);
     setLeave(false); // confirmed for the lines of another program
+    setTrust([]);
   };
   return (
     <RequestFields action={make} look="card form">
@@ -357,6 +370,13 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
           label={programWords.carryNothing}
           checked={asked["external_axes"] === "carry_nothing"}
           change={(on) => change({ external_axes: on ? "carry_nothing" : null })}
+        />
+      )}
+      {routines.length > 0 && (
+        <Toggle
+          label={programWords.trust(routines)}
+          checked={trust.length > 0}
+          change={(on) => setTrust(on ? routines : [])}
         />
       )}
       {(leave || make.problem?.type === NOT_UNDERSTOOD) && (

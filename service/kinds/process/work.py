@@ -359,6 +359,7 @@ class ProcessWork(ProgramWork):
             request.format,
             request.leave_alone,
             leave_others=request.leave_others,
+            trust_routines=self._request.trust_routines,
             external_axes=self._external_axes,
         )
         with as_request_errors("program"):

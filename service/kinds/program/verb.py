@@ -45,6 +45,7 @@ class CompensateFields(TypedDict, total=False):
     max_rotation: float | None
     ramp_length: float
     leave_alone: Sequence[str]
+    trust_routines: bool
     leave_others: bool
     external_axes: Literal["carry_nothing"] | None
     format: Literal["csv", "krl", "fanuc", "rapid", "ur"] | None

@@ -512,6 +512,7 @@ class ProgramWork(Work):
             request.format,
             request.leave_alone,
             leave_others=request.leave_others,
+            trust_routines=request.trust_routines,
             external_axes=self._external_axes,
         )
         table = next((decompress_file(each) for each in request.files if each.name == request.loads), None)

@@ -250,6 +250,8 @@ HELP = {
         "--max-displacement NUMBER[mm] Greatest displacement of a correction, in units.length; default: 5 "
         "mm.",
         "--max-rotation NUMBER[deg] Greatest rotation of a correction, in units.angle; default: 10 mrad.",
+        "--trust-routines / --no-trust-routines True if no unknown routine moves the robot, frames or "
+        "points.",
         "--mark / --no-mark True to write run, verdict and date as a comment into the program. A "
         "marked program is not corrected again. With the verdict do_not_use the mark is always written.",
         "--explain Only print target, base and tool of each move, and why it is not corrected.",

@@ -63,17 +63,24 @@ def test_moves_behind_an_unknown_routine_are_told_with_the_reason_and_the_remedy
         (28, True),
         (29, True),
         (31, False),
-        (37, False),
-        (40, False),
+        (37, True),
+        (40, True),
         (46, False),
     ]
     reason = "'SPINDLE_ON' is unknown: it may move the robot or change its frames"
-    remedy = "if it does neither, name it in `leave_alone`: ['SPINDLE_ON']"
-    assert [tuple(each[1:6]) for each in found[4:7]] == [
-        ("in numbers, in numbers", "", "", reason, remedy),
-        ("XP7", "BASE_DATA[2]", "TOOL_DATA[3]", reason, remedy),
-        ("in numbers", "BASE_DATA[2]", "TOOL_DATA[3]", reason, remedy),
-    ]
+    remedy = "if it does neither, state `trust_routines`, or name it in `leave_alone`: ['SPINDLE_ON']"
+    assert tuple(found[4][1:6]) == ("in numbers, in numbers", "", "", reason, remedy)
+
+
+def test_frames_that_are_set_behind_an_unknown_routine_are_known_and_a_remark_says_what_is_assumed():
+    program = read_program(sample("cell.src", "cell.dat"), leave_others=True)
+    text = "it is assumed that stored frames and points of the program stay as they are in 'SPINDLE_ON'"
+    assert [(each.line, each.text) for each in program.left_alone if not each.target] == [(30, text)]
+
+
+def test_one_statement_trusts_all_routines_of_other_files():
+    found = list_moves(sample("cell.src", "cell.dat"), trust_routines=True)
+    assert found == list_moves(sample("cell.src", "cell.dat"), leave_alone=["SPINDLE_ON"])
 
 
 def test_moves_of_the_other_languages_are_told_alike():
@@ -242,11 +249,6 @@ REFUSED = {
         "MODULE a\nPROC main()\nPDispSet x;\nENDPROC\nENDMODULE",
         "'a.mod', line 3: PDispSet moves targets or frames; omit it",
     ),
-    "two modules": (
-        "a.mod",
-        f"MODULE a\nPROC a()\nMoveL {ROB},v1,z1,t1;\nENDPROC\nENDMODULE\nMODULE N\nENDMODULE",
-        "'a.mod', line 6: the file contains a second module; send one module",
-    ),
     "a table of two columns": (
         "a.csv",
         "x,y\n1,2\n",
@@ -388,3 +390,20 @@ def test_a_table_of_many_external_axes_is_refused_with_its_reason(count):
     rows = "".join(f"{x},2,3{',1' * count}\n{x},2,4{',2' * count}\n" for x in (1, 2))
     with pytest.raises(ProgramError, match="external axis"):
         read_program([("a.csv", f"x [mm],y [mm],z [mm]{axes}\n{rows}".encode())])
+
+
+def test_a_second_module_of_a_file_is_part_of_the_program():
+    move = f"MoveL {ROB},v1,z1,t1;"
+    module = "MODULE {0}\nPROC {0}()\n{1}\nENDPROC\nENDMODULE\n"
+    found = list_moves([("a.mod", (module.format("a", move) + module.format("b", move)).encode())])
+    assert [(each.line, each.corrected) for each in found] == [(3, True), (8, True)]
+
+
+def test_data_that_are_local_in_one_of_two_modules_are_unknown():
+    tool = "LOCAL PERS tooldata t1:=[TRUE,[[0,0,9],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+    move = f"MoveL {ROB},v1,z1,{{}};\n"
+    first = f"MODULE a\n{tool}PROC a()\n{move.format('t1')}{move.format('tool0')}ENDPROC\nENDMODULE\n"
+    second = f"MODULE b\nPROC b()\n{move.format('t1')}ENDPROC\nENDMODULE\n"
+    found = list_moves([("a.mod", (first + second).encode())])
+    assert [(each.line, each.corrected) for each in found] == [(4, False), (5, True), (10, False)]
+    assert {each.reason for each in found if not each.corrected} == {"it is LOCAL in one of the modules"}
