@@ -13,7 +13,7 @@ const freshJob = ({ state }: { state: { data: { state: of.RunState } | undefined
   state.data && !goesOn(state.data.state) ? Number.POSITIVE_INFINITY : 0;
 
 export const queries = {
-  session: query({ queryKey: ["session"], queryFn: () => api.session(), staleTime: Number.POSITIVE_INFINITY }),
+  session: query({ queryKey: ["session"], queryFn: () => api.session(), ...FIXED }),
   health: query({ queryKey: ["health"], queryFn: ({ signal }) => api.health(signal), staleTime: 0 }),
   schemas: query({ queryKey: ["schemas"], queryFn: () => api.schemas(), ...FIXED }),
   catalogue: query({ queryKey: ["catalogue"], queryFn: () => api.catalogue(), ...FIXED }),

@@ -11,7 +11,7 @@ import {
   type QueryObserverOptions,
 } from "@tanstack/query-core";
 import { experimental_createQueryPersister as createPersister } from "@tanstack/query-persist-client-core";
-import { useEffect, useLayoutEffect, useReducer, useRef, useState } from "preact/hooks";
+import { useLayoutEffect, useReducer, useRef, useState } from "preact/hooks";
 import { isAway, problemOf } from "../api/problem";
 import type { Problem } from "../api/types";
 import { keep, kept } from "./kept";
@@ -145,18 +145,18 @@ export interface Sending<Arguments extends unknown[]> {
 export function useMutation<Arguments extends unknown[]>(
   change: (...args: Arguments) => Promise<unknown>,
 ): Sending<Arguments> {
-  const options = { mutationFn: (args: Arguments) => change(...args) };
-  const [observer] = useState(() => new MutationObserver<unknown, Error, Arguments>(client, options));
+  const latest = useRef(change);
+  latest.current = change;
+  const [observer] = useState(
+    () => new MutationObserver<unknown, Error, Arguments>(client, { mutationFn: (args) => latest.current(...args) }),
+  );
   useNews(observer);
-  useEffect(() => observer.setOptions(options));
   const { isPending, error } = observer.getCurrentResult();
   return {
     busy: isPending,
     problem: error && problemOf(error),
     start: (...args) => {
-      if (observer.getCurrentResult().isPending) return null;
-      observer.setOptions(options);
-      return observer.mutate(args);
+      return observer.getCurrentResult().isPending ? null : observer.mutate(args);
     },
   };
 }

@@ -146,7 +146,7 @@ export interface Waits {
 /** The readings of an open set that wait, as they change. */
 export function useWaiting(set: string): Waits {
   const [, draw] = useReducer((drawn: number) => drawn + 1, 0);
-  useLayoutEffect(() => mutations.subscribe(() => draw(undefined)), []);
+  useLayoutEffect(() => mutations.subscribe(({ mutation }) => mutation && isReading(mutation) && draw(undefined)), []);
   const waiting = waitingOf(set);
   const away = readings().some(
     ({ state }) => state.variables?.set === set && state.status === "pending" && state.failureCount > 0,

@@ -73,7 +73,8 @@ export const needsKey = (session: Standing): boolean =>
 export function useSession(): [Standing, (session: Session) => void] {
   const { data, problem } = useQuery(queries.session);
   const { queryKey } = queries.session;
-  useEffect(() => listen(news, { refused: () => void client.invalidateQueries({ queryKey }) }), []);
+  const again = () => void client.fetchQuery({ ...queries.session, staleTime: 0 } as never).catch(() => undefined);
+  useEffect(() => listen(news, { refused: again }), []);
   return [data ?? (problem ? "away" : "unknown"), (session) => client.setQueryData(queryKey, session)];
 }
 

@@ -73,9 +73,9 @@ export function OpenCampaigns() {
 /** An arm of springs that the page computes: a whole campaign without a robot. */
 export function TrySimulated() {
   const begin = useAction(async () => {
-    const known = await api.robots.list({ limit: 100 });
+    const known = await api.robots.list({ name: words.simulatedArm, limit: 1 });
     const robot =
-      known.items.find(({ name }) => name === words.simulatedArm) ??
+      known.items[0] ??
       (await api.robots.add(
         { name: words.simulatedArm, model: { format: "catalogue", arm: live.SIMULATED_ARM } },
         freshKey("robot"),
