@@ -8,10 +8,9 @@ import { defineConfig, type Plugin } from "vite";
 const SERVICE = "http://127.0.0.1:8000";
 
 /** What most views share; forms, drops, and what only some views compute come with these views. */
-const LATER = `campaign imports live map measuring opened schema schema_form vector`;
-const SHARED = new RegExp(
-  `src/(?:components|lib|state|api)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|node_modules/preact`,
-);
+const LATER = `begun campaign imports kinematics live map opening paste pasting schema schema_form vector`;
+const LIBRARIES = `node_modules/(?:preact|@tanstack|openapi-fetch|idb-keyval)`;
+const SHARED = new RegExp(`src/(?:components|lib|state|api)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|${LIBRARIES}`);
 
 /** Each asset is packed once, beside it, so that the service has nothing to compress. */
 const packed: Plugin = {

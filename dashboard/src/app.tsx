@@ -1,7 +1,7 @@
 /** The frame of the page: header, the view of the address, messages; signing in before it. */
 import type { FunctionComponent } from "preact";
 import { useEffect, useState, useRef } from "preact/hooks";
-import { api } from "./api/client";
+import { api } from "./api/calls";
 import type { Session } from "./api/types";
 import {
   Busy,

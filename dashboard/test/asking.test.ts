@@ -1,5 +1,5 @@
 import { afterEach, describe, expect, it, vi } from "vitest";
-import { ApiError } from "../src/api/client";
+import { ApiError } from "../src/api/problem";
 import { asking } from "../src/state/action";
 
 const problem = (type: string) => ({

@@ -12,7 +12,7 @@ import {
   simulatedRows,
   SIMULATED_STIFFNESSES,
 } from "../src/lib/live";
-import { keptIn } from "../src/state/measuring";
+import { keptIn } from "../src/state/live";
 import type { LiveState, MeasurementSet, Observation, Posture, Units } from "../src/api/types";
 
 const MM = { length: "mm", angle: "deg", force: "N" } as Units;

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { notedIn, typedOf, wasMeasured } from "../src/lib/campaign";
+import { measuredBetween, notedIn, typedOf } from "../src/lib/campaign";
 
 const NOTED = {
   measured_at: "2026-11-20T13:30:00Z",
@@ -25,13 +25,14 @@ describe("what is noted about a set", () => {
 });
 
 describe("days of a filter", () => {
-  const all = { from: "", to: "" };
-  it("are both included", () => {
+  it("are both included, in this device's zone", () => {
     const day = typedOf(NOTED).measured_at.slice(0, 10);
-    expect(wasMeasured(NOTED, { from: day, to: day })).toBe(true);
-    expect(wasMeasured(NOTED, { ...all, from: "2026-11-22" })).toBe(false);
-    expect(wasMeasured(NOTED, { ...all, to: "2026-11-18" })).toBe(false);
-    expect(wasMeasured({}, { ...all, from: "2020-01-01" })).toBe(false);
-    expect(wasMeasured({}, all)).toBe(true);
+    const { measured_from: from, measured_to: to } = measuredBetween({ from: day, to: day });
+    const time = Date.parse(NOTED.measured_at);
+    expect(Date.parse(from ?? "") <= time && time < Date.parse(to ?? "")).toBe(true);
+    expect(Date.parse(to ?? "") - Date.parse(from ?? "")).toBe(24 * 3600 * 1000);
+    expect(new Date(from ?? "").getHours()).toBe(0);
   });
+  it("are none where none is typed", () =>
+    expect(measuredBetween({ from: "", to: "" })).toEqual({ measured_from: null, measured_to: null }));
 });

@@ -1,30 +1,24 @@
 import { describe, expect, it } from "vitest";
 import type { RobotSummary } from "../src/api/types";
-import { robotsToldApart } from "../src/state/load";
+import { robotsToldApart } from "../src/state/choices";
 
-const robot = (id: string, name: string, created_at: string) => ({
+const robot = (id: string, name: string, created_at: string, serial_number?: string) => ({
   id,
   name,
   created_at,
   joints: Array.from({ length: 6 }) as RobotSummary["joints"],
-});
-const set = (robot_id: string, serial_number: string | null = null) => ({
-  robot_id,
-  serial_number,
-  measured_at: null,
-  created_at: "2026-11-22T10:00:00Z",
+  last_campaign: serial_number
+    ? ({ serial_number, at: "2026-11-22T10:00:00Z" } as RobotSummary["last_campaign"])
+    : null,
 });
 
 describe("robots of one name", () => {
   it("are told apart by serial number, joints and last campaign; others keep their name", () => {
-    const names = robotsToldApart(
-      [
-        robot("a", "KR 210", "2026-11-20T10:00:00Z"),
-        robot("b", "KR 210", "2026-11-21T10:00:00Z"),
-        robot("c", "other", "2026-11-21T10:00:00Z"),
-      ],
-      [set("a", "F-211034"), set("a", "F-211034")],
-    );
+    const names = robotsToldApart([
+      robot("a", "KR 210", "2026-11-20T10:00:00Z", "F-211034"),
+      robot("b", "KR 210", "2026-11-21T10:00:00Z"),
+      robot("c", "other", "2026-11-21T10:00:00Z"),
+    ]);
     expect([...names.values()]).toEqual([
       "KR 210 · F-211034 · 6 joints · measured 22 Nov 2026",
       "KR 210 · 6 joints · added 21 Nov 2026",

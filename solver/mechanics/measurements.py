@@ -253,7 +253,7 @@ class EncoderReadings:
 
 @dataclass(frozen=True, eq=False)
 class ReturnReadings:
-    """What remains of the deflections of N observations of T targets after the load was removed.
+    """Remaining deflections of N observations of T targets after the load was removed.
 
     The deflections then count from the mean of the readings before and after the load.
     """

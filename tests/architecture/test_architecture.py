@@ -230,7 +230,7 @@ NOTICES = (ROOT / "dashboard" / "public" / "notices.txt").read_text(encoding="ut
 def test_libraries_of_the_page_are_named_with_their_copyright():
     libraries = json.loads((ROOT / "dashboard" / "package.json").read_text())["dependencies"]
     for name in libraries:
-        assert re.search(rf"Copyright .*{name}", NOTICES), name
+        assert re.search(rf"Copyright .*{re.escape(name)}", NOTICES), name
 
 
 def test_packages_that_are_not_permissive_are_named():

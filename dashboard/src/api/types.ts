@@ -38,10 +38,18 @@ export interface ShownTable {
   texts: number[];
 }
 
-/** One page of a listing. */
+/** What the service says of a job in tables and lines. */
+export interface ShownTables {
+  tables: ShownTable[];
+  lines: string[];
+  evidence: string[];
+}
+
+/** One page of a listing; the first one says how many items there are. */
 export interface Page<Item> {
   items: Item[];
   next: string | null;
+  total: number | null;
 }
 
 /** A robot that is stored, or one that is not yet. */

@@ -4,13 +4,13 @@ import { useLayoutEffect, useRef, useState, useEffect, useContext, useId } from 
 import { go, type Action, hasNavigated, link, toast } from "../state/action";
 import { text } from "../i18n";
 import type { Problem, Finding, RunState, Usability } from "../api/types";
-import type { Loading } from "../state/load";
+import { type Query, send } from "../state/query";
 import { Viewer } from "../state/session";
 import { listen } from "../lib/events";
 import { dayText, roughTime, timeText, zonedText } from "../lib/format";
 import { groupedBy } from "../lib/json";
 import { placeName, sentence } from "../lib/said";
-import { problemOf } from "../api/client";
+import { problemOf } from "../api/problem";
 
 export function useWidth<Box extends HTMLElement>(): [RefObject<Box | null>, number] {
   const element = useRef<Box | null>(null);
@@ -337,7 +337,7 @@ export function ProblemNote({ problem, retry, restore }: NoteProps) {
         </ul>
       )}
       {restore ? (
-        <Button look="primary" onClick={() => void restore().then(retry, failed)} acts>
+        <Button look="primary" onClick={() => void send(restore).then(retry, failed)} acts>
           {text.lists.restore}
         </Button>
       ) : (
@@ -416,7 +416,7 @@ export const MeasureLink = ({ robot }: { robot?: string }) => (
 );
 
 interface ShowProps<Value> {
-  of: Loading<Value>;
+  of: Query<Value>;
   title?: string;
   /** Brings back what was deleted. */
   restore?: () => Promise<unknown>;
@@ -427,14 +427,14 @@ interface ShowProps<Value> {
 
 /** What was loaded, or why not; `title` heads the view until what was loaded brings its own. */
 export function Show<Value>({ of, title, restore, instead, children }: ShowProps<Value>) {
-  if (of.state === "ready") return <>{instead?.(of.value) || children(of.value)}</>;
+  if (of.data !== undefined) return <>{instead?.(of.data) || children(of.data)}</>;
   return (
     <>
       {title !== undefined && <Title plain={title}>{title}</Title>}
-      {of.state === "loading" ? (
-        <Busy />
+      {of.problem ? (
+        <ProblemNote problem={of.problem} retry={of.refetch} restore={isDeleted(of.problem) ? restore : undefined} />
       ) : (
-        <ProblemNote problem={of.problem} retry={of.reload} restore={isDeleted(of.problem) ? restore : undefined} />
+        <Busy />
       )}
     </>
   );

@@ -1,6 +1,8 @@
 /** The page of a job of any kind: its head, then its progress, its problem, or what came of it, with its verdict. */
 import { useEffect, useRef, useState } from "preact/hooks";
-import { api, follow, type Standing, type Collection, goesOn } from "../api/client";
+import { api, type Collection } from "../api/calls";
+import { follow, goesOn, type Standing } from "../api/follow";
+import { queries } from "../api/queries";
 import type { Action, Assessment, Finding, Run, Usability, Problem } from "../api/types";
 import { roughTime, secondsLeft, type Mark } from "../lib/format";
 import { useAction, link, useDeletion, copied } from "../state/action";
@@ -25,7 +27,7 @@ import {
 } from "./basics";
 import { onPage, sentence } from "../lib/said";
 import { STIFFNESS_UNITS } from "../lib/stiffness";
-import { useCached, namesChanged, useLoad } from "../state/load";
+import { useQuery } from "../state/query";
 import { useSettings } from "../state/session";
 import { TableCard, fileName, saveJson } from "./table";
 import type { RunContext } from "../views/run_context";
@@ -70,18 +72,14 @@ export function Bar({ standing: { progress } }: { standing: Standing }) {
 
 /** Whether the service has no worker; it is only asked while nothing moves. */
 function useNoWorker(done: number): boolean {
-  const [none, set] = useState(false);
+  const [asks, ask] = useState(false);
   useEffect(() => {
-    set(false);
-    const look = () =>
-      void api.health().then(
-        (health) => set(health.workers === 0),
-        () => set(false),
-      );
-    const timer = setInterval(look, LOOK_MS);
-    return () => clearInterval(timer);
+    ask(false);
+    const timer = setTimeout(() => ask(true), LOOK_MS);
+    return () => clearTimeout(timer);
   }, [done]);
-  return none;
+  const { data } = useQuery({ ...queries.health, enabled: asks, refetchInterval: LOOK_MS });
+  return asks && data?.workers === 0;
 }
 
 function Left({ standing: { progress } }: { standing: Standing }) {
@@ -96,8 +94,7 @@ function Left({ standing: { progress } }: { standing: Standing }) {
 
 function useTables(collection: Collection, id: string) {
   const unit = STIFFNESS_UNITS[useSettings().unit].name;
-  const ask = () => api.tables(id, { unit, details: String(collection !== "comparisons") });
-  return useCached(`tables/${id}/${unit}`, ask, Number.POSITIVE_INFINITY);
+  return useQuery(queries.tables(id, { unit, details: String(collection !== "comparisons") }));
 }
 
 interface JobTablesProps {
@@ -230,11 +227,7 @@ function ActionButtons({ action, context }: { action: Action; context: RunContex
 }
 
 /** Carry out an action; pressed twice it gives the same run. */
-export async function variantBy(run: Run, action: Action): Promise<Run> {
-  const made = await api.apply(run.id, action);
-  namesChanged();
-  return made;
-}
+export const variantBy = (run: Run, action: Action): Promise<Run> => api.apply(run.id, action);
 
 /** Kinds with a report for information; that of a run has a tab of its own, where it is signed. */
 const REPORTED: readonly Collection[] = ["comparisons", "fleets", "plans", "maps", "programs"];
@@ -283,7 +276,11 @@ export function JobPage<Of extends PageJob, Context>({
   /** What came of it. */
   children: (result: NonNullable<Of["result"]>, loaded: { job: Of } & Context, reload: () => void) => ComponentChildren;
 }) {
-  const loaded = useLoad(load, [id]);
+  const loaded = useQuery({
+    queryKey: ["job", collection, id],
+    queryFn: ({ signal }) => load(signal),
+    staleTime: ({ state }) => (state.data && !goesOn(state.data.job.state) ? Number.POSITIVE_INFINITY : 0),
+  });
   return (
     <Show of={loaded} title={kind} restore={() => api.jobs.restore(id)}>
       {(found) => {
@@ -307,7 +304,7 @@ export function JobPage<Of extends PageJob, Context>({
               {actions}
               <Actions collection={collection} job={job} name={name} list={list} />
             </Head>
-            {goesOn(job.state) && <Going job={job} ended={loaded.reload} />}
+            {goesOn(job.state) && <Going job={job} ended={loaded.refetch} />}
             {job.state === "cancelled" && (
               <p class="note">
                 {text.run.cancelled}
@@ -316,7 +313,7 @@ export function JobPage<Of extends PageJob, Context>({
             )}
             {job.error && <ProblemNote problem={job.error} />}
             <Carried collection={collection} job={job} />
-            {job.result && children(job.result, found, loaded.reload)}
+            {job.result && children(job.result, found, loaded.refetch)}
           </>
         );
       }}

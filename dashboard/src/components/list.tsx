@@ -5,7 +5,7 @@ import { useAction, useDeletion } from "../state/action";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { Name, Button, Icon, ProblemNote, Folded, When } from "./basics";
-import { namesChanged, type Names, robotOptions } from "../state/load";
+import { RobotSelect, useTyped } from "./choosers";
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import { Select, TextField } from "./fields";
@@ -53,20 +53,15 @@ interface StoredProps {
   api: Stored;
   /** Address of the list that it stands in. */
   list: string;
-  changed: () => void;
 }
 
 /** What can be done with any robot and any set. Deletion is asked first; while others refer to it the service refuses. */
-export function StoredActions({ of: { id, name }, api, list, changed }: StoredProps) {
+export function StoredActions({ of: { id, name }, api, list }: StoredProps) {
   const words = text.changes;
-  const action = useAction(async (asked: Change) => {
-    await api.change(id, asked);
-    namesChanged();
-    changed();
-  });
+  const action = useAction((asked: Change) => api.change(id, asked).then(() => undefined));
   const deletion = useDeletion({
-    remove: () => api.delete(id).then(namesChanged),
-    restore: () => api.restore(id).then(namesChanged),
+    remove: () => api.delete(id),
+    restore: () => api.restore(id),
     list,
     deleted: text.deletion.done(name),
   });
@@ -104,10 +99,6 @@ export interface Row {
   at?: string | null;
   standing?: ComponentChildren;
   name: string;
-  /** What else a search finds the row by. */
-  words?: (string | null | undefined)[];
-  robot?: string | null;
-  verdict?: Usability | null;
   /** Beside the link: before it what picks the row, after it what can be done with it. */
   pick?: ComponentChildren;
   actions?: ComponentChildren;
@@ -138,57 +129,39 @@ export function useFilter(query?: URLSearchParams): [Filter, (part: Partial<Filt
   return [filter, (part) => set((before) => ({ ...before, ...part }))];
 }
 
-/** Rows with all words somewhere, of the robot, with the verdict; in the order that is wanted. */
-export function chosen(rows: Row[], { q, robot, verdict, sort }: Filter): Row[] {
-  const wanted = q.toLowerCase().split(/\s+/);
-  const kept = rows.filter((row) => {
-    const said = [row.name, row.id, row.at, ...(row.words ?? [])].join("\n").toLowerCase();
-    return (
-      wanted.every((word) => said.includes(word)) &&
-      (robot === "" || row.robot === robot) &&
-      (verdict === "" || row.verdict === verdict)
-    );
-  });
-  const time = (row: Row) => row.at ?? "";
-  return kept.sort((a, b) =>
-    sort === "name"
-      ? a.name.localeCompare(b.name, text.dates, { numeric: true })
-      : time(a).localeCompare(time(b)) * (sort === "newest" ? -1 : 1),
-  );
-}
+const ORDERS = { newest: "-created_at", oldest: "created_at", name: "name" } as const;
 
-/** What a list shows: words, and robot and verdict where `names` and `judged` give a choice. */
+/** Search and order of a filter, as the service takes them. */
+export const wanted = ({ q, sort }: Filter) => ({ q: q.trim() || null, sort: ORDERS[sort] });
+
+/** What a list shows: words, and robot and verdict where `robots` and `judged` give a choice. */
 export function FilterBar({
   filter,
   change,
-  names = null,
+  robots = false,
   judged = false,
   label = words.search,
   children,
 }: {
   filter: Filter;
   change: (part: Partial<Filter>) => void;
-  names?: Names | null;
+  robots?: boolean;
   judged?: boolean;
   label?: string;
   children?: ComponentChildren;
 }) {
+  const [typed, setTyped] = useTyped(filter.q, (q) => change({ q }));
   return (
     <div class="filters">
-      <TextField
-        type="search"
-        label={label}
-        placeholder={words.searchHint}
-        value={filter.q}
-        change={(q) => change({ q })}
-      />
+      <TextField type="search" label={label} placeholder={words.searchHint} value={typed} change={setTyped} />
       <Folded label={words.filter}>
-        {names && names.robots.length > 1 && (
-          <Select
+        {robots && (
+          <RobotSelect
             label={text.start.robot}
             value={filter.robot}
             change={(robot) => change({ robot })}
-            options={robotOptions(names, text.app.all)}
+            none={text.app.all}
+            several
           />
         )}
         {judged && (

@@ -8,9 +8,9 @@ import { createContext } from "preact";
 import { type Codec, codecOf, isAmbiguous, OF_TEXT, plain, type Schema, type Schemas } from "../lib/schema";
 import { isUnread, type Fields, faultsAt } from "../lib/json";
 import { sentence } from "../lib/said";
-import { api } from "../api/client";
+import { queries } from "../api/queries";
 import { formUnit, radians } from "../lib/stiffness";
-import { useCached } from "../state/load";
+import { useQuery } from "../state/query";
 import { useSettings } from "../state/session";
 import { text } from "../i18n";
 import { Button, Choice, type Options, Show, Toggle } from "./basics";
@@ -142,7 +142,7 @@ interface SchemaFieldsProps {
 
 /** The fields `show` of the request that the service calls `of`. */
 export function SchemaFields({ of, show, value, change, terms = {} }: SchemaFieldsProps) {
-  const schemas = useCached("schemas", api.schemas, Number.POSITIVE_INFINITY);
+  const schemas = useQuery(queries.schemas);
   return (
     <Show of={schemas}>
       {(all) => (

@@ -473,7 +473,7 @@ export const en = {
   },
   list: {
     search: "Search",
-    searchHint: "Name, serial number, method, …",
+    searchHint: "Name, robot, serial number",
     sort: "Order",
     filter: "Filter and order",
     sorts: { newest: "Newest first", oldest: "Oldest first", name: "By name" },

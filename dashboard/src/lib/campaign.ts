@@ -225,14 +225,17 @@ function localTime(time: string): string {
   return new Date(time).toLocaleString("sv").slice(0, 16).replace(" ", "T"); // Swedish is written as in ISO 8601
 }
 
-/** Whether a set was measured on or between the days. */
-export function wasMeasured(
-  { measured_at: at }: Partial<Metadata>,
-  { from, to }: { from: string; to: string },
-): boolean {
-  const day = at ? localTime(at).slice(0, 10) : "";
-  return (from === "" || day >= from) && (to === "" || (day !== "" && day <= to));
+/** The start of a day of this device, some days later; null for no day. */
+function startOf(day: string, later = 0): string | null {
+  const [year = 0, month = 1, date = 1] = day.split("-").map(Number);
+  return day === "" ? null : new Date(year, month - 1, date + later).toISOString();
 }
+
+/** The filter of sets that were measured on or between two days. */
+export const measuredBetween = ({ from, to }: { from: string; to: string }) => ({
+  measured_from: startOf(from),
+  measured_to: startOf(to, 1),
+});
 
 type Noise = NonNullable<MeasurementSet["noise"]>;
 

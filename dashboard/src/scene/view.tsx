@@ -10,7 +10,7 @@ import { PostureSketch } from "../components/posture";
 import type { Stage } from "./stage";
 import { fixed } from "../lib/format";
 import { position, positionIn, positionUnit } from "../lib/stiffness";
-import { useKinematics } from "../state/load";
+import { useKinematics } from "../state/kinematics";
 import { later } from "../i18n/later";
 
 /** What is shown. Lengths in m, R0. */

@@ -1,9 +1,10 @@
 /** Where one is, what a button starts, and the messages that say what came of it. */
-import { useEffect, useState, useRef } from "preact/hooks";
-import { problemOf } from "../api/client";
+import { useEffect, useState } from "preact/hooks";
+import { problemOf } from "../api/problem";
 import type { Problem, Usability } from "../api/types";
 import { listen, news, tell } from "../lib/events";
 import { text } from "../i18n";
+import { send, useMutation } from "./query";
 
 export interface Route {
   parts: string[];
@@ -119,28 +120,17 @@ export function useAction<Arguments extends unknown[]>(
   act: (...args: Arguments) => Promise<unknown>,
   timed = "",
 ): Action<Arguments> {
-  const [busy, setBusy] = useState(false);
-  const [problem, setProblem] = useState<Problem | null>(null);
-  const going = useRef(false);
+  const { busy, problem, start } = useMutation(act);
   const run = (...args: Arguments) => {
-    if (going.current) return;
-    going.current = true;
-    setBusy(true);
-    setProblem(null);
     const begun = performance.now();
     const here = location.hash;
-    act(...args)
-      .then((made) => {
-        if (timed) tooks.set(timed, (performance.now() - begun) / 1e3);
-        if (typeof made !== "string") return;
-        if (location.hash === here) go(made);
-        else toast(text.app.done, { label: text.app.show, run: () => go(made) });
-      })
-      .catch((error: unknown) => setProblem(problemOf(error)))
-      .finally(() => {
-        going.current = false;
-        setBusy(false);
-      });
+    const shown = (made: unknown) => {
+      if (timed) tooks.set(timed, (performance.now() - begun) / 1e3);
+      if (typeof made !== "string") return;
+      if (location.hash === here) go(made);
+      else toast(text.app.done, { label: text.app.show, run: () => go(made) });
+    };
+    void start(...args)?.then(shown, () => undefined); // the view shows the problem
   };
   return { run, busy, problem, took: tooks.get(timed) ?? null };
 }
@@ -157,7 +147,7 @@ interface Deletable {
 export function useDeletion({ remove, restore, list, deleted }: Deletable): Action<[]> {
   const here = location.hash;
   const bringBack = () =>
-    void restore().then(
+    void send(restore).then(
       () => go(here),
       (error: unknown) => toast(problemOf(error).detail),
     );

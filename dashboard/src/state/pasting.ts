@@ -1,6 +1,7 @@
 /** Blocks of readings pasted into a form: read one after the other, and kept until they are placed or discarded. */
 import { useEffect, useRef, useState } from "preact/hooks";
-import { api, problemOf } from "../api/client";
+import { api } from "../api/calls";
+import { problemOf } from "../api/problem";
 import type { ImportOptions, Problem } from "../api/types";
 import type { Rows, Typed } from "../lib/live";
 import { type Block, filesOf, type Placed, placed, type Unmatched } from "../lib/paste";

@@ -1,6 +1,9 @@
 /** Comparisons: where they start, methods on one set or two sets with the ratios of their stiffnesses, and runs side by side. */
-import { api, ApiError, goesOn } from "../api/client";
-import type { Comparison, Run, ComparedRun } from "../api/types";
+import { api } from "../api/calls";
+import { goesOn } from "../api/follow";
+import { ApiError } from "../api/problem";
+import { queries } from "../api/queries";
+import type { ComparedRun, Comparison, MeasurementSetSummary, Run, RunSummary } from "../api/types";
 import { contentKey, freshKey } from "../lib/json";
 import type { ComponentProps } from "preact";
 import { useState } from "preact/hooks";
@@ -25,13 +28,14 @@ import { JobLines, JobPage, JobTables, VerdictCard } from "../components/job_pag
 import { percent, significant, timeText } from "../lib/format";
 import { unsaid } from "../lib/said";
 import { link, useAction, parse } from "../state/action";
-import { storedSet, useLoad, valueOf, type Names, setOptions, useNames } from "../state/load";
+import { SearchedSelect, SetSelect, useSetChoices } from "../components/choosers";
+import { SETS } from "../state/choices";
+import { ask, useQuery } from "../state/query";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { howOf } from "./run_context";
 import { MOST_RUNS, JobList } from "./runs";
 import { type RunColumn, RunsTable } from "./run_stiffness";
-import { Select } from "../components/fields";
 import { NoSets } from "./robots";
 
 /** The paper's methods, and the complete pose with weights of covariance. */
@@ -124,7 +128,7 @@ export function ComparisonView({ id }: { id: string }) {
       load={async (signal) => {
         const job = await api.comparisons.one(id, signal);
         const ids = [job.measurement_set_id, ...(job.second_set_id ? [job.second_set_id] : [])];
-        const sets = await Promise.all(ids.map(storedSet));
+        const sets = await Promise.all(ids.map((set) => ask(queries.set(set))));
         const names = sets.map((set) => set.name);
         const same = new Set(names).size < names.length;
         const sides = names.map((name, i) => (same ? `${name} (${i ? two.second : two.first})` : name));
@@ -314,14 +318,14 @@ export function SideBySideView({ ids }: { ids: string[] }) {
     const made = await compareSides(sides, false, false);
     return link(["compare", "methods", made.id]);
   });
-  const loaded = useLoad(
-    async (signal) => {
-      const runs = await Promise.all(ids.slice(0, MOST_RUNS).map((id) => api.runs.one(id, signal)));
-      const sets = await Promise.all(runs.map((run) => storedSet(run.request.measurement_set_id)));
+  const loaded = useQuery({
+    queryKey: ["beside", ids],
+    queryFn: async () => {
+      const runs = await Promise.all(ids.slice(0, MOST_RUNS).map((id) => ask(queries.run(id))));
+      const sets = await Promise.all(runs.map((run) => ask(queries.set(run.request.measurement_set_id))));
       return runs.map((run, i): RunColumn => ({ run, name: sets[i]?.name ?? run.id, note: howOf(run.request) }));
     },
-    [ids.join()],
-  );
+  });
   return (
     <Show
       of={loaded}
@@ -360,7 +364,7 @@ export function SideBySideView({ ids }: { ids: string[] }) {
 const KINDS = ["methods", "pairs"] as const;
 
 export function CompareView({ kind }: { kind: string }) {
-  const names = useNames();
+  const sets = useQuery(queries.sets(SETS));
   return (
     <>
       <Title plain={text.app.compare}>{text.app.compare}</Title>
@@ -369,10 +373,10 @@ export function CompareView({ kind }: { kind: string }) {
         current={kind}
         tabs={KINDS.map((id) => ({ id, label: words[id], href: link(["compare", id]) }))}
       />
-      <Show of={names} instead={(known) => known.sets.length === 0 && <NoSets />}>
-        {(known) => (
+      <Show of={sets} instead={({ items }) => items.length === 0 && <NoSets />}>
+        {({ items }) => (
           <>
-            {kind === "pairs" ? <StartPair names={known} /> : <StartMethods names={known} />}
+            {kind === "pairs" ? <StartPair newest={items} /> : <StartMethods newest={items} />}
             <JobList collection="comparisons" />
           </>
         )}
@@ -381,19 +385,19 @@ export function CompareView({ kind }: { kind: string }) {
   );
 }
 
-function StartMethods({ names }: { names: Names }) {
-  const [set, setSet] = useState(parse(location.hash).query.get("set") ?? names.sets[0]?.id ?? "");
+function StartMethods({ newest }: { newest: MeasurementSetSummary[] }) {
+  const [set, setSet] = useState(parse(location.hash).query.get("set") ?? newest[0]?.id ?? "");
   const [resample, setResample] = useState(false);
   const start = useAction(async () => {
-    const size = Math.max(1, Math.round((names.sets.find((s) => s.id === set)?.observation_count ?? 20) / 2));
-    const resampling = resample ? { size, repetitions: 200, seed: 1 } : null;
+    const count = resample ? (await ask(queries.set(set))).observations.length : 0;
+    const resampling = resample ? { size: Math.max(1, Math.round(count / 2)), repetitions: 200, seed: 1 } : null;
     const comparison = await compared(await byMethods(set, resampling));
     return link(["compare", "methods", comparison.id]);
   });
   return (
     <section class="card form">
       <p>{words.methodsIntro}</p>
-      <Select label={text.sets.kind} value={set} change={setSet} options={setOptions(names)} />
+      <SetSelect label={text.sets.kind} value={set} change={setSet} />
       <Toggle label={words.resample} checked={resample} change={setResample} />
       <ActionButton look="primary" action={start} disabled={!set} going={words.going}>
         {text.app.compare}
@@ -402,21 +406,31 @@ function StartMethods({ names }: { names: Names }) {
   );
 }
 
-function StartPair({ names }: { names: Names }) {
-  const runs =
-    valueOf(useLoad((signal) => api.runs.list({ elasticity: "joints", state: "succeeded", limit: 100 }, signal), []))
-      ?.items ?? [];
-  const options = [
-    ...setOptions(names).map(({ value, label }) => ({ value: `set:${value}`, label })),
-    ...runs.map((run) => ({
-      value: `run:${run.id}`,
-      label: words.runSide(names.set(run.measurement_set_id), howOf(run), timeText(run.created_at)),
-    })),
-  ];
-  const newest = names.sets[0];
-  const others = names.sets.filter((set) => set.id !== newest?.id && set.robot_id === newest?.robot_id);
+interface SideProps {
+  label: string;
+  help: string;
+  value: string;
+  change: (side: string) => void;
+  runs: RunSummary[];
+}
+
+/** A side of a comparison: a set, which is identified, or a run. */
+function Side({ runs, ...field }: SideProps) {
+  const { options, search } = useSetChoices(field.value.startsWith("set:") ? field.value.slice("set:".length) : "");
+  const ofRuns = runs.map((run) => ({
+    value: `run:${run.id}`,
+    label: words.runSide(run.measurement_set_name ?? "…", howOf(run), timeText(run.created_at)),
+  }));
+  const ofSets = options.map(({ value, label }) => ({ value: `set:${value}`, label }));
+  return <SearchedSelect {...field} search={search} options={[...ofSets, ...ofRuns]} />;
+}
+
+function StartPair({ newest: sets }: { newest: MeasurementSetSummary[] }) {
+  const runs = useQuery(queries.runs({ elasticity: "joints", state: "succeeded", limit: 100 })).data?.items ?? [];
+  const newest = sets[0];
+  const others = sets.filter((set) => set.id !== newest?.id && set.robot_id === newest?.robot_id);
   const unlike = others.find((set) => set.encoders !== newest?.encoders);
-  const other = unlike ?? others[0] ?? names.sets[1];
+  const other = unlike ?? others[0] ?? sets[1];
   const [begin, end] = unlike?.encoders === "secondary" ? [newest, unlike] : [other, newest];
   const query = parse(location.hash).query;
   const [sides, setSides] = useState([
@@ -435,7 +449,7 @@ function StartPair({ names }: { names: Names }) {
       <p>{words.pairsIntro}</p>
       <div class="row">
         {(["first", "second"] as const).map((name, i) => (
-          <Select
+          <Side
             label={words[name]}
             help={words.hints[name]}
             value={sides[i] ?? ""}
@@ -443,7 +457,7 @@ function StartPair({ names }: { names: Names }) {
               setSides(sides.with(i, chosen));
               setOrdered(false);
             }}
-            options={options}
+            runs={runs}
           />
         ))}
       </div>

@@ -1,5 +1,5 @@
 /** Fleets: all robots identified again, and what came of each. */
-import { api } from "../api/client";
+import { api } from "../api/calls";
 import { freshKey } from "../lib/json";
 import { ActionButton, Download, Title } from "../components/basics";
 import { JobLines, JobPage, JobTables } from "../components/job_page";

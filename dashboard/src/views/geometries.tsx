@@ -3,18 +3,19 @@ import type { Geometry, GeometryResult, RobotDocument } from "../api/types";
 import { JobLines, JobTables, JobPage, VerdictCard } from "../components/job_page";
 import { later } from "../i18n/later";
 import { useState, useEffect } from "preact/hooks";
-import { api } from "../api/client";
+import { api } from "../api/calls";
 import { Arm } from "../scene/view";
 import { ActionButton, Facts, Title } from "../components/basics";
-import { TextField, Select } from "../components/fields";
+import { TextField } from "../components/fields";
 import { useAction, link } from "../state/action";
-import { FROM_FILE, namesChanged, valueOf, robotOptions, sourceOf, useNames } from "../state/load";
+import { RobotSelect } from "../components/choosers";
+import { FROM_FILE, sourceOf } from "../state/choices";
 import { DropZone } from "../components/schema_form";
 import { DataTable } from "../components/table";
 import { fixed } from "../lib/format";
 import { contentKey } from "../lib/json";
 import { type ReadingFacts, type Readings, readingsOf } from "../lib/campaign";
-import { handed } from "../state/opened";
+import { takeHanded } from "../state/begun";
 import { text } from "../i18n";
 import { Refused } from "./flow";
 import { JobList } from "./runs";
@@ -64,7 +65,6 @@ function SaveAsRobot({ geometry, result }: { geometry: Geometry; result: Geometr
   const save = useAction(async () => {
     const document: RobotDocument = { name, model: { format: "geometry", geometry_id: geometry.id } };
     const robot = await api.robots.add(document, `robot-${geometry.id}-${name}`.slice(0, 200));
-    namesChanged();
     return link(["robots", robot.id]);
   });
   return (
@@ -86,8 +86,8 @@ export function GeometriesView() {
   const [opened, setOpened] = useState<Opened | null>(null);
   const take = async (file: File) => setOpened({ name: file.name, readings: readingsOf(await file.text()) });
   useEffect(() => {
-    if (handed.file) void take(handed.file);
-    handed.file = null;
+    const file = takeHanded();
+    if (file) void take(file);
   }, []);
   return (
     <>
@@ -147,7 +147,6 @@ function Understood({ name, facts }: { name: string; facts: ReadingFacts }) {
 
 /** The nominal model, and the button. */
 function Start({ readings }: { readings: Readings }) {
-  const known = valueOf(useNames());
   const [chosen, setChosen] = useState(readings.robot ? FROM_FILE : (readings.robotId ?? ""));
   const needed = readings.facts.poses !== null;
   const source = sourceOf(chosen, readings.robot);
@@ -159,12 +158,13 @@ function Start({ readings }: { readings: Readings }) {
   return (
     <section class="card" aria-labelledby="nominal">
       <h2 id="nominal">{words.nominal}</h2>
-      <Select
+      <RobotSelect
         label={words.nominal}
         value={chosen}
         change={setChosen}
         help={words.nominalHint}
-        options={robotOptions(known, needed ? words.pickNominal : words.noNominal, readings.robot)}
+        none={needed ? words.pickNominal : words.noNominal}
+        ofFile={readings.robot}
       />
       {source && <Arm key={chosen} source={source} start={null} sliders={false} />}
       <ActionButton look="primary big" action={start} disabled={needed && !source} going={text.start.going}>

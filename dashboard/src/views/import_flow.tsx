@@ -1,17 +1,21 @@
 /** From tables of readings to their result. Nothing is stored before the last tap. */
+import { keepPreviousData } from "@tanstack/query-core";
 import { useState, useMemo, useRef, useEffect, useLayoutEffect } from "preact/hooks";
-import { api } from "../api/client";
+import { api } from "../api/calls";
+import { queries } from "../api/queries";
 import type { ImportAnswer, ImportOptions, Units } from "../api/types";
 import { Prose, Button, Choice, Busy, LinkButton, ProblemNote } from "../components/basics";
 import { TextField, RequestFields } from "../components/fields";
 import { SchemaFields, type Terms, MetadataForm, understood } from "../components/schema_form";
 import { OF_NUMBER, posted } from "../lib/schema";
 import { type Fields, unreadIn, contentKey, freshKey } from "../lib/json";
-import { useLoad, valueOf, namesChanged, useNames } from "../state/load";
+import { ROBOTS, robotsToldApart } from "../state/choices";
+import { useQuery } from "../state/query";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { meaningsFor, widthOf, fits, UNKNOWN, dimensionOf } from "../lib/imports";
-import { keptTemplates, type Opened, freshDraft, keepDraft, keepFiles, keptDraft, keepTemplate } from "../state/opened";
+import { keptTemplates, freshDraft, keepDraft, keepFiles, keptDraft, keepTemplate } from "../state/begun";
+import type { Opened } from "../state/opening";
 import { Assumptions, FaultList, ImportTable } from "./import_table";
 import { Arm } from "../scene/view";
 import { saveJson } from "../components/table";
@@ -114,13 +118,10 @@ interface FrameProps {
 
 /** The frame of the positions, where it is a tracker's: by a geometry of the robot, or by a transform. */
 function FrameForm({ frame, change, robot, length }: FrameProps) {
-  const geometries = valueOf(
-    useLoad(
-      async (signal) =>
-        robot ? (await api.geometries.list({ robot_id: robot, state: "succeeded", limit: 20 }, signal)).items : [],
-      [robot],
-    ),
-  );
+  const { data: geometries } = useQuery({
+    ...queries.geometries({ robot_id: robot, state: "succeeded", limit: 20 }),
+    enabled: robot !== "",
+  });
   const terms: Terms = {
     labels: words.frame,
     within: "frame.",
@@ -128,7 +129,7 @@ function FrameForm({ frame, change, robot, length }: FrameProps) {
     choices: {
       geometry_id: [
         { value: "", label: words.noGeometry },
-        ...(geometries ?? []).map(({ id, name }) => ({ value: id, label: name ?? id })),
+        ...(geometries?.items ?? []).map(({ id, name }) => ({ value: id, label: name ?? id })),
       ],
     },
   };
@@ -257,7 +258,7 @@ interface FlowProps {
 }
 
 export function ImportFlow({ opened: { files, template }, robot: asked, take }: FlowProps) {
-  const known = valueOf(useNames());
+  const { data: known } = useQuery(queries.robots(ROBOTS));
   const [draft, setDraft] = useState(() => keptDraft(files) ?? freshDraft(template?.options ?? {}));
   const { options, frame, typed } = draft;
   const put = (part: Partial<typeof draft>) => setDraft((before) => ({ ...before, ...part }));
@@ -267,9 +268,10 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
   const form = useRunForm();
   useLayoutEffect(() => keepDraft(draft), [draft]);
 
-  const robots = (known?.robots ?? [])
+  const names = robotsToldApart(known?.items ?? []);
+  const robots = (known?.items ?? [])
     .filter((one) => joints === null || one.joints.length === joints)
-    .map((one) => ({ ...one, name: known?.robot(one.id) ?? one.name }));
+    .map((one) => ({ ...one, name: names.get(one.id) ?? one.name }));
   /** The only one that fits, until another one is chosen. */
   const robot = chosen ?? (robots.length === 1 ? (robots[0]?.id ?? "") : "");
   const framed = Object.values(frame).some(Boolean);
@@ -287,7 +289,6 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
     const robotId = bodies.length > 0 ? await withBodies(robot, bodies) : robot;
     const document = { ...set, ...notedIn(typed), noise, frame: framed ? frame : null, robot_id: robotId };
     const added = await api.sets.add(document, contentKey("set", document));
-    namesChanged();
     if (answer.template) keepTemplate({ name: files[0]?.name ?? "", options: answer.template as ImportOptions });
     const run = await api.runs.add({ ...form.request(added.id), leave_out: answer.leave_out }, freshKey("run"));
     keepFiles(null);
@@ -384,19 +385,27 @@ export function lackOf(answer: ImportAnswer | null, robot: string): string | nul
 /** Someone who types is let finish before the files are sent again. */
 const PAUSE_MS = 300;
 
+/** How often files were opened. */
+let opened = 0;
+
 /** While a new answer is on its way the last one stays, and counts as busy from the first moment. */
 function useImport(files: File[], options: ImportOptions) {
-  const asked = JSON.stringify(options);
-  const last = useRef<{ answer: ImportAnswer | null; of: string | null }>({ answer: null, of: null });
-  const loaded = useLoad(
-    async (signal) => {
-      if (last.current.of !== null) await new Promise((go) => setTimeout(go, PAUSE_MS));
-      if (signal.aborted) return;
-      last.current.of = asked;
-      last.current.answer = await api.importFiles(files, { ...options, show_faults: true }, signal);
+  const isFirst = useRef(true);
+  const [number] = useState(() => ++opened); // a key is JSON, which files are not
+  const { data, problem, isFetching, isStand } = useQuery({
+    queryKey: ["import", number, options],
+    queryFn: async ({ signal }) => {
+      if (!isFirst.current) await new Promise((go) => setTimeout(go, PAUSE_MS));
+      isFirst.current = false;
+      signal.throwIfAborted();
+      return api.importFiles(files, { ...options, show_faults: true }, signal);
     },
-    [files, asked],
-  );
-  const busy = loaded.state === "loading" || last.current.of !== asked;
-  return { answer: last.current.answer, problem: loaded.state === "failed" && !busy ? loaded.problem : null, busy };
+    staleTime: "static",
+    gcTime: 0,
+    placeholderData: keepPreviousData,
+  });
+  const last = useRef<ImportAnswer | null>(null); // stays in view while the service refuses what is stated
+  if (data) last.current = data;
+  const busy = isFetching || isStand;
+  return { answer: last.current, problem: busy ? null : problem, busy };
 }

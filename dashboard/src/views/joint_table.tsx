@@ -18,11 +18,11 @@ import { text } from "../i18n";
 import { clip, fixed, percent, significant, extent, logarithmic } from "../lib/format";
 import { BottomAxis, Chart, Figure } from "../charts/figure";
 import { tip, Button, LinkButton, Name, Prose, Term, useWidth } from "../components/basics";
-import { api } from "../api/client";
+import { queries } from "../api/queries";
 import { PostureSketch } from "../components/posture";
 import { groupedBy } from "../lib/json";
 import { norm, type Vector } from "../lib/vector";
-import { useCached, valueOf } from "../state/load";
+import { useQuery } from "../state/query";
 import { link, copied } from "../state/action";
 import { Fragment } from "preact";
 import { useSettings } from "../state/session";
@@ -204,13 +204,7 @@ interface Piece {
 /** Pieces of advice with their postures. */
 function useAdvice(robot: Robot, advice: Advice[]): Piece[] {
   const joints = advice.map((one) => one.joints);
-  const drawn = valueOf(
-    useCached(
-      `advice/${robot.id}/${JSON.stringify(joints)}`,
-      async () => (joints.length > 0 ? await api.kinematics({ robot_id: robot.id }, joints) : []),
-      Number.POSITIVE_INFINITY,
-    ),
-  );
+  const { data: drawn } = useQuery(queries.kinematics(joints.length > 0 ? { robot_id: robot.id } : null, joints));
   return advice.map((one, i) => ({ advice: one, posture: drawn?.[i] ?? null }));
 }
 

@@ -1,8 +1,9 @@
 /** A campaign while it is measured: one posture a screen, what the readings say so far, and doubts while the weight hangs. */
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { api } from "../api/client";
-import type { ImportOptions, JointKind, LiveState, OpenSet, Robot } from "../api/types";
+import { api } from "../api/calls";
+import { queries } from "../api/queries";
+import type { ImportOptions, JointKind, LiveState, Observation, OpenSet, Robot } from "../api/types";
 import {
   Badge,
   ActionButton,
@@ -30,10 +31,13 @@ import { position, labelOf, inUnit } from "../lib/stiffness";
 import { type Vector, norm, times } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
 import { useAction, go, link, toast } from "../state/action";
-import { useLoad, valueOf, namesChanged, storedRobot, useKinematics } from "../state/load";
-import { mistakeIn } from "../state/opened";
-import { recalled, remember, useSettings } from "../state/session";
-import { type Measuring, draftKey, keptIn, useMeasuring } from "../state/measuring";
+import { recalled, remember } from "../state/kept";
+import { useKinematics } from "../state/kinematics";
+import { draftKey, keptIn, useFollowed } from "../state/live";
+import { mistakeIn } from "../state/opening";
+import { useQuery } from "../state/query";
+import { discardReading, putState, sendReadings, useWaiting, type Waits as Waited } from "../state/readings";
+import { useSettings } from "../state/session";
 import { type DecimalMark, type Left, type Pasting, usePasting } from "../state/pasting";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
@@ -43,16 +47,11 @@ const words = later.measure;
 const MAX_BYTES = 8 * 1024 * 1024;
 
 export function LiveView({ id }: { id: string }) {
-  const loaded = useLoad(
-    async (signal) => {
-      const set = await api.openSets.one(id, signal);
-      return { set, robot: await storedRobot(set.robot_id), state: await api.openSets.state(id, signal) };
-    },
-    [id],
-  );
+  const set = useQuery(queries.openSet(id));
+  const state = useQuery(queries.liveState(id));
   return (
-    <Show of={loaded} title={words.kind}>
-      {({ set, robot, state }) => <Campaign set={set} robot={robot} first={state} />}
+    <Show of={set} title={words.kind}>
+      {(of) => <Show of={state}>{(now) => <Campaign {...of} state={now} />}</Show>}
     </Show>
   );
 }
@@ -60,9 +59,12 @@ export function LiveView({ id }: { id: string }) {
 /** A posture that is read instead of the suggested one; `again`: the reading that it repeats. */
 type Own = live.Stand & { again?: string };
 
-function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: LiveState }) {
-  const measuring = useMeasuring(set.id, first);
-  const { state, away, waiting, send, put } = measuring;
+function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: LiveState }) {
+  const gone = useFollowed(set.id, state.state === "closed");
+  const waits = useWaiting(set.id);
+  const { waiting } = waits;
+  const away = gone || waits.away;
+  const send = (...observations: Observation[]) => sendReadings(set.id, observations);
   /** A posture that somebody chose instead of the suggested one. */
   const [own, setOwn] = useState<Own | null>(null);
   const taken = new Set(
@@ -73,7 +75,7 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
   const label = live.freeLabel(suggested?.label ?? `m${String(taken.size + 1).padStart(2, "0")}`, taken);
   const change = useAction(async (body: Parameters<typeof api.openSets.change>[1]) => {
     await api.openSets.change(set.id, body);
-    put(await api.openSets.state(set.id));
+    putState(set.id, await api.openSets.state(set.id));
   });
   const again = async (doubted: string) => {
     const { observations } = await api.openSets.one(set.id);
@@ -84,8 +86,7 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
   const close = useAction(async () => {
     if (state.state === "measuring" && !confirm(words.sureToClose)) return;
     const closed = await api.openSets.close(set.id);
-    namesChanged();
-    put(closed);
+    putState(set.id, closed);
     if (closed.run_id) go(link(["runs", closed.run_id]));
   });
   const doubts = state.readings.filter((one) => one.state === "doubtful" && state.state !== "closed");
@@ -117,7 +118,7 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
         first={state.state !== "closed" && !(reached && !own) && closing(false)}
       />
       {set.instrument === live.SIMULATED && <p class="note">{words.simulated}</p>}
-      <Waits measuring={measuring} taken={taken} />
+      <Waits {...{ ...waits, away, taken }} set={set.id} />
       {change.problem && <ProblemNote problem={change.problem} />}
       {doubts.map(({ label: doubted, message, causes }) => (
         <section class="note bad" role="alert" aria-label={words.doubtful(doubted)}>
@@ -204,13 +205,11 @@ function Campaign({ set, robot, first }: { set: OpenSet; robot: Robot; first: Li
 }
 
 /** Readings that are not with the service yet, and why. */
-function Waits({
-  measuring: { away, waiting, unstored, resend },
-  taken,
-}: {
-  measuring: Measuring;
-  taken: Set<string>;
-}) {
+function Waits({ set, away, waiting, unstored, taken }: Waited & { set: string; taken: Set<string> }) {
+  const resend = (observation: Observation, label: string) => {
+    discardReading(set, observation.label);
+    sendReadings(set, [{ ...observation, label }]);
+  };
   const refused = waiting.filter(({ problem }) => problem !== null);
   return (
     <>
@@ -224,7 +223,8 @@ function Waits({
           {words.unstored}
         </p>
       )}
-      {refused.map(({ observation: { label }, problem }) => {
+      {refused.map(({ observation, problem }) => {
+        const { label } = observation;
         const other = live.freeLabel(label, taken);
         const conflict = problem?.type.endsWith("label-taken") ?? false;
         return (
@@ -232,8 +232,8 @@ function Waits({
             <h3>{conflict ? words.taken(label) : words.refused(label)}</h3>
             {!conflict && problem && <Prose text={[problem.detail, problem.remedy].filter(Boolean).join(" ")} />}
             <div class="row">
-              {conflict && <Button onClick={() => resend(label, other)}>{words.sendAs(other)}</Button>}
-              <Button onClick={() => resend(label, null)}>{words.discard}</Button>
+              {conflict && <Button onClick={() => resend(observation, other)}>{words.sendAs(other)}</Button>}
+              <Button onClick={() => discardReading(set, label)}>{words.discard}</Button>
             </div>
           </div>
         );
@@ -490,7 +490,7 @@ interface OthersProps {
   robot: Robot;
   stand: live.Stand | null;
   use: (stand: live.Stand) => void;
-  send: Measuring["send"];
+  send: (...observations: Observation[]) => void;
   taken: Set<string>;
 }
 
@@ -507,7 +507,7 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
   }, [JSON.stringify(stand)]);
   const typed = live.standTyped(joints, force, kinds);
   const planId = set.open.plan_id;
-  const plan = valueOf(useLoad(async (signal) => (planId ? await api.plans.one(planId, signal) : null), [planId]));
+  const { data: plan } = useQuery({ ...queries.plan(planId ?? ""), enabled: planId != null });
   const planned = plan?.result?.readings ?? [];
   const take = useAction(async (file: File) => {
     setFault(null);

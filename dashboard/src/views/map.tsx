@@ -3,7 +3,9 @@ import { useMemo, useRef, useState } from "preact/hooks";
 import * as maps from "../lib/map";
 import { fixed, decimalsFor, percent, significant, extent, timeText } from "../lib/format";
 import { text } from "../i18n";
-import { api, goesOn } from "../api/client";
+import { api } from "../api/calls";
+import { goesOn } from "../api/follow";
+import { queries } from "../api/queries";
 import type { Map as WorkMap } from "../api/types";
 import { Busy, Download, NameLink, Choice, Facts, ProblemNote, useWidth } from "../components/basics";
 import { Handle, Select } from "../components/fields";
@@ -13,7 +15,8 @@ import { postureText } from "../lib/stiffness";
 import { norm, subtract, type Vector } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
 import { asking, useAction, link } from "../state/action";
-import { cached, useCached, useNames, valueOf, useKinematics } from "../state/load";
+import { useKinematics } from "../state/kinematics";
+import { ask, useQuery } from "../state/query";
 import { later } from "../i18n/later";
 import { contextOfEnded, howOf } from "./run_context";
 
@@ -141,7 +144,7 @@ const words = later.map;
 /** A map with what it is about; without places while it goes on. */
 async function load(id: string, signal: AbortSignal) {
   const map = await api.maps.one(id, signal);
-  const places = map.result ? maps.placesOf(await cached(`map/${id}`, () => api.mapTable(id))) : [];
+  const places = map.result ? maps.placesOf(await ask(queries.mapTable(id))) : [];
   return { map, places, ...(await contextOfEnded(map.request.run_id)) };
 }
 
@@ -326,12 +329,7 @@ function Numbers({ place, map }: { place: maps.MapPlace; map: WorkMap }) {
 
 /** Another run of the same robot, whose map of the same is made when it is chosen. */
 function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
-  const runs = valueOf(
-    useCached(`runs/robot/${own.set.robot_id}`, () =>
-      api.runs.list({ robot_id: own.set.robot_id, state: "succeeded", limit: 100 }),
-    ),
-  );
-  const names = valueOf(useNames());
+  const { data: runs } = useQuery(queries.runs({ robot_id: own.set.robot_id, state: "succeeded", limit: 100 }));
   const make = useAction(async (run: string) => {
     if (run === "") return link(["maps", own.map.id]);
     const stated = { ...own.map.request, run_id: run, accept_verdict: null };
@@ -342,7 +340,7 @@ function Beside({ own, other }: { own: Loaded; other: Loaded | null }) {
     .filter((run) => run.id !== own.run.id)
     .map((run) => ({
       value: run.id,
-      label: later.compare.runSide(names?.set(run.measurement_set_id) ?? "", howOf(run), timeText(run.created_at)),
+      label: later.compare.runSide(run.measurement_set_name ?? "", howOf(run), timeText(run.created_at)),
     }));
   if (options.length === 0) return null;
   return (
@@ -387,7 +385,7 @@ const COARSEST = 25;
 
 async function loadProgram(id: string, signal: AbortSignal) {
   const job = await api.programs.one(id, signal);
-  const points = job.result ? maps.pointsOf(await api.programPoints(id)) : [];
+  const points = job.result ? maps.pointsOf(await ask(queries.programPoints(id))) : [];
   return { job, points, ...(await contextOfEnded(job.request.run_id)) };
 }
 

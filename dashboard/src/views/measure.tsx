@@ -1,35 +1,43 @@
 /** Where live campaigns begin: a goal, loads, targets and noise, declared before the first reading; or one that goes on. */
 import { useEffect, useState } from "preact/hooks";
-import { api, problemOf } from "../api/client";
+import { api } from "../api/calls";
+import { problemOf } from "../api/problem";
+import { queries } from "../api/queries";
 import type { Plan } from "../api/types";
 import { ActionButton, Choice, Head, Name, Show } from "../components/basics";
-import { RequestFields as Form, Select, TextField } from "../components/fields";
+import { RequestFields as Form, TextField } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
 import { freshKey, type Fields, unreadIn } from "../lib/json";
 import * as live from "../lib/live";
 import { useAction, go, link, toast } from "../state/action";
-import { useLoad, valueOf, type Names, namesChanged, robotOptions, useNames } from "../state/load";
+import { RobotSelect } from "../components/choosers";
+import { ROBOTS } from "../state/choices";
+import { send, useQuery } from "../state/query";
 import { factors } from "../lib/stiffness";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { NOISE } from "./flow";
-import { EQUIPMENT, Equipment, START, equippedSet } from "./plans";
+import { EQUIPMENT, Equipment, START, useEquipped } from "./plans";
 import { NoRobots } from "./robots";
 import { DeleteButton, Rows } from "../components/list";
 
 const words = later.measure;
 
 export function MeasureView({ query }: { query: URLSearchParams }) {
-  const names = useNames();
+  const robots = useQuery(queries.robots(ROBOTS));
   const planId = query.get("plan") ?? "";
-  const plan = useLoad(async (signal) => (planId ? await api.plans.one(planId, signal) : null), [planId]);
+  const plan = useQuery({ ...queries.plan(planId), enabled: planId !== "" });
   return (
     <>
       <Head plain={words.title} first={<TrySimulated />} />
       <OpenCampaigns />
-      <Show of={names} instead={(known) => known.robots.length === 0 && <NoRobots />}>
-        {(known) => (
-          <Show of={plan}>{(of) => <Declaration names={known} robot={query.get("robot") ?? ""} plan={of} />}</Show>
+      <Show of={robots} instead={({ items }) => items.length === 0 && <NoRobots />}>
+        {({ items }) => (
+          <Show of={planId ? plan : { ...plan, data: null }}>
+            {(of) => (
+              <Declaration only={items.length === 1 ? items[0]?.id : undefined} robot={query.get("robot")} plan={of} />
+            )}
+          </Show>
         )}
       </Show>
     </>
@@ -38,14 +46,12 @@ export function MeasureView({ query }: { query: URLSearchParams }) {
 
 /** Campaigns that are still measured, on this device or another. */
 export function OpenCampaigns() {
-  const loaded = useLoad((signal) => api.openSets.list({ open: "true", limit: 20 }, signal), []);
-  const open = valueOf(loaded);
+  const { data: open } = useQuery(queries.sets({ open: true, limit: 20 }));
   if (!open || open.items.length === 0) return null;
   const failed = (error: unknown) => toast(problemOf(error).detail);
   const remove = (id: string, name: string) =>
-    void api.openSets.delete(id).then(() => {
-      loaded.reload();
-      const restore = () => void api.openSets.restore(id).then(loaded.reload, failed);
+    void send(() => api.openSets.delete(id)).then(() => {
+      const restore = () => void send(() => api.openSets.restore(id)).catch(failed);
       toast(text.deletion.done(name), { label: text.runs.undo, run: restore });
     }, failed);
   return (
@@ -67,9 +73,9 @@ export function OpenCampaigns() {
 /** An arm of springs that the page computes: a whole campaign without a robot. */
 export function TrySimulated() {
   const begin = useAction(async () => {
-    const known = await api.robots.list({ limit: 100 });
+    const known = await api.robots.list({ name: words.simulatedArm, limit: 1 });
     const robot =
-      known.items.find(({ name }) => name === words.simulatedArm) ??
+      known.items[0] ??
       (await api.robots.add(
         { name: words.simulatedArm, model: { format: "catalogue", arm: live.SIMULATED_ARM } },
         freshKey("robot"),
@@ -90,7 +96,6 @@ export function TrySimulated() {
       },
       freshKey("live"),
     );
-    namesChanged();
     go(link(["measure", set.id]));
   }, "live");
   return (
@@ -105,12 +110,19 @@ const GOALS = { deflection: "DeflectionGoal", joints: "JointsGoal", decision: "D
 
 const GOAL: Terms = { labels: words.labels, within: "open.goal." };
 
-function Declaration({ names, robot: given, plan }: { names: Names; robot: string; plan: Plan | null }) {
+interface DeclarationProps {
+  /** The only robot that there is. */
+  only: string | undefined;
+  robot: string | null;
+  plan: Plan | null;
+}
+
+function Declaration({ only, robot: given, plan }: DeclarationProps) {
   const planned = plan?.result ? plan : null;
-  const ofSet = names.sets.find(({ id }) => id === planned?.request.measurement_set_id)?.robot_id;
-  const fixed = planned ? (planned.request.robot_id ?? ofSet ?? "") : "";
-  const only = names.robots.length === 1 ? (names.robots[0]?.id ?? "") : "";
-  const [chosen, setRobot] = useState(given || only);
+  const base = planned?.request.measurement_set_id;
+  const { data: ofSet } = useQuery({ ...queries.set(base ?? ""), enabled: base != null });
+  const fixed = planned ? (planned.request.robot_id ?? ofSet?.robot_id ?? "") : "";
+  const [chosen, setRobot] = useState(given ?? only ?? "");
   const robot = fixed || chosen;
   const [name, setName] = useState("");
   const [asked, setAsked] = useState<Fields>(() => ({
@@ -121,8 +133,8 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
   const [kind, setKind] = useState<Kind>("deflection");
   const [goal, setGoal] = useState<Fields>({ relative: 0.15 });
   const [noise, setNoise] = useState<Fields>({});
-  const earlier = names.sets.find((set) => set.robot_id === robot)?.id;
-  const campaign = valueOf(useLoad(async () => (earlier ? await equippedSet(earlier) : null), [earlier]));
+  const campaign = useEquipped(robot);
+  const { data: ofRobot } = useQuery({ ...queries.robot(fixed), enabled: fixed !== "" });
   useEffect(() => {
     if (!campaign) return;
     const { set, equipment } = campaign;
@@ -173,10 +185,10 @@ function Declaration({ names, robot: given, plan }: { names: Names; robot: strin
       <TextField label={words.name} value={name} placeholder={words.namePlaceholder} maxLength={200} change={setName} />
       {planned ? (
         <p class="soft">
-          {words.ofPlan} <Name>{names.robot(robot)}</Name>
+          {words.ofPlan} <Name>{ofRobot?.name ?? "…"}</Name>
         </p>
       ) : (
-        <Select label={words.robot} value={robot} change={setRobot} options={robotOptions(names, text.start.pick)} />
+        <RobotSelect label={words.robot} value={robot} change={setRobot} none={text.start.pick} />
       )}
       <Choice
         look="choice cards"

@@ -1,18 +1,21 @@
 /** Plans: where they start, and one with its promise, its certificate and its postures. */
 import { useState, useEffect } from "preact/hooks";
-import { api } from "../api/client";
-import type { JointKind, MeasurementSet, Plan, PlanResult, Robot } from "../api/types";
+import { api } from "../api/calls";
+import { queries } from "../api/queries";
+import type { JointKind, MeasurementSet, PlanResult, Robot } from "../api/types";
 import { Button, ActionButton, Show, Title, Download, LinkButton, Name, NameLink } from "../components/basics";
 import { fixed } from "../lib/format";
 import { equipmentOf, unchanged, toFillIn } from "../lib/live";
 import { position, positionUnit } from "../lib/stiffness";
 import { type Vector, norm } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
-import { useCached, valueOf, useLoad, type Names, useNames, storedSet, storedRobot } from "../state/load";
+import { SearchedSelect, useRobotChoices, useSetChoices } from "../components/choosers";
+import { ROBOTS } from "../state/choices";
+import { ask, useQuery } from "../state/query";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { alongText } from "./joint_table";
-import { RequestFields as Form, Select } from "../components/fields";
+import { RequestFields as Form } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
 import { freshKey, type Fields, unreadIn } from "../lib/json";
 import { asking, useAction, link } from "../state/action";
@@ -25,14 +28,12 @@ import { posturesOf } from "./run_context";
 
 const words = later.plan;
 
-export function Postures({ plan, result, robot }: { plan: Plan; result: PlanResult; robot: Robot }) {
+export function Postures({ result, robot }: { result: PlanResult; robot: Robot }) {
   const [chosen, choose] = useState(0);
   const { readings } = result;
   const shown = readings[chosen];
   const joints = readings.map((each) => each.joints);
-  const drawn = valueOf(
-    useCached(`plan/${plan.id}`, () => api.kinematics({ robot_id: robot.id }, joints), Number.POSITIVE_INFINITY),
-  );
+  const { data: drawn } = useQuery(queries.kinematics({ robot_id: robot.id }, joints));
   const posture = drawn?.[chosen];
   return (
     <div class="flow">
@@ -105,15 +106,15 @@ export const EQUIPMENT: Terms = {
 };
 
 export function PlansView({ query }: { query: URLSearchParams }) {
-  const names = useNames();
+  const robots = useQuery(queries.robots(ROBOTS));
   const given = query.get("set") ? `set:${query.get("set")}` : query.get("robot") ? `robot:${query.get("robot")}` : "";
   return (
     <>
       <Title plain={words.begin}>{words.begin}</Title>
-      <Show of={names} instead={(known) => known.robots.length === 0 && <NoRobots />}>
-        {(known) => (
+      <Show of={robots} instead={({ items }) => items.length === 0 && <NoRobots />}>
+        {() => (
           <>
-            <Begin names={known} given={given} after={query.get("run")} />
+            <Begin given={given} after={query.get("run")} />
             <JobList collection="plans" />
           </>
         )}
@@ -123,21 +124,32 @@ export function PlansView({ query }: { query: URLSearchParams }) {
 }
 
 /** A campaign, and what it was measured with; its targets by its first posture where it does not state them. */
-export async function equippedSet(id: string): Promise<{ set: MeasurementSet; equipment: Fields }> {
-  const set = await storedSet(id);
+async function equippedSet(id: string): Promise<{ set: MeasurementSet; equipment: Fields }> {
+  const set = await ask(queries.set(id));
   const alone = { ...set, observations: set.observations.slice(0, 1) };
-  const [first] = await posturesOf(alone, await storedRobot(set.robot_id));
+  const [first] = await posturesOf(alone, await ask(queries.robot(set.robot_id)));
   return { set, equipment: equipmentOf(set, first) };
 }
 
+/** The last campaign of a robot and what it was measured with; undefined until it is known, null if there is none. */
+export const useEquipped = (robot: string) =>
+  useQuery({
+    queryKey: ["equipped", robot],
+    queryFn: async () => {
+      const [last] = (await ask(queries.sets({ robot_id: robot, limit: 1 }))).items;
+      return last ? equippedSet(last.id) : null;
+    },
+    enabled: robot !== "",
+  }).data;
+
 /** `after`: the run of the campaign so far, whose causes and omitted readings hold on. */
-function Begin({ names, given, after }: { names: Names; given: string; after: string | null }) {
+function Begin({ given, after }: { given: string; after: string | null }) {
   const [subject, setSubject] = useState(given);
   const [asked, change] = useDraft<Fields>(`plan/${given}`, given.startsWith("set:") ? {} : START);
   const [kind, id = ""] = subject.split(":", 2);
   const unread = unreadIn(asked);
   const ready = kind === "set" || Boolean(asked["load"] && asked["targets"]);
-  const run = valueOf(useLoad(async (signal) => (after ? api.runs.one(after, signal) : null), [after]));
+  const { data: run } = useQuery({ ...queries.run(after ?? ""), enabled: after !== null });
   const so = run?.request.measurement_set_id === id ? run?.request : null;
   const { causes = [], leave_out: left = [] } = so ?? {};
   const start = useAction(async () => {
@@ -153,29 +165,37 @@ function Begin({ names, given, after }: { names: Names; given: string; after: st
     setSubject(value);
     change({ joints: [], sigma: value.startsWith("set:") ? null : START["sigma"] });
   };
-  const earlier = kind === "robot" ? names.sets.find((set) => set.robot_id === id)?.id : undefined;
-  const campaign = valueOf(useLoad(async () => (earlier ? await equippedSet(earlier) : null), [earlier]));
+  const campaign = useEquipped(kind === "robot" ? id : "");
   useEffect(() => {
     if (campaign) change((before) => unchanged(campaign.equipment, before, START));
   }, [campaign]);
-  const robot = kind === "set" ? names.sets.find((set) => set.id === id)?.robot_id : id;
-  const joints = names.robots.find((one) => one.id === robot)?.joints.map(({ name }) => name) ?? [];
+  const { data: set } = useQuery({ ...queries.set(id), enabled: kind === "set" });
+  const robot = kind === "set" ? (set?.robot_id ?? "") : id;
+  const { data: ofRobot } = useQuery({ ...queries.robot(robot), enabled: robot !== "" });
+  const joints = ofRobot?.joints.map(({ name }) => name) ?? [];
+  const [robots, sets] = [useRobotChoices(kind === "robot" ? id : ""), useSetChoices(kind === "set" ? id : "")];
   const form = { of: "PlanRequest", value: asked, change, terms: { ...EQUIPMENT, joints } };
   const equipment = <Equipment {...form} />;
   return (
     <Form action={start} look="card form">
       <p>{words.intro}</p>
-      <Select
+      <SearchedSelect
         label={words.subject}
+        search={
+          (robots.search ?? sets.search) && {
+            q: robots.search?.q ?? sets.search?.q ?? "",
+            find: (q) => [robots, sets].forEach(({ search }) => search?.find(q)),
+          }
+        }
         value={subject}
         change={pick}
         options={[
           { value: "", label: words.pick },
-          ...names.robots.map((one) => ({
-            value: `robot:${one.id}`,
-            label: `${names.robot(one.id)} (${words.robotGroup})`,
+          ...robots.options.map(({ value, label }) => ({
+            value: `robot:${value}`,
+            label: `${label} (${words.robotGroup})`,
           })),
-          ...names.sets.map((set) => ({ value: `set:${set.id}`, label: `${names.set(set.id)} (${words.setGroup})` })),
+          ...sets.options.map(({ value, label }) => ({ value: `set:${value}`, label: `${label} (${words.setGroup})` })),
         ]}
       />
       <SchemaFields {...form} show={["readings"]} />
@@ -213,8 +233,8 @@ export function PlanView({ id }: { id: string }) {
       load={async (signal) => {
         const plan = await api.plans.one(id, signal);
         const setId = plan.request.measurement_set_id;
-        const base = setId ? await storedSet(setId) : null;
-        const robot = await storedRobot(base?.robot_id ?? plan.request.robot_id ?? "");
+        const base = setId ? await ask(queries.set(setId)) : null;
+        const robot = await ask(queries.robot(base?.robot_id ?? plan.request.robot_id ?? ""));
         return { job: plan, base, robot, subject: base?.name ?? robot.name };
       }}
       head={({ job, base, robot, subject }) => ({
@@ -240,9 +260,9 @@ export function PlanView({ id }: { id: string }) {
         actions: job.result && <Download href={api.jobs.file(id, "readings.csv")}>{words.csv}</Download>,
       })}
     >
-      {(result, { job, robot }) => (
+      {(result, { robot }) => (
         <>
-          <Postures plan={job} result={result} robot={robot} />
+          <Postures result={result} robot={robot} />
           <JobLines collection="plans" id={id} />
           <JobTables collection="plans" id={id} to={1} />
         </>

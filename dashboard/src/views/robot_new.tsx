@@ -1,11 +1,12 @@
 /** Adding a robot: an arm of the catalogue, a DH table or a URDF, drawn at once, stored when it looks right. */
 import { useMemo, useState } from "preact/hooks";
-import { api } from "../api/client";
+import { api } from "../api/calls";
+import { queries } from "../api/queries";
 import type { Catalogue, NominalArm, JointMap, RobotDocument } from "../api/types";
 import { Choice, Facts, Name, Show, ActionButton, Button, Title } from "../components/basics";
 import { TextField, Select } from "../components/fields";
 import { fixed } from "../lib/format";
-import { cached, useLoad, namesChanged } from "../state/load";
+import { ask, useQuery } from "../state/query";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { JointMapTable, JointsTable } from "./robots";
@@ -13,12 +14,10 @@ import { SchemaFields, type Terms, DropZone } from "../components/schema_form";
 import { type Fields, unreadIn, contentKey } from "../lib/json";
 import { Arm } from "../scene/view";
 import { useAction, link } from "../state/action";
-import { keptFiles } from "../state/opened";
+import { begunFiles } from "../state/begun";
 
 const words = later.robots;
-
-/** The catalogue is the same as long as the service runs. */
-export const useCatalogue = () => useLoad(() => cached("catalogue", api.catalogue), []);
+const NONE: Catalogue["joint_maps"] = [];
 
 /** The arms whose names have all the words; blanks and marks between letters do not count. */
 export function found(catalogue: Catalogue, words: string): NominalArm[] {
@@ -29,7 +28,7 @@ export function found(catalogue: Catalogue, words: string): NominalArm[] {
 const bare = (name: string): string => name.toLowerCase().replace(/[^\p{L}\p{N}]+/gu, "");
 
 export function ArmChooser({ chosen, choose }: { chosen: NominalArm | null; choose: (arm: NominalArm) => void }) {
-  const catalogue = useCatalogue();
+  const catalogue = useQuery(queries.catalogue);
   const [typed, setTyped] = useState("");
   return (
     <>
@@ -67,8 +66,8 @@ const reachOf = (arm: NominalArm): string =>
   `${fixed(arm.reach * 1e3, 0)} ${text.units.mm} (${words.reachOf[arm.reach_of]})`;
 
 export function ArmFacts({ arm }: { arm: NominalArm }) {
-  const catalogue = useCatalogue();
-  const presets = catalogue.state === "ready" ? catalogue.value.joint_maps : [];
+  const catalogue = useQuery(queries.catalogue);
+  const presets = catalogue.data?.joint_maps ?? NONE;
   const preset = useMemo(() => presets.find((each) => each.id === arm.joint_map_preset), [presets, arm]);
   return (
     <>
@@ -177,8 +176,8 @@ export function DhEditor({ table, change }: { table: DhTable; change: (table: Dh
 
 /** Joint maps that many controllers share; they fit tables of as many rows. */
 function Presets({ map, count, change }: { map: Fields; count: number; change: (map: Fields) => void }) {
-  const catalogue = useCatalogue();
-  const presets = catalogue.state === "ready" ? catalogue.value.joint_maps : [];
+  const catalogue = useQuery(queries.catalogue);
+  const presets = catalogue.data?.joint_maps ?? NONE;
   const fitting = presets.filter((preset) => preset.joint_map.matrix.length === count);
   const same = (one: JointMap) => JSON.stringify(one.matrix) === JSON.stringify(map["matrix"]);
   const current = fitting.find(({ joint_map: one }) => same(one) && (map["offset"] as number[]).every((o) => o === 0));
@@ -232,8 +231,7 @@ export function RobotNewView() {
         ? { name: document.name, model: { format: "catalogue" as const, arm: arm.name } }
         : { ...document, name: name.trim() };
     const { id } = await api.robots.add(robot, contentKey("robot", robot));
-    namesChanged();
-    return keptFiles() ? link([], { robot: id }) : link(["robots", id]);
+    return (await ask(begunFiles)) ? link([], { robot: id }) : link(["robots", id]);
   });
   return (
     <>

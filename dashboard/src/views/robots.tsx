@@ -6,7 +6,9 @@ import type {
   JointMap,
   MeasurementSet,
   MeasurementSetSummary,
+  Page,
   Robot,
+  RobotSummary,
   RunSummary,
 } from "../api/types";
 import { alike, DataTable } from "../components/table";
@@ -14,11 +16,14 @@ import { dayText, fixed } from "../lib/format";
 import { degrees, position, positionUnit } from "../lib/stiffness";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { api, every } from "../api/client";
+import { api } from "../api/calls";
+import { queries } from "../api/queries";
 import {
+  Busy,
   Button,
   LinkButton,
   MeasureLink,
+  ProblemNote,
   Empty,
   Form,
   Head,
@@ -31,14 +36,17 @@ import {
   Warnings,
   When,
 } from "../components/basics";
-import { useLoad, valueOf, type Names, namesChanged, useNames, storedRobot, storedSet } from "../state/load";
+import { ROBOTS, robotsToldApart, SETS } from "../state/choices";
+import { ask, type Pages, type PagesOptions, usePages, useQuery } from "../state/query";
 import { link, useAction } from "../state/action";
-import { MOST_RUNS, runRows } from "./runs";
+import { JobList, MOST_RUNS, runRows } from "./runs";
 import { type RunColumn, RunsTable } from "./run_stiffness";
+import { keepPreviousData } from "@tanstack/query-core";
+import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
-import { ChangedJoints, FilterBar, type Row, Rows, chosen, useFilter, StoredActions } from "../components/list";
+import { ChangedJoints, FilterBar, type Row, Rows, useFilter, StoredActions, wanted } from "../components/list";
 import { TextField } from "../components/fields";
-import { factsOf, notedIn, type Typed, typedOf, wasMeasured } from "../lib/campaign";
+import { factsOf, measuredBetween, notedIn, type Typed, typedOf } from "../lib/campaign";
 import { MetadataForm } from "../components/schema_form";
 import { Preview } from "../components/findings";
 import { Arm } from "../scene/view";
@@ -119,24 +127,32 @@ export function newestOf(runs: RunSummary[], sets: ReadonlyMap<string, Measured>
     });
 }
 
-async function twinsOf(robot: Robot, names: Names, signal: AbortSignal): Promise<RunColumn[]> {
-  const alike = names.robots.filter(({ content_hash: hash }) => hash === robot.content_hash).slice(0, MOST);
-  const sets = new Map(names.sets.map((set) => [set.id, set]));
-  const runs = alike.map(({ id }) => every(api.runs.list, { robot_id: id, state: "succeeded" }, 100, signal));
-  const newest = newestOf((await Promise.all(runs)).flat(), sets).slice(0, MOST);
+/** The newest runs of robots of one kind. */
+async function twinsOf({ content_hash }: Robot): Promise<RunColumn[]> {
+  const { items: alike } = await ask(queries.robots({ content_hash, limit: MOST }));
+  if (alike.length < 2) return [];
+  const names = robotsToldApart(alike);
+  const [sets, runs] = await Promise.all([
+    Promise.all(alike.map(({ id }) => ask(queries.sets({ ...SETS, robot_id: id })))),
+    Promise.all(alike.map(({ id }) => ask(queries.runs({ robot_id: id, state: "succeeded", limit: 100 })))),
+  ]);
+  const byId = new Map(sets.flatMap(({ items }) => items.map((set) => [set.id, set])));
+  const all = runs.flatMap(({ items }) => items);
   return Promise.all(
-    newest.map(async ({ id, robot_id: of, measurement_set_id: setId, created_at: created }) => {
-      const set = sets.get(setId);
-      const encoders = set && text.files.encoders[set.encoders];
-      const note = [set?.serial_number, dayText(set?.measured_at ?? created), encoders].filter(Boolean).join(", ");
-      return { run: await api.runs.one(id, signal), name: names.robot(of), note };
-    }),
+    newestOf(all, byId)
+      .slice(0, MOST)
+      .map(async ({ id, robot_id: of, measurement_set_id: setId, created_at: created }) => {
+        const set = byId.get(setId);
+        const encoders = set && text.files.encoders[set.encoders];
+        const note = [set?.serial_number, dayText(set?.measured_at ?? created), encoders].filter(Boolean).join(", ");
+        return { run: await ask(queries.run(id)), name: names.get(of) ?? id, note };
+      }),
   );
 }
 
 /** Nothing, while there is only one robot of the kind. */
-function Twins({ robot, names }: { robot: Robot; names: Names }) {
-  const twins = valueOf(useLoad((signal) => twinsOf(robot, names, signal), [robot.id, names])) ?? [];
+function Twins({ robot }: { robot: Robot }) {
+  const twins = useQuery({ queryKey: ["twins", robot.id], queryFn: () => twinsOf(robot) }).data ?? [];
   if (twins.length < 2) return null;
   const ids = twins.slice(0, MOST_RUNS).map(({ run }) => run.id);
   return (
@@ -150,7 +166,6 @@ function Twins({ robot, names }: { robot: Robot; names: Names }) {
 
 export function RobotsView({ list }: { list: "robots" | "sets" }) {
   const title = list === "robots" ? text.app.robots : words.sets;
-  const names = useNames();
   return (
     <>
       <Head
@@ -162,21 +177,82 @@ export function RobotsView({ list }: { list: "robots" | "sets" }) {
         }
       />
       <RobotTabs current={list} />
-      <Show of={names}>{(known) => <Stored key={list} list={list} names={known} />}</Show>
+      {list === "robots" ? <RobotList /> : <SetList />}
     </>
   );
 }
 
-/** All robots or all sets. */
-function Stored({ list, names }: { list: "robots" | "sets"; names: Names }) {
+/** A listing page by page; what was found before stays until the new answer is there. */
+function useStored<Item>(
+  name: string,
+  filters: object,
+  list: (page: { limit: number; cursor: string | null }, signal: AbortSignal) => Promise<Page<Item>>,
+) {
+  const options: PagesOptions<Page<Item>> = {
+    queryKey: ["list", name, filters],
+    queryFn: ({ pageParam: cursor, signal }) => list({ limit: 100, cursor }, signal),
+    initialPageParam: null,
+    getNextPageParam: ({ next }) => next,
+    placeholderData: keepPreviousData,
+    refetchOnWindowFocus: ({ state }) => (state.data?.pages.length ?? 0) < 2,
+  };
+  return usePages(options);
+}
+
+interface FoundProps<Item> {
+  of: Pages<Page<Item>>;
+  row: (item: Item, names: Map<string, string>) => Row;
+  /** Names of the items where several have the same. */
+  names?: (items: Item[]) => Map<string, string>;
+  /** Shown where nothing is stored. */
+  none: ComponentChildren;
+  filtered: boolean;
+}
+
+/** What a search found, and how many there are. */
+function Found<Item>({ of, row, names = () => new Map(), none, filtered }: FoundProps<Item>) {
+  if (of.problem) return <ProblemNote problem={of.problem} retry={of.refetch} />;
+  if (!of.data) return <Busy />;
+  const items = of.data.flatMap((page) => page.items);
+  const total = of.data[0]?.total ?? items.length;
+  if (items.length === 0)
+    return filtered ? <Empty title={text.list.noMatch} hint={text.list.noMatchHint} /> : <>{none}</>;
+  const named = names(items);
+  return (
+    <>
+      <p class="soft" role="status">
+        {text.list.count(items.length, total)}
+      </p>
+      <Rows rows={items.map((item) => row(item, named))} />
+      {of.more && <Button onClick={of.more}>{text.app.more}</Button>}
+    </>
+  );
+}
+
+function RobotList() {
+  const [filter, change] = useFilter();
+  const filters = wanted(filter);
+  const robots = useStored("robots", filters, (page, signal) => api.robots.list({ ...filters, ...page }, signal));
+  return (
+    <section class="list">
+      <FilterBar filter={filter} change={change} />
+      <Found of={robots} row={robotRow} names={robotsToldApart} none={<NoRobots />} filtered={filters.q !== null} />
+    </section>
+  );
+}
+
+/** Measurement sets: all, or those of a robot. */
+export function SetList({ robot }: { robot?: string }) {
   const [filter, change] = useFilter();
   const [days, setDays] = useState({ from: "", to: "" });
-  const rows =
-    list === "robots"
-      ? names.robots.map((robot) => robotRow(robot, names))
-      : names.sets.filter((set) => wasMeasured(set, days)).map((set) => setRow(set, names));
-  if (names[list].length === 0) return list === "robots" ? <NoRobots /> : <NoSets />;
-  const found = chosen(rows, filter);
+  const filters = {
+    ...wanted(filter),
+    robot_id: robot ?? (filter.robot || null),
+    ...measuredBetween(days),
+  };
+  const sets = useStored("sets", filters, (page, signal) => api.sets.list({ ...filters, ...page }, signal));
+  const { data: robots } = useQuery({ ...queries.robots(ROBOTS), enabled: robot === undefined });
+  const names = robotsToldApart(robots?.items ?? []);
   const day = (end: "from" | "to") => (
     <TextField
       type="date"
@@ -185,30 +261,33 @@ function Stored({ list, names }: { list: "robots" | "sets"; names: Names }) {
       change={(typed) => setDays({ ...days, [end]: typed })}
     />
   );
+  const { sort: _, ...narrowing } = { ...filters, robot_id: robot ? null : filters.robot_id };
   return (
     <section class="list">
-      <FilterBar filter={filter} change={change} names={list === "sets" ? names : null}>
-        {list === "sets" && day("from")}
-        {list === "sets" && day("to")}
+      {robot !== undefined && <h2>{words.sets}</h2>}
+      <FilterBar filter={filter} change={change} robots={robot === undefined}>
+        {day("from")}
+        {day("to")}
       </FilterBar>
-      <p class="soft" role="status">
-        {text.list.count(found.length, rows.length)}
-      </p>
-      {found.length > 0 ? <Rows rows={found} /> : <Empty title={text.list.noMatch} hint={text.list.noMatchHint} />}
+      <Found
+        of={sets}
+        row={(set) => setRow(set, names.get(set.robot_id))}
+        none={<NoSets />}
+        filtered={Object.values(narrowing).some((value) => value !== null)}
+      />
     </section>
   );
 }
 
-function robotRow(robot: Names["robots"][number], names: Names): Row {
-  const sets = names.sets.filter((set) => set.robot_id === robot.id);
-  const toldApart = names.robot(robot.id).slice(robot.name.length + " · ".length); // where another has its name
+function robotRow(robot: RobotSummary, names: Map<string, string>): Row {
+  const toldApart = (names.get(robot.id) ?? "").slice(robot.name.length + " · ".length); // where another has its name
   const joints = toldApart || text.lists.jointCount(robot.joints.length);
   return {
     id: robot.id,
     href: link(["robots", robot.id]),
     name: robot.name,
     note: <Name>{joints + (robot.nominal_arm ? `, ${words.nominal}` : "")}</Name>,
-    how: `${words.sets}: ${sets.length}`,
+    how: robot.last_campaign?.serial_number && <Name>{robot.last_campaign.serial_number}</Name>,
     at: robot.last_campaign?.at ?? null,
     standing: (
       <>
@@ -216,12 +295,10 @@ function robotRow(robot: Names["robots"][number], names: Names): Row {
         <ChangedJoints of={robot.last_campaign} />
       </>
     ),
-    words: sets.map(({ serial_number: serial }) => serial),
   };
 }
 
-function setRow(set: MeasurementSetSummary, names: Names | null): Row {
-  const robot = names?.robot(set.robot_id) ?? "";
+function setRow(set: MeasurementSetSummary, robot = ""): Row {
   return {
     id: set.id,
     href: link(["sets", set.id]),
@@ -235,8 +312,6 @@ function setRow(set: MeasurementSetSummary, names: Names | null): Row {
     ),
     at: set.measured_at ?? set.created_at,
     standing: set.warning_count > 0 && <span class="state warn">{text.files.findings(set.warning_count)}</span>,
-    robot: set.robot_id,
-    words: [robot, set.serial_number, set.operator, set.instrument],
   };
 }
 
@@ -255,10 +330,6 @@ export const NoSets = () => (
   </Empty>
 );
 
-function useRunsOf(filter: { robot_id?: string; measurement_set_id?: string }) {
-  return useLoad((signal) => every(api.runs.list, filter, 100, signal), [filter.robot_id, filter.measurement_set_id]);
-}
-
 /** Robots, their sets, their geometries, and fleets of them: four lists of one section. */
 export function RobotTabs({ current }: { current: "robots" | "sets" | "geometries" | "fleets" }) {
   return (
@@ -276,20 +347,16 @@ export function RobotTabs({ current }: { current: "robots" | "sets" | "geometrie
 }
 
 export function RobotView({ id }: { id: string }) {
-  const loaded = useLoad(() => storedRobot(id), [id]);
+  const loaded = useQuery(queries.robot(id));
   return (
     <Show of={loaded} title={text.start.robot} restore={() => api.robots.restore(id)}>
-      {(robot) => <RobotPage robot={robot} changed={loaded.reload} />}
+      {(robot) => <RobotPage robot={robot} />}
     </Show>
   );
 }
 
-function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
-  const names = valueOf(useNames());
-  const runs = valueOf(useRunsOf({ robot_id: robot.id }));
-  const sets = names?.sets.filter((set) => set.robot_id === robot.id) ?? [];
-  const [filter, change] = useFilter();
-  const rows = [...sets.map((set) => setRow(set, names)), ...runRows(runs ?? [], names)];
+function RobotPage({ robot }: { robot: Robot }) {
+  const { data: sets } = useQuery(queries.sets({ robot_id: robot.id, limit: 1 }));
   return (
     <>
       <Head
@@ -299,7 +366,7 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
         about={
           <>
             <span>{text.lists.jointCount(robot.joints.length)}</span>
-            {names && <span>{words.setCount(sets.length)}</span>}
+            {sets?.total != null && <span>{words.setCount(sets.total)}</span>}
             <a href={link(["compare", "trend", robot.id])}>{words.trend}</a>
           </>
         }
@@ -311,7 +378,7 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
       >
         <LinkButton href={link(["measure"], { robot: robot.id })}>{later.measure.title}</LinkButton>
         <LinkButton href={link(["plans"], { robot: robot.id })}>{later.plan.begin}</LinkButton>
-        <StoredActions of={robot} api={api.robots} list="#/robots" changed={changed} />
+        <StoredActions of={robot} api={api.robots} list="#/robots" />
       </Head>
       {robot.last_campaign && robot.last_campaign.changed.length > 0 && (
         <p class="note bad">
@@ -327,18 +394,14 @@ function RobotPage({ robot, changed }: { robot: Robot; changed: () => void }) {
           <Kinematics robot={robot} />
         </section>
       </div>
-      {names && <Twins robot={robot} names={names} />}
-      <section class="list">
-        <h2>{words.listOf}</h2>
-        {rows.length > 0 ? (
-          <>
-            <FilterBar filter={filter} change={change} judged />
-            <Rows rows={chosen(rows, filter)} />
-          </>
-        ) : (
-          <Empty title={words.setsNone} hint={words.setsNoneHint} />
-        )}
-      </section>
+      <Twins robot={robot} />
+      <SetList robot={robot.id} />
+      {sets && sets.items.length > 0 && (
+        <section>
+          <h2>{text.app.runs}</h2>
+          <JobList collection="runs" about={{ robot_id: robot.id }} />
+        </section>
+      )}
     </>
   );
 }
@@ -380,17 +443,17 @@ function Kinematics({ robot }: { robot: Robot }) {
 }
 
 export function SetView({ id }: { id: string }) {
-  const loaded = useLoad(() => storedSet(id), [id]);
+  const loaded = useQuery(queries.set(id));
   return (
     <Show of={loaded} title={text.sets.kind} restore={() => api.sets.restore(id)}>
-      {(set) => <SetPage set={set} changed={loaded.reload} />}
+      {(set) => <SetPage set={set} />}
     </Show>
   );
 }
 
-function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void }) {
-  const names = valueOf(useNames());
-  const runs = valueOf(useRunsOf({ measurement_set_id: set.id }));
+function SetPage({ set }: { set: MeasurementSet }) {
+  const { data: robot } = useQuery(queries.robot(set.robot_id));
+  const runs = useQuery(queries.runs({ measurement_set_id: set.id, limit: 100 })).data?.items;
   return (
     <>
       <Head
@@ -399,7 +462,7 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
         title={<Name>{set.name}</Name>}
         about={
           <>
-            <NameLink to={["robots", set.robot_id]}>{names?.robot(set.robot_id) ?? "…"}</NameLink>
+            <NameLink to={["robots", set.robot_id]}>{robot?.name ?? "…"}</NameLink>
             <span>{text.sets.observations(set.observations.length)}</span>
             <When time={set.measured_at ?? set.created_at} />
           </>
@@ -412,14 +475,14 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
       >
         <LinkButton href={link(["compare", "methods"], { set: set.id })}>{text.sets.compare}</LinkButton>
         <LinkButton href={link(["plans"], { set: set.id })}>{later.plan.goOn}</LinkButton>
-        <StoredActions of={set} api={api.sets} list="#/sets" changed={changed} />
+        <StoredActions of={set} api={api.sets} list="#/sets" />
       </Head>
       <div class="flow">
         <section class="card">
           <h2>{text.files.understood}</h2>
           <Preview facts={factsOf(set as never)} />
         </section>
-        <SetMetadata set={set} changed={changed} />
+        <SetMetadata set={set} />
         <section class="card">
           <h2>{text.sets.findings}</h2>
           {set.warnings.length > 0 ? <Warnings warnings={set.warnings} /> : <p class="note good">{text.files.clean}</p>}
@@ -428,7 +491,7 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
       {runs && runs.length > 0 && (
         <section>
           <h2>{text.sets.runs}</h2>
-          <Rows rows={runRows(runs, names)} />
+          <Rows rows={runRows(runs)} />
         </section>
       )}
     </>
@@ -436,7 +499,7 @@ function SetPage({ set, changed }: { set: MeasurementSet; changed: () => void })
 }
 
 /** What people noted about a set, and the form to change it: the readings stay as they are. */
-export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: () => void }) {
+export function SetMetadata({ set }: { set: MeasurementSet }) {
   const words = later.metadata;
   /** What is typed; null while nothing is changed. */
   const [typed, setTyped] = useState<Typed | null>(null);
@@ -444,9 +507,7 @@ export function SetMetadata({ set, changed }: { set: MeasurementSet; changed: ()
   const save = useAction(async () => {
     if (!noted) return;
     await api.sets.change(set.id, noted);
-    namesChanged();
     setTyped(null);
-    changed();
   });
   const known = METADATA.filter((name) => set[name]);
   return (

@@ -1,6 +1,6 @@
 /** One run: its result in parts. */
 import type { ComponentType, VNode } from "preact";
-import { api } from "../api/client";
+import { api } from "../api/calls";
 import type { Run } from "../api/types";
 import { NameLink, ActionButton, LinkButton, Tabs, lazy } from "../components/basics";
 import { JobPage, variantBy } from "../components/job_page";

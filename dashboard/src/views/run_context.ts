@@ -1,10 +1,9 @@
-import { storedRobot, storedSet, cached, useCached, valueOf } from "../state/load";
 /** What the parts of a run's page share, and what the pages of maps and programs need of their run. */
-import { useMemo } from "preact/hooks";
-import { api } from "../api/client";
+import { queries } from "../api/queries";
 import type { Elasticity, MeasurementSet, Posture, Robot, Run, RunRequest, RunResult, RunSummary } from "../api/types";
 import { text } from "../i18n";
 import { standOf } from "../lib/live";
+import { ask, useQuery } from "../state/query";
 
 /** A run with what it is about. */
 export interface RunContext {
@@ -21,13 +20,12 @@ export interface PartProps {
 }
 
 export async function contextOf(run: Run): Promise<RunContext> {
-  const set = await storedSet(run.request.measurement_set_id);
-  return { run, set, robot: await storedRobot(set.robot_id) };
+  const set = await ask(queries.set(run.request.measurement_set_id));
+  return { run, set, robot: await ask(queries.robot(set.robot_id)) };
 }
 
 /** Of a run that has ended, from which something was made. */
-export const contextOfEnded = async (run: string): Promise<RunContext> =>
-  contextOf(await cached(`run/${run}`, () => api.runs.one(run)));
+export const contextOfEnded = async (run: string): Promise<RunContext> => contextOf(await ask(queries.run(run)));
 
 /** What bends in the numbers; until there are some, what was asked for. */
 export const elasticityOf = (run: Run): Elasticity => run.result?.choice?.elasticity ?? run.request.elasticity;
@@ -39,8 +37,12 @@ const AT_A_TIME = 500; // the service takes 1000 at most
 
 /** One posture an observation, or null while they are on their way. */
 export function usePostures(set: MeasurementSet, robot: Robot): Posture[] | null {
-  const loaded = useCached(`postures/${set.id}`, () => posturesOf(set, robot), Number.POSITIVE_INFINITY);
-  return useMemo(() => valueOf(loaded), [loaded.state]);
+  const options = {
+    queryKey: ["postures", set.id],
+    queryFn: () => posturesOf(set, robot),
+    staleTime: "static",
+  } as const;
+  return useQuery(options).data ?? null;
 }
 
 export async function posturesOf(set: MeasurementSet, robot: Pick<Robot, "joints">): Promise<Posture[]> {
@@ -48,7 +50,7 @@ export async function posturesOf(set: MeasurementSet, robot: Pick<Robot, "joints
   const joints = set.observations.map((observation) => standOf(observation, set.units, kinds).joints);
   const postures: Posture[] = [];
   for (let i = 0; i < joints.length; i += AT_A_TIME) {
-    postures.push(...(await api.kinematics({ robot_id: set.robot_id }, joints.slice(i, i + AT_A_TIME))));
+    postures.push(...(await ask(queries.kinematics({ robot_id: set.robot_id }, joints.slice(i, i + AT_A_TIME)))));
   }
   return postures;
 }

@@ -9,8 +9,8 @@ import { text } from "../i18n";
 import { JobLines, JobTables, VerdictCard } from "../components/job_page";
 import { useState } from "preact/hooks";
 import { type PartProps, type RunContext, howOf, isElastic } from "./run_context";
-import { useCached, valueOf } from "../state/load";
-import { api } from "../api/client";
+import { queries } from "../api/queries";
+import { useQuery } from "../state/query";
 import { unsaid } from "../lib/said";
 import { link, useAction } from "../state/action";
 import { JointTable, Stiffness } from "./joint_table";
@@ -178,7 +178,7 @@ const assessmentWords = text.assessment;
 
 /** A run beside the one that it tries to improve: what was changed, and what came of it. */
 function BeforeAfter({ run, origin }: { run: Run; origin: string }) {
-  const before = valueOf(useCached(`run/${origin}`, () => api.runs.one(origin), Number.POSITIVE_INFINITY));
+  const { data: before } = useQuery(queries.run(origin));
   if (!before?.result || !run.result) return null;
   const columns = [
     { run: before, name: assessmentWords.before, note: howOf(before.request) },

@@ -1,9 +1,12 @@
 /** Jobs of a kind, listed, filtered, followed, deleted with undo; runs among them, variants beneath the run they vary. */
 import type { ComponentChildren } from "preact";
-import { useEffect, useRef, useState, useCallback } from "preact/hooks";
-import { api, problemOf, type Collection, follow, goesOn, type Standing } from "../api/client";
-import type { JobSummary, Page, Problem, RunSummary } from "../api/types";
-import { chosen, DeleteButton, type Filter, FilterBar, type Row, Rows, unusual, useFilter } from "../components/list";
+import { keepPreviousData } from "@tanstack/query-core";
+import { useEffect, useState, useCallback } from "preact/hooks";
+import { api, type Collection, type JobQuery, type Summary } from "../api/calls";
+import { follow, goesOn, type Standing } from "../api/follow";
+import { problemOf } from "../api/problem";
+import type { JobSummary, Page, RunSummary } from "../api/types";
+import { DeleteButton, type Filter, FilterBar, type Row, Rows, unusual, useFilter, wanted } from "../components/list";
 import {
   Badge,
   Busy,
@@ -21,7 +24,7 @@ import { Select } from "../components/fields";
 import { Bar } from "../components/job_page";
 import { percent } from "../lib/format";
 import { groupedBy } from "../lib/json";
-import { whenSeen, type Names, useNames, valueOf } from "../state/load";
+import { client, send, usePages } from "../state/query";
 import { link, toast, go } from "../state/action";
 import { text } from "../i18n";
 import { waysOf } from "./run_context";
@@ -31,44 +34,33 @@ const words = text.list;
 const FOLLOWED = 3;
 const PAGE = 100;
 
-type Summary<Of extends Collection> = Awaited<ReturnType<(typeof api)[Of]["list"]>>["items"][number];
 type About = Pick<Row, "name"> & Partial<Row>;
 
 /** What jobs of each kind are about. */
-const ABOUT: { [Of in Collection]: (item: Summary<Of>, names: Names | null) => About } = {
+const ABOUT: { [Of in Collection]: (item: Summary<Of>) => About } = {
   runs: aboutRun,
-  comparisons: ({ measurement_set_id: first, second_set_id: second }, names) => ({
-    name: [first, second].flatMap((id) => (id ? [names?.set(id) ?? "…"] : [])).join(" → "),
+  comparisons: ({ name, measurement_set_name: first, second_set_id: second }) => ({
+    name: name ?? (second ? `${first ?? "…"} → …` : (first ?? "…")),
   }),
   fleets: ({ name }) => ({ name: name ?? text.earlier.fleet }),
   geometries: ({ name }) => ({ name: name ?? "…" }),
-  plans: ({ measurement_set_id: set, robot_id: robot }, names) => ({
-    name: (set ? names?.set(set) : robot && names?.robot(robot)) || "…",
-  }),
+  plans: ({ measurement_set_name: set, robot_name: robot }) => ({ name: set ?? robot ?? "…" }),
   maps: ({ name }) => ({ name: name ?? text.run.views.map }),
   programs: ({ name }) => ({ name: name ?? text.run.views.program }),
 };
 
 /** A job as a row. */
-function rowOf<Of extends Collection>(collection: Of, item: Summary<Of>, names: Names | null, live = true): Row {
+function rowOf<Of extends Collection>(collection: Of, item: Summary<Of>, live = true): Row {
   const job = item as JobSummary;
-  const robot = job.robot_id === null ? "" : (names?.robot(job.robot_id) ?? "…");
-  const about: About = ABOUT[collection](item, names);
+  const robot = [job.robot_name, job.serial_number].filter(Boolean).join(", ");
   return {
     id: job.id,
     href: link(collection === "comparisons" ? ["compare", "methods", job.id] : [collection, job.id]),
     note: robot && <Name>{robot}</Name>,
     figures: job.verdict && job.joint_count && <Figures of={job} />,
     at: job.created_at,
-    standing: (
-      <>
-        <JobStanding job={job} live={live} />
-      </>
-    ),
-    robot: job.robot_id,
-    verdict: job.verdict,
-    ...about,
-    words: [robot, text.states[job.state], ...(about.words ?? [])],
+    standing: <JobStanding job={job} live={live} />,
+    ...ABOUT[collection](item),
   };
 }
 
@@ -90,32 +82,31 @@ interface ListProps<Of extends Collection> {
 export function JobList<Of extends Collection>(props: ListProps<Of>) {
   const { collection, about = {}, query, address, pick, grouped = false, children } = props;
   const title = (text.earlier as Partial<Record<Collection, string>>)[collection]; // of runs it is the page's
-  const names = valueOf(useNames());
   const [filter, change] = useFilter(query);
   const { state, robot, verdict } = filter;
   const deleted = state === "deleted";
-  const { items, more, problem, load, take } = usePages(collection, {
+  const listed = useListed(collection, {
     ...about,
-    ...(deleted ? { deleted: "true" } : state === "all" ? {} : { state }),
+    ...wanted(filter),
+    ...(deleted ? { deleted } : state === "all" ? {} : { state }),
     ...(robot && { robot_id: robot }),
     ...(verdict && { verdict }),
   });
+  const items = listed.data?.flatMap((page) => page.items) ?? null;
+  const total = listed.data?.[0]?.total ?? items?.length ?? 0;
   useEffect(() => address?.(unusual(filter)), [filter, address]);
 
   const failed = (error: unknown) => toast(problemOf(error).detail);
   const restore = (item: Summary<Of>) =>
-    void api.jobs.restore(item.id).then(() => {
-      load();
-      toast(words.restored);
-    }, failed);
+    void send(() => api.jobs.restore(item.id)).then(() => toast(words.restored), failed);
   const remove = (item: Summary<Of>, name: string) =>
-    void api.jobs.delete(item.id).then(() => {
-      take(item.id);
-      toast(text.deletion.done(name), { label: text.runs.undo, run: () => restore(item) });
-    }, failed);
+    void send(() => api.jobs.delete(item.id)).then(
+      () => toast(text.deletion.done(name), { label: text.runs.undo, run: () => restore(item) }),
+      failed,
+    );
   const live = new Set((items ?? []).filter(({ state }) => goesOn(state)).slice(0, FOLLOWED));
   const rows = (items ?? []).map((item): Row => {
-    const row = rowOf(collection, item, names, live.has(item));
+    const row = rowOf(collection, item, live.has(item));
     if (deleted) {
       const actions = (
         <Button onClick={() => restore(item)} acts>
@@ -127,11 +118,11 @@ export function JobList<Of extends Collection>(props: ListProps<Of>) {
     const actions = !goesOn(item.state) && <DeleteButton name={row.name} remove={() => remove(item, row.name)} />;
     return { ...row, actions, pick: pick?.(item, row.name) };
   });
-  const found = chosen(rows, filter);
-  const plain = state === "all" && robot === "" && verdict === "";
+  const plain = state === "all" && robot === "" && verdict === "" && filter.q.trim() === "";
   const runs = collection === "runs" ? (items as RunSummary[] | null) : null;
   const sets = new Map(grouped ? runs?.map((run) => [run.id, run.measurement_set_id]) : []);
-  const groups = groupedBy(runs ? nested(found, runs) : found, ({ id }) => sets.get(id));
+  const setNames = new Map(runs?.map((run) => [run.measurement_set_id, run.measurement_set_name]));
+  const groups = groupedBy(runs ? nested(rows, runs) : rows, ({ id }) => sets.get(id));
   const nothing = deleted ? (
     <Empty title={words.noneDeleted} hint={words.deletedHint} />
   ) : items?.length === 0 && plain ? (
@@ -146,7 +137,7 @@ export function JobList<Of extends Collection>(props: ListProps<Of>) {
   return (
     <section class="list">
       {title && <h2>{title}</h2>}
-      <FilterBar filter={filter} change={change} names={"robot_id" in about ? null : names} judged>
+      <FilterBar filter={filter} change={change} robots={!("robot_id" in about)} judged>
         <Select
           label={text.runs.state}
           value={state}
@@ -156,25 +147,25 @@ export function JobList<Of extends Collection>(props: ListProps<Of>) {
         {children}
       </FilterBar>
       {deleted && <p class="soft">{words.deletedHint}</p>}
-      {problem && <ProblemNote problem={problem} retry={load} />}
-      {items === null && !problem && <Busy />}
+      {listed.problem && <ProblemNote problem={listed.problem} retry={listed.refetch} />}
+      {items === null && !listed.problem && <Busy />}
       {items && items.length > 0 && (
         <p class="soft" role="status">
-          {words.count(found.length, items.length)}
+          {words.count(items.length, total)}
         </p>
       )}
       {[...groups].map(([set, members]) => (
         <section>
           {set !== undefined && (
             <h2 class="group">
-              <NameLink to={["sets", set]}>{names?.set(set) ?? set}</NameLink>
+              <NameLink to={["sets", set]}>{setNames.get(set) ?? set}</NameLink>
             </h2>
           )}
           <Rows rows={members} />
         </section>
       ))}
-      {items && found.length === 0 && nothing}
-      {more && <Button onClick={more}>{text.app.more}</Button>}
+      {items?.length === 0 && nothing}
+      {listed.more && <Button onClick={listed.more}>{text.app.more}</Button>}
     </section>
   );
 }
@@ -184,7 +175,11 @@ function JobStanding({ job, live }: { job: JobSummary; live: boolean }) {
   const [standing, set] = useState<Standing>({ id: job.id, state: job.state, progress: null });
   useEffect(() => {
     set({ id: job.id, state: job.state, progress: null });
-    return live && goesOn(job.state) ? follow(job.id, set) : undefined;
+    if (!live || !goesOn(job.state)) return undefined;
+    return follow(job.id, (now, ended) => {
+      set(now);
+      if (ended) void client.invalidateQueries({ queryKey: ["list"] }); // its verdict stands in the listing
+    });
   }, [job.id, job.state, live]);
   if (job.verdict && standing.state === "succeeded") return <Badge verdict={job.verdict} />;
   return (
@@ -218,74 +213,46 @@ function Figures({ of }: { of: JobSummary }) {
   );
 }
 
-/** The listing page by page; its first page is asked for again when one comes back to the browser's tab. */
-function usePages<Of extends Collection>(collection: Of, filters: Record<string, string>) {
-  type Item = Summary<Of>;
-  const [items, setItems] = useState<Item[] | null>(null);
-  const [next, setNext] = useState<string | null>(null);
-  const [problem, setProblem] = useState<Problem | null>(null);
-  const asked = useRef(0);
-  const count = useRef(0);
-  count.current = items?.length ?? 0;
-  const ask = (cursor: string | null) => {
-    const round = ++asked.current;
-    setProblem(null);
-    (api[collection].list({ ...filters, limit: PAGE, cursor }) as Promise<Page<Item>>).then(
-      (page) => {
-        if (round !== asked.current) return; // another question was asked since
-        setItems((before) => (cursor === null ? page.items : [...(before ?? []), ...page.items]));
-        setNext(page.next);
-      },
-      (error: unknown) => round === asked.current && setProblem(problemOf(error)),
-    );
-  };
-  useEffect(() => {
-    setItems(null);
-    ask(null);
-    // What *More* brought stays: only a list of one page is asked for again.
-    const stop = whenSeen(() => count.current <= PAGE && ask(null));
-    return () => {
-      asked.current++;
-      stop();
-    };
-  }, [collection, JSON.stringify(filters)]);
-  return {
-    items,
-    problem,
-    load: () => ask(null),
-    more: next === null ? null : () => ask(next),
-    take: (id: string) => setItems((before) => before && before.filter((item) => item.id !== id)),
-  };
-}
+/** The listing page by page; what was found before stays until the new answer is there. */
+const useListed = <Of extends Collection>(collection: Of, filters: JobQuery) =>
+  usePages<Page<Summary<Of>>>({
+    queryKey: ["list", collection, filters],
+    queryFn: ({ pageParam: cursor, signal }) =>
+      api[collection].list({ ...filters, limit: PAGE, cursor }, signal) as never,
+    initialPageParam: null,
+    getNextPageParam: ({ next }) => next,
+    placeholderData: keepPreviousData,
+    // A long list is not fetched anew, page by page, whenever one comes back to the browser's tab.
+    refetchOnWindowFocus: ({ state }) => (state.data?.pages.length ?? 0) < 2,
+  });
 
 /** As many are compared as there are marks. */
 export const MOST_RUNS = 4;
 
-function aboutRun(run: RunSummary, names: Names | null): About {
+function aboutRun(run: RunSummary): About {
   const method = text.methods[run.method];
   return {
-    name: names?.set(run.measurement_set_id) ?? "…",
+    name: run.measurement_set_name ?? "…",
     how: (
       <>
         {method}
         <small>{waysOf(run).join(", ")}</small>
       </>
     ),
-    words: [method, text.glossary[run.method][0], ...waysOf(run)],
   };
 }
 
 /** Rows of runs for lists of their own. */
-export const runRows = (runs: RunSummary[], names: Names | null): Row[] =>
+export const runRows = (runs: RunSummary[]): Row[] =>
   nested(
-    runs.map((run) => rowOf("runs", run, names, false)),
+    runs.map((run) => rowOf("runs", run, false)),
     runs,
   );
 
 /** The newest run of each set, the others beneath it. */
-export const latestRows = (runs: RunSummary[], names: Names | null): Row[] =>
+export const latestRows = (runs: RunSummary[]): Row[] =>
   [...groupedBy(runs, (run) => run.measurement_set_id).values()].flatMap((ofSet) => {
-    const [newest, ...under] = ofSet.map((run) => rowOf("runs", run, names, false));
+    const [newest, ...under] = ofSet.map((run) => rowOf("runs", run, false));
     return newest ? [{ ...newest, under }] : [];
   });
 

@@ -1,26 +1,20 @@
 /** The start: files, or a stored set, to their result in three taps. */
 import { useEffect, useState } from "preact/hooks";
-import { api } from "../api/client";
+import { api } from "../api/calls";
+import { queries } from "../api/queries";
 import type { MeasurementSet } from "../api/types";
 import { Arm } from "../scene/view";
 import { Busy, LinkButton, ProblemNote, Button, Empty, Head, Show } from "../components/basics";
-import { RequestFields, Select } from "../components/fields";
+import { RobotSelect, SetSelect } from "../components/choosers";
+import { RequestFields } from "../components/fields";
 import { Findings, Preview } from "../components/findings";
 import { type Campaign, factsOf, noiseOf, type StatedNoise, statesNoise } from "../lib/campaign";
 import { contentKey, freshKey, type Fields as Document } from "../lib/json";
 import { useAction, link, go } from "../state/action";
-import {
-  useLoad,
-  valueOf,
-  FROM_FILE,
-  namesChanged,
-  robotOptions,
-  setOptions,
-  sourceOf,
-  useNames,
-  storedSet,
-} from "../state/load";
-import { type Opened, handed, keepFiles, keptBefore, keptFiles, open } from "../state/opened";
+import { begunFiles, handFile, keepFiles } from "../state/begun";
+import { FROM_FILE, ROBOTS, SETS, sourceOf } from "../state/choices";
+import { type Opened, open } from "../state/opening";
+import { useQuery } from "../state/query";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "./flow";
@@ -37,7 +31,8 @@ interface FlowProps {
 }
 
 export function CampaignFlow({ opened, robot: asked, set: askedSet, take }: FlowProps) {
-  const known = valueOf(useNames());
+  const { data: robots } = useQuery(queries.robots(ROBOTS));
+  const { data: sets } = useQuery(queries.sets(SETS));
   const [choice, setChoice] = useState<{ of: Campaign | null; robot: string }>({ of: null, robot: asked });
   const [chosenSet, setChosenSet] = useState(askedSet);
   const form = useRunForm();
@@ -49,12 +44,12 @@ export function CampaignFlow({ opened, robot: asked, set: askedSet, take }: Flow
   useEffect(() => {
     if (campaign?.run) form.setRun(campaign.run as Document);
   }, [campaign]);
-  const onlyRobot = known?.robots.length === 1 ? known.robots[0]?.id : undefined;
+  const onlyRobot = robots?.items.length === 1 ? robots.items[0]?.id : undefined;
   const chosenRobot = robot || (campaign && !campaign.robot ? (onlyRobot ?? "") : robot);
 
-  const stored = useLoad(async () => (storedId ? storedSet(storedId) : null), [storedId]);
+  const stored = useQuery({ ...queries.set(storedId), enabled: storedId !== "" });
   const [added, setAdded] = useState<{ of: Campaign; set: MeasurementSet } | null>(null);
-  const set = campaign ? (added?.of === campaign ? added.set : null) : valueOf(stored);
+  const set = campaign ? (added?.of === campaign ? added.set : null) : ((storedId ? stored.data : null) ?? null);
   const facts = set ? factsOf(set as never) : (campaign?.facts ?? null);
   const source = sourceOf(storedId ? set?.robot_id : chosenRobot, campaign?.robot);
   const identify = useAction(async () => {
@@ -67,7 +62,8 @@ export function CampaignFlow({ opened, robot: asked, set: askedSet, take }: Flow
     const run = await api.runs.add(form.request(read.id), freshKey("run"));
     return link(["runs", run.id]);
   });
-  const ofRobot = known?.robots.find(({ id }) => id === (set?.robot_id ?? chosenRobot));
+  const ofId = set?.robot_id ?? (chosenRobot === FROM_FILE ? "" : chosenRobot);
+  const { data: ofRobot } = useQuery({ ...queries.robot(ofId), enabled: ofId !== "" });
   const refused = opened?.kind === "fault" ? text.start.anotherFile : text.start.notReady;
   const lacking = campaign && !chosenRobot ? text.start.robotFirst : refused;
 
@@ -76,13 +72,8 @@ export function CampaignFlow({ opened, robot: asked, set: askedSet, take }: Flow
       <Step at={1} title={text.files.title}>
         <FileDrop again={opened !== null || storedId !== ""} take={take} />
         {opened?.kind === "template" && <p class="note good">{later.imports.templateFirst(opened.template.name)}</p>}
-        {known && known.sets.length > 0 && opened === null && (
-          <Select
-            label={text.files.stored}
-            value={storedId}
-            change={setChosenSet}
-            options={[{ value: "", label: text.files.storedNone }, ...setOptions(known)]}
-          />
+        {sets && sets.items.length > 0 && opened === null && (
+          <SetSelect label={text.files.stored} value={storedId} change={setChosenSet} none={text.files.storedNone} />
         )}
         {opened?.kind === "fault" && <Refused file={opened.name} why={text.files.faults[opened.fault]} />}
         {facts && (
@@ -93,8 +84,8 @@ export function CampaignFlow({ opened, robot: asked, set: askedSet, take }: Flow
             <Preview facts={facts} />
           </>
         )}
-        {stored.state === "loading" && storedId && <Busy label={text.files.checking} />}
-        {stored.state === "failed" && <ProblemNote problem={stored.problem} />}
+        {storedId && !stored.data && !stored.problem && <Busy label={text.files.checking} />}
+        {storedId && stored.problem && <ProblemNote problem={stored.problem} />}
         {set && <Findings warnings={set.warnings} />}
         {set && campaign && <p class="soft">{text.start.readFindings}</p>}
       </Step>
@@ -104,12 +95,13 @@ export function CampaignFlow({ opened, robot: asked, set: askedSet, take }: Flow
           <Step at={2} title={text.start.robot}>
             {!storedId && (
               <div class="row">
-                <Select
+                <RobotSelect
                   label={text.start.robot}
                   value={chosenRobot}
                   change={setRobot}
                   {...(campaign && !chosenRobot ? { help: text.start.needRobot } : {})}
-                  options={robotOptions(known, text.start.pick, campaign?.robot)}
+                  none={text.start.pick}
+                  ofFile={campaign?.robot}
                 />
                 <LinkButton href="#/robots/new">{later.robots.add}</LinkButton>
               </div>
@@ -122,7 +114,7 @@ export function CampaignFlow({ opened, robot: asked, set: askedSet, take }: Flow
       <GoBar
         action={identify}
         ready={campaign ? chosenRobot !== "" : set !== null}
-        why={stored.state === "loading" ? null : lacking}
+        why={storedId && !stored.data && !stored.problem ? null : lacking}
       />
     </RequestFields>
   );
@@ -136,7 +128,6 @@ async function store(campaign: Campaign, robot: string): Promise<MeasurementSet>
       : robot;
   const document = { ...campaign.set, robot_id: robotId };
   const set = await api.sets.add(document, contentKey("set", document));
-  namesChanged();
   return set;
 }
 
@@ -146,21 +137,20 @@ async function withNoise(set: MeasurementSet, noise: StatedNoise): Promise<Measu
   const { id, warnings, content_hash, created_at, resolved_frame, geometry_targets, open, live, ...posted } = set;
   const document = { ...posted, name, noise: noiseOf(noise, set.noise, set.units) };
   const added = await api.sets.add(document, contentKey("set", document));
-  namesChanged();
   return added;
 }
 
 export function StartView({ query }: { query: URLSearchParams }) {
   const asked = query.get("set") ?? "";
-  const [opened, setOpened] = useState<Opened | null>(() => (asked ? null : keptFiles()));
+  const { data: begun } = useQuery(begunFiles);
+  /** What was opened in this view; null until then. */
+  const [chosen, setOpened] = useState<Opened | null>(null);
+  const opened = chosen ?? (asked ? null : (begun?.opened ?? null));
   const [count, setCount] = useState(0);
-  useEffect(() => {
-    if (!asked && !opened) void keptBefore().then((before) => before && setOpened((now) => now ?? before));
-  }, []);
   const take = async (...files: File[]) => {
     const read = await open(files, opened);
     if (read.kind === "sweeps") {
-      handed.file = read.file;
+      handFile(read.file);
       return go("#/geometries");
     }
     keepFiles(read);
@@ -201,8 +191,7 @@ async function example(): Promise<File> {
 }
 
 function Recent({ example }: { example: () => Promise<void> }) {
-  const names = valueOf(useNames());
-  const recent = useLoad((signal) => api.runs.list({ limit: 50 }, signal), []);
+  const recent = useQuery(queries.runs({ limit: 50 }));
   return (
     <Show
       of={recent}
@@ -214,7 +203,7 @@ function Recent({ example }: { example: () => Promise<void> }) {
         )
       }
     >
-      {({ items }) => <Rows rows={latestRows(items, names).slice(0, 5)} />}
+      {({ items }) => <Rows rows={latestRows(items).slice(0, 5)} />}
     </Show>
   );
 }

@@ -4,11 +4,11 @@ import { Name, Badge, Empty, Head, MeasureLink, Show } from "../components/basic
 import { go, link } from "../state/action";
 import { LeftAxis, Chart, Figure } from "../charts/figure";
 import { useState } from "preact/hooks";
-import { api } from "../api/client";
+import { queries } from "../api/queries";
 import type { Method, Trend as Found, TrendJoint } from "../api/types";
 import { Select } from "../components/fields";
 import { changeText, comparedText, pointsOf, whenTexts, worstFirst } from "../lib/trend";
-import { useLoad, useNames, valueOf } from "../state/load";
+import { useQuery } from "../state/query";
 import { later } from "../i18n/later";
 import { alike } from "../components/table";
 import { Rows } from "../components/list";
@@ -105,8 +105,8 @@ interface Asked {
 
 export function TrendView({ robot: id, serial }: { robot: string; serial: string | null }) {
   const [asked, setAsked] = useState<Asked>({});
-  const trend = useLoad((signal) => api.trend(id, { ...asked, serial_number: serial }, signal), [id, asked, serial]);
-  const name = valueOf(useNames())?.robot(id) ?? "…";
+  const trend = useQuery(queries.trend(id, { ...asked, serial_number: serial }));
+  const name = useQuery(queries.robot(id)).data?.name ?? "…";
   return (
     <>
       <Head

@@ -1,6 +1,6 @@
 /** What a result is used for: deflections that are predicted, maps of a work area, programs that are corrected, files; each asked for in a tab of its run. */
 import { useMemo, useState } from "preact/hooks";
-import { api } from "../api/client";
+import { api } from "../api/calls";
 import type { DeflectionResult, Posture, Problem, RunResult } from "../api/types";
 import { ActionButton, Busy, Button, Download, Facts, LinkButton, Prose, Toggle } from "../components/basics";
 import { Select, RequestFields } from "../components/fields";
@@ -17,7 +17,8 @@ import { later } from "../i18n/later";
 import { type PartProps, type RunContext, usePostures } from "./run_context";
 import { VerdictCard } from "../components/job_page";
 import { boxAround } from "../lib/map";
-import { recalled, remember, useDraft } from "../state/session";
+import { recalled, remember } from "../state/kept";
+import { useDraft } from "../state/session";
 
 const words = later.predict;
 
@@ -304,7 +305,7 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
     const units = { length: "mm", angle: "deg", force: "N" };
     const answers = { ...(leave ? { leave_others: true } : {}), ...(trust.length ? { trust_routines: true } : {}) };
     const program = { run_id: run.id, units, ...(stated(asked) as Fields), ...answers };
-    const made = await asking((accepted) => api.addProgram(files, { ...program, ...accepted }, freshKey("program")));
+    const made = await asking((accepted) => api.programs.add(files, { ...program, ...accepted }, freshKey("program")));
     remember(LAST_FORCE, force);
     return link(["programs", made.id]);
   });

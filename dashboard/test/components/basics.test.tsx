@@ -1,11 +1,11 @@
 // @vitest-environment happy-dom
 import { useState } from "preact/hooks";
-import { describe, expect, it } from "vitest";
-import { ApiError } from "../../src/api/client";
+import { describe, expect, it, vi } from "vitest";
+import { ApiError } from "../../src/api/problem";
 import type { Problem, Finding } from "../../src/api/types";
 import { Boundary, ProblemNote, Warnings } from "../../src/components/basics";
 import { useAction } from "../../src/state/action";
-import { cached, forget, useCached } from "../../src/state/load";
+import { send, useQuery } from "../../src/state/query";
 import { drawn, press, settled } from "./drawn";
 
 const warning = (part: Partial<Finding>): Finding => ({
@@ -97,8 +97,8 @@ describe("a view that fails", () => {
 });
 
 function Listing({ asked }: { asked: () => Promise<string> }) {
-  const loaded = useCached("listing", asked);
-  return <p>{loaded.state === "ready" ? loaded.value : loaded.state}</p>;
+  const { data, problem } = useQuery({ queryKey: ["listing"], queryFn: asked });
+  return <p>{data ?? problem?.title ?? "loading"}</p>;
 }
 
 function Two({ asked }: { asked: () => Promise<string> }) {
@@ -114,19 +114,33 @@ function Two({ asked }: { asked: () => Promise<string> }) {
   );
 }
 
-describe("the cache", () => {
-  it("asks once for two views, and again when it has changed", async () => {
+describe("server state", () => {
+  it("is asked for once by two views, and again when something was changed", async () => {
     let asked = 0;
     const root = await drawn(<Two asked={async () => `answer ${++asked}`} />);
+    await settled(() => {});
     await press(root, "another");
     expect([...root.querySelectorAll("p")].map((p) => p.textContent)).toEqual(["answer 1", "answer 1"]);
-    await settled(() => forget("listing"));
+    await settled(() => void send(async () => "changed"));
+    await settled(() => {});
     expect([...root.querySelectorAll("p")].map((p) => p.textContent)).toEqual(["answer 2", "answer 2"]);
     expect(asked).toBe(2);
   });
 
-  it("does not keep a failure", async () => {
-    await expect(cached("failing", () => Promise.reject(new Error("away")))).rejects.toThrow("away");
-    await expect(cached("failing", async () => "back")).resolves.toBe("back");
+  it("comes by itself when the service is back", async () => {
+    vi.useFakeTimers({ toFake: ["setInterval", "clearInterval"] });
+    let away = true;
+    const answer = async () => {
+      if (away) throw new ApiError({ title: "The service cannot be reached", status: 0 } as Problem);
+      return "back";
+    };
+    const root = await drawn(<Listing asked={answer} />);
+    await settled(() => {});
+    expect(root.textContent).toBe("The service cannot be reached");
+    away = false;
+    await settled(() => vi.advanceTimersByTime(5_000));
+    await settled(() => {});
+    expect(root.textContent).toBe("back");
+    vi.useRealTimers();
   });
 });

@@ -1,6 +1,6 @@
 // @vitest-environment happy-dom
 import { describe, expect, it, vi } from "vitest";
-import { api } from "../../src/api/client";
+import { api } from "../../src/api/calls";
 import type { Catalogue, MeasurementSet, NominalArm, RunSummary } from "../../src/api/types";
 import { StoredActions } from "../../src/components/list";
 import { ArmChooser, ArmFacts, found } from "../../src/views/robot_new";
@@ -63,13 +63,11 @@ describe("the catalogue", () => {
 describe("names and the archive", () => {
   it("change, and blank or unchanged names do not", async () => {
     const change = vi.fn(async () => {});
-    const changed = vi.fn();
     const root = await drawn(
       <StoredActions
         of={{ id: "r", name: "cell 3" }}
         api={{ change, delete: change, restore: change }}
         list="#/robots"
-        changed={changed}
       />,
     );
     for (const typed of [null, " ", "cell 3"]) {
@@ -81,7 +79,7 @@ describe("names and the archive", () => {
     await press(root, "Rename");
     await settled(() => {});
     expect(change).toHaveBeenLastCalledWith("r", { name: "cell 4" });
-    expect(changed).toHaveBeenCalledTimes(1);
+    expect(change).toHaveBeenCalledTimes(1);
   });
 });
 
@@ -89,7 +87,7 @@ describe("what is noted about a set", () => {
   it("is shown, changed, and sent with null where nothing is", async () => {
     const set = { id: "s1", operator: "M. Keller", notes: "one\ntwo" } as MeasurementSet;
     const send = vi.spyOn(api.sets, "change").mockResolvedValue({} as never);
-    const root = await drawn(<SetMetadata set={set} changed={() => {}} />);
+    const root = await drawn(<SetMetadata set={set} />);
     expect(root.textContent).toContain("M. Keller");
     await press(root, "Edit");
     const serial = root.querySelector<HTMLInputElement>("input[placeholder='F-211034']");

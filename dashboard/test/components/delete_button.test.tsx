@@ -1,6 +1,6 @@
 // @vitest-environment happy-dom
 import { describe, expect, it, vi } from "vitest";
-import { ApiError } from "../../src/api/client";
+import { ApiError } from "../../src/api/problem";
 import { StoredActions } from "../../src/components/list";
 import { drawn, press, settled } from "./drawn";
 
@@ -22,7 +22,6 @@ describe("deletion of a robot or a set", () => {
         of={{ id: "r", name: "KR 240" }}
         api={{ change: remove, delete: remove, restore: async () => {} }}
         list="#/robots"
-        changed={() => {}}
       />,
     );
 

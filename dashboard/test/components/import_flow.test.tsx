@@ -1,8 +1,7 @@
 // @vitest-environment happy-dom
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { forget } from "../../src/state/load";
 import { ImportFlow } from "../../src/views/import_flow";
-import { drawn, settled } from "./drawn";
+import { answering, drawn, settled } from "./drawn";
 
 const column = (number: number, header: string, meaning: string, unit: string | null = null) => ({
   column: number,
@@ -68,13 +67,10 @@ beforeEach(() => {
   asked.length = 0;
   stateless = false;
   forceless = false;
-  forget("names");
-  vi.stubGlobal("fetch", async (path: string, { method = "GET", body }: { method?: string; body?: FormData } = {}) => {
-    const options = body instanceof FormData ? JSON.parse(String(body.get("options"))) : {};
-    asked.push({ method, path, options });
+  answering(({ method, path, body }) => {
+    asked.push({ method, path, options: body ?? {} });
     const schemas = { ImportRequest: { properties: { encoders: { enum: ["motor", "secondary"] } } } };
-    const answer = path === "/v1/imports" ? answerTo(options) : { items: [], next: null, components: { schemas } };
-    return { ok: true, status: 200, json: async () => answer };
+    return path === "/v1/imports" ? answerTo(body ?? {}) : { items: [], next: null, components: { schemas } };
   });
 });
 afterEach(() => vi.unstubAllGlobals());

@@ -2,41 +2,32 @@
 import { render } from "preact";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import type { LiveState, Observation } from "../../src/api/types";
-import { type Measuring, useMeasuring, waitingOf } from "../../src/state/measuring";
-import { drawn, settled } from "./drawn";
+import { sendReadings, useWaiting, type Waits, waitingOf } from "../../src/state/readings";
+import { answering, drawn, settled } from "./drawn";
 
 const STATE = { state: "measuring", revision: 1, readings: [], warnings: [] } as unknown as LiveState;
 const reading = (label: string) => ({ label, joints: [0], force: [0, 0, -9], readings: [] }) as unknown as Observation;
 
-class SilentSource extends EventTarget {
-  static readonly CLOSED = 2;
-  readyState = 1;
-  close() {
-    this.readyState = 2;
-  }
-}
-
 let reached = true;
 let posted: string[] = [];
-let measuring: Measuring;
+let waits: Waits;
 let sets = 0;
 
 /** An open set of its own, shown anew. */
 async function shown(id = `set-${++sets}`): Promise<{ id: string; root: HTMLElement }> {
   const Harness = () => {
-    measuring = useMeasuring(id, STATE);
-    return <p>{measuring.waiting.map(({ observation }) => observation.label).join(" ")}</p>;
+    waits = useWaiting(id);
+    return <p>{waits.waiting.map(({ observation }) => observation.label).join(" ")}</p>;
   };
   return { id, root: await drawn(<Harness />) };
 }
 
 beforeEach(() => {
   [reached, posted] = [true, []];
-  vi.stubGlobal("EventSource", SilentSource);
-  vi.stubGlobal("fetch", async (path: string, { body }: { body?: string } = {}) => {
+  answering(({ path, body }) => {
     if (!reached) throw new TypeError("Failed to fetch");
-    posted.push(`${path} ${(JSON.parse(body ?? "{}") as Observation).label}`);
-    return { ok: true, status: 200, json: async () => ({ ...STATE, revision: 1 + posted.length }) };
+    posted.push(`${path} ${body?.["label"]}`);
+    return { ...STATE, revision: 1 + posted.length };
   });
 });
 afterEach(() => {
@@ -76,18 +67,18 @@ describe("readings of an open set", () => {
     const { getRandomValues } = globalThis.crypto;
     vi.stubGlobal("crypto", { getRandomValues: getRandomValues.bind(globalThis.crypto) });
     const { id } = await shown();
-    await settled(() => measuring.send(reading("m01"), reading("m02")));
+    await settled(() => sendReadings(id, [reading("m01"), reading("m02")]));
     expect(posted).toEqual(["m01", "m02"].map((label) => `/v1/measurement-sets/${id}/observations ${label}`));
-    expect(measuring.waiting).toEqual([]);
+    expect(waits.waiting).toEqual([]);
   });
 
   it("have keys in the order in which they came, each its own", async () => {
     reached = false;
     const { id } = await shown();
     const labels = Array.from({ length: 12 }, (_, i) => `m${i}`);
-    await settled(() => measuring.send(...labels.map(reading)));
+    await settled(() => sendReadings(id, labels.map(reading)));
     expect(waitingOf(id).map(({ observation }) => observation.label)).toEqual(labels);
-    expect(measuring.unstored).toBe(false);
+    expect(waits.unstored).toBe(false);
   });
 
   for (const [refusal, refuse] of Object.entries(REFUSALS))
@@ -95,20 +86,20 @@ describe("readings of an open set", () => {
       refuse();
       reached = false;
       const { id, root } = await shown();
-      await settled(() => measuring.send(reading("m01")));
-      await settled(() => measuring.send(reading("m02")));
-      expect(measuring.away).toBe(true);
-      expect(measuring.unstored).toBe(true);
+      await settled(() => sendReadings(id, [reading("m01")]));
+      await settled(() => sendReadings(id, [reading("m02")]));
+      expect(waits.away).toBe(true);
+      expect(waits.unstored).toBe(true);
       await settled(() => render(null, root)); // another view of the page
       await shown(id);
-      expect(measuring.waiting.map(({ observation }) => observation.label)).toEqual(["m01", "m02"]);
+      expect(waits.waiting.map(({ observation }) => observation.label)).toEqual(["m01", "m02"]);
       const leave = new Event("beforeunload", { cancelable: true });
       window.dispatchEvent(leave);
       expect(leave.defaultPrevented).toBe(true);
       reached = true;
-      await settled(() => void window.dispatchEvent(new Event("online")));
-      expect(posted.map((one) => one.split(" ")[1])).toEqual(["m01", "m02"]);
-      expect(measuring.waiting).toEqual([]);
-      expect(measuring.unstored).toBe(false);
+      await vi.waitFor(() => expect(posted.map((one) => one.split(" ")[1])).toEqual(["m01", "m02"]), 5_000);
+      await settled(() => {});
+      expect(waits.waiting).toEqual([]);
+      expect(waits.unstored).toBe(false);
     });
 });

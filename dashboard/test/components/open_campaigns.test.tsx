@@ -1,6 +1,6 @@
 // @vitest-environment happy-dom
 import { expect, it, vi } from "vitest";
-import { api } from "../../src/api/client";
+import { api } from "../../src/api/calls";
 import { useToasts } from "../../src/state/action";
 import { OpenCampaigns } from "../../src/views/measure";
 import { drawn, settled } from "./drawn";
@@ -24,11 +24,11 @@ function Said() {
 
 it("deletes an open live campaign, and restores it", async () => {
   const deleted = new Set<string>();
-  const items = [{ id: "s", name: "Simulated campaign", observation_count: 1 }];
-  const list = async () => ({ items: items.filter(({ id }) => !deleted.has(id)), next: null });
-  vi.spyOn(api.openSets, "list").mockImplementation(list as unknown as typeof api.openSets.list);
-  vi.spyOn(api.openSets, "delete").mockImplementation(async (id) => deleted.add(id));
-  vi.spyOn(api.openSets, "restore").mockImplementation(async (id) => deleted.delete(id));
+  const rows = [{ id: "s", name: "Simulated campaign", observation_count: 1 }];
+  const list = async () => ({ items: rows.filter(({ id }) => !deleted.has(id)), next: null });
+  vi.spyOn(api.sets, "list").mockImplementation(list as unknown as typeof api.sets.list);
+  vi.spyOn(api.openSets, "delete").mockImplementation(async (id) => deleted.add(id) as never);
+  vi.spyOn(api.openSets, "restore").mockImplementation(async (id) => deleted.delete(id) as never);
   const root = await drawn(
     <>
       <OpenCampaigns />

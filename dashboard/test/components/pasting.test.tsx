@@ -3,7 +3,7 @@ import { useRef, useState } from "preact/hooks";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import type { Rows } from "../../src/lib/live";
 import { type Pasting, usePasting } from "../../src/state/pasting";
-import { drawn, settled } from "./drawn";
+import { answering, drawn, settled } from "./drawn";
 
 const BLANK: Rows = { P1: { unloaded: "", loaded: "" }, P2: { unloaded: "", loaded: "" } };
 const read = (target: string, unloaded: number[], loaded = unloaded) => ({ target, unloaded, loaded });
@@ -38,16 +38,12 @@ function Harness() {
 
 beforeEach(async () => {
   open = [];
-  vi.stubGlobal("fetch", (_: string, { body }: { body: FormData }) => {
-    const options = JSON.parse(String(body.get("options"))) as Record<string, unknown>;
-    return new Promise((answer, fail) =>
-      open.push({
-        options,
-        answer: (value) => answer({ ok: true, status: 200, json: async () => value }),
-        fail: () => fail(new TypeError("Failed to fetch")),
-      }),
-    );
-  });
+  answering(
+    ({ body }) =>
+      new Promise((answer, fail) =>
+        open.push({ options: body ?? {}, answer, fail: () => fail(new TypeError("Failed to fetch")) }),
+      ),
+  );
   await drawn(<Harness />);
 });
 afterEach(() => vi.unstubAllGlobals());

@@ -1,9 +1,10 @@
 // @vitest-environment happy-dom
+import { act } from "preact/test-utils";
 import { describe, expect, it } from "vitest";
 import type { RunSummary } from "../../src/api/types";
-import { chosen, Rows } from "../../src/components/list";
-import { runRows } from "../../src/views/runs";
-import { drawn } from "./drawn";
+import { Rows, wanted } from "../../src/components/list";
+import { JobList, runRows } from "../../src/views/runs";
+import { answering, drawn, settled } from "./drawn";
 
 const run = (id: string, part: Partial<RunSummary> = {}): RunSummary => ({
   id,
@@ -41,14 +42,14 @@ describe("a list of runs", () => {
       run("a"),
       run("lost", { variant_of: "gone" }),
     ];
-    const rows = runRows(runs, null);
+    const rows = runRows(runs);
     expect(rows.map(({ id }) => id)).toEqual(["a", "lost"]);
     expect(rows[0]?.under?.map(({ id }) => id)).toEqual(["c", "b"]);
   });
 
   it("says what came of a run and whether it may be used", async () => {
     const root = await drawn(
-      <Rows rows={runRows([run("a", { verdict: "do_not_use" }), run("b", { variant_of: "a" })], null)} />,
+      <Rows rows={runRows([run("a", { verdict: "do_not_use" }), run("b", { variant_of: "a" })])} />,
     );
     const [first] = root.querySelectorAll("li");
     expect(root.querySelectorAll("li")).toHaveLength(1);
@@ -58,7 +59,7 @@ describe("a list of runs", () => {
   });
 
   it("walks its rows by arrow keys", async () => {
-    const root = await drawn(<Rows rows={runRows([run("a"), run("b")], null)} />);
+    const root = await drawn(<Rows rows={runRows([run("a"), run("b")])} />);
     document.body.append(root);
     const [first, second] = root.querySelectorAll<HTMLElement>("a.main");
     first?.focus();
@@ -70,31 +71,37 @@ describe("a list of runs", () => {
 });
 
 describe("what a list shows", () => {
-  const row = (id: string, part: object = {}) => ({
-    id,
-    name: id,
-    what: id,
-    at: `2026-11-2${id.length}T12:00:00Z`,
-    ...part,
+  const none = { q: "", robot: "", verdict: "" as const, state: "all" as const, sort: "newest" as const };
+  it("is searched and sorted by the service, which knows all of it", () => {
+    expect(wanted(none)).toEqual({ q: null, sort: "-created_at" });
+    expect(wanted({ ...none, q: " check 0012 ", sort: "name" })).toEqual({ q: "check 0012", sort: "name" });
+    expect(wanted({ ...none, sort: "oldest" }).sort).toBe("created_at");
   });
-  const rows = [
-    row("cell 10", { robot: "r", verdict: "use" as const, words: ["F-211034", "M. Keller"] }),
-    row("cell 9", { robot: "s", verdict: "do_not_use" as const }),
-    row("bench"),
-  ];
-  const none = { q: "", robot: "", verdict: "" as const, state: "all" as const, sort: "name" as const };
-  const shown = (part: object) => chosen(rows, { ...none, ...part }).map(({ id }) => id);
-  it("has all words somewhere", () => {
-    expect(shown({ q: "keller CELL f-211" })).toEqual(["cell 10"]);
-    expect(shown({ q: "keller roux" })).toEqual([]);
-  });
-  it("is of the robot and has the verdict", () => {
-    expect(shown({ robot: "s" })).toEqual(["cell 9"]);
-    expect(shown({ verdict: "use" })).toEqual(["cell 10"]);
-  });
-  it("stands in the order that is wanted", () => {
-    expect(shown({})).toEqual(["bench", "cell 9", "cell 10"]);
-    expect(shown({ sort: "newest" })).toEqual(["cell 10", "cell 9", "bench"]);
-    expect(shown({ sort: "oldest" })).toEqual(["bench", "cell 9", "cell 10"]);
+
+  it("finds one run of 2,000 in one request, and counts them truly", async () => {
+    const all = Array.from({ length: 2000 }, (_, i) => run(`r${i}`, { measurement_set_name: `check ${i}` }));
+    const asked: string[] = [];
+    answering(({ path }) => {
+      const query = new URL(path, "http://x").searchParams;
+      if (!path.startsWith("/v1/jobs")) return { items: [], next: null, total: 0 };
+      asked.push(path);
+      const found = all.filter((one) => one.measurement_set_name?.includes(query.get("q") ?? ""));
+      return { items: found.slice(0, 100), next: found.length > 100 ? "100" : null, total: found.length };
+    });
+    const root = await drawn(<JobList collection="runs" />);
+    await settled(() => {});
+    expect(root.querySelector("p[role=status]")?.textContent).toBe("100 of 2000");
+    const box = root.querySelector<HTMLInputElement>("input[type=search]");
+    await settled(() => {
+      if (box) box.value = "check 1912";
+      box?.dispatchEvent(new Event("input", { bubbles: true }));
+    });
+    await settled(() => {});
+    await act(() => new Promise((done) => setTimeout(done, 350)));
+    await settled(() => {});
+    await settled(() => {});
+    expect(root.querySelector("p[role=status]")?.textContent).toBe("1");
+    expect(root.querySelector(".rows")?.textContent).toContain("check 1912");
+    expect(asked).toHaveLength(2);
   });
 });

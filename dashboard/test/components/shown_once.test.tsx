@@ -5,6 +5,8 @@ import { Show } from "../../src/components/basics";
 import { RunsTable } from "../../src/views/run_stiffness";
 import { drawn, press } from "./drawn";
 
+const FAILED = { data: undefined, isFetching: false, isStand: false };
+
 describe("what was deleted", () => {
   const problem = {
     type: "urn:jointstiff:problem:deleted",
@@ -20,10 +22,7 @@ describe("what was deleted", () => {
   it("comes back by one tap, in place of a request to type", async () => {
     const done: string[] = [];
     const root = await drawn(
-      <Show
-        of={{ state: "failed", problem, reload: () => done.push("loaded") }}
-        restore={async () => done.push("restored")}
-      >
+      <Show of={{ ...FAILED, problem, refetch: () => done.push("loaded") }} restore={async () => done.push("restored")}>
         {() => null}
       </Show>,
     );
@@ -35,7 +34,7 @@ describe("what was deleted", () => {
   it("has no such button where something else failed", async () => {
     const gone = { ...problem, type: "urn:jointstiff:problem:not-found", remedy: "check the address" };
     const root = await drawn(
-      <Show of={{ state: "failed", problem: gone, reload: () => undefined }} restore={async () => undefined}>
+      <Show of={{ ...FAILED, problem: gone, refetch: () => undefined }} restore={async () => undefined}>
         {() => null}
       </Show>,
     );

@@ -288,7 +288,7 @@ class ProcessWork(ProgramWork):
 
     @property
     def _is_kept(self) -> bool:
-        """Whether the path stays as it was sent."""
+        """True if the path stays as it was sent."""
         return self._request.turn == "keep" and self._request.place is None
 
     @cached_property
@@ -313,7 +313,7 @@ class ProcessWork(ProgramWork):
 
     @cached_property
     def _ranking(self) -> Ranking:
-        """Whether the chosen path has less deflection than the path as it was sent."""
+        """Ranking of the chosen path and the path as it was sent by their deflections."""
         return self._after.compare(self._before, self._request.confidence)
 
     def _gain(self) -> str:

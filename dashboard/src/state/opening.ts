@@ -1,11 +1,9 @@
 /** Files that were dropped or chosen, and what they are: a campaign, tables of readings, or a template for them. */
-import { api, problemOf } from "../api/client";
-import type { ImportOptions } from "../api/types";
-import { type Campaign, notFinite, understand, type Typed, typedOf } from "../lib/campaign";
-import type { Fields } from "../lib/json";
-import { type Template, templateIn, templatesIn, withTemplate } from "../lib/imports";
+import { api } from "../api/calls";
+import { problemOf } from "../api/problem";
 import type { FileFault } from "../i18n";
-import { keep, kept, recalled, remember } from "./session";
+import { type Campaign, notFinite, understand } from "../lib/campaign";
+import { type Template, templateIn } from "../lib/imports";
 
 const MAX_BYTES = 8 * 1024 * 1024;
 
@@ -15,44 +13,6 @@ export type Opened =
   | { kind: "template"; template: Template }
   | { kind: "sweeps"; file: File }
   | { kind: "fault"; name: string; fault: FileFault };
-
-/** What was said of tables so far. */
-interface Draft {
-  options: ImportOptions;
-  /** The tracker's, if positions are in its frame. */
-  frame: Fields;
-  /** What is noted about the measurement. */
-  typed: Typed;
-}
-
-/** Nothing said yet but what a template says. */
-export const freshDraft = (options: ImportOptions): Draft => ({ options, frame: {}, typed: typedOf({}) });
-
-/** Tables that were not identified yet, with what was said of them: one may add a robot meanwhile, or come back. */
-let begun: { opened: Opened; draft: Draft | null } | null = null;
-/** Where they are kept; what an older page kept as `tables` had other fields. */
-const NAME = "files";
-
-export const keptDraft = (files: File[]): Draft | null =>
-  begun?.opened.kind === "tables" && begun.opened.files === files ? begun.draft : null;
-
-export function keepDraft(draft: Draft): void {
-  if (begun) begun.draft = draft;
-  void keep(NAME, begun);
-}
-
-export const keptFiles = (): Opened | null => begun?.opened ?? null;
-
-/** What was begun before the page was loaded anew. */
-export async function keptBefore(): Promise<Opened | null> {
-  begun ??= await kept<NonNullable<typeof begun>>(NAME);
-  return keptFiles();
-}
-
-export function keepFiles(opened: Opened | null): void {
-  begun = opened?.kind === "tables" ? { opened, draft: null } : null;
-  void keep(NAME, begun);
-}
 
 /** Look at files. A template goes with the tables it comes with, or with those `before` or after it. */
 export async function open(files: File[], before: Opened | null): Promise<Opened> {
@@ -90,10 +50,3 @@ export const mistakeIn = (file: File): Promise<string> =>
 
 const isJson = async (file: File): Promise<boolean> =>
   /\.json$/i.test(file.name) || /^\ufeff?\s*[{[]/.test(await file.slice(0, 200).text());
-
-/** A file that another view is to take, once. */
-export const handed: { file: File | null } = { file: null };
-
-export const keptTemplates = (): Template[] => templatesIn(recalled("templates"));
-export const keepTemplate = (template: Template): void =>
-  remember("templates", withTemplate(keptTemplates(), template));

@@ -1,0 +1,121 @@
+/** Choices among what is stored: the first of a listing, and others by a search of the service. */
+import { keepPreviousData } from "@tanstack/query-core";
+import type { ComponentProps } from "preact";
+import { useEffect, useState } from "preact/hooks";
+import { queries } from "../api/queries";
+import type { MeasurementSetSummary } from "../api/types";
+import { text } from "../i18n";
+import { FROM_FILE, ROBOTS, robotsToldApart, SETS, setsToldApart } from "../state/choices";
+import { useQuery } from "../state/query";
+import { Select, TextField } from "./fields";
+
+const PAUSE_MS = 250;
+
+/** A text that is typed, taken over once one pauses. */
+export function useTyped(value: string, change: (value: string) => void): [string, (typed: string) => void] {
+  const [typed, setTyped] = useState(value);
+  useEffect(() => setTyped(value), [value]);
+  useEffect(() => {
+    if (typed === value) return undefined;
+    const timer = setTimeout(() => change(typed), PAUSE_MS);
+    return () => clearTimeout(timer);
+  }, [typed]);
+  return [typed, setTyped];
+}
+
+interface Choices {
+  options: { value: string; label: string }[];
+  /** A search, where there are more than are listed. */
+  search: { q: string; find: (q: string) => void } | null;
+}
+
+function useSearch(count: number, total: number | null | undefined, q: string, find: (q: string) => void) {
+  return q !== "" || (total ?? 0) > count ? { q, find } : null;
+}
+
+/** Robots to choose from; the chosen one is among them however many there are. */
+export function useRobotChoices(chosen: string): Choices {
+  const [q, find] = useState("");
+  const { data } = useQuery({ ...queries.robots({ ...ROBOTS, q: q || null }), placeholderData: keepPreviousData });
+  const items = data?.items ?? [];
+  const isMissing =
+    data !== undefined && chosen !== "" && chosen !== FROM_FILE && !items.some(({ id }) => id === chosen);
+  const { data: own } = useQuery({ ...queries.robot(chosen), enabled: isMissing });
+  const search = useSearch(items.length, data?.total, q, find);
+  const names = robotsToldApart(isMissing && own ? [own, ...items] : items);
+  return { options: [...names].map(([value, label]) => ({ value, label })), search };
+}
+
+/** Sets to choose from, with their robots; the chosen one is among them however many there are. */
+export function useSetChoices(chosen: string): Choices & { items: MeasurementSetSummary[] } {
+  const [q, find] = useState("");
+  const { data } = useQuery({ ...queries.sets({ ...SETS, q: q || null }), placeholderData: keepPreviousData });
+  const robots = useQuery(queries.robots(ROBOTS)).data?.items ?? [];
+  const items = data?.items ?? [];
+  const isMissing = data !== undefined && chosen !== "" && !items.some(({ id }) => id === chosen);
+  const { data: own } = useQuery({ ...queries.set(chosen), enabled: isMissing });
+  const search = useSearch(items.length, data?.total, q, find);
+  const all = isMissing && own ? [own, ...items] : items;
+  const [names, robotNames] = [setsToldApart(all), robotsToldApart(robots)];
+  const options = all.map(({ id, robot_id: robot }) => ({
+    value: id,
+    label: [names.get(id), robotNames.get(robot)].filter(Boolean).join(", "),
+  }));
+  return { options, search, items };
+}
+
+interface SearchedProps extends ComponentProps<typeof Select> {
+  search: Choices["search"];
+}
+
+/** A choice, with a search above it where there is one. */
+export function SearchedSelect({ search, ...field }: SearchedProps) {
+  const [typed, setTyped] = useTyped(search?.q ?? "", (q) => search?.find(q.trim()));
+  return (
+    <>
+      {search && (
+        <TextField
+          type="search"
+          label={`${text.list.search}: ${field.label}`}
+          placeholder={text.list.searchHint}
+          value={typed}
+          change={setTyped}
+        />
+      )}
+      <Select {...field} />
+    </>
+  );
+}
+
+type ChooserProps = Omit<ComponentProps<typeof Select>, "options" | "value"> & { value: string };
+
+interface RobotProps extends ChooserProps {
+  /** What it is called that none is chosen. */
+  none: string;
+  /** The robot that a file brings along. */
+  ofFile?: { name?: unknown } | null | undefined;
+  /** Nothing is shown unless there are several. */
+  several?: boolean;
+}
+
+export function RobotSelect({ none, ofFile, several = false, ...field }: RobotProps) {
+  const { options, search } = useRobotChoices(field.value);
+  if (several && options.length < 2 && !search) return null;
+  return (
+    <SearchedSelect
+      {...field}
+      search={search}
+      options={[
+        { value: "", label: none },
+        ...(ofFile ? [{ value: FROM_FILE, label: text.start.fromFile(String(ofFile.name ?? "")) }] : []),
+        ...options,
+      ]}
+    />
+  );
+}
+
+export function SetSelect({ none, ...field }: ChooserProps & { none?: string }) {
+  const { options, search } = useSetChoices(field.value);
+  const all = none === undefined ? options : [{ value: "", label: none }, ...options];
+  return <SearchedSelect {...field} search={search} options={all} />;
+}
