@@ -1,4 +1,4 @@
-"""What remains of the deflections after the load was removed (method.md §3).
+"""Comparison of the unloaded positions before and after the load (method.md §3).
 
 A spring comes back; friction, slip and a set do not. The positions after the load are compared with those
 before: ``r = κ A c + ε``, with the deflections A c that the model predicts. κ is the share that remains. Its
