@@ -87,6 +87,8 @@ def test_one_campaign_is_shown_and_compared_with_nothing(worn):
         "uncertainty (`noise.load_point`; on the page: Advanced, Uncertainty of the load point).",
         "Forces: ±1 % assumed. Enter the uncertainty of the load cell or of the weight (`noise.force.scale`; "
         "on the page: Advanced, Scale of the force).",
+        "Each posture was read once without load: a set that remains after unloading is not seen. Read again "
+        "after unloading (`unloaded_after`).",
     ]
 
 

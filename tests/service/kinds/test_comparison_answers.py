@@ -179,7 +179,8 @@ class TestTwoCampaigns:
                         "second",
                         "the residuals are 14.2 times as large as the stated noise allows, so the "
                         "uncertainties are too small; by how much depends on deflections that the model "
-                        "does not explain",
+                        "does not explain. Targets of one posture agree to 18.7 µm: the flange moves "
+                        "otherwise than the model says",
                     ),
                 ],
             ),
@@ -284,7 +285,7 @@ class TestMethods:
         cells = rows[4].split(",")
         assert cells[:5] == ["first", "partial_pose", "covariance", "unconstrained", ""]
         assert cells[9:12] == ["joint_1", "identified", "use"]
-        numbers = [0.982056, 4.47325e-05, 2.70726, 3.83946e6, 3.71615e6, 3.97123e6, 2.60453e-7, 4.40936e-9]
+        numbers = [0.983653, 4.04029e-05, 2.70726, 3.83946e6, 3.71615e6, 3.97123e6, 2.60453e-7, 4.40936e-9]
         assert [float(cell) for cell in cells[6:9] + cells[12:17]] == pytest.approx(numbers, rel=1e-4)
 
     def test_the_terminal_shows_the_method_that_was_possible(self, of_one_target):
@@ -295,7 +296,7 @@ class TestMethods:
             "joint_6 free 0.093(14)",
             "PP: partial pose; free: unconstrained; 3.188(17): 3.188 with standard uncertainty 0.017; "
             "≥ 0 gives the same numbers as free: no constraint is active",
-            "PP free 98.2 % 45 2.71",
+            "PP free 98.4 % 40 2.71",
             f"no complete pose, decoupled partial pose: {THREE_TARGETS}",
         ]:
             assert line in words
@@ -309,7 +310,7 @@ class TestMethods:
         words = shown(js.compare(json.loads(text), resampling={"size": 8, "repetitions": 200}), 140)
         for line in [
             "mean & standard deviation of 200 fits of 8 configurations drawn at random (seed 0)",
-            "joint_1 free 3.788 & 0.016 3.780 & 0.017 3.780 & 0.017 3.730 & 0.029",
+            "joint_1 free 3.788 & 0.016 3.771 & 0.016 3.771 & 0.016 3.730 & 0.029",
             "[red]x free 2.483 & 0.029",
             ":smile: free 0.459 & 0.045",
             "[/] free 0.2506 & 0.0031",

@@ -97,7 +97,7 @@ def test_the_terminal_shows_numbers_before_and_after_an_action(tmp_path, clean):
         "Before and after",
         "│ verdict │ do not use │ use │",
         "│ explained │ 84.8 % │ 98.6 % │",
-        "│ rms residual │ 719 µm │ 45.4 µm │",
+        "│ rms residual │ 573 µm │ 44.2 µm │",
         "│ joint_1 │ 3.219 ± 0.045 │ 3.824 ± 0.051 │",
         "│ joint_4 │ rigid ± — │ 0.432 ± 0.024 │",
         "stiffness with its standard uncertainty in 10⁶ N·m/rad",

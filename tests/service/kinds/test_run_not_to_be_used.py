@@ -10,7 +10,8 @@ from support.refusals import told
 
 RESIDUALS = (
     "the residuals are 11.6 times as large as the stated noise allows, so the uncertainties are too small; "
-    "by how much depends on deflections that the model does not explain"
+    "by how much depends on deflections that the model does not explain. Targets of one posture agree to "
+    "18.6 µm: the flange moves otherwise than the model says"
 )
 
 

@@ -102,7 +102,9 @@ def test_one_reading_gives_numbers_that_are_used_with_care(client):
     assert unseen.startswith("The readings cannot show ")
     assert notes == [
         "Forces up to 1471 N (150 kgf), deflections up to 4.62 mm. If N and kgf are confused, every "
-        "stiffness is wrong by 9.81, and no reading shows it."
+        "stiffness is wrong by 9.81, and no reading shows it.",
+        "Each posture was read once without load: a set that remains after unloading is not seen. Read again "
+        "after unloading (`unloaded_after`).",
     ]
     assert state["next"]["reason"] == "it helps joint_4 most, the joint that is farthest from the goal"
 
