@@ -163,8 +163,8 @@ class ProcessResult(ProgramResult):
 
     objective: Literal["rms", "greatest"]
     gain: Literal["less", "no_order", "no_gain"] = Field(
-        description="Whether the choice has less deflection than the program: `less`, if the interval of the "
-        "difference excludes zero; `no_order`, if not; `no_gain`, if no turn makes a difference."
+        description="Comparison with the path as sent: `less` deflection, if the interval of the difference "
+        "excludes zero; `no_order`, if not; `no_gain`, if no turn makes a difference."
     )
     before: DeflectionBand = Field(description="Deflection along the path as it was sent.")
     turned: DeflectionBand = Field(description="Deflection along the path as chosen.")

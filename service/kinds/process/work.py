@@ -94,9 +94,10 @@ class ProcessWork(ProgramWork):
         self._sizes, self._chosen = np.zeros(0), dict[str, Any]()
 
     def steps(self) -> Sequence[Span]:
-        """Return spans of places as steps; without a search of places one step for a long path."""
+        """Return spans of places as steps, none for few; without a search one step for a long path."""
         if self._request.place is not None:
-            return cut_into_spans(len(self._box.places()), _PLACES_A_STEP)
+            spans = self._spans_of_places()
+            return spans if len(spans) > 1 else ()
         points = len(self._visits.targets)
         return () if points * len(self._task.angles) <= _QUICK_POSES else ((0, points),)
 
@@ -132,7 +133,7 @@ class ProcessWork(ProgramWork):
             ProgramError: the robot does not reach a target, or the written program would be misread.
         """
         if self._request.place is not None:
-            steps = parts or [self.compute(span) for span in self.steps()]
+            steps = parts or [self.compute(span) for span in self._spans_of_places()]
             self._sizes = np.concatenate([each["sizes"] for each in steps])
         elif parts:
             self._chosen = dict(parts[0])
@@ -155,6 +156,10 @@ class ProcessWork(ProgramWork):
         low, high = LENGTH[self._request.units.length] * np.array(self._request.place)
         turns = 2.0 * np.pi * np.arange(self._request.place_turns) / self._request.place_turns
         return PlaceBox(low, high, self._request.grid, turns)
+
+    def _spans_of_places(self) -> tuple[Span, ...]:
+        """Return all places, cut into spans."""
+        return cut_into_spans(len(self._box.places()), _PLACES_A_STEP)
 
     @cached_property
     def _coarse(self) -> tuple[Any, Any, IndexArray]:
@@ -288,7 +293,7 @@ class ProcessWork(ProgramWork):
 
     @property
     def _is_kept(self) -> bool:
-        """Whether the path stays as it was sent."""
+        """True if the path remains as it was sent."""
         return self._request.turn == "keep" and self._request.place is None
 
     @cached_property
@@ -313,7 +318,7 @@ class ProcessWork(ProgramWork):
 
     @cached_property
     def _ranking(self) -> Ranking:
-        """Whether the chosen path has less deflection than the path as it was sent."""
+        """Comparison of the chosen path with the path as it was sent."""
         return self._after.compare(self._before, self._request.confidence)
 
     def _gain(self) -> str:

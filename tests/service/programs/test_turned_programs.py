@@ -182,7 +182,8 @@ def test_a_run_places_and_turns_an_array_of_poses(run):
     p = process_path("trim", np.array([1.7, 0.0, 0.8]), count=12)
     stated = array_options(p)
     turned_only = run.process(tools_of(p), forces=[-150.0, -300.0, -120.0], **stated)
-    low, high = p.middle - [0.2, 0.2, 0.0], p.middle + [0.2, 0.2, 0.0]
+    half = np.array([0.2, 0.2, 0.0])
+    low, high = p.middle - half, p.middle + half
     placed = run.process(
         tools_of(p),
         forces=np.tile([-150.0, -300.0, -120.0], (12, 1)),
@@ -246,8 +247,7 @@ def test_a_run_that_cannot_rank_says_so_first(run):
     weak = run.process(
         tools_of(p),
         forces=[-150.0, -300.0, -120.0],
-        turn=[-12.0, 12.0],
-        turns=180,
+        turn=[-120.0, 120.0],
         force_uncertainty=1.0,
         **array_options(p),
     )
