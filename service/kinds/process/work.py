@@ -67,6 +67,7 @@ class _Placed:
     choice: TurnChoice
     places: FloatArray  # (k, 4) best places, the best first [m, rad]; empty without a search
     rankings: tuple[tuple[Band, Ranking | None], ...]  # deflection at each, and its difference from the best
+    coarse: float  # least deflection of the search, by its points and turns [m]; NaN without a search
 
 
 class ProcessWork(ProgramWork):
@@ -230,7 +231,7 @@ class ProcessWork(ProgramWork):
             )
         else:
             choice = self._choose(self._as_sent)
-        return _Placed(self._as_sent, choice, np.zeros((0, 4)), ())
+        return _Placed(self._as_sent, choice, np.zeros((0, 4)), (), float("nan"))
 
     def _choose_place(self) -> _Placed:
         """Evaluate the best places of the search in full, and choose the best of them."""
@@ -249,11 +250,14 @@ class ProcessWork(ProgramWork):
         order = np.argsort(self._sizes, kind="stable")
         order = order[np.isfinite(self._sizes[order])][:MAX_BEST_PLACES]
         candidates = [grid[i] for i in order.tolist()]
-        candidates += [
-            search_around(box, grid[i], float(self._sizes[i]), evaluate)[0] for i in order[:_REFINED].tolist()
+        refined = [
+            search_around(box, grid[i], float(self._sizes[i]), evaluate) for i in order[:_REFINED].tolist()
         ]
+        candidates += [place for place, _ in refined]
         found = []
-        for place in np.unique(np.array(candidates), axis=0):
+        found_places = np.array(candidates)
+        found_places[:, 3] %= 2.0 * np.pi
+        for place in np.unique(np.round(found_places, 9), axis=0):
             program = self._as_sent.move(place[:3] - self._as_sent.path.middle, float(place[3]))
             try:
                 choice = self._choose(program)
@@ -273,7 +277,7 @@ class ProcessWork(ProgramWork):
             for each, _, _, _ in found[:MAX_BEST_PLACES]
         )
         places = np.array([place for _, place, _, _ in found[:MAX_BEST_PLACES]])
-        return _Placed(found[0][2], found[0][3], places, rankings)
+        return _Placed(found[0][2], found[0][3], places, rankings, min(size for _, size in refined))
 
     @cached_property
     def _path(self) -> ProgramPath:
@@ -400,7 +404,7 @@ class ProcessWork(ProgramWork):
         tried = self._box.places() if request.place is not None else np.zeros((0, 4))
         flat = None
         if request.place is not None:
-            flat = find_flatness(tried, self._sizes, float(np.nanmin(self._sizes)))
+            flat = find_flatness(tried, self._sizes, placed.coarse)
         fixed = np.where(np.isfinite(choice.fixed), choice.fixed, np.nan)
         return {
             "objective": request.objective,
