@@ -41,6 +41,14 @@ def parse_turn(text: str) -> str | list[float]:
     return [least, greatest]
 
 
+def parse_counts(text: str) -> list[int]:
+    """Parse whole numbers that are separated by commas or blanks; return them."""
+    try:
+        return [int(number) for number in text.replace(",", " ").split()]
+    except ValueError:
+        raise ValueError(f"'{text}' must be whole numbers, such as 4,4,3") from None
+
+
 class ProcessOptions(ProgramOptions):
     """Options of a process: those of a compensated program, and what may be chosen."""
 
@@ -81,7 +89,7 @@ class ProcessOptions(ProgramOptions):
         description="Box in R0 in which the path's centre (the middle of its own box) may be, as two "
         "corners, in units.length; default: the workpiece stays.",
     )
-    grid: Annotated[tuple[_Count, _Count, _Count], Terminal("--grid", "N,N,N")] = Field(
+    grid: Annotated[tuple[_Count, _Count, _Count], Terminal("--grid", "N,N,N", parse_counts)] = Field(
         default=(4, 4, 3), description="Number of positions along x, y and z that are tried in the box."
     )
     place_turns: Annotated[int, Field(strict=True, ge=1, le=MAX_TURNS)] = Field(
@@ -163,8 +171,8 @@ class ProcessResult(ProgramResult):
 
     objective: Literal["rms", "greatest"]
     gain: Literal["less", "no_order", "no_gain"] = Field(
-        description="Order of choice and program by their deflections: `less`, if the interval of the "
-        "difference excludes zero; `no_order`, if not; `no_gain`, if no turn makes a difference."
+        description="Comparison with the path as sent: `less` deflection, if the interval of the difference "
+        "excludes zero; `no_order`, if not; `no_gain`, if no turn makes a difference."
     )
     before: DeflectionBand = Field(description="Deflection along the path as it was sent.")
     turned: DeflectionBand = Field(description="Deflection along the path as chosen.")

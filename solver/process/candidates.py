@@ -128,7 +128,7 @@ def _compute_regularity(inverse: InverseKinematics, postures: Postures) -> Float
 def find_branches(inverse: InverseKinematics, postures: Postures) -> IndexArray:
     """Return numbers (K,) of the branches of the arm: postures of one number need cross no singularity.
 
-    The bits of a number are the signs of three functions that are zero where the arm is singular:
+    The bits of a number are the signs of three functions; where one is zero, the arm is singular:
     ``(a_4 × a_5) · a_6`` of the wrist, ``a_2 · ((o_3 − o_2) × (w − o_3))`` of the elbow, and the determinant
     of the Jacobian. a_j and o_j are direction and a point of axis j; w is the centre of the wrist, or a point
     of axis 4 if that is parallel to axis 2.

@@ -1,4 +1,4 @@
-"""Deflection of a tool along a path, and the ranking of two ways along the path.
+"""Deflections of a tool along a path, and comparison of two ways.
 
 Two ways are ranked by the interval of the *difference* of their deflections. Their errors are common to a
 large part: the same compliances, and the same error of the force, act in both. The difference is therefore
@@ -30,7 +30,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Ranking:
-    """Order of two ways by their deflections."""
+    """Comparison of one way with another: whether its deflection is less."""
 
     difference: Band  #: of the deflections, the first minus the second [m]
 
@@ -216,7 +216,7 @@ class PathDeflection:
 
 
 def _make_band(value: float, half: float, model_error: float, least: float = -np.inf) -> Band:
-    """Return a value with its intervals; the second interval contains the first."""
+    """Return a value with two intervals; the interval with model error contains the other."""
     wide = float(np.fmax(half, model_error)) if np.isfinite(model_error) else float("nan")
     readings, with_error = (
         None if np.isnan(each) else (max(value - each, least), value + each) for each in (half, wide)

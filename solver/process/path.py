@@ -121,7 +121,7 @@ def find_feed_frames(centres: FloatArray, axes: FloatArray) -> FloatArray:
 
     Returns:
         (m, 3, 3) matrices with feed, normal and axis as columns, axes of R0; the first two columns are NaN
-        where the tool moves along its axis or does not move.
+        where the tool moves along its axis only, or not at all.
     """
     steps = np.diff(centres, axis=0)
     length = np.linalg.norm(steps, axis=1, keepdims=True)

@@ -25,7 +25,7 @@ _ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True)
 class Motion:
-    """Limits of the moves of a sequence of postures."""
+    """Limits and costs of the motion along a sequence of postures."""
 
     step: float  #: greatest motion of a joint from a point to the next along a line [rad or m]
     #: cost of a change of the turn by 1 rad, as a multiple of the mean square of the deflections

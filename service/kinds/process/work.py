@@ -67,6 +67,7 @@ class _Placed:
     choice: TurnChoice
     places: FloatArray  # (k, 4) best places, the best first [m, rad]; empty without a search
     rankings: tuple[tuple[Band, Ranking | None], ...]  # deflection at each, and its difference from the best
+    coarse: float  # least deflection of the search, by its points and turns [m]; NaN without a search
 
 
 class ProcessWork(ProgramWork):
@@ -94,9 +95,10 @@ class ProcessWork(ProgramWork):
         self._sizes, self._chosen = np.zeros(0), dict[str, Any]()
 
     def steps(self) -> Sequence[Span]:
-        """Return spans of places as steps; without a search of places one step for a long path."""
+        """Return spans of places as steps, none for few; without a search one step for a long path."""
         if self._request.place is not None:
-            return cut_into_spans(len(self._box.places()), _PLACES_A_STEP)
+            spans = self._spans_of_places()
+            return spans if len(spans) > 1 else ()
         points = len(self._visits.targets)
         return () if points * len(self._task.angles) <= _QUICK_POSES else ((0, points),)
 
@@ -132,7 +134,7 @@ class ProcessWork(ProgramWork):
             ProgramError: the robot does not reach a target, or the written program would be misread.
         """
         if self._request.place is not None:
-            steps = parts or [self.compute(span) for span in self.steps()]
+            steps = parts or [self.compute(span) for span in self._spans_of_places()]
             self._sizes = np.concatenate([each["sizes"] for each in steps])
         elif parts:
             self._chosen = dict(parts[0])
@@ -155,6 +157,10 @@ class ProcessWork(ProgramWork):
         low, high = LENGTH[self._request.units.length] * np.array(self._request.place)
         turns = 2.0 * np.pi * np.arange(self._request.place_turns) / self._request.place_turns
         return PlaceBox(low, high, self._request.grid, turns)
+
+    def _spans_of_places(self) -> tuple[Span, ...]:
+        """Return all places, cut into spans."""
+        return cut_into_spans(len(self._box.places()), _PLACES_A_STEP)
 
     @cached_property
     def _coarse(self) -> tuple[Any, Any, IndexArray]:
@@ -225,7 +231,7 @@ class ProcessWork(ProgramWork):
             )
         else:
             choice = self._choose(self._as_sent)
-        return _Placed(self._as_sent, choice, np.zeros((0, 4)), ())
+        return _Placed(self._as_sent, choice, np.zeros((0, 4)), (), float("nan"))
 
     def _choose_place(self) -> _Placed:
         """Evaluate the best places of the search in full, and choose the best of them."""
@@ -244,11 +250,14 @@ class ProcessWork(ProgramWork):
         order = np.argsort(self._sizes, kind="stable")
         order = order[np.isfinite(self._sizes[order])][:MAX_BEST_PLACES]
         candidates = [grid[i] for i in order.tolist()]
-        candidates += [
-            search_around(box, grid[i], float(self._sizes[i]), evaluate)[0] for i in order[:_REFINED].tolist()
+        refined = [
+            search_around(box, grid[i], float(self._sizes[i]), evaluate) for i in order[:_REFINED].tolist()
         ]
+        candidates += [place for place, _ in refined]
         found = []
-        for place in np.unique(np.array(candidates), axis=0):
+        found_places = np.array(candidates)
+        found_places[:, 3] %= 2.0 * np.pi
+        for place in np.unique(np.round(found_places, 9), axis=0):
             program = self._as_sent.move(place[:3] - self._as_sent.path.middle, float(place[3]))
             try:
                 choice = self._choose(program)
@@ -268,7 +277,7 @@ class ProcessWork(ProgramWork):
             for each, _, _, _ in found[:MAX_BEST_PLACES]
         )
         places = np.array([place for _, place, _, _ in found[:MAX_BEST_PLACES]])
-        return _Placed(found[0][2], found[0][3], places, rankings)
+        return _Placed(found[0][2], found[0][3], places, rankings, min(size for _, size in refined))
 
     @cached_property
     def _path(self) -> ProgramPath:
@@ -288,7 +297,7 @@ class ProcessWork(ProgramWork):
 
     @property
     def _is_kept(self) -> bool:
-        """True if the path stays as it was sent."""
+        """True if the path remains as it was sent."""
         return self._request.turn == "keep" and self._request.place is None
 
     @cached_property
@@ -313,7 +322,7 @@ class ProcessWork(ProgramWork):
 
     @cached_property
     def _ranking(self) -> Ranking:
-        """Ranking of the chosen path and the path as it was sent by their deflections."""
+        """Comparison of the chosen path with the path as it was sent."""
         return self._after.compare(self._before, self._request.confidence)
 
     def _gain(self) -> str:
@@ -396,7 +405,7 @@ class ProcessWork(ProgramWork):
         tried = self._box.places() if request.place is not None else np.zeros((0, 4))
         flat = None
         if request.place is not None:
-            flat = find_flatness(tried, self._sizes, float(np.nanmin(self._sizes)))
+            flat = find_flatness(tried, self._sizes, placed.coarse)
         fixed = np.where(np.isfinite(choice.fixed), choice.fixed, np.nan)
         return {
             "objective": request.objective,

@@ -424,6 +424,12 @@ VERBS = {
         ),
         program,
     ),
+    "process": (
+        lambda door, source: door.process(
+            source, EXAMPLES / "pocket.src", force=FORCE, spindle=(0.6, 0.0, 0.8), turns=8, step=90.0
+        ),
+        lambda job: (job.result.turned, job.result.before, program(job.result)),
+    ),
     "predict": (
         lambda door, source: door.predict(source, POSTURES, FORCE, at=(0, 0, 0.12)),
         lambda result: result.displacement.tolist(),
@@ -561,7 +567,7 @@ MISTAKES = {"wrong_1": 'metod="complete_pose"', "wrong_2": 'readings="six"', "wr
 RIGHT = {"wrong_1": 'method="complete_pose"', "wrong_2": "readings=6", "wrong_3": "grid=(3, 3, 1)"}
 
 
-MORE_FIELDS = {"geometry": {"robot"}, "program": {"force"}}
+MORE_FIELDS = {"geometry": {"robot"}, "program": {"force"}, "process": {"force"}}
 """Fields of a verb that are no options of its kind."""
 
 

@@ -247,8 +247,7 @@ def test_a_run_that_cannot_rank_says_so_first(run):
     weak = run.process(
         tools_of(p),
         forces=[-150.0, -300.0, -120.0],
-        turn=[-12.0, 12.0],
-        turns=180,
+        turn=[-120.0, 120.0],
         force_uncertainty=1.0,
         **array_options(p),
     )
