@@ -19,7 +19,7 @@ from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, SpringArm, plan_experiment
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.estimation.causes import fit_causes
+from jointstiff.solver.estimation.fitted_causes import fit_causes
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.mechanics.measurements import (

@@ -17,13 +17,8 @@ import numpy as np
 
 from jointstiff.schemas.finding import ROOT_MISTAKES, Action, Finding, FindingCode, NamedCause, Verdict
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.estimation.causes import (
-    LARGEST_RATIO,
-    AlternativeKind,
-    BetterAlternative,
-    Cause,
-    Screening,
-)
+from jointstiff.solver.estimation.alternatives import LARGEST_RATIO, AlternativeKind, BetterAlternative
+from jointstiff.solver.estimation.causes import Cause, Screening
 from jointstiff.solver.estimation.estimate import (
     ComplementaryStiffness,
     Estimate,

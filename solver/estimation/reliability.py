@@ -24,16 +24,12 @@ from scipy.optimize import brentq
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.estimation.causes import (
-    MISTAKE_LEVEL,
-    MOST_TESTED_OBSERVATIONS,
-    STATEMENT_LEVEL,
-    list_suspected_terms,
-)
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.method import Prior
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.statements import list_stated_terms
+from jointstiff.solver.estimation.suspects import MOST_TESTED_OBSERVATIONS, list_suspected_terms
+from jointstiff.solver.estimation.term_tests import MISTAKE_LEVEL, STATEMENT_LEVEL
 from jointstiff.solver.estimation.triangle import (
     DISTINCT,
     Triangle,
