@@ -8,11 +8,22 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.solver.arrays import FloatArray
+from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.estimation.observability import Excitation
+from jointstiff.solver.estimation.scatter import (
+    LARGEST_REPEATABILITY,
+    SCATTER_LEVEL,
+    RestrictedLikelihood,
+    compute_target_motion,
+)
 from jointstiff.solver.estimation.stack import Stack
-from jointstiff.solver.estimation.suspects import MOST_TESTED_OBSERVATIONS, list_suspects
+from jointstiff.solver.estimation.statements import list_stated_terms
+from jointstiff.solver.estimation.suspects import (
+    MOST_TESTED_OBSERVATIONS,
+    group_distinct_loads,
+    list_suspects,
+)
 from jointstiff.solver.estimation.term_tests import TermTests
 from jointstiff.solver.estimation.triangle import (
     solve_nonnegative,
@@ -23,12 +34,14 @@ from jointstiff.solver.mechanics.block import (
     Term,
     regressor_blocks,
 )
-from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.measurements import Measurements, Scatter
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS
 
 _REFITS: Final = 6
 """Largest number of Gauss-Newton steps towards a cause."""
+_MOST_WITH_SCATTER: Final = 100
+"""Number of observations that suffice to estimate errors that the targets of a posture share."""
 _STEP_TOLERANCE: Final = 1e-3
 """Relative size of a Gauss-Newton step at which the iteration ends."""
 
@@ -82,9 +95,14 @@ def _subtract_named_causes(
             where="causes",
             remedy=f"give one of: {', '.join(sorted({name for name, _ in known}))}",
         )
-    fitted = fit_causes_with_joints(robot, part, [known[each].term for each in named], compliance)
+    terms = [known[each].term for each in named]
+    fitted = fit_causes_with_joints(robot, part, terms, compliance)
+    scatter = _find_scatter(robot, _subtract_errors(robot, part, fitted.errors, fitted.compliance), fitted)
+    if scatter != part.scatter:  # three targets with one error are one reading
+        fitted = fit_causes_with_joints(robot, replace(part, scatter=scatter), terms, fitted.compliance)
     corrected = _subtract_errors(robot, measurements, fitted.errors, fitted.compliance)
-    return CorrectedMeasurements.from_measurements(corrected, fitted.errors)
+    errors = replace(fitted.errors, loads=group_distinct_loads(measurements))
+    return CorrectedMeasurements.from_measurements(corrected, errors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +111,7 @@ class FittedCauses:
 
     errors: FittedErrors
     compliance: FloatArray  # (n,) of the joints, fitted together with the causes [rad/(N·m)]
+    visible: BoolArray  # (n,) whether the readings see each joint
     triangles: TermTests  # compressed rows of the readings, from which the fitted causes were subtracted
 
 
@@ -115,7 +134,9 @@ def fit_causes_with_joints(
         excitation.add(block)
         visible = ~excitation.observability().null
         triangles = TermTests(block, compliance, visible, terms, ())
-        found = triangles.compress_given_statements(triangles.fitted).fit_with([term.name for term in terms])
+        given = triangles.compress_given_statements(triangles.fitted)
+        sigma = max(part.sigma or 0.0, given.sigma(triangles.fitted))
+        found = given.fit_with([term.name for term in terms])
         compliance = np.zeros(robot.n)
         compliance[visible] = np.maximum(found.known, 0.0)
         ends = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
@@ -126,14 +147,37 @@ def fit_causes_with_joints(
         # Set the part of the unknowns that the joints explain equally well to zero.
         hidden = np.linalg.qr(found.hidden / size[:, None])[0]  # orthonormal directions in these units
         unknowns = unknowns - size * (hidden @ (hidden.T @ (unknowns / size)))
-        root = np.hstack([triangles.sigma * found.root, size[:, None] * hidden])
+        root = np.hstack([sigma * found.root, size[:, None] * hidden])
         determined = found.root.shape[1]
         errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root, determined)
-        fitted = FittedCauses(errors, compliance, triangles)
+        fitted = FittedCauses(errors, compliance, visible, triangles)
         if np.linalg.norm((unknowns - previous) / size) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / size):
             break
         remaining = _subtract_errors(robot, part, errors, compliance)
     return fitted
+
+
+def _find_scatter(robot: Robot, corrected: Measurements, fitted: FittedCauses) -> Scatter:
+    """Return the errors that the targets of a posture share, as what joints and causes leave shows them.
+
+    Args:
+        robot: n joints.
+        corrected: some observations, from which the fitted causes were subtracted.
+        fitted: the causes, fitted together with the joints.
+    """
+    if corrected.encoders is not None:
+        return corrected.scatter
+    part = corrected.select_evenly(_MOST_WITH_SCATTER)
+    block, compliance = next(regressor_blocks(robot, part, fitted.compliance)), fitted.compliance
+    terms = [JOINTS, *fitted.errors.terms]
+    stated = [each for each in list_stated_terms(part) if each.name not in {term.name for term in terms}]
+    stack = Stack.from_blocks([block], [*terms, *stated], compliance)
+    seen = np.concatenate([np.flatnonzero(fitted.visible), *list(stack.span.values())[1:]])
+    likelihood = RestrictedLikelihood(block, stack, seen)
+    scatter, p_value = likelihood.find_significant()
+    motion = compute_target_motion(block, scatter, part.sigma or likelihood.sigma(scatter))
+    is_believable = p_value < SCATTER_LEVEL and motion <= LARGEST_REPEATABILITY
+    return scatter if is_believable else corrected.scatter
 
 
 def _subtract_errors(

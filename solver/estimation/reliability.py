@@ -14,7 +14,6 @@ the readings know better than the statement, so that h is small where little was
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from copy import copy
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
@@ -29,7 +28,7 @@ from jointstiff.solver.estimation.method import Prior
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.statements import list_stated_terms
 from jointstiff.solver.estimation.suspects import MOST_TESTED_OBSERVATIONS, list_suspected_terms
-from jointstiff.solver.estimation.term_tests import MISTAKE_LEVEL, STATEMENT_LEVEL
+from jointstiff.solver.estimation.term_tests import MISTAKE_LEVEL, STATEMENT_LEVEL, join_statements
 from jointstiff.solver.estimation.triangle import (
     DISTINCT,
     Triangle,
@@ -169,8 +168,8 @@ def find_least_mistakes(
     # A mistake moves a large set as it moves the part, whose tests are the tests of the set.
     common, level, found = measurements.common_uncertainty, MISTAKE_LEVEL / suspects, []
     for name, term in terms.items():
-        others = {each: other for each, other in stated.items() if each != name}
-        given = _join_statements(whole, others, measurements, sigma)
+        others = [other for each, other in stated.items() if each != name]
+        given = join_statements(whole, others, measurements, sigma)
         given.span[JOINTS.name] = visible
         # The test leaves out the observation that a mistake moves most: it may be a single wrong reading.
         given.rows -= int(stack.read.max())
@@ -198,18 +197,6 @@ def find_least_mistakes(
                 )
             )
     return tuple(sorted(found, key=lambda each: -each.moves))
-
-
-def _join_statements(
-    triangle: Triangle, stated: dict[str, Term], measurements: Measurements, sigma: float
-) -> Triangle:
-    """Return a copy of the triangle in which the unknowns of some terms are fitted as stated."""
-    joined = copy(triangle)
-    joined.span = dict(triangle.span)
-    for name, term in stated.items():
-        uncertainty = np.resize(term.prior(measurements.common_uncertainty), len(triangle.span[name]))
-        joined = joined.given(name, uncertainty, sigma)
-    return joined
 
 
 def _list_ellipsoids(

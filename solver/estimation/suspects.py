@@ -16,10 +16,7 @@ from jointstiff.solver.estimation.triangle import (
     orthonormal_basis,
     stack_padded,
 )
-from jointstiff.solver.mechanics.block import (
-    RegressorBlock,
-    Term,
-)
+from jointstiff.solver.mechanics.block import RegressorBlock, Term, fitted_errors
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import (
@@ -59,7 +56,7 @@ def list_suspected_terms(measurements: Measurements, block: RegressorBlock) -> l
         measurements: N observations.
         block: some of these observations.
     """
-    loads = _group_distinct_loads(measurements)
+    loads = group_distinct_loads(measurements)
     turn = build_turn_term(block.points[block.measurements.present].mean(axis=0))
     by_load = [build_load_scale_term(loads)] if len(loads) > 1 else []
     return [term for term in (*TERMS.values(), turn, *by_load) if term.suspected]
@@ -117,18 +114,22 @@ def list_suspects(
     return [suspect for suspect in suspects if suspect.term.name not in {term.name for term in always_fitted}]
 
 
-def _group_distinct_loads(measurements: Measurements) -> list[list[str]]:
+def group_distinct_loads(measurements: Measurements) -> tuple[tuple[str, ...], ...]:
     """Return the labels of the observations under each distinct load, from the smallest load to the largest.
 
-    Loads of nearly the same size count as one load. The list is empty for more than `_MOST_LOADS` loads.
+    Loads of nearly the same size count as one load. There are no groups for more than `_MOST_LOADS` loads.
+    Loads count as they were stated: a constant force that was fitted makes loads of one size differ.
     """
+    fitted = fitted_errors(measurements)
+    if fitted.terms:
+        return fitted.loads
     size = np.hypot(np.linalg.norm(measurements.force, axis=1), np.linalg.norm(measurements.moment, axis=1))
     order = np.argsort(size, kind="stable")
     steps = 1 + np.flatnonzero(np.diff(size[order]) > _DISTINCT * size[order][1:])
     groups = [group for group in np.split(order, steps) if len(group) >= _LEAST_PART]
     if len(groups) > _MOST_LOADS:
-        return []
-    return [[measurements.labels[i] for i in group.tolist()] for group in groups]
+        return ()
+    return tuple(tuple(measurements.labels[i] for i in group.tolist()) for group in groups)
 
 
 class _OnsetFits:

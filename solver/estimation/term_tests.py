@@ -7,7 +7,8 @@ is stated, or where residuals show scatter from posture to posture, a third test
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import Final
@@ -30,6 +31,7 @@ from jointstiff.solver.mechanics.block import (
     build_rows,
     build_whitened_rows,
 )
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, JOINTS
 
 MISTAKE_LEVEL: Final = 1e-5
@@ -41,6 +43,25 @@ LINKS_LEVEL: Final = 3e-3
 """p-value of links below which models with links are compared by cross-validation."""
 _MOST_COMBINATIONS: Final = 12
 """Number of combinations of link compliances that are tested: those with the largest deflections."""
+
+
+def join_statements(
+    triangle: Triangle, stated: Iterable[Term], measurements: Measurements, sigma: float
+) -> Triangle:
+    """Return a triangle in which the unknowns of some terms are fitted as stated, and projected out.
+
+    Args:
+        triangle: rows with the columns of these terms and of others.
+        stated: terms about which the measurements state something.
+        measurements: the observations, with what is stated.
+        sigma: standard uncertainty of a coordinate of a reading [m].
+    """
+    joined = copy(triangle)
+    joined.span = dict(triangle.span)
+    for term in stated:
+        uncertainty = np.resize(term.prior(measurements.common_uncertainty), len(triangle.span[term.name]))
+        joined = joined.given(term.name, uncertainty, sigma)
+    return joined
 
 
 class TermTests:
@@ -148,10 +169,7 @@ class TermTests:
             block = replace(block, measurements=replace(block.measurements, scatter=scatter))
         triangle = Stack.from_blocks([block], terms, self.compliance).triangle()
         sigma = block.measurements.sigma or triangle.sigma([term.name for term in terms])
-        for term in others:
-            width = len(triangle.span[term.name])
-            uncertainty = np.resize(term.prior(block.measurements.common_uncertainty), width)
-            triangle = triangle.given(term.name, uncertainty, sigma)
+        triangle = join_statements(triangle, others, block.measurements, sigma)
         triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
         return triangle
 
@@ -180,13 +198,6 @@ class TermTests:
     def _leading_count(self) -> int:
         """Number of combinations of link compliances to test, fewer if there are few readings."""
         return max(0, min(_MOST_COMBINATIONS, (self.stated.rows - len(self._visible)) // 3))
-
-    @property
-    def sigma(self) -> float:
-        """Standard uncertainty of a coordinate [m]: as stated, or from the residuals if larger."""
-        freedom = max(1, self.stated.rows - orthonormal_basis(self.stated.unit_columns(self.fitted)).shape[1])
-        stated = self._block.measurements.sigma or 0.0
-        return max(stated, float(np.sqrt(self.residual_squares() / freedom)))
 
     def residual_squares(self) -> float:
         """Return the sum of squared residuals of the joints and the terms that are fitted in any case."""

@@ -527,6 +527,8 @@ class FittedErrors:
     unknowns: tuple[FloatArray, ...]  #: (k,) fitted values of each term, in its unit
     root: FloatArray  #: (K, r) root R of the covariance R Rᵀ of all unknowns
     determined: int  #: number of combinations of the unknowns that the readings distinguish from the joints
+    #: labels of the observations under each distinct load, before fitted errors changed the loads
+    loads: tuple[tuple[str, ...], ...] = ()
 
 
 NOTHING_FITTED: Final = FittedErrors((), (), np.zeros((0, 0)), 0)
