@@ -157,12 +157,12 @@ CAUSES: dict[str, Plant] = {
 def plant_curved_springs(planted: Planted, generator: Generator) -> Planted:
     """Make the springs harden: by a cubic law, or in the three stages of a strain wave gear.
 
-    The stiffness at small torques is that of the arm. At the largest torque of a joint the cubic law is up to
-    half as stiff again; the stages are 1, 1.35 and 1.75 times as stiff, as in makers' catalogues.
+    The stiffness at small torques is that of the arm. At the largest torque of a joint the cubic law is 8
+    to 35 % stiffer; the stages are 1, 1.35 and 1.75 times as stiff, as in makers' catalogues.
     """
     arm, experiment = planted.true.arm, planted.true.experiment
     largest = np.abs(torques(arm, experiment.joints, *experiment.wrenches)).max(axis=0)
-    hardening = generator.uniform(0.3, 0.6) if generator.random() < 0.5 else None
+    hardening = generator.uniform(0.1, 0.6) if generator.random() < 0.5 else None
     angle = np.zeros_like(experiment.joints)
     for _ in range(_ROUNDS):
         torque = torques(arm, experiment.joints + angle, *experiment.wrenches)

@@ -25,9 +25,7 @@ from jointstiff.solver.estimation.suspects import (
     list_suspects,
 )
 from jointstiff.solver.estimation.term_tests import TermTests
-from jointstiff.solver.estimation.triangle import (
-    solve_nonnegative,
-)
+from jointstiff.solver.estimation.triangle import INDEPENDENT, TermsFit, Triangle, solve_nonnegative
 from jointstiff.solver.mechanics.block import (
     CorrectedMeasurements,
     FittedErrors,
@@ -100,8 +98,9 @@ def _subtract_named_causes(
     scatter = _find_scatter(robot, _subtract_errors(robot, part, fitted.errors, fitted.compliance), fitted)
     if scatter != part.scatter:  # three targets with one error are one reading
         fitted = fit_causes_with_joints(robot, replace(part, scatter=scatter), terms, fitted.compliance)
-    corrected = _subtract_errors(robot, measurements, fitted.errors, fitted.compliance)
-    errors = replace(fitted.errors, loads=group_distinct_loads(measurements))
+    errors = _add_doubts(robot, replace(part, scatter=scatter), fitted)
+    corrected = _subtract_errors(robot, measurements, errors, fitted.compliance)
+    errors = replace(errors, loads=group_distinct_loads(measurements))
     return CorrectedMeasurements.from_measurements(corrected, errors)
 
 
@@ -112,6 +111,7 @@ class FittedCauses:
     errors: FittedErrors
     compliance: FloatArray  # (n,) of the joints, fitted together with the causes [rad/(N·m)]
     visible: BoolArray  # (n,) whether the readings see each joint
+    size: FloatArray  # (k,) typical size of each unknown
     triangles: TermTests  # compressed rows of the readings, from which the fitted causes were subtracted
 
 
@@ -134,8 +134,7 @@ def fit_causes_with_joints(
         excitation.add(block)
         visible = ~excitation.observability().null
         triangles = TermTests(block, compliance, visible, terms, ())
-        given = triangles.compress_given_statements(triangles.fitted)
-        sigma = max(part.sigma or 0.0, given.sigma(triangles.fitted))
+        given, sigma = _compress(part, triangles)
         found = given.fit_with([term.name for term in terms])
         compliance = np.zeros(robot.n)
         compliance[visible] = np.maximum(found.known, 0.0)
@@ -144,17 +143,58 @@ def fit_causes_with_joints(
         if not size.any():  # unit of each term's unknowns: their root mean square after the first step
             by_term = np.split(unknowns, ends)
             size = np.concatenate([np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in by_term])
-        # Set the part of the unknowns that the joints explain equally well to zero.
-        hidden = np.linalg.qr(found.hidden / size[:, None])[0]  # orthonormal directions in these units
-        unknowns = unknowns - size * (hidden @ (hidden.T @ (unknowns / size)))
-        root = np.hstack([sigma * found.root, size[:, None] * hidden])
+        unknowns, root = _set_hidden_to_zero(unknowns, found, sigma, size)
         determined = found.root.shape[1]
         errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root, determined)
-        fitted = FittedCauses(errors, compliance, visible, triangles)
+        fitted = FittedCauses(errors, compliance, visible, size, triangles)
         if np.linalg.norm((unknowns - previous) / size) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / size):
             break
         remaining = _subtract_errors(robot, part, errors, compliance)
     return fitted
+
+
+def _compress(part: Measurements, tests: TermTests) -> tuple[Triangle, float]:
+    """Return the triangle of the terms that are fitted in any case, and sigma: as stated, or larger [m]."""
+    given = tests.compress_given_statements(tests.fitted)
+    freedom = max(1, given.rows - given.rank(tests.fitted, INDEPENDENT))
+    residual = float(np.sqrt(max(given.residual_squares(tests.fitted), 0.0) / freedom))
+    return given, max(part.sigma or 0.0, residual)
+
+
+def _set_hidden_to_zero(
+    unknowns: FloatArray, found: TermsFit, sigma: float, size: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Set the part of unknowns (k,) that the joints explain equally well to zero.
+
+    Returns the unknowns, and a root of their covariance, in which that part has the unknowns' typical size.
+    """
+    hidden = np.linalg.qr(found.hidden / size[:, None])[0]  # orthonormal directions in units of the size
+    unknowns = unknowns - size * (hidden @ (hidden.T @ (unknowns / size)))
+    return unknowns, np.hstack([sigma * found.root, size[:, None] * hidden])
+
+
+def _add_doubts(robot: Robot, part: Measurements, fitted: FittedCauses) -> FittedErrors:
+    """Return the fitted causes with what is uncertain about their columns, such as when play is taken up.
+
+    The doubts are fitted together with the causes, each stated as zero with a standard uncertainty of 1.
+    """
+    errors, compliance = fitted.errors, fitted.compliance
+    pairs = zip(errors.terms, errors.unknowns, strict=True)
+    doubts = [term.doubt(values) for term, values in pairs if term.doubt is not None]
+    if not doubts:
+        return errors
+    terms = (*errors.terms, *doubts)
+    block = next(regressor_blocks(robot, _subtract_errors(robot, part, errors, compliance), compliance))
+    given, sigma = _compress(part, TermTests(block, compliance, fitted.visible, terms, ()))
+    for term in doubts:
+        given = given.state(term.name, np.ones(len(given.span[term.name])), sigma)
+    given.span[JOINTS.name] = np.flatnonzero(fitted.visible)
+    found = given.fit_with([term.name for term in terms])
+    size = np.concatenate([fitted.size, np.ones(len(found.unknowns) - len(fitted.size))])
+    before = np.concatenate([*errors.unknowns, np.zeros(len(size) - len(fitted.size))])
+    unknowns, root = _set_hidden_to_zero(before + found.unknowns, found, sigma, size)
+    ends = np.cumsum([len(given.span[term.name]) for term in terms])[:-1]
+    return FittedErrors(terms, tuple(np.split(unknowns, ends)), root, errors.determined)
 
 
 def _find_scatter(robot: Robot, corrected: Measurements, fitted: FittedCauses) -> Scatter:

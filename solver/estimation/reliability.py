@@ -50,6 +50,9 @@ _LARGEST: Final[dict[str, float]] = {"load_point": 0.2, "play": 3e-3}
 """Largest mistake that is considered [m, rad]: people see larger ones."""
 _LARGEST_FORCE: Final = 0.1
 """Largest error of a force that is considered, as a share of the largest force."""
+_NO_MISTAKES: Final = frozenset({"curved_springs"})
+"""Terms that are no mistake: where no test shows that springs are curved, a straight line through their
+deflections is what a stiffness means."""
 _BEYOND: Final = 5.0
 """Size, in largest mistakes, at which a direction ends that no test looks at."""
 _MOST_NAMED: Final = 3
@@ -156,7 +159,7 @@ def find_least_mistakes(
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return ()
     suspected = list_suspected_terms(measurements, blocks[0])
-    terms = {term.name: term for term in suspected if term.name not in names}
+    terms = {term.name: term for term in suspected if term.name not in {*names, *_NO_MISTAKES}}
     stated = {term.name: term for term in list_stated_terms(measurements)}
     stack = Stack.from_blocks(blocks, [JOINTS, *fitted, *(stated | terms).values()], compliance)
     whole, visible = stack.triangle(), np.flatnonzero(~estimate.observability.null)

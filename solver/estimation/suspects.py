@@ -12,6 +12,7 @@ from scipy import special
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.triangle import (
+    DISTINCT,
     INDEPENDENT,
     orthonormal_basis,
     stack_padded,
@@ -23,6 +24,7 @@ from jointstiff.solver.mechanics.terms import (
     FORCE_SCALE,
     SHIFT,
     TERMS,
+    build_curve_term,
     build_load_scale_term,
     build_turn_term,
     limit_to_later,
@@ -59,7 +61,8 @@ def list_suspected_terms(measurements: Measurements, block: RegressorBlock) -> l
     loads = group_distinct_loads(measurements)
     turn = build_turn_term(block.points[block.measurements.present].mean(axis=0))
     by_load = [build_load_scale_term(loads)] if len(loads) > 1 else []
-    return [term for term in (*TERMS.values(), turn, *by_load) if term.suspected]
+    curve = build_curve_term(np.abs(block.torque).max(axis=0))
+    return [term for term in (*TERMS.values(), turn, *by_load, curve) if term.suspected]
 
 
 def list_suspects(
@@ -96,6 +99,8 @@ def list_suspects(
             for first in known
         ]
     else:  # fit each term with each observation as the onset, to find the best onset
+        names = shown_by(block, compliance, always_fitted, whole)
+        suspects = [each for each in suspects if each.name in names]
         terms = [*(each.term for each in suspects), FORCE_SCALE]
         stack = Stack.from_blocks([block], [JOINTS, *always_fitted, *terms], compliance)
         fits = _OnsetFits(
@@ -112,6 +117,33 @@ def list_suspects(
                     term, first = later[each.name], part.labels[onset]
                     suspects.append(Suspect(term.name, limit_to_later(term, labels, first), first, tried, p))
     return [suspect for suspect in suspects if suspect.term.name not in {term.name for term in always_fitted}]
+
+
+def shown_by(
+    block: RegressorBlock, compliance: FloatArray, known: Sequence[Term], terms: Sequence[Term]
+) -> list[str]:
+    """Return the names of the terms that the readings of a set can show.
+
+    The readings show a term if its motion differs from that of the joints and of the terms that are known.
+    A term that no reading shows is not tested: its test would cost the level of all others.
+
+    Args:
+        block: the observations.
+        compliance: (n,) of the joints [rad/(N·m)].
+        known: terms that are fitted in any case; none of these is shown.
+        terms: terms of interest.
+    """
+    fitted = [JOINTS, *known]
+    names = []
+    for term in terms:
+        if any(term.name == each.name for each in known):
+            continue
+        stack = Stack.from_blocks([block], [*fitted, term], compliance).project_out([t.name for t in fitted])
+        length = np.linalg.norm(Stack.from_blocks([block], [term], compliance).flat[:, :-1], axis=0)
+        left = stack.flat[:, :-1] / np.where(length > 0.0, length, 1.0)
+        if np.linalg.norm(left, ord=2) > DISTINCT:
+            names.append(term.name)
+    return names
 
 
 def group_distinct_loads(measurements: Measurements) -> tuple[tuple[str, ...], ...]:

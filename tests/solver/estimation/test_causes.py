@@ -3,15 +3,18 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from support.campaigns import estimate
 from support.springs import SIGMA, SpringCampaign, robot_of
 
 from jointstiff.simulator import default_arm
-from jointstiff.simulator.campaign import plan_experiment
+from jointstiff.simulator.campaign import TARGETS, plan_experiment, torques
+from jointstiff.solver.estimation.assessment import report_causes
 from jointstiff.solver.estimation.causes import screen_estimate
 from jointstiff.solver.estimation.fitted_causes import fit_causes
-from jointstiff.solver.estimation.suspects import group_distinct_loads
-from jointstiff.solver.mechanics.block import fitted_errors
+from jointstiff.solver.estimation.suspects import Suspect, group_distinct_loads
+from jointstiff.solver.mechanics.block import Motion, Term, fitted_errors, whole_block
+from jointstiff.solver.mechanics.terms import PLAY, TERMS
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)
@@ -64,3 +67,88 @@ def test_a_fitted_force_makes_no_distinct_loads():
     two = group_distinct_loads(wrong)
     assert [len(group) for group in two] == [15, 15]
     assert group_distinct_loads(fit_causes(ROBOT, wrong, fitted)) == two
+
+
+@pytest.fixture
+def unseen_term():
+    """A suspected term whose motion no reading shows, among the others."""
+    before = dict(TERMS)
+    TERMS["unseen"] = Term("unseen", "m", move_nothing, suspected=True, words="{}", remedy="none")
+    yield
+    TERMS.clear()
+    TERMS.update(before)
+
+
+def move_nothing(block, compliance):
+    """Return the motion by two unknowns that move no target."""
+    return Motion(np.zeros((*block.points.shape, 2)))
+
+
+def test_a_term_that_no_reading_shows_changes_no_answer(request):
+    """Without it, the level of each test would be divided by one more."""
+    for moved in (0.0, 4.0e-5):
+        measurements = pulls(4)
+        wrong = replace(measurements, deflection=measurements.deflection + moved)
+        before = screened(wrong)
+        request.getfixturevalue("unseen_term")
+        after = screened(wrong)
+        assert after.tests == before.tests
+        assert named(after) == named(before)
+        assert after.links_p_value == before.links_p_value
+
+
+def hardened(seed, hardening):
+    """Return pulls on springs ``τ = k δθ (1 + h (k δθ / τ_max)²)``, in exact balance."""
+    campaign = SpringCampaign.of(ARM, configurations=30, seed=seed)
+    plan, angle = campaign.experiment, np.zeros((30, 6))
+    largest = np.abs(torques(ARM, plan.joints, *plan.wrenches)).max(axis=0)
+    for _ in range(60):
+        torque = torques(ARM, plan.joints + angle, *plan.wrenches)
+        linear = angle / ARM.compliances / largest
+        angle = torque * ARM.compliances / (1.0 + hardening * linear**2)
+    loaded = ARM.posture(plan.joints + angle).targets_to_base(np.array(list(TARGETS.values())))
+    return next(replace(campaign, loaded=loaded).measured(1, seed=seed))
+
+
+@pytest.mark.parametrize("hardening", [0.2, 0.5])
+def test_springs_that_harden_are_no_play(hardening):
+    """They are named, and the stiffness at small torques is within its interval after the mend."""
+    for seed in range(2):
+        measurements = hardened(seed, hardening)
+        screening = screened(measurements)
+        (cause,) = screening.causes
+        assert cause.suspect.name == "curved_springs"
+        assert (cause.unknowns[:3] < 0.0).all()
+        found = estimate(ROBOT, fit_causes(ROBOT, measurements, named(screening)))
+        u = np.sqrt(np.diag(found.covariance))
+        assert (np.abs(found.compliance - ARM.compliances) < 3 * u).all()
+
+
+def test_play_and_curved_springs_in_a_tie_are_not_linear():
+    """Readings at one size of the load do not distinguish them: the finding says what does."""
+    measurements = hardened(0, 0.3)
+    found = estimate(ROBOT, measurements, complementary_stiffness="included")
+    (curved,) = screen_estimate(ROBOT, measurements, found).causes
+    play = replace(curved, suspect=Suspect("play", PLAY))
+    finding = report_causes([curved, play], found)
+    assert finding.message.startswith("the joints are not linear: with compliances that change by (")
+    assert ", or with play of (" in finding.message
+    assert finding.remedy.startswith("not linear: read two postures at half the load")
+    assert [cause.name for cause in finding.action.causes] == ["curved_springs", "play"]
+    assert "not linear" not in report_causes([curved], found).message
+
+
+def test_the_torque_that_takes_up_play_is_uncertain_from_zero_to_what_makers_state():
+    """Mean and scatter of the turn are those of draws of this torque."""
+    measurements = pulls(5, configurations=12)
+    block = whole_block(ROBOT, measurements)
+    play = np.full(6, 2e-4)
+    drawn = np.random.default_rng(1).uniform(0.0, 1.0, (20_000, 1, 1))
+    largest = np.minimum(50.0, 3e-5 / ARM.compliances)
+    turn = 0.5 * np.clip(block.torque / (drawn * largest), -1.0, 1.0)
+    mean = PLAY.motion(block, ARM.compliances).joints
+    spread = PLAY.doubt(play).motion(block, ARM.compliances).joints
+    np.testing.assert_allclose(np.diagonal(mean, axis1=1, axis2=2), turn.mean(axis=0), atol=5e-3)
+    scatter = np.abs(np.diagonal(spread, axis1=1, axis2=2)) / play
+    np.testing.assert_allclose(scatter, turn.std(axis=0), atol=5e-3)
+    assert (scatter > 0.05).any()
