@@ -62,8 +62,8 @@ class NamedCause(Message):
 
     name: Name = Field(
         description="Name: `load_point`, `constant_force` (axes of R0), `load_zero` (a force along the "
-        "flange's axes), `load_scale` (of each distinct load, or before and after), `play`, `shift` or "
-        "`turn` (with a shift) of all positions read under load."
+        "flange's axes), `load_scale` (of each distinct load, or before and after), `play`, "
+        "`curved_springs`, `shift` or `turn` (with a shift) of all positions read under load."
     )
     first: Name | None = Field(
         default=None,

@@ -16,7 +16,7 @@ from jointstiff.schemas.options import Loss, RunOptions
 from jointstiff.schemas.run import ModelChoice, RunResult
 from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.estimation.assessment import Assessment, assess
-from jointstiff.solver.estimation.causes import LINKS_LEVEL, Screening
+from jointstiff.solver.estimation.causes import Screening
 from jointstiff.solver.estimation.estimate import (
     ComplementaryStiffness,
     Estimate,
@@ -28,6 +28,7 @@ from jointstiff.solver.estimation.estimate import (
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.reliability import LeastMistake, find_least_mistakes
 from jointstiff.solver.estimation.scatter import Repeatability
+from jointstiff.solver.estimation.term_tests import LINKS_LEVEL
 from jointstiff.solver.links.choice import report_losses, report_penalty
 from jointstiff.solver.links.competition import Competition, Elastic, Winner
 from jointstiff.solver.links.fit import replace_by_effective

@@ -21,7 +21,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import RunResult
 from jointstiff.solver.design.plan import advise_next_readings
 from jointstiff.solver.errors import JointstiffError
-from jointstiff.solver.estimation.causes import fit_causes
+from jointstiff.solver.estimation.fitted_causes import fit_causes
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Loss, Settings
 from jointstiff.solver.estimation.resampling import Draws

@@ -17,13 +17,8 @@ import numpy as np
 
 from jointstiff.schemas.finding import ROOT_MISTAKES, Action, Finding, FindingCode, NamedCause, Verdict
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.estimation.causes import (
-    LARGEST_RATIO,
-    AlternativeKind,
-    BetterAlternative,
-    Cause,
-    Screening,
-)
+from jointstiff.solver.estimation.alternatives import LARGEST_RATIO, AlternativeKind, BetterAlternative
+from jointstiff.solver.estimation.causes import Cause, Screening
 from jointstiff.solver.estimation.estimate import (
     ComplementaryStiffness,
     Estimate,
@@ -97,6 +92,12 @@ _BY_STATUS: Final[dict[str, Verdict]] = {
     "at_bound": "use_with_care",
     "not_observable": "do_not_use",
 }
+_NOT_LINEAR: Final = frozenset({"play", "curved_springs"})
+"""Causes that readings at one size of the load may not distinguish."""
+_READ_HALF: Final = (
+    "not linear: read two postures at half the load; play stays, and a spring that hardens bends by more "
+    "than half"
+)
 _CHECK_NOISE: Final = (
     "check frames, joint map, units and noise; if all are correct, something besides the joints deflects: "
     "omit `noise` so that sigma is estimated from the residuals"
@@ -373,12 +374,16 @@ def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
             harmful &= change * estimate.compliance[known] > COVERED * covered
         changes.append(float(change.max(initial=0.0)))
         harm |= bool(harmful.any())
+    not_linear = {cause.suspect.name for cause in causes} == _NOT_LINEAR
+    if not_linear:  # only readings at a smaller load distinguish the two
+        remedies = [_READ_HALF]
     links_unnecessary = all(cause.makes_links_unnecessary for cause in causes)
     others = "" if links_unnecessary else ", but links may bend as well"
     return Finding(
         code="alternative_explains_better",
         weight="do_not_use" if links_unnecessary and harm else "use_with_care",
-        message=f"with {', or with '.join(descriptions)}, the joints explain the readings "
+        message=f"{'the joints are not linear: ' if not_linear else ''}"
+        f"with {', or with '.join(descriptions)}, the joints explain the readings "
         f"significantly better (F test, p = {max(cause.p_value for cause in causes):.1g}){others}; "
         f"compliances change by up to {100 * max(changes):.2g} %",
         remedy="; ".join(dict.fromkeys(remedies)),
@@ -395,6 +400,8 @@ def report_fitted_causes(measurements: Measurements) -> Iterator[Finding]:
     for term, values in zip(fitted.terms, fitted.unknowns, strict=True):
         half = 2.0 * uncertainty[start : start + len(values)]
         start += len(values)
+        if not term.words:  # what is uncertain about the columns of another term
+            continue
         text = f"{unknowns_text(term.unit, values.tolist())} ± {unknowns_text(term.unit, half.tolist())}"
         yield Finding(
             code="cause_fitted",

@@ -7,12 +7,8 @@ from dataclasses import replace
 from functools import cached_property
 
 from jointstiff.schemas.finding import Finding
-from jointstiff.solver.estimation.causes import (
-    BetterAlternative,
-    Screening,
-    find_better_alternative,
-    screen_estimate,
-)
+from jointstiff.solver.estimation.alternatives import BetterAlternative, find_better_alternative
+from jointstiff.solver.estimation.causes import Screening, screen_estimate
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import identify_with_fallback
 from jointstiff.solver.estimation.method import Loss, Settings

@@ -14,7 +14,6 @@ the readings know better than the statement, so that h is small where little was
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from copy import copy
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
@@ -24,16 +23,12 @@ from scipy.optimize import brentq
 
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError
-from jointstiff.solver.estimation.causes import (
-    MISTAKE_LEVEL,
-    MOST_TESTED_OBSERVATIONS,
-    STATEMENT_LEVEL,
-    list_suspected_terms,
-)
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.method import Prior
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.statements import list_stated_terms
+from jointstiff.solver.estimation.suspects import MOST_TESTED_OBSERVATIONS, list_suspected_terms
+from jointstiff.solver.estimation.term_tests import MISTAKE_LEVEL, STATEMENT_LEVEL, join_statements
 from jointstiff.solver.estimation.triangle import (
     DISTINCT,
     Triangle,
@@ -55,6 +50,9 @@ _LARGEST: Final[dict[str, float]] = {"load_point": 0.2, "play": 3e-3}
 """Largest mistake that is considered [m, rad]: people see larger ones."""
 _LARGEST_FORCE: Final = 0.1
 """Largest error of a force that is considered, as a share of the largest force."""
+_NO_MISTAKES: Final = frozenset({"curved_springs"})
+"""Terms that are no mistake: where no test shows that springs are curved, a straight line through their
+deflections is what a stiffness means."""
 _BEYOND: Final = 5.0
 """Size, in largest mistakes, at which a direction ends that no test looks at."""
 _MOST_NAMED: Final = 3
@@ -161,7 +159,7 @@ def find_least_mistakes(
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return ()
     suspected = list_suspected_terms(measurements, blocks[0])
-    terms = {term.name: term for term in suspected if term.name not in names}
+    terms = {term.name: term for term in suspected if term.name not in {*names, *_NO_MISTAKES}}
     stated = {term.name: term for term in list_stated_terms(measurements)}
     stack = Stack.from_blocks(blocks, [JOINTS, *fitted, *(stated | terms).values()], compliance)
     whole, visible = stack.triangle(), np.flatnonzero(~estimate.observability.null)
@@ -173,8 +171,8 @@ def find_least_mistakes(
     # A mistake moves a large set as it moves the part, whose tests are the tests of the set.
     common, level, found = measurements.common_uncertainty, MISTAKE_LEVEL / suspects, []
     for name, term in terms.items():
-        others = {each: other for each, other in stated.items() if each != name}
-        given = _join_statements(whole, others, measurements, sigma)
+        others = [other for each, other in stated.items() if each != name]
+        given = join_statements(whole, others, measurements, sigma)
         given.span[JOINTS.name] = visible
         # The test leaves out the observation that a mistake moves most: it may be a single wrong reading.
         given.rows -= int(stack.read.max())
@@ -202,18 +200,6 @@ def find_least_mistakes(
                 )
             )
     return tuple(sorted(found, key=lambda each: -each.moves))
-
-
-def _join_statements(
-    triangle: Triangle, stated: dict[str, Term], measurements: Measurements, sigma: float
-) -> Triangle:
-    """Return a copy of the triangle in which the unknowns of some terms are fitted as stated."""
-    joined = copy(triangle)
-    joined.span = dict(triangle.span)
-    for name, term in stated.items():
-        uncertainty = np.resize(term.prior(measurements.common_uncertainty), len(triangle.span[name]))
-        joined = joined.given(name, uncertainty, sigma)
-    return joined
 
 
 def _list_ellipsoids(

@@ -157,10 +157,20 @@ class Triangle:
     def given(self, name: str, uncertainty: FloatArray, sigma: float) -> Triangle:
         """Return the triangle in which the unknowns of a term are fitted, each stated as zero.
 
+        Args:
+            name: term with statements, which is projected out of all other columns.
+            uncertainty: (k,) standard uncertainties of the unknowns; 0 keeps an unknown at zero.
+            sigma: standard uncertainty of a reading, in the unit of the rows.
+        """
+        return self.state(name, uncertainty, sigma).project_out([name], _NULL)
+
+    def state(self, name: str, uncertainty: FloatArray, sigma: float) -> Triangle:
+        """Return the triangle with statements that the unknowns of a term are zero.
+
         A statement is one more row: the unknown over its standard uncertainty is zero, as a reading is.
 
         Args:
-            name: term with statements, which is projected out of all other columns.
+            name: term with statements; its unknowns are in units of their standard uncertainties afterwards.
             uncertainty: (k,) standard uncertainties of the unknowns; 0 keeps an unknown at zero.
             sigma: standard uncertainty of a reading, in the unit of the rows.
         """
@@ -171,7 +181,7 @@ class Triangle:
         rows = np.zeros((len(columns), self.R.shape[1]))
         rows[np.arange(len(columns)), columns] = sigma
         whole.add(rows, count=0)
-        return whole.project_out([name], _NULL)
+        return whole
 
     def sigma(self, names: Sequence[str]) -> float:
         """Return the root mean square residual of a fit of the named terms, per degree of freedom."""

@@ -19,7 +19,8 @@ from jointstiff.schemas.options import CrossValidation, Loss
 from jointstiff.schemas.options import ElasticModel as ModelName
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import SolverError, UnsupportedMethodError
-from jointstiff.solver.estimation.causes import CLEAR_GAIN, LINKS_LEVEL, HeldOutGain, Screening
+from jointstiff.solver.estimation.causes import CLEAR_GAIN, HeldOutGain, Screening
+from jointstiff.solver.estimation.term_tests import LINKS_LEVEL
 from jointstiff.solver.links.model import (
     LINKS_ALONE,
     LOSSES,

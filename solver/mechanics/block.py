@@ -513,6 +513,9 @@ class Term:
     #: function that returns measurements with loads changed by the unknowns; None if targets move directly
     change_loads: Callable[[Robot, Measurements, FloatArray], Measurements] | None = None
     nonnegative: bool = False  #: whether its unknowns cannot be negative
+    #: function that returns, for its fitted unknowns, the term of what is uncertain about its columns; the
+    #: unknowns of that term are zero with a standard uncertainty of 1
+    doubt: Callable[[FloatArray], Term] | None = None
     words: str = ""  #: description of the cause for messages, with a place {} for its unknowns
     remedy: str = ""  #: what to check or to read to confirm the cause
     #: standard uncertainty of its unknowns that plans under one load account for; 0 for none
@@ -527,6 +530,8 @@ class FittedErrors:
     unknowns: tuple[FloatArray, ...]  #: (k,) fitted values of each term, in its unit
     root: FloatArray  #: (K, r) root R of the covariance R Rᵀ of all unknowns
     determined: int  #: number of combinations of the unknowns that the readings distinguish from the joints
+    #: labels of the observations under each distinct load, before fitted errors changed the loads
+    loads: tuple[tuple[str, ...], ...] = ()
 
 
 NOTHING_FITTED: Final = FittedErrors((), (), np.zeros((0, 0)), 0)

@@ -31,10 +31,13 @@ _READ_AGAIN = (
     "read a posture again without the load: if the targets are elsewhere, the tracker or the base moved"
 )
 _SETTLED, _WOUND = 50.0, 3e-5
-"""Torque [N·m] at which a gear lies against one side of its play, and winding [rad] of the gear's spring at
-which the gear does so if the spring winds so far at a smaller torque. Below, the gear moves in proportion to
-the torque. Makers state lost motion at 3 % of the rated torque, which winds a gear by 30 µrad
-(Nabtesco RV-20E: 167 N·m at 49 N·m/arcmin; RV-320E: 3136 N·m at 980)."""
+"""Torque [N·m] at which a gear lies against one side of its play at the latest, and winding [rad] of the
+gear's spring at which the gear does so if the spring winds so far at a smaller torque. Makers state lost
+motion at 3 % of the rated torque, which winds a gear by 30 µrad (Nabtesco RV-20E: 167 N·m at 49 N·m/arcmin;
+RV-320E: 3136 N·m at 980). They do not state at which smaller torque it is taken up."""
+_EXPONENT_DOUBT: Final = 0.7
+"""Standard uncertainty of the exponent with which the compliance of a curved spring changes: 1 is fitted; a
+cubic law has 2, the three stages of a strain wave gear 0.8."""
 
 
 def _move_load_point(block: RegressorBlock, compliance: FloatArray) -> Motion:
@@ -192,12 +195,83 @@ def _displace_axes(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return Motion(np.concatenate(targets, axis=-1), np.concatenate(joints, axis=-1))
 
 
-def _take_up_play(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion due to gear play: each joint turns by half the play in the torque's direction."""
+def _compute_settling(block: RegressorBlock, compliance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return by how much of half its play each gear turns (B, n), and the standard uncertainty of this share.
+
+    A gear turns in proportion to its torque τ up to the torque s that takes up its play. This torque is
+    uncertain, with a uniform distribution from 0 to the s_max of makers' data: with x = |τ| / s_max ≤ 1 the
+    mean share is ``x (1 − ln x)``, and the mean of its square ``2 x − x²``.
+    """
     # A soft gear's spring winds by _WOUND before the torque reaches _SETTLED.
     settled = _WOUND / np.maximum(compliance, _WOUND / _SETTLED)  # (n,) torques that take up the play [N·m]
-    side = np.where(block.robot.prismatic, 0.0, 0.5 * np.clip(block.torque / settled, -1.0, 1.0))
-    return Motion(block.jacobian * side[:, None, None], side[..., None] * np.eye(side.shape[1]))
+    x = np.clip(np.abs(block.torque) / settled, np.finfo(float).tiny, 1.0)
+    share = x * (1.0 - np.log(x))
+    side = np.where(block.robot.prismatic, 0.0, np.sign(block.torque))
+    return side * share, side * np.sqrt(np.maximum(2.0 * x - x**2 - share**2, 0.0))
+
+
+def _turn_joints(block: RegressorBlock, turn: FloatArray) -> Motion:
+    """Return the motion due to a turn (B, n) of each joint per unit of its own unknown."""
+    return Motion(block.jacobian * turn[:, None, None], turn[..., None] * np.eye(turn.shape[1]))
+
+
+def _take_up_play(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion due to gear play: each joint turns by half the play in the torque's direction."""
+    return _turn_joints(block, 0.5 * _compute_settling(block, compliance)[0])
+
+
+def _settle_elsewhere(play: FloatArray, block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion due to gears that take up their play (n,) [rad] at another torque than expected."""
+    return _turn_joints(block, 0.5 * play * _compute_settling(block, compliance)[1])
+
+
+def _state_as_standard(_: CommonUncertainty) -> tuple[float, ...]:
+    """Return the standard uncertainty 1 of unknowns in units of their standard uncertainty."""
+    return (1.0,)
+
+
+def _doubt_settling(play: FloatArray) -> Term:
+    """Return the term of the unknown torques at which gears take up their play (n,) [rad]."""
+    return Term("settling", "1", partial(_settle_elsewhere, play), _state_as_standard)
+
+
+def _curve_springs(largest: FloatArray, block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion due to curved springs: ``δθ = c τ (1 + h |τ| / τ_max)`` for each joint.
+
+    The unknown h is the relative change of the compliance from small torques to the joint's largest torque
+    τ_max, in `largest` (n,) [N·m]; springs that harden have h < 0.
+    """
+    return _turn_joints(block, compliance * block.torque * np.abs(block.torque) / largest)
+
+
+def _curve_otherwise(
+    largest: FloatArray, change: FloatArray, block: RegressorBlock, compliance: FloatArray
+) -> Motion:
+    """Return the motion due to springs curved by another power of the torque: of ``h xᵐ``, x = |τ| / τ_max.
+
+    The derivative by m at 1 is ``h x ln x``, with h the relative change (n,) of the compliance.
+    """
+    x = np.maximum(np.abs(block.torque) / largest, np.finfo(float).tiny)
+    return _turn_joints(block, _EXPONENT_DOUBT * change * compliance * block.torque * x * np.log(x))
+
+
+def _doubt_curve(largest: FloatArray, change: FloatArray) -> Term:
+    """Return the term of the unknown shape of springs whose compliance changes by h (n,)."""
+    return Term("curve_shape", "1", partial(_curve_otherwise, largest, change), _state_as_standard)
+
+
+def build_curve_term(largest: FloatArray) -> Term:
+    """Return the term of springs that are not linear, with the largest torque (n,) of each joint [N·m]."""
+    known = np.where(largest > 0.0, largest, 1.0)
+    return Term(
+        "curved_springs",
+        "1",
+        partial(_curve_springs, known),
+        suspected=True,
+        doubt=partial(_doubt_curve, known),
+        words="compliances that change by {} up to the largest torque of each joint",
+        remedy="read the same posture at half the load: a spring that hardens bends by more than half",
+    )
 
 
 def _shift_readings(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001
@@ -262,6 +336,7 @@ PLAY = Term(
     _take_up_play,
     suspected=True,
     nonnegative=True,
+    doubt=_doubt_settling,
     words="play of {} in the gears",
     remedy="read the same posture at half the load: play stays, and a spring bends by half",
 )

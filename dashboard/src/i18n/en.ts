@@ -16,6 +16,7 @@ export const causeNames: Record<string, string> = {
   load_zero: "the load cell's zero",
   load_scale: "the scale of the loads",
   play: "play in the gears",
+  curved_springs: "springs that are not linear",
   shift: "a movement of tracker or base",
   turn: "a turn of tracker or base",
 };

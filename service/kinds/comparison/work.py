@@ -28,7 +28,7 @@ from jointstiff.service.runs.verdicts import assess_with_run, make_reason
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.comparison.campaigns import FreeEstimate, Side, compare_sides, models_differ
 from jointstiff.solver.errors import RequestError
-from jointstiff.solver.estimation.causes import fit_causes
+from jointstiff.solver.estimation.fitted_causes import fit_causes
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.models import JointModel

@@ -30,8 +30,8 @@ from jointstiff.solver.design.candidates import Equipment, Loads, PlanRequest
 from jointstiff.solver.design.plan import CampaignPlan, plan_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.assessment import assess
-from jointstiff.solver.estimation.causes import fit_causes
 from jointstiff.solver.estimation.estimate import predict
+from jointstiff.solver.estimation.fitted_causes import fit_causes
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.mechanics.block import targets_in_flange

@@ -13,10 +13,12 @@ from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_campaign
 from jointstiff.simulator.equilibrium import equilibrium
 from jointstiff.solver.estimation.assessment import assess, report_implausible_joints
-from jointstiff.solver.estimation.causes import LINKS_LEVEL, MISTAKE_LEVEL, fit_causes, screen_estimate
+from jointstiff.solver.estimation.causes import screen_estimate
 from jointstiff.solver.estimation.estimate import JointCompliance, predict
+from jointstiff.solver.estimation.fitted_causes import fit_causes
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.term_tests import LINKS_LEVEL, MISTAKE_LEVEL
 from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.mechanics.measurements import (
     CommonUncertainty,

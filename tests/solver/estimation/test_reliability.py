@@ -9,7 +9,6 @@ from support.springs import SIGMA, SpringCampaign, robot_of
 
 from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import default_arm
-from jointstiff.solver.estimation.causes import MISTAKE_LEVEL
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.reliability import (
@@ -18,6 +17,7 @@ from jointstiff.solver.estimation.reliability import (
     describe_unseen_mistakes,
     find_least_mistakes,
 )
+from jointstiff.solver.estimation.term_tests import MISTAKE_LEVEL
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.run import run
 

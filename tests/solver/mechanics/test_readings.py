@@ -29,9 +29,10 @@ from jointstiff.simulator.campaign import LOAD_POINT
 from jointstiff.simulator.equilibrium import deflections, torques
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation import identify as iteration
-from jointstiff.solver.estimation.causes import LINKS_LEVEL, screen_estimate
+from jointstiff.solver.estimation.causes import screen_estimate
 from jointstiff.solver.estimation.cones import to_vector
 from jointstiff.solver.estimation.estimate import predict
+from jointstiff.solver.estimation.term_tests import LINKS_LEVEL
 from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.links.choice import Folds, list_models_to_compare
 from jointstiff.solver.links.fit import build_effective_rows, compute_effective_compliances, estimate_elastic

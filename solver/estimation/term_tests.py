@@ -1,0 +1,221 @@
+"""F tests of terms added to the joints: causes, links and base (method.md §13).
+
+One triangle of all terms answers every test. Each test is made with the weights stated and with equal
+weights, and the larger p-value counts: a noise of the wrong shape would accuse clean springs. Where something
+is stated, or where residuals show scatter from posture to posture, a third test accounts for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from copy import copy
+from dataclasses import replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from jointstiff.solver.arrays import BoolArray, FloatArray
+from jointstiff.solver.estimation.scatter import RestrictedLikelihood
+from jointstiff.solver.estimation.stack import Stack
+from jointstiff.solver.estimation.statements import list_stated_terms
+from jointstiff.solver.estimation.triangle import (
+    INDEPENDENT,
+    Triangle,
+    orthonormal_basis,
+)
+from jointstiff.solver.mechanics.block import (
+    RegressorBlock,
+    Rows,
+    Term,
+    build_rows,
+    build_whitened_rows,
+)
+from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.springs import DIAGONAL_BASE, DIAGONAL_LINKS, JOINTS
+
+MISTAKE_LEVEL: Final = 1e-5
+"""Probability that noise alone makes the test of any cause, or of a bending base, significant."""
+STATEMENT_LEVEL: Final = 3e-3
+"""p-value of a statement below which the readings refute the statement: a load point some 4 of its standard
+uncertainties off."""
+LINKS_LEVEL: Final = 3e-3
+"""p-value of links below which models with links are compared by cross-validation."""
+_MOST_COMBINATIONS: Final = 12
+"""Number of combinations of link compliances that are tested: those with the largest deflections."""
+
+
+def join_statements(
+    triangle: Triangle, stated: Iterable[Term], measurements: Measurements, sigma: float
+) -> Triangle:
+    """Return a triangle in which the unknowns of some terms are fitted as stated, and projected out.
+
+    Args:
+        triangle: rows with the columns of these terms and of others.
+        stated: terms about which the measurements state something.
+        measurements: the observations, with what is stated.
+        sigma: standard uncertainty of a coordinate of a reading [m].
+    """
+    joined = copy(triangle)
+    joined.span = dict(triangle.span)
+    for term in stated:
+        uncertainty = np.resize(term.prior(measurements.common_uncertainty), len(triangle.span[term.name]))
+        joined = joined.given(term.name, uncertainty, sigma)
+    return joined
+
+
+class TermTests:
+    """Compressed rows of joints, causes, links and base, with the stated and with equal weights.
+
+    Attributes:
+        stated: triangle with the weights stated with the readings.
+    """
+
+    def __init__(
+        self,
+        block: RegressorBlock,
+        compliance: FloatArray,
+        visible: BoolArray,
+        always_fitted: Sequence[Term],
+        terms: Sequence[Term],
+        *,
+        scattered: bool = False,
+    ) -> None:
+        """Compress a block's rows.
+
+        Args:
+            block: the observations.
+            compliance: (n,) of the joints [rad/(N·m)].
+            visible: (n,) whether the readings see each joint; other joints are left out.
+            always_fitted: terms that are fitted with the joints in any case.
+            terms: terms to be tested.
+            scattered: whether the residuals show a scatter of the joints, which tests must account for.
+        """
+        self.fitted = (JOINTS.name, *(term.name for term in always_fitted))
+        self.compliance = compliance
+        self._block, self._visible = block, visible
+        self._scattered = scattered
+        self._stated_terms = list_stated_terms(block.measurements)
+        self._terms = [JOINTS, *always_fitted, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
+        self.stated = self._compress_rows(build_whitened_rows)
+
+    @cached_property
+    def _equally_weighted(self) -> Triangle:
+        """Triangle with equal weights of all readings."""
+        return self._compress_rows(build_rows)
+
+    def _compress_rows(self, build: Callable[..., Rows]) -> Triangle:
+        """Return the triangle of all terms, with rows built by `build`."""
+        triangle = Stack.from_blocks([self._block], self._terms, self.compliance, build).triangle()
+        triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
+        return triangle
+
+    def _largest_p_values(
+        self, level: float, names: Sequence[str], fitted: Sequence[str], test: Callable[..., FloatArray]
+    ) -> FloatArray:
+        """Return for each tested term the largest p-value of up to three tests.
+
+        The weights are those stated, then equal weights, then those that account for statements and for
+        scatter from posture to posture. Where the p-value with stated weights is above `level`, no other
+        weights are tried.
+
+        Args:
+            level: significance level.
+            names: tested terms.
+            fitted: terms that are fitted in any case.
+            test: function of a triangle, and of the names of tested terms, that returns their p-values.
+        """
+        p = test(self.stated, names)
+        # Readings that share one covariance (3, 3) have equal weights already.
+        if (p < level).any() and self._block.measurements.covariance.ndim > 2:
+            p = np.where(p < level, np.maximum(p, test(self._equally_weighted, names)), p)
+        if self._scattered or self._stated_terms:
+            for k in np.flatnonzero(p < level).tolist():
+                p[k] = max(p[k], self._p_value_given_all(names[k], fitted, test))
+        return p
+
+    def _p_value_given_all(self, name: str, fitted: Sequence[str], test: Callable[..., FloatArray]) -> float:
+        """Return the p-value of a term, given statements and the scatter that is most likely with the term.
+
+        The scatter that residuals of joints alone show also holds the motion by the tested cause. A cause
+        about which something is stated is tested against the statement.
+
+        Args:
+            name: tested term.
+            fitted: terms that are fitted in any case.
+            test: function of a triangle, and of the names of tested terms, that returns their p-values.
+        """
+        triangle = self.compress_given_statements((*fitted, name))
+        own = next((term for term in self._stated_terms if term.name == name), None)
+        if own is None:
+            return float(test(triangle, [name])[0])
+        common = self._block.measurements.common_uncertainty
+        uncertainty = np.resize(own.prior(common), len(triangle.span[name]))
+        p_value = triangle.statement_p_value(name, fitted, uncertainty)
+        return float(test(triangle, [name])[0]) if p_value < STATEMENT_LEVEL else p_value
+
+    def compress_given_statements(self, names: Sequence[str]) -> Triangle:
+        """Return the triangle of some terms, in which statements about all other terms are fitted.
+
+        If the residuals show scatter, the rows have the scatter that is most likely with these terms.
+        """
+        others = [term for term in self._stated_terms if term.name not in names]
+        terms = [*(term for term in self._terms if term.name in names), *others]
+        block = self._block
+        if self._scattered:
+            stack = Stack.from_blocks([block], terms, self.compliance)
+            seen = np.concatenate([np.flatnonzero(self._visible), *list(stack.span.values())[1:]])
+            scatter, _ = RestrictedLikelihood(block, stack, seen).maximise()
+            block = replace(block, measurements=replace(block.measurements, scatter=scatter))
+        triangle = Stack.from_blocks([block], terms, self.compliance).triangle()
+        sigma = block.measurements.sigma or triangle.sigma([term.name for term in terms])
+        triangle = join_statements(triangle, others, block.measurements, sigma)
+        triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
+        return triangle
+
+    def p_values(self, names: Sequence[str], *others: str) -> list[float]:
+        """Return the p-value of each named term added to the joints and to other terms."""
+        fitted = (*self.fitted, *others)
+        p = self._largest_p_values(
+            MISTAKE_LEVEL, names, fitted, lambda triangle, tested: triangle.p_values(tested, fitted)
+        )
+        return [*p.tolist()]
+
+    def links_p_value(self, *others: str) -> float:
+        """Return the p-value of elastic links added to the joints and to other terms."""
+        fitted = (*self.fitted, *others)
+        p = self._largest_p_values(
+            LINKS_LEVEL,
+            [DIAGONAL_LINKS.name],
+            fitted,
+            lambda triangle, tested: triangle.p_values(
+                tested, fitted, most=self._leading_count, least=INDEPENDENT
+            ),
+        )
+        return float(p[0])
+
+    @property
+    def _leading_count(self) -> int:
+        """Number of combinations of link compliances to test, fewer if there are few readings."""
+        return max(0, min(_MOST_COMBINATIONS, (self.stated.rows - len(self._visible)) // 3))
+
+    def residual_squares(self) -> float:
+        """Return the sum of squared residuals of the joints and the terms that are fitted in any case."""
+        return max(self.stated.residual_squares(self.fitted), 1e-300)
+
+    def criterion(self, squares: float, unknowns: int) -> float:
+        """Return the Bayesian information criterion of a fit.
+
+        Args:
+            squares: sum of squared residuals of the fit.
+            unknowns: number of unknowns in addition to the joints.
+        """
+        return self.stated.rows * float(np.log(squares)) + unknowns * float(np.log(self.stated.rows))
+
+    def links_criterion(self) -> float:
+        """Return the Bayesian information criterion of joints with the leading combinations of links."""
+        known = orthonormal_basis(self.stated.unit_columns(self.fitted))
+        links = self.stated.unit_columns([DIAGONAL_LINKS.name])
+        leading = orthonormal_basis(links - known @ (known.T @ links), INDEPENDENT)[:, : self._leading_count]
+        explained = float(np.square(leading.T @ self.stated.rhs).sum())
+        return self.criterion(max(self.residual_squares() - explained, 1e-300), leading.shape[1])
