@@ -351,8 +351,8 @@ def inspect_duplicates(view: View) -> Iterator[Finding]:
             continue
         yield view.build_finding(
             "duplicated_observation",
-            f"its {'joint angles and ' if has_same_angles else ''}readings equal those of observations[{j}] to "
-            "the last digit",
+            f"its {'joint angles and ' if has_same_angles else ''}readings equal those of observations[{j}] "
+            "to the last digit",
             "remove one of the two observations, or give this observation its own readings",
             "do_not_use",
             row=i,
