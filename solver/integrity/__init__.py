@@ -34,7 +34,7 @@ _NO_RESPONSE: Final[frozenset[FindingCode]] = frozenset(
 def inspect_measurements(
     robot: Robot, measurements: Measurements, *, degrees: bool, others: Iterable[KnownRobot] = ()
 ) -> list[Finding]:
-    """Look for the usual mistakes of a day of measurements.
+    """Return findings on the usual mistakes of a day of measurements.
 
     A mistake in the whole set makes further checks useless: if no posture explains the positions, drift is
     not checked; if angles are wrong, the deflections under load are not checked.
@@ -43,36 +43,38 @@ def inspect_measurements(
         robot: n joints.
         measurements: N observations of T targets.
         degrees: whether the angles were posted in degrees.
-        others: robots that may have been measured instead. They are built and tried only if targets are far
-            from their places by the robot's model and no mistake in the readings explains this.
+        others: robots that may have been measured instead. Their models are built and tried only if, with the
+            model of `robot`, targets are far from their usual places and no mistake in the readings explains
+            the distance.
 
     Returns:
         The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
     """
     view = View(robot, measurements, degrees)
     findings = list(inspect_values(view))
-    suspects, good = inspect_places(view)
+    suspects, good_rows = inspect_places(view)
     # If another robot explains the positions, this is the only finding about places, and no row is checked
     # further.
     if any(finding.code == "target_off_model" and finding.weight == "do_not_use" for finding in suspects):
         fitting = list(inspect_other_robots(view, others))
-        suspects, good = (fitting, np.zeros_like(good)) if fitting else (suspects, good)
+        if fitting:
+            suspects, good_rows = fitting, np.zeros_like(good_rows)
     exchanged = {finding.where for finding in suspects if finding.code == "targets_swapped"}
     # Exchanged names of targets explain a large deflection: only the exchange is reported.
     findings = [f for f in findings if f.code != "deflection_implausibly_large" or f.where not in exchanged]
-    is_elastic = not any(finding.code in _NO_RESPONSE for finding in findings)
+    can_compare_deflections = not any(finding.code in _NO_RESPONSE for finding in findings)
     findings += [*suspects, *inspect_repeats(view)]
-    if good.any():
-        findings += [*inspect_rigidity(view, good), *inspect_drift(view, good)]
-        findings += inspect_response(view, good) if is_elastic else ()
+    if good_rows.any():
+        findings += [*inspect_rigidity(view, good_rows), *inspect_drift(view, good_rows)]
+        findings += inspect_response(view, good_rows) if can_compare_deflections else ()
     findings += inspect_encoders(view)
-    kinds: dict[FindingCode, list[Finding]] = {}
+    findings_by_code: dict[FindingCode, list[Finding]] = {}
     for finding in findings:
-        kinds.setdefault(finding.code, []).append(finding)
+        findings_by_code.setdefault(finding.code, []).append(finding)
     shown: list[Finding] = []
-    for of_one_kind in kinds.values():
-        shown += of_one_kind[:MAX_FINDINGS_PER_CODE]
-        further = len(of_one_kind) - MAX_FINDINGS_PER_CODE
+    for same_code in findings_by_code.values():
+        shown += same_code[:MAX_FINDINGS_PER_CODE]
+        further = len(same_code) - MAX_FINDINGS_PER_CODE
         if further > 0:
             message = f"{shown[-1].message} (and {further} more of this kind)"
             shown[-1] = shown[-1].model_copy(update={"message": message})

@@ -48,73 +48,75 @@ class KnownRobot:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Known robot by whose model the targets keep their places on the flange in most observations."""
+    """Known robot whose model gives the targets the same places on the flange in most observations."""
 
     known: KnownRobot  #: the robot
-    near: int  #: number of observations whose targets are within `LARGEST_NOMINAL_ERROR` of their places
-    within: float  #: greatest distance from the place in these observations [m]
-    typical: float  #: median distance from the place in all observations [m]
+    #: number of explained observations: all targets are within `LARGEST_NOMINAL_ERROR` of their usual places
+    explained: int
+    greatest_distance: float  #: greatest distance of a target from its usual place in these observations [m]
+    median_distance: float  #: median over all observations of the greatest distance of a target [m]
 
 
 def inspect_other_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[Finding]:
     """Report other robots that explain the positions better than the chosen robot, the best first.
 
     A robot explains an observation if the targets are at their usual places on its flange, within
-    `LARGEST_NOMINAL_ERROR`. It is reported if it explains the fraction `EXPLAINED` of the observations, and
-    the chosen robot, within `LARGEST_MODEL_ERROR`, clearly fewer.
+    `LARGEST_NOMINAL_ERROR`. The robot is reported if it explains the fraction `EXPLAINED` of the
+    observations, and the chosen robot explains clearly fewer, within `LARGEST_MODEL_ERROR`.
 
     Args:
         view: measurement set with the chosen robot.
         others: robots to try; robots with other kinds of joints are skipped.
     """
     # A target that was read only once has no usual place.
-    useful = view.measured & (view.measured.sum(axis=0) > 1)
-    rows = sample_rows(np.flatnonzero(useful.any(axis=1)))
+    is_compared = view.measured & (view.measured.sum(axis=0) > 1)
+    rows = sample_rows(np.flatnonzero(is_compared.any(axis=1)))
     if len(rows) < LEAST_ROWS:
         return
-    part, useful, fits = view.measurements[rows], useful[rows], []
-    chosen = int((_measure_target_distances(view.robot, part, useful) <= LARGEST_MODEL_ERROR).sum())
+    sample, is_compared, fits = view.measurements[rows], is_compared[rows], []
+    chosen_distances = _measure_target_distances(view.robot, sample, is_compared)
+    explained_by_chosen = int((chosen_distances <= LARGEST_MODEL_ERROR).sum())
     for known in others:
         if known.robot.joint_kinds != view.robot.joint_kinds:
             continue
-        apart = _measure_target_distances(known.robot, part, useful)
-        near = apart <= LARGEST_NOMINAL_ERROR
-        count = int(near.sum())
-        if count >= EXPLAINED * len(rows) and count > chosen + CLEARLY * len(rows):
-            fits.append(_Fit(known, count, float(apart[near].max()), median(apart)))
-    fits.sort(key=lambda fit: (-fit.near, round(fit.typical, _MICROMETRES)))
+        distances = _measure_target_distances(known.robot, sample, is_compared)
+        is_explained = distances <= LARGEST_NOMINAL_ERROR
+        count = int(is_explained.sum())
+        if count >= EXPLAINED * len(rows) and count > explained_by_chosen + CLEARLY * len(rows):
+            fits.append(_Fit(known, count, float(distances[is_explained].max()), median(distances)))
+    fits.sort(key=lambda fit: (-fit.explained, round(fit.median_distance, _MICROMETRES)))
     for fit in fits:
         equals = [f"'{each.known.name}'" for each in fits if each is not fit and _are_alike(each, fit)]
         tie = f"; {' and '.join(equals)} fit{'s' if len(equals) == 1 else ''} as well" if equals else ""
         name = fit.known.name
         yield view.build_finding(
             "another_robot_fits",
-            f"with the robot '{name}', {fit.near} of {len(rows)} observations keep the targets on one place "
-            f"of the flange, within {length_text(fit.within)}; with the chosen robot {chosen} of "
-            f"{len(rows)}, within {length_text(LARGEST_MODEL_ERROR)}{tie}",
+            f"with the robot '{name}', {fit.explained} of {len(rows)} observations keep the targets on one "
+            f"place of the flange, within {length_text(fit.greatest_distance)}; with the chosen robot "
+            f"{explained_by_chosen} of {len(rows)}, within {length_text(LARGEST_MODEL_ERROR)}{tie}",
             f"check which robot was measured; if it is '{name}', choose it",
             "do_not_use",
             Action.of("choose_robot", robot=name, robot_id=fit.known.identifier),
         )
 
 
-def _measure_target_distances(robot: Robot, part: Measurements, useful: BoolArray) -> FloatArray:
+def _measure_target_distances(robot: Robot, sample: Measurements, is_compared: BoolArray) -> FloatArray:
     """Return for each observation the greatest distance of a target from its usual place on the flange.
 
     Args:
         robot: robot that may have been measured.
-        part: M observations of T targets.
-        useful: (M, T) mask of the targets that are compared.
+        sample: M observations of T targets.
+        is_compared: (M, T) mask of the targets that are compared.
 
     Returns:
         (M,) distances [m].
     """
-    at = Postures(robot, robot.joint_map.model_angles(part.joints))
-    seen = transform_to_flange(at, part.position, useful)
-    return greatest_distances(seen, find_consensus_places(seen))
+    postures = Postures(robot, robot.joint_map.model_angles(sample.joints))
+    in_flange = transform_to_flange(postures, sample.position, is_compared)
+    return greatest_distances(in_flange, find_consensus_places(in_flange))
 
 
-def _are_alike(one: _Fit, other: _Fit) -> bool:
+def _are_alike(first: _Fit, second: _Fit) -> bool:
     """Return whether two robots explain the positions about equally well."""
-    smaller, larger = sorted(round(fit.typical, _MICROMETRES) for fit in (one, other))
+    smaller, larger = sorted(round(fit.median_distance, _MICROMETRES) for fit in (first, second))
     return larger <= ALIKE * smaller

@@ -53,7 +53,7 @@ FLANGE_LENGTHS: Final = (2e-3, 10.0)
 """Least and greatest plausible distance from the flange [m] of the farthest load point or target. Metres read
 as millimetres give less, millimetres read as metres give more."""
 _READ_LENGTHS: Final = (0.02, 100.0)
-"""Least and greatest plausible distance of the farthest position from the origin of R0 [m], likewise."""
+"""Least and greatest plausible distance [m] of the farthest position from the origin of R0."""
 FORCES: Final = (5.0, 5e4)
 """Least and greatest plausible force [N]: less deflects nothing, more is twice the payload of the largest
 robots."""
@@ -133,8 +133,9 @@ class View:
     def reading_sigma(self) -> FloatArray:
         """(N, T) standard uncertainty of a position in its worst direction [m]; zero where unknown."""
         m = self.measurements
-        worst = np.linalg.eigvalsh(m.covariance)[..., -1]
-        return np.broadcast_to((m.sigma or 0.0) * np.sqrt(worst / 2.0), m.present.shape)
+        # The covariance is that of a deflection, the difference of two positions: a position has half of it.
+        greatest_variance = 0.5 * np.linalg.eigvalsh(m.covariance)[..., -1]
+        return np.broadcast_to((m.sigma or 0.0) * np.sqrt(greatest_variance), m.present.shape)
 
     @cached_property
     def in_order(self) -> bool:
@@ -160,11 +161,13 @@ def transform_to_flange(postures: Postures, position: FloatArray, measured: Bool
 
 
 def compute_norm_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:
-    """Return the norm over the scale that any of several random vectors exceeds at level `FALSE_ALARM`.
+    """Return the limit that the norms of several random vectors exceed with probability `FALSE_ALARM`.
+
+    The norms are divided by the standard deviation of a coordinate, which was estimated from the data.
 
     Args:
         comparisons: number of vectors.
-        freedom: number of coordinates from which the scale was estimated as a median.
+        freedom: number of coordinates from whose median the standard deviation was estimated.
         coordinates: number of coordinates of each vector.
     """
     probability = 1.0 - FALSE_ALARM / max(comparisons, 1)
@@ -173,7 +176,7 @@ def compute_norm_quantile(comparisons: int, freedom: float, coordinates: int = 3
 
 
 def median(sizes: FloatArray) -> float:
-    """Return the median of finite numbers, at least one, in a fifth of the time of `np.median`."""
+    """Return the median of one or more finite numbers, in a fifth of the time of `np.median`."""
     middle = (sizes.size - 1) // 2, sizes.size // 2
     ordered = np.partition(sizes.ravel(), middle)
     return float(0.5 * (ordered[middle[0]] + ordered[middle[1]]))
@@ -206,10 +209,10 @@ def inspect_angles(view: View) -> Iterator[Finding]:
     largest = float(np.abs(joints[:, turning]).max(initial=0.0))
     if not view.degrees and largest > _MANY_TURNS:
         yield view.suspect_other_unit("deg", f"the largest angle is {largest:.4g} rad, more than two turns")
-    posted = float(np.rad2deg(largest))
-    if view.degrees and 0 < posted <= _SMALL_DEGREES and len(joints) > 1:
+    largest_degrees = float(np.rad2deg(largest))
+    if view.degrees and 0 < largest_degrees <= _SMALL_DEGREES and len(joints) > 1:
         yield view.suspect_other_unit(
-            "rad", f"no joint turns by more than {posted:.3g}° in {len(joints)} observations"
+            "rad", f"no joint turns by more than {largest_degrees:.3g}° in {len(joints)} observations"
         )
     q = view.robot.joint_map.model_angles(joints)
     lower, upper = view.robot.limits.T
@@ -265,16 +268,16 @@ def inspect_loads(view: View) -> Iterator[Finding]:
     sizes = np.linalg.norm(view.measurements.force, axis=1)
     if not sizes.any():
         return
-    typical, (least, greatest) = float(np.median(sizes[sizes > 0.0])), FORCES
+    median_force, (least, greatest) = float(np.median(sizes[sizes > 0.0])), FORCES
     # Small forces are plausible where moments load the robot.
-    if typical > greatest or (typical < least and not view.measurements.moment.any()):
+    if median_force > greatest or (median_force < least and not view.measurements.moment.any()):
         yield view.build_finding(
             "force_unit_suspect",
-            f"the median force is {figure(typical, '.3g')} N, outside the plausible {least:g} N "
+            f"the median force is {figure(median_force, '.3g')} N, outside the plausible {least:g} N "
             f"to {greatest:g} N",
             "check `units.force`: kN may have been read as N, or N as kN (kgf read as N is not detected)",
             "do_not_use",
-            Action.of("convert_units", unit="N" if typical > greatest else "kN"),
+            Action.of("convert_units", unit="N" if median_force > greatest else "kN"),
         )
 
 
@@ -340,16 +343,16 @@ def inspect_deflections(view: View) -> Iterator[Finding]:
 def inspect_duplicates(view: View) -> Iterator[Finding]:
     """Report observations whose readings equal those of another observation in every digit."""
     m = view.measurements
-    read = np.concatenate([m.position * view.measured[..., None], m.deflection], axis=1).reshape(len(m), -1)
-    for i, j in enumerate(find_first_equal(read).tolist()):
-        same = np.array_equal(m.joints[i], m.joints[j])
-        # Few rounded values may agree by chance, unless the joint angles agree, too.
-        if j == i or (np.count_nonzero(read[i]) <= _NUMBERS_OF_CHANCE and not same):
+    values = np.concatenate([m.position * view.measured[..., None], m.deflection], axis=1).reshape(len(m), -1)
+    for i, j in enumerate(find_first_equal(values).tolist()):  # j is the first observation equal to i
+        has_same_angles = np.array_equal(m.joints[i], m.joints[j])
+        # A few rounded values may agree by chance: report them only if the joint angles agree, too.
+        if j == i or (np.count_nonzero(values[i]) <= _NUMBERS_OF_CHANCE and not has_same_angles):
             continue
         yield view.build_finding(
             "duplicated_observation",
-            f"its {'joint angles and ' if same else ''}readings equal those of observations[{j}] to the last "
-            "digit",
+            f"its {'joint angles and ' if has_same_angles else ''}readings equal those of observations[{j}] "
+            "to the last digit",
             "remove one of the two observations, or give this observation its own readings",
             "do_not_use",
             row=i,
@@ -370,7 +373,7 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
     along = np.zeros((len(m), 0)) if m.direction is None else np.round(m.direction.reshape(len(m), -1), 4)
     variance, freedom, count = _pool_scatter(m.deflection, m.coordinates, np.hstack([posture, load, along]))
     if variance:
-        sigma = np.sqrt(variance / 2.0)
+        sigma = np.sqrt(variance / 2.0)  # a deflection is the difference of two readings
         statement, exceeds_noise = "no noise is stated", False
         if m.sigma is not None:
             statement = f"the stated sigma is {length_text(m.sigma)}"
@@ -406,12 +409,12 @@ def _pool_scatter(values: FloatArray, coordinates: IndexArray, keys: FloatArray)
         keys: (N, K) keys of the rows; rows with equal keys repeat each other.
     """
     squares, freedom, count = 0.0, 0, 0
-    group = find_first_equal(keys)
-    numbers, sizes = np.unique(group, return_counts=True)
-    for number in numbers[sizes > 1]:
-        rows = np.flatnonzero(group == number)
-        repeated = values[rows][:, coordinates[number] > 0]
+    first_equal = find_first_equal(keys)  # for each row, index of the first row with the same keys
+    first_rows, sizes = np.unique(first_equal, return_counts=True)
+    for first_row in first_rows[sizes > 1]:
+        rows = np.flatnonzero(first_equal == first_row)
+        repeated = values[rows][:, coordinates[first_row] > 0]
         squares += float(((repeated - repeated.mean(axis=0)) ** 2).sum())
-        freedom += (len(rows) - 1) * int(coordinates[number].sum())
+        freedom += (len(rows) - 1) * int(coordinates[first_row].sum())
         count += len(rows) - 1
     return squares / max(freedom, 1), freedom, count

@@ -124,7 +124,7 @@ class Folds:
         robot: n joints.
         measurements: N observations.
         columns: columns of the richest model.
-        visible: (n,) joints that the whole set determines.
+        visible: (n,) mask of the joints that the whole set determines.
         validation: how the set is divided, and the rule by which a weight is chosen.
         held_out: indices of the observations of each fold.
         per_draw: number of folds of one draw.
@@ -315,12 +315,12 @@ class HeldOut:
 
     model: ModelName  #: name of the model
     loss: Loss  #: loss of its fit
-    error: float  #: mean over the folds of the held-out error that chose the penalty; see `PenaltyPath` [m]
-    penalty: float | None  #: weight λ that was chosen; None of joints alone
+    error: float  #: mean over the folds of the held-out error for which the penalty was chosen [m]
+    penalty: float | None  #: chosen weight λ of the penalty; None for joints alone
     #: (K,) compensation of each fold, ``1 − mean‖δp − δp̂‖ / mean‖δp‖``, of deflections δp and predictions
     #: δp̂
     by_fold: FloatArray
-    #: (P,) mean norm of the residuals of each of P postures while it was held out, mean over the draws [m]
+    #: (P,) mean norm of the held-out residuals in each of P postures, mean over the draws [m]
     by_posture: FloatArray
     per_draw: int  #: number of folds of one draw
 
@@ -421,7 +421,7 @@ def select_model(
     validation = folds.validation
     keys = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in paths]
     is_certified = {key: bool(find_certified_weights(paths[key].errors).any()) for key in keys}
-    # If no fit of the requested model is certified, its keys stay: choosing its weight then raises the error.
+    # If no fit of the requested model is certified, its keys are kept: `choose_weight_index` then raises.
     none_certified = not any(is_certified[key] for key in keys if key[0] == requested)
     keys = [key for key in keys if is_certified[key] or (none_certified and key[0] == requested)]
     chosen_index = {
@@ -477,17 +477,17 @@ def find_richest_model(names: Sequence[ModelName], chosen: ModelName) -> ModelNa
 
 
 def _find_tied_model(by_name: Sequence[HeldOut], chosen: ModelName) -> ModelName | None:
-    """Return the best model with bending links and rigid base, if the readings do not tell it from a base.
+    """Return the best model with bending links and rigid base, if links and base are not distinguishable.
 
-    Only if `joints_and_base` is chosen, and a model with links predicts nearly as well (within one standard
-    error of the difference), the name of this model is returned; otherwise None.
+    A name is returned only if `joints_and_base` is chosen, and a model with links predicts nearly as well
+    (within one standard error of the difference); otherwise None.
     """
-    base = next((each for each in by_name if each.model == chosen == "joints_and_base"), None)
+    with_base = next((each for each in by_name if each.model == chosen == "joints_and_base"), None)
     links = [each for each in by_name if each.model in LINKS_ALONE]
-    if base is None or not links:
+    if with_base is None or not links:
         return None
     best = min(links, key=lambda each: each.mean_residual)
-    difference, standard_error = best.compare_residuals(base)
+    difference, standard_error = best.compare_residuals(with_base)
     return best.model if difference <= standard_error else None
 
 

@@ -51,8 +51,8 @@ from jointstiff.solver.mechanics.robot import Robot
 
 _Paths: TypeAlias = dict[tuple[ModelName, Loss], PenaltyPath]
 
-_WEIGHTS_A_STEP: Final = 3
-"""Number of weights that one step fits: with all models and losses 0.5 s for 30 targets, and 5 s for 300."""
+_PENALTIES_PER_STEP: Final = 3
+"""Number of penalties that one step fits: with all models and losses 0.5 s for 30 targets, 5 s for 300."""
 
 
 def find_obstacle_to_elastic_links(
@@ -124,11 +124,12 @@ class Competition:
         self._joints, self._options = joints, options
         self._columns = ElasticColumns.from_options(options, joints.robot)
         self._requested = None if options.elasticity == "automatic" else options.elasticity
-        # A given penalty is not chosen by repeated draws: one draw shows how well the model predicts.
+        # Repeated draws serve to choose the penalty; if it is given, one draw shows how well a model
+        # predicts.
         one_draw = {} if requested_penalty is None else {"draws": 1}
         self._validation = options.cross_validation.model_copy(update=one_draw)
         self._weights = WEIGHTS if requested_penalty is None else (requested_penalty,)
-        # A given penalty is relative to squares: with another loss the same number would be another strength.
+        # A given penalty is relative to the squared loss: with another loss it would be weaker or stronger.
         losses: tuple[Loss, ...] = LOSSES if requested_penalty is None else ("squared",)
         if options.loss != "automatic":
             losses = (options.loss,)
@@ -156,24 +157,32 @@ class Competition:
         return self._joints.with_loss("squared").screening
 
     def steps(self) -> tuple[tuple[int, int], ...]:
-        """Return the steps as spans (start, stop) of pairs of fold and weight; none if the penalty is given.
+        """Return the steps of the cross-validation; no steps if the request gives the penalty.
 
-        Pairs are numbered fold by fold: all weights of fold 0, then all weights of fold 1, and so on.
+        Each step is a span (start, stop) of numbered pairs of a held-out fold and a weight of the penalty:
+        first the pairs of fold 0 with all weights, then those of fold 1, and so on.
         """
         if self.penalty_is_given:
             return ()
-        count = len(self._weights)
+        weight_count = len(self._weights)
         return tuple(
-            (fold * count + start, fold * count + min(start + _WEIGHTS_A_STEP, count))
+            (
+                fold * weight_count + start,
+                fold * weight_count + min(start + _PENALTIES_PER_STEP, weight_count),
+            )
             for fold in range(self._fold_count)
-            for start in range(0, count, _WEIGHTS_A_STEP)
+            for start in range(0, weight_count, _PENALTIES_PER_STEP)
         )
 
     def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:
         """Fit all models for the weights of one step, with the step's fold held out.
 
+        Args:
+            span: one of `steps`.
+
         Returns:
-            `fold_compliances` (M, W, P) and `error` (M, W) [m] of M models for W weights.
+            `fold_compliances` (M, W, P) and `error` (M, W) [m], the compliances of M models for W weights and
+            the errors with which they predict the held-out fold.
 
         Raises:
             JointstiffError: joints alone cannot be identified, or the penalty has no scale.
@@ -221,7 +230,7 @@ class Competition:
         `paths`.
         """
         is_automatic = self._requested is None
-        # An automatic choice is compared only if a test has indicated that links or base bend.
+        # Models are compared automatically only after a test has indicated that links or base bend.
         selection = select_model(self._folds, paths, self._requested, screened=is_automatic)
         if is_automatic and not self.penalty_is_given:
             # A model whose best penalty is the smallest tried needs a smaller one for a fair comparison.

@@ -125,11 +125,12 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
     Raises:
         UnsupportedMethodError: an option is not supported; the error names the option and a remedy.
     """
-    positive = bool((settings.bounds.lower == 0.0).all() and np.isinf(settings.bounds.upper).all())
+    only_positive = bool((settings.bounds.lower == 0.0).all() and np.isinf(settings.bounds.upper).all())
+    # Whether the option is refused, field of the request, remedy
     refused = (
         (settings.method != "partial_pose", "method", "use method partial_pose"),
         (settings.weighting != "covariance", "weighting", "use weighting covariance"),
-        (not positive, "stiffness_bounds", "omit `stiffness_bounds`, and leave `positive` true"),
+        (not only_positive, "stiffness_bounds", "omit `stiffness_bounds`, and leave `positive` true"),
         (bool(settings.order), "stiffness_order", "omit `stiffness_order`"),
         (settings.prior is not None, "priors", "omit `priors`"),
         (measurements.encoders is not None, "encoder_readings", "omit the encoder readings"),
@@ -157,7 +158,7 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
     """
     robot, measurements, formulation = folds.robot, folds.measurements, folds.formulate_model_fit(model)
     scale = _compute_gap_scale(formulation, measurements.sigma)
-    unit = scale / formulation.compute_gap_unit(model)  # the solver's gap that corresponds to one sigma
+    unit = scale / formulation.compute_gap_unit(model)  # gap of a certificate that corresponds to one sigma
     try:  # The solver aims at the desired gap; a larger gap within the accepted limit is no error.
         gap, accepted = _DESIRED_GAP * unit, _SOLVED_GAP * unit
         solution, threshold = formulation.fit(model, weight, gap=gap, accepted=accepted)
@@ -251,10 +252,10 @@ def _summarise_residuals(
     """Compute the degrees of freedom, sigma and chi square of a fit.
 
     Returns:
-        The effective freedom (P,) of each compliance: the part of the compliance that the readings determine,
-        not the penalty; the degrees of freedom of the residuals; sigma [m], computed from the residuals if
-        None is given, and None if there are too few of them; and the chi square of the residuals, 0 without
-        sigma.
+        The effective freedom (P,) of each compliance: 1 if the readings determine the compliance, 0 if the
+        penalty does; the degrees of freedom of the residuals; sigma [m], computed from the residuals if the
+        given sigma is None, and None if there are too few readings; and the chi square of the residuals, 0
+        without sigma.
     """
     x, rows = compliances[squares.columns] / squares.unit, squares.rows
     freedom = np.zeros(squares.width)
@@ -299,19 +300,19 @@ def _make_semidefinite(compliances: FloatArray, model: ElasticModel) -> tuple[Fl
     accordingly.
 
     Returns:
-        The compliances (P,) with raised diagonals; and the least of the joint compliances and of all
-        eigenvalues after that.
+        The compliances (P,) with raised diagonals; and the least of all joint compliances and of the
+        eigenvalues of all matrices that are not zero.
     """
-    out, columns = compliances.copy(), model.columns
+    raised, columns = compliances.copy(), model.columns
     matrices = [(6, columns.link_columns(frame)) for frame in columns.frames]
     matrices.append((columns.n, columns.coupling))
-    least_values = [float(out[columns.joints].min())]
+    least_values = [float(raised[columns.joints].min())]
     for size, entry_columns in matrices:
-        if out[entry_columns].any():  # A matrix of zeros belongs to an element that does not bend.
-            out[entry_columns] = lift_diagonal(out[entry_columns], size)
-            eigenvalues = np.linalg.eigvalsh(to_matrix(out[entry_columns], size))
+        if raised[entry_columns].any():  # A matrix of zeros belongs to an element that does not bend.
+            raised[entry_columns] = lift_diagonal(raised[entry_columns], size)
+            eigenvalues = np.linalg.eigvalsh(to_matrix(raised[entry_columns], size))
             least_values.append(float(eigenvalues.min()))
-    return out, min(least_values)
+    return raised, min(least_values)
 
 
 def _summarise_compliance(
@@ -357,8 +358,13 @@ def _compute_element_shares(
     predicted, products = [], []
     for block, rows in generate_elastic_blocks(robot, measurements, model.columns):
         # Missing readings add nothing: their rows and deflections are zero.
-        by_column = np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
-        products.append(np.stack([by_column[:, part_columns].sum(axis=1) for _, _, part_columns in parts]))
+        # (B, P) scalar product of the deflections due to each compliance with the measured deflections
+        column_products = (
+            np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
+        )
+        products.append(
+            np.stack([column_products[:, part_columns].sum(axis=1) for _, _, part_columns in parts])
+        )
         predicted.append(rows[..., :-1] @ compliances)
     measured = np.square(measurements.deflection).sum(axis=(1, 2))
     explained = np.concatenate(products, axis=1)
@@ -404,8 +410,11 @@ def build_effective_rows(robot: Robot, columns: ElasticColumns) -> FloatArray:
     joint_axes = {frame: (frame, robot.axes[frame]) for frame in columns.links}
     joint_axes[BASE] = (0, rotations[0] @ robot.axes[0])
     for frame, (joint, joint_axis) in joint_axes.items():
-        translation_first = (joint_axis, np.zeros(3))
-        axis = np.concatenate(translation_first if robot.prismatic[joint] else translation_first[::-1])
+        # A small motion has three translations, then three rotations.
+        translation, rotation = (
+            (joint_axis, np.zeros(3)) if robot.prismatic[joint] else (np.zeros(3), joint_axis)
+        )
+        axis = np.concatenate([translation, rotation])
         rows[joint, columns.link_columns(frame)] = axis[i] * axis[j] * triangle_weights(6)
     return rows
 
@@ -473,10 +482,11 @@ def compute_effective_compliances(
         program = form.build_squared_program(_LIGHTER * companion.weight)
         with suppress(SolverError):  # Without a certified optimum the ranges stay unknown (NaN).
             x = solve_cone(program, gap=_GAP).x
-            size, functions = quantile * companion.sigma / form.size, rows[:, form.columns] * form.unit
-            ends = compute_penalised_range(program, x, size**2, functions)
+            # Root of the allowed increase of the objective, and the effective compliances as functions of x
+            radius, functions = quantile * companion.sigma / form.size, rows[:, form.columns] * form.unit
+            ends = compute_penalised_range(program, x, radius**2, functions)
             if widest.model.name == "joints_and_base":
-                least, greatest = compute_unconstrained_range(form.squares, functions, size).T
+                least, greatest = compute_unconstrained_range(form.squares, functions, radius).T
                 ends = np.column_stack([np.fmin(ends[:, 0], least), np.fmax(ends[:, 1], greatest)])
     # The programs find the ends to a tolerance only: a range must contain the estimate.
     ends[:, 0] = np.minimum(np.maximum(ends[:, 0], 0.0), effective)
@@ -510,12 +520,14 @@ def replace_by_effective(
         elastic: estimate with bending links or base.
         effective: effective compliances of the same joints.
     """
-    # What bends about the axis of a joint, by the joint's name, in words for a remark.
-    in_words = {link.joint: "its link" for link in elastic.links}
+    # Words for the link or base that bends about the axis of a joint; keys are names of joints.
+    bending_words = {link.joint: "its link" for link in elastic.links}
     if elastic.base is not None:
         first = estimate.joints[0].name
         # The text is followed by "'s": "its link's and the base's rotation about …".
-        in_words[first] = f"{in_words[first]}'s and the base" if first in in_words else "the base"
+        bending_words[first] = (
+            f"{bending_words[first]}'s and the base" if first in bending_words else "the base"
+        )
     certificate = elastic.certificate
     evidence = Certificate(
         primal=max(0.0, -certificate.least_eigenvalue),
@@ -527,7 +539,7 @@ def replace_by_effective(
     return replace(
         estimate,
         joints=tuple(
-            _build_effective_joint(joint, effective, j, in_words.get(joint.name))
+            _build_effective_joint(joint, effective, j, bending_words.get(joint.name))
             for j, joint in enumerate(estimate.joints)
         ),
         compliance=np.nan_to_num(effective.compliance),
@@ -541,25 +553,25 @@ def replace_by_effective(
 
 
 def _build_effective_joint(
-    joint: JointCompliance, effective: EffectiveCompliances, j: int, other: str | None
+    joint: JointCompliance, effective: EffectiveCompliances, j: int, bending_words: str | None
 ) -> JointCompliance:
     """Return the result of joint j with its effective compliance, and remarks on links or base that bend.
 
-    `other` names the link or base that bends about the same axis; None if neither of them does. The result of
-    a joint that is not observable is returned unchanged.
+    `bending_words` name the link or base that bends about the same axis; None if both are rigid. The result
+    of a joint that is not observable is returned unchanged.
     """
     compliance, uncertainty = float(effective.compliance[j]), float(effective.uncertainty[j])
     if joint.status == "not_observable" or np.isnan(compliance):
         return joint
     low, high = effective.ends[j].tolist()
-    rigid = compliance < RIGID
+    is_rigid = compliance < RIGID
     motion = JOINT_UNITS[joint.kind].of_link
     remark_on_sum = (
-        f"effective compliance: the joint together with {other}'s {motion} its axis, which readings "
+        f"effective compliance: the joint together with {bending_words}'s {motion} its axis, which readings "
         "do not distinguish"
     )
-    remarks = [] if other is None else [remark_on_sum]
-    if rigid:
+    remarks = [] if bending_words is None else [remark_on_sum]
+    if is_rigid:
         remarks = [
             "the other elastic elements (joints, links or base) explain the readings without a compliance of "
             "this joint"
@@ -574,8 +586,8 @@ def _build_effective_joint(
     return JointCompliance(
         name=joint.name,
         kind=joint.kind,
-        status="at_bound" if rigid else "identified" if uncertainty < compliance else "uncertain",
-        compliance=0.0 if rigid else compliance,
+        status="at_bound" if is_rigid else "identified" if uncertainty < compliance else "uncertain",
+        compliance=0.0 if is_rigid else compliance,
         standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
         compliance_interval=(low, high) if np.isfinite([low, high]).all() else None,
         reason="; ".join(remarks) or None,

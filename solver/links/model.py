@@ -212,7 +212,7 @@ def compress_elastic_rows(
 
 
 def select_rows_of_part(part: IndexArray, start: int, stop: int) -> IndexArray:
-    """Return which rows of a block of observations belong to a part of the measurement set.
+    """Return the rows of a block of observations that belong to a part of the measurement set.
 
     Args:
         part: ascending indices of the observations of the part.
@@ -284,7 +284,7 @@ class ElasticModel:
 
     @property
     def key(self) -> tuple[ModelName, Loss]:
-        """Return the pair of name and loss, which identifies the model within a run."""
+        """Pair of name and loss, which identifies the model within a run."""
         return self.name, self.loss
 
     def generate_penalised_elements(
@@ -302,7 +302,7 @@ class ElasticModel:
             determined: (n,) mask of the joints whose compliance is determined.
             lever: (n + 1,) lever ρ of the load about each joint's frame and the base [m].
         """
-        rotation_root = np.sqrt(2.0 / 3.0) * lever  # square root of the penalty of a rotation
+        rotation_root = np.sqrt(2.0 / 3.0) * lever  # entries of K for rotations, see the module's docstring
         if self.name == "coupled_joints":
             rows, columns = triangle_indices(self.columns.n)
             yield (
@@ -378,12 +378,12 @@ class Formulation:
 
     def convert_to_compliances(self, x: FloatArray) -> FloatArray:
         """Return the compliances (..., P) for parameters (..., p); zero in columns without a parameter."""
-        out = np.zeros((*x.shape[:-1], self.width))
-        out[..., self.columns] = self.unit * x
-        return out
+        compliances = np.zeros((*x.shape[:-1], self.width))
+        compliances[..., self.columns] = self.unit * x
+        return compliances
 
     def compute_gap_unit(self, model: ElasticModel) -> float:
-        """Return the factor [m] that converts a certificate's gap to a length.
+        """Return the factor [m] that converts the gap of a certificate to a length.
 
         With the squared loss, the length is ‖R (x − x̂)‖, the distance between the fitted readings and the
         fitted readings at the exact optimum. With a robust loss, the length is the amount by which the mean
@@ -404,7 +404,7 @@ class Formulation:
         Args:
             model: elastic elements that bend, and the loss.
             weight: λ > 0 of the penalty.
-            gap: duality gap at which the search ends; times `compute_gap_unit` it is a length.
+            gap: duality gap at which the search ends; `compute_gap_unit` converts the gap to a length.
             accepted: greatest gap that is accepted if rounding prevents `gap`; None for `gap` itself.
 
         Returns:
@@ -475,9 +475,9 @@ class Formulation:
 
         Args:
             model: elastic elements that bend, and the loss.
-            compliances: (P,) of the fit.
-            weight: λ of the fit.
-            threshold: h of the fit [m].
+            compliances: (P,) fitted compliances.
+            weight: weight λ of the penalty in the fit.
+            threshold: threshold h of the fit [m].
         """
         if model.loss == "squared":
             return self, weight
@@ -492,13 +492,13 @@ class Formulation:
     def convert_weight_to_squares(self, model: ElasticModel, compliances: FloatArray, weight: float) -> float:
         """Return the penalty's weight for plain squares that is as strong as λ is in a robust fit.
 
-        In the gradient of the absolute loss all residuals have length one; in the gradient of squares they
-        have their own lengths. The weight is therefore multiplied by the mean length of the residuals.
+        In the gradient of the absolute loss all residuals count with length one; in the gradient of squares
+        each counts with its own length. The weight is therefore multiplied by the mean length.
 
         Args:
             model: elastic elements that bend, and the loss.
-            compliances: (P,) of the fit.
-            weight: λ of the fit.
+            compliances: (P,) fitted compliances.
+            weight: weight λ of the penalty in the fit.
         """
         if model.loss == "squared":
             return weight
@@ -564,9 +564,9 @@ def _scale_penalty(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
     """
     lever = np.sqrt(rows.lever / rows.configurations)
     lever = np.maximum(lever, _SHORTEST_LEVER * lever[:BASE].max())
-    # Mean square force; 1.5 / lever² converts a squared moment to the squared force on a lever with a
-    # direction at random. All levers are zero only if the load point lies in the origin of every joint's
-    # frame.
+    # Sum of the squared forces; 1.5 / lever² converts a squared moment to the squared force on a lever with
+    # a direction at random. If the load point lies in the origin of every joint's frame, all levers are zero,
+    # and no force is computed.
     force = rows.force + rows.moment * float(np.mean(1.5 / lever[:BASE] ** 2)) if lever.all() else 0.0
     if size == 0.0 or force == 0.0:
         raise UnsupportedMethodError(

@@ -253,7 +253,7 @@ class CandidateReadings:
                 break
             if not free.any():
                 break
-            best = candidates.find_highest_priced(criterion.support(M + weak_prior), free)
+            best = candidates.find_highest_priced(criterion.supergradient(M + weak_prior), free)
         joints = self.pool.readings.joints[next_index]
         return NextReading(next_index, joints, force, None if anchor < 0 else anchor, missing)
 
@@ -299,7 +299,7 @@ class CandidateReadings:
         Returns:
             The candidate as `Atoms` of length one: its index, force and information.
         """
-        G = criterion.support(M)
+        G = criterion.supergradient(M)
         prices = np.where(free, self.pool.candidates.prices(G), -np.inf)
         index = np.argsort(-prices)[: min(_TRIED, int(free.sum()))]
         tried = self.pool.candidates.build_atoms(index, G)

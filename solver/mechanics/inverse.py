@@ -1,12 +1,12 @@
 """Inverse kinematics of arms with six revolute joints: all branches, and the branch that a path follows.
 
-Prismatic joints, such as a rail below the arm, stand still; the arm is the robot's other joints. All branches
-are found in closed form (EAIK) and made exact by Newton steps. EAIK finds how a chain decomposes into
-subproblems of known solution (Ostermeier, Külz, Althoff, *Automatic Geometric Decomposition for Analytical
-Inverse Kinematics*, 2024). A chain that was identified by measurement decomposes no more, as no two of its
-axes are parallel or meet exactly: then Newton's method begins at the branches of the nearest chain that does.
-A program states which of the postures that reach the poses of a path are meant; else the posture before
-decides.
+Prismatic joints, such as a rail below the arm, do not move; the arm consists of the other joints. All
+branches are found in closed form (EAIK) and made exact by Newton steps. EAIK finds how a chain decomposes
+into subproblems of known solution (Ostermeier, Külz, Althoff, *Automatic Geometric Decomposition for
+Analytical Inverse Kinematics*, 2024). A chain that was identified by measurement has no such decomposition,
+as no two of its axes are exactly parallel or meet exactly: Newton's method then starts from the branches of
+the nearest chain with a decomposition. If several postures reach a pose of a path, the ranges of angles that
+a program states decide between them; without such ranges the posture before decides.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from jointstiff.solver.mechanics.postures import Postures, rotation_vectors
 from jointstiff.solver.mechanics.robot import Robot, fix_prismatic_joints
 
 BRANCHES: Final = 8
-"""Most solutions kept for a pose; more exist only where a joint is free to turn."""
+"""Greatest number of solutions kept for a pose; more exist only where a joint can turn freely."""
 _JOINTS: Final = 6
 _STEPS: Final = 8
 _REACHED: Final = 1e-10
@@ -31,9 +31,9 @@ _REACHED: Final = 1e-10
 _LAST_STEP: Final = 1e-6
 """Step of Newton's method [rad] after which the error is rounding: its square times an arm's reach."""
 _NOT_DESIGNED: Final = 1e-2
-"""Components of an axis, and of a step between axes [m], below which they are put to zero as not designed."""
-_POLISHED_AT_ONCE: Final = 4096
-"""Postures that are polished at a time: what a cache holds."""
+"""Components of an axis, or of a step between axes [m], below which they are deviations from the design."""
+_REFINED_AT_ONCE: Final = 4096
+"""Number of postures that are refined at a time: as many as the processor's cache holds."""
 _DAMPING: Final = 1e-12
 _SAME_SOLUTION: Final = 1e-3
 """Difference [rad] below which two solutions count as the same solution."""
@@ -62,35 +62,37 @@ class InverseKinematics:
         revolute: (6,) indices of the revolute joints among the robot's joints.
     """
 
-    def __init__(self, robot: Robot, held: FloatArray | None = None) -> None:
+    def __init__(self, robot: Robot, fixed: FloatArray | None = None) -> None:
         """Find a closed-form solution of the chain, or of the nearest chain that has a closed-form solution.
 
         Args:
             robot: n joints, six of them revolute.
-            held: (n,) controller's joint positions [rad or m], where prismatic joints rest; needed if the
-                robot has prismatic joints.
+            fixed: (n,) controller's joint positions [rad or m], of which those of the prismatic joints are
+                used: prismatic joints stay there; needed if the robot has prismatic joints.
 
         Raises:
             RobotError: the robot does not have six revolute joints, the position of a prismatic joint is not
                 known, or no closed-form solution is known.
         """
-        self._arguments = robot, held
+        self._arguments = robot, fixed
         self.revolute = np.flatnonzero(~robot.prismatic)
         if len(self.revolute) != _JOINTS:
             remedy = "inverse kinematics needs an arm with six revolute joints"
             count = f"{len(self.revolute)} revolute joints" if robot.prismatic.any() else f"{robot.n} joints"
             raise RobotError(f"the robot has {count}", remedy=remedy, where="robot")
-        self.arm, self._held, self._held_in_model = robot, np.zeros(robot.n), np.zeros(robot.n)
+        # Positions of all joints, of which those of the prismatic joints are used: controller's, then model's
+        self.arm, self._fixed, self._fixed_in_model = robot, np.zeros(robot.n), np.zeros(robot.n)
         if robot.prismatic.any():
-            if held is None:
+            if fixed is None:
                 linear = ", ".join(np.array(robot.joint_names)[robot.prismatic])
                 raise RobotError(
                     f"the request does not give the position of the linear axis {linear}",
-                    remedy="give all joints as `near` or `start`: the linear axis stays there",
+                    remedy="give the positions of all joints in `near` or `start`; the linear axis stays at "
+                    "its position",
                     where="robot",
                 )
-            self.arm = fix_prismatic_joints(robot, held)
-            self._held, self._held_in_model = held, robot.joint_map.model_angles(held[None])[0]
+            self.arm = fix_prismatic_joints(robot, fixed)
+            self._fixed, self._fixed_in_model = fixed, robot.joint_map.model_angles(fixed[None])[0]
         try:
             from eaik.pybindings import EAIK
         except ImportError:
@@ -125,25 +127,25 @@ class InverseKinematics:
 
     def select_arm_joints(self, joints: FloatArray) -> FloatArray:
         """Select the arm's six joints from the positions of all joints (..., n); return (..., 6)."""
-        return joints if self.arm.n == len(self._held) else joints[..., self.revolute]
+        return joints if self.arm.n == len(self._fixed) else joints[..., self.revolute]
 
     def insert_held_joints(self, angles: FloatArray, *, of_model: bool = False) -> FloatArray:
-        """Return the positions (..., n) [rad or m] of all joints: the arm's, and prismatic joints at rest.
+        """Return the positions (..., n) [rad or m] of all joints: the arm's, and the fixed prismatic joints'.
 
         The arm's angles (..., 6) [rad] are the controller's, or the model's if `of_model` is true.
         """
-        if self.arm.n == len(self._held):
+        if self.arm.n == len(self._fixed):
             return angles
-        held = self._held_in_model if of_model else self._held
-        joints = np.broadcast_to(held, (*angles.shape[:-1], len(held))).copy()
+        fixed = self._fixed_in_model if of_model else self._fixed
+        joints = np.broadcast_to(fixed, (*angles.shape[:-1], len(fixed))).copy()
         joints[..., self.revolute] = angles
         joints[np.isnan(angles[..., 0])] = np.nan
         return joints
 
     def reach_with_held_joints(self, robot: Robot, commanded: FloatArray) -> FloatArray:
-        """Reach the flange poses of commanded positions (m, n) without moving the prismatic joints.
+        """Return positions (m, n) that reach the poses of `commanded` (m, n) with fixed prismatic joints.
 
-        Return positions (m, n); all positions are the model's [rad or m].
+        All positions are the model's [rad or m].
 
         Raises:
             RequestError: the arm does not reach a pose without moving a prismatic joint.
@@ -171,16 +173,17 @@ class InverseKinematics:
         """
         angles, complete = self._solve_closed_form(poses)
         if not self._exact:
-            case, branch = np.nonzero(np.isfinite(angles[:, :, 0]))
-            polished, reached = self.refine(poses[case], angles[case, branch])
-            polished[~reached] = np.nan
-            complete[case[~reached]] = False
-            angles[case, branch] = polished
-            for i in range(1, BRANCHES):  # two equal solutions show that another solution was not found
+            pose, branch = np.nonzero(np.isfinite(angles[:, :, 0]))
+            refined, reached = self.refine(poses[pose], angles[pose, branch])
+            refined[~reached] = np.nan
+            complete[pose[~reached]] = False
+            angles[pose, branch] = refined
+            # Two equal solutions show that another solution was not found: compare all pairs of branches.
+            for i in range(1, BRANCHES):
                 gaps = compute_angle_gaps(angles[:, i:], angles[:, :-i])
                 complete &= ~(np.nan_to_num(gaps, nan=np.inf) < _SAME_SOLUTION).any(axis=1)
-            singular = self.least_singular_value(polished[reached]) < _SINGULAR
-            complete[case[reached][singular]] = False
+            is_singular = self.least_singular_value(refined[reached]) < _SINGULAR
+            complete[pose[reached][is_singular]] = False
         return angles, complete
 
     def _solve_closed_form(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -223,8 +226,8 @@ class InverseKinematics:
         """Return the least singular value (m,) of the flange's Jacobian at angles (m, 6), in m and rad."""
         if not len(q):
             return np.zeros(0)
-        here = Postures(self.arm, q)
-        jacobian = here.pose_jacobian_at(here.flange_translation[:, None])
+        postures = Postures(self.arm, q)
+        jacobian = postures.pose_jacobian_at(postures.flange_translation[:, None])
         return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, -1])
 
     def follow_branches(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -234,18 +237,18 @@ class InverseKinematics:
             The model's angles (m, 6) at the poses [rad], and a mask (m,) of poses that were reached on the
             same branch with certainty.
         """
-        begin, q = flange_poses(self.arm, near), near.copy()
+        start_poses, q = flange_poses(self.arm, near), near.copy()
         # Fractions of the line: the part that is already followed, and the length of the next step.
         followed, step = np.zeros(len(poses)), np.ones(len(poses))
         unfinished = np.arange(len(poses))
         while len(unfinished):
             fraction = np.minimum(followed[unfinished] + step[unfinished], 1.0)
-            there = _poses_between(begin[unfinished], poses[unfinished], fraction)
-            angles, sure = self.refine(there, q[unfinished])
-            sure &= self.is_same_branch(angles, q[unfinished])
-            q[unfinished[sure]] = angles[sure]
-            followed[unfinished[sure]] = fraction[sure]
-            step[unfinished] *= np.where(sure, 2.0, 0.5)  # a failed step is tried again at half the length
+            next_poses = _interpolate_poses(start_poses[unfinished], poses[unfinished], fraction)
+            angles, is_sure = self.refine(next_poses, q[unfinished])
+            is_sure &= self.is_same_branch(angles, q[unfinished])
+            q[unfinished[is_sure]] = angles[is_sure]
+            followed[unfinished[is_sure]] = fraction[is_sure]
+            step[unfinished] *= np.where(is_sure, 2.0, 0.5)  # a failed step is tried again at half the length
             unfinished = unfinished[(followed[unfinished] < 1.0) & (step[unfinished] >= _LEAST_STEP)]
         return q, followed >= 1.0
 
@@ -256,32 +259,33 @@ class InverseKinematics:
             The model's angles (m, 6) [rad], and a mask (m,) of the poses that are reached.
         """
         q, reached = near.copy(), np.zeros(len(near), dtype=np.bool_)
-        for start in range(0, len(poses), _POLISHED_AT_ONCE):
-            block = slice(start, start + _POLISHED_AT_ONCE)
+        for start in range(0, len(poses), _REFINED_AT_ONCE):
+            block = slice(start, start + _REFINED_AT_ONCE)
             q[block], reached[block] = self.refine_from(poses[block], Postures(self.arm, near[block]))
         return q, reached
 
-    def refine_from(self, poses: FloatArray, here: Postures) -> tuple[FloatArray, BoolArray]:
-        """Solve for poses (m, 4, 4) [m] using Newton's method, starting from the m postures `here`.
+    def refine_from(self, poses: FloatArray, postures: Postures) -> tuple[FloatArray, BoolArray]:
+        """Solve for poses (m, 4, 4) [m] using Newton's method, starting from m postures.
 
         Returns:
             The model's angles (m, 6) [rad], and a mask (m,) of the poses that are reached.
         """
-        q, reached = here.q.copy(), np.zeros(len(here), dtype=np.bool_)
-        unfinished = np.arange(len(here))
+        q, reached = postures.q.copy(), np.zeros(len(postures), dtype=np.bool_)
+        unfinished = np.arange(len(postures))
         for step_number in range(_STEPS):
-            here = Postures(self.arm, q[unfinished]) if step_number else here
+            if step_number:
+                postures = Postures(self.arm, q[unfinished])
             gaps = np.empty((len(unfinished), 6))  # displacement and rotation vector to the poses
-            gaps[:, :3] = poses[unfinished, :3, 3] - here.flange_translation
-            gaps[:, 3:] = rotation_vectors(poses[unfinished, :3, :3], here.flange_rotation)
-            jacobian = here.pose_jacobian_at(here.flange_translation[:, None])
+            gaps[:, :3] = poses[unfinished, :3, 3] - postures.flange_translation
+            gaps[:, 3:] = rotation_vectors(poses[unfinished, :3, :3], postures.flange_rotation)
+            jacobian = postures.pose_jacobian_at(postures.flange_translation[:, None])
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
             step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, gaps[..., None]))[..., 0]
             # Near singularities the damped step does not close the gap completely.
             remaining_gaps = gaps - (jacobian @ step[..., None])[..., 0]
             q[unfinished] += step
-            near_enough = np.abs(remaining_gaps).max(axis=1, initial=0.0) <= 0.5 * _REACHED
-            reached[unfinished] = near_enough & (np.abs(step).max(axis=1, initial=0.0) <= _LAST_STEP)
+            is_near = np.abs(remaining_gaps).max(axis=1, initial=0.0) <= 0.5 * _REACHED
+            reached[unfinished] = is_near & (np.abs(step).max(axis=1, initial=0.0) <= _LAST_STEP)
             unfinished = unfinished[~reached[unfinished]]
             if not len(unfinished):
                 break
@@ -293,7 +297,7 @@ def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
     return Postures(robot, q).flange_pose
 
 
-def _poses_between(begin: FloatArray, end: FloatArray, fraction: FloatArray) -> FloatArray:
+def _interpolate_poses(begin: FloatArray, end: FloatArray, fraction: FloatArray) -> FloatArray:
     """Return poses (m, 4, 4) at fractions (m,) in [0, 1] of the motions from `begin` to `end`.
 
     A motion shifts the origin along a straight line and turns about a fixed axis.
@@ -321,22 +325,24 @@ class Unreached(IntEnum):
 def choose_postures(
     inverse: InverseKinematics,
     poses: FloatArray,
-    given: FloatArray,
-    stated: FloatArray,
-    tested: BoolArray,
+    joint_targets: FloatArray,
+    ranges: FloatArray,
+    ranges_decide: BoolArray,
     start: FloatArray | None = None,
 ) -> tuple[FloatArray, IndexArray]:
     """Choose a posture for each target of a path.
 
-    A joint target is used unchanged. A tested pose gets a solution with angles in the stated ranges, the
-    nearest to the posture before if there are several; any other pose gets the nearest solution.
+    A target with given joint angles keeps them. A pose for which ranges decide gets a solution with angles in
+    its ranges, the nearest to the posture before if there are several; any other pose gets the nearest
+    solution.
 
     Args:
         inverse: kinematics of the robot.
-        poses: (m, 4, 4) poses of the flange in R0 [m]; ignored where angles are given.
-        given: (m, 6) controller's angles of joint targets [rad]; NaN for poses.
-        stated: (m, 6, 2) least and greatest controller's angles [rad]; ∓inf where nothing is stated.
-        tested: (m,) mask of poses for which the stated ranges decide; the ranges also decide where no posture
+        poses: (m, 4, 4) poses of the flange in R0 [m]; ignored for joint targets.
+        joint_targets: (m, 6) controller's angles of targets that are given by angles [rad]; NaN for poses.
+        ranges: (m, 6, 2) least and greatest controller's angles [rad] that the program states; ∓inf if it
+            states none.
+        ranges_decide: (m,) mask of poses for which the ranges decide; the ranges also decide where no posture
             before is known.
         start: (n,) controller's joint positions near the first pose [rad or m]; None if unknown.
 
@@ -355,11 +361,13 @@ def choose_postures(
             remedy="give a joint map without entries above the diagonal",
             where="joint_map.matrix",
         )
-    joints, unreached = given.copy(), np.zeros(len(poses), dtype=np.intp)
+    joints, unreached = joint_targets.copy(), np.zeros(len(poses), dtype=np.intp)
     previous = None if start is None else inverse.select_arm_joints(start)
     for begin in range(0, len(poses), _POSES_AT_ONCE):
         block = slice(begin, begin + _POSES_AT_ONCE)
-        choice = _PostureChoice(inverse, poses[block], given[block], stated[block], tested[block])
+        choice = _PostureChoice(
+            inverse, poses[block], joint_targets[block], ranges[block], ranges_decide[block]
+        )
         previous = choice.follow(joints[block], unreached[block], previous)
     known: BoolArray = np.asarray(np.isfinite(joints).all(axis=1))
     angles = robot.joint_map.model_angles(np.where(known[:, None], joints, 0.0))
@@ -376,23 +384,29 @@ class _PostureChoice:
         self,
         inverse: InverseKinematics,
         poses: FloatArray,
-        given: FloatArray,
-        stated: FloatArray,
-        tested: BoolArray,
+        joint_targets: FloatArray,
+        ranges: FloatArray,
+        ranges_decide: BoolArray,
     ) -> None:
         """Find all solutions of the poses.
 
         Args:
             inverse: inverse kinematics of the robot.
             poses: (m, 4, 4) poses of the flange in R0 [m].
-            given: (m, 6) controller's angles of joint targets [rad]; NaN for poses.
-            stated: (m, 6, 2) least and greatest controller's angles [rad]; ∓inf without a stated range.
-            tested: (m,) mask of poses for which the stated ranges decide.
+            joint_targets: (m, 6) controller's angles of targets that are given by angles [rad]; NaN for
+                poses.
+            ranges: (m, 6, 2) least and greatest controller's angles [rad]; ∓inf without a stated range.
+            ranges_decide: (m,) mask of poses for which the ranges decide.
         """
         self._inverse, self._robot, self._poses = inverse, inverse.arm, poses
-        self._posed, self._stated, self._tested = np.isnan(given[:, 0]), stated, tested
+        self._is_pose, self._ranges, self._ranges_decide = (
+            np.isnan(joint_targets[:, 0]),
+            ranges,
+            ranges_decide,
+        )
+        # Solutions (m, 8, 6) of each pose, and a mask (m,) of poses with all solutions found
         self._branches, self._complete = np.full((len(poses), 8, 6), np.nan), np.ones(len(poses), np.bool_)
-        self._branches[self._posed], self._complete[self._posed] = inverse.solve(poses[self._posed])
+        self._branches[self._is_pose], self._complete[self._is_pose] = inverse.solve(poses[self._is_pose])
 
     def follow(
         self, joints: FloatArray, unreached: IndexArray, previous: FloatArray | None
@@ -407,39 +421,39 @@ class _PostureChoice:
         Returns:
             The controller's angles (6,) of the last known posture [rad]; None if no posture is known.
         """
-        out_of_reach = self._posed & np.isnan(self._branches[:, :, 0]).all(axis=1)
+        out_of_reach = self._is_pose & np.isnan(self._branches[:, :, 0]).all(axis=1)
         unreached[out_of_reach] = Unreached.OUT_OF_REACH
-        path, at = np.flatnonzero(~out_of_reach), 0
-        while at < len(path):
-            i = path[at]
-            if not self._posed[i]:  # a joint target already has its angles
-                at += 1
-            elif self._tested[i] or previous is None:
-                joints[i], unreached[i] = self.choose_as_stated(i, previous)
-                at += 1
-            else:  # follow the branch along the poses up to the next joint target or tested pose
-                run = path[at : at + _LONGEST_RUN]
-                stop = np.flatnonzero(self._tested[run] | ~self._posed[run])
+        path, position = np.flatnonzero(~out_of_reach), 0
+        while position < len(path):
+            i = path[position]
+            if not self._is_pose[i]:  # a joint target already has its angles
+                position += 1
+            elif self._ranges_decide[i] or previous is None:
+                joints[i], unreached[i] = self.choose_in_ranges(i, previous)
+                position += 1
+            else:  # follow the branch up to the next joint target, or pose for which the ranges decide
+                run = path[position : position + _LONGEST_RUN]
+                stop = np.flatnonzero(self._ranges_decide[run] | ~self._is_pose[run])
                 run = run[: stop[0]] if len(stop) else run
                 angles, unreached[i] = self.follow_nearest(run, previous)
                 if not unreached[i]:
                     joints[run[: len(angles)]] = angles
                     i = run[len(angles) - 1]
-                at += len(angles)
+                position += len(angles)
             previous = joints[i] if np.isfinite(joints[i]).all() else previous
         return previous
 
-    def choose_as_stated(self, i: int, previous: FloatArray | None) -> tuple[FloatArray, Unreached]:
+    def choose_in_ranges(self, i: int, previous: FloatArray | None) -> tuple[FloatArray, Unreached]:
         """Choose the solution of pose i within the stated ranges, the nearest to the posture before.
 
         Returns:
             Controller's angles (6,) [rad], and `Unreached.NO` or the reason why the angles must not be used.
         """
-        fits, angles = fit_to_ranges(self._robot, self._branches[i], self._stated[i], previous)
+        fits, angles = fit_to_ranges(self._robot, self._branches[i], self._ranges[i], previous)
         found = angles[fits]
         if not len(found):
             return np.full(6, np.nan), Unreached.NOT_AS_STATED
-        if previous is None:
+        if previous is None:  # only one solution may fit, as no posture decides between several
             spread = np.abs(found - found[0]).max()
             if spread > _TOLERANCE:
                 return found[0], Unreached.AMBIGUOUS
@@ -458,14 +472,14 @@ class _PostureChoice:
             the first pose has no posture.
         """
         joint_map = self._robot.joint_map
-        here = joint_map.model_angles(previous[None])[0]
-        b = int(np.nanargmin(compute_angle_gaps(self._branches[run[0]], here)))
+        previous_angles = joint_map.model_angles(previous[None])[0]
+        b = int(np.nanargmin(compute_angle_gaps(self._branches[run[0]], previous_angles)))  # nearest branch
         if (
             not self._complete[run[0]]
-            and not self._continues_branch(self._branches[run[:1], b], here[None])[0]
+            and not self._continues_branch(self._branches[run[:1], b], previous_angles[None])[0]
         ):
             # The branch of the posture before may be missing among the solutions: follow it by Newton steps
-            found, known = self._inverse.follow_branches(self._poses[run[:1]], here[None])
+            found, known = self._inverse.follow_branches(self._poses[run[:1]], previous_angles[None])
             return joint_map.controller_angles(found), Unreached.NO if known[0] else Unreached.NOT_FOLLOWED
         followed = self._branches[run, b]  # (m, 6) solutions on one branch
         step = compute_angle_gaps(followed[1:], followed[:-1])
@@ -473,12 +487,12 @@ class _PostureChoice:
         others[:, b] = np.inf
         # A solution that is more than twice as far from all others as from the posture before is the nearest
         # to that posture, by the triangle inequality.
-        sure = 2.0 * step < np.where(np.isnan(others), np.inf, others).min(axis=1)
+        is_sure = 2.0 * step < np.where(np.isnan(others), np.inf, others).min(axis=1)
         incomplete = np.flatnonzero(~self._complete[run[1:]])
-        sure[incomplete] &= self._continues_branch(followed[1:][incomplete], followed[:-1][incomplete])
-        breaks = np.flatnonzero(~sure)
+        is_sure[incomplete] &= self._continues_branch(followed[1:][incomplete], followed[:-1][incomplete])
+        breaks = np.flatnonzero(~is_sure)
         count = int(breaks[0]) + 1 if len(breaks) else len(run)
-        angles = np.unwrap(np.vstack([here, followed[:count]]), axis=0)[1:]
+        angles = np.unwrap(np.vstack([previous_angles, followed[:count]]), axis=0)[1:]
         return joint_map.controller_angles(angles), Unreached.NO
 
     def _continues_branch(self, angles: FloatArray, before: FloatArray) -> BoolArray:
@@ -499,18 +513,18 @@ def wrap_angles(angle: FloatArray) -> FloatArray:
 
 
 def fit_to_ranges(
-    robot: Robot, solutions: FloatArray, stated: FloatArray, previous: FloatArray | None
+    robot: Robot, solutions: FloatArray, ranges: FloatArray, previous: FloatArray | None
 ) -> tuple[BoolArray, FloatArray]:
-    """Add full turns to solutions (b, 6), so that the controller's angles are in stated ranges and limits.
+    """Add full turns to solutions (b, 6), so that the controller's angles are within ranges and limits.
 
     Joints are treated from the base on, as a controller's angle depends at most on the angles before it.
 
     Args:
         robot: six revolute joints.
         solutions: angles of the model [rad]; NaN in rows without a solution.
-        stated: (6, 2) least and greatest controller's angles [rad]; ∓inf where nothing is stated.
-        previous: (6,) controller's angles [rad]; of several angles in range, which differ by full turns, the
-            nearest to these is chosen. None for zeros.
+        ranges: (6, 2) least and greatest controller's angles [rad]; ∓inf where no range is stated.
+        previous: (6,) controller's angles of the posture before [rad]; of several angles in range, which
+            differ by full turns, the angle nearest to the previous angle is chosen. None for zeros.
 
     Returns:
         A mask (b,) of solutions with all angles in their ranges, and the controller's angles (b, 6) [rad].
@@ -524,7 +538,7 @@ def fit_to_ranges(
         coupled = (controller_angles[:, :j] @ matrix[j, :j])[:, None]  # due to the joints before
         angle = (model_angle - offset[j] - coupled) / matrix[j, j]
         outside = (model_angle < limits[j, 0] - _TOLERANCE) | (model_angle > limits[j, 1] + _TOLERANCE)
-        outside |= (angle < stated[j, 0] - _TOLERANCE) | (angle > stated[j, 1] + _TOLERANCE)
+        outside |= (angle < ranges[j, 0] - _TOLERANCE) | (angle > ranges[j, 1] + _TOLERANCE)
         cost = np.where(outside | np.isnan(angle), np.inf, np.abs(angle - near[j]))
         best = np.argmin(cost, axis=1)
         rows = np.arange(len(solutions))

@@ -1,9 +1,10 @@
 """Joints, coupled joints, links and the base as springs, and how torques change (method.md §2, §7).
 
-``δp_X = Σ_jk J_j C_jk τ_k + Σ_i B_i C_i w_i``: coupling between joints, links. Frame i is that of joint i,
-which moves with it (after its rotation); w_i is the load's wrench in it, force then moment about its origin
-o_i, and ``B_i = [R_i, −[p_X − o_i]× R_i]`` moves the target with the frame. The base is one more, below
-joint 1: its frame is R0, which turns with no joint.
+The deflection of target X is ``δp_X = Σ_jk J_j C_jk τ_k + Σ_i B_i C_i w_i``: the first sum is that of coupled
+joints, the second that of links. Frame i moves with joint i (after the joint's rotation); w_i is the wrench
+of the load in frame i, force, then moment about the origin o_i; ``B_i = [R_i, −[p_X − o_i]× R_i]`` moves the
+target with the frame. The base is a further elastic element below joint 1, with the frame R0, which turns
+with no joint.
 
 Complementary stiffness: Chen & Kao, *Conservative congruence transformation for joint and Cartesian stiffness
 matrices of robotic hands and fingers*, Int. J. Robotics Research 19(9), 2000: ``(K_θ − K_c) δθ = τ`` with
@@ -40,7 +41,7 @@ TURNS = Term("turns", "rad", _turn_joints)
 
 
 BASE: Final = -1
-"""Number of the base among the frames that bend: the last, after those of the joints."""
+"""Index of the base among the frames of elastic elements: the base is the last, after all joints."""
 
 
 @lru_cache(maxsize=64)
@@ -77,8 +78,9 @@ def differentiate_bilinear_form(moves: FloatArray, load: FloatArray) -> FloatArr
     size = moves.shape[-1]
     i, j = triangle_indices(size)
     # An entry of the vector off the diagonal represents two entries of the matrix, each 1/√2 as large.
-    both: FloatArray = moves[..., i] * load[..., j] + moves[..., j] * load[..., i]
-    return both * np.where(i == j, 0.5, 1.0 / triangle_weights(size))
+    # On the diagonal the two products are equal, and the factor 0.5 counts them once.
+    products: FloatArray = moves[..., i] * load[..., j] + moves[..., j] * load[..., i]
+    return products * np.where(i == j, 0.5, 1.0 / triangle_weights(size))
 
 
 def _bend_coupled_joints(block: RegressorBlock, compliance: FloatArray) -> Motion:  # noqa: ARG001  # linear
@@ -126,9 +128,8 @@ def complementary_stiffness(block: RegressorBlock) -> FloatArray:
     Returns:
         K_c (B, n, n) [N·m/rad].
     """
-    part = block.measurements
-    axes = block.postures.angular_jacobian
-    return wrench_stiffness(axes, block.load_jacobian, part.force, part.moment)
+    measurements, axes = block.measurements, block.postures.angular_jacobian
+    return wrench_stiffness(axes, block.load_jacobian, measurements.force, measurements.moment)
 
 
 def _compute_neglected_motion(block: RegressorBlock, compliance: FloatArray) -> Motion:
@@ -138,18 +139,19 @@ def _compute_neglected_motion(block: RegressorBlock, compliance: FloatArray) -> 
     the joints before it and half of its own deflection, ``Ω_k = Σ_{j<k} a_j δθ_j + ½ a_k δθ_k``, hence
     ``e = J diag(c) K_c δθ + Σ_k Ω_k × J_k δθ_k``.
     """
-    part = block.measurements
-    deflection = compliance * block.torque
-    stiffness_turns = compliance * np.einsum("bjk,bk->bj", complementary_stiffness(block), deflection)
-    turns = block.postures.angular_jacobian * deflection[:, None]
+    joint_turns = compliance * block.torque  # δθ (B, n)
+    stiffness_turns = compliance * np.einsum("bjk,bk->bj", complementary_stiffness(block), joint_turns)
+    turns = block.postures.angular_jacobian * joint_turns[:, None]
     axis_turns = np.cumsum(turns, axis=2) - 0.5 * turns  # Ω_k
-    jacobian = block.jacobian if part.direction is None else block.postures.jacobian_at(block.points)
-    moves = jacobian * deflection[:, None, None]
+    # For readings along a direction, the block's Jacobian has that component only: compute all of it.
+    is_directional = block.measurements.direction is not None
+    jacobian = block.postures.jacobian_at(block.points) if is_directional else block.jacobian
+    moves = jacobian * joint_turns[:, None, None]
     # Σ_k Ω_k × m_k holds the antisymmetric part of Σ_k Ω_k m_kᵀ.
     pairs = moves @ axis_turns.transpose(0, 2, 1)[:, None]
-    bent = (pairs - pairs.mT)[..., [2, 0, 1], [1, 2, 0]]
-    softened = (block.jacobian @ stiffness_turns[:, None, :, None])[..., 0]
-    return Motion((softened + bent)[..., None], stiffness_turns[..., None])
+    from_axis_turns = (pairs - pairs.mT)[..., [2, 0, 1], [1, 2, 0]]
+    from_torque_change = (block.jacobian @ stiffness_turns[:, None, :, None])[..., 0]
+    return Motion((from_torque_change + from_axis_turns)[..., None], stiffness_turns[..., None])
 
 
 NEGLECTED_STIFFNESS = Term("complementary_stiffness", "1", _compute_neglected_motion)

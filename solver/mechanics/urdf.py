@@ -1,13 +1,12 @@
-"""Read a URDF from a stranger into a `KinematicChain`, and write a chain as a URDF.
+"""Read a URDF from an untrusted source into a `KinematicChain`, and write a chain as a URDF.
 
-The XML parser is expat, one pass, and each limit is checked as an element arrives, before anything is
-built from it. Document types, entities and processing instructions are refused, so nothing expands
-and nothing is fetched; text and comments are not kept.
+The XML parser is expat, in one pass. Each limit is checked as an element arrives, before anything is built
+from the element. Document types, entities and processing instructions are refused, so that nothing is
+expanded or fetched; text and comments are not kept.
 
-A document is refused with the place of the fault and its remedy. What kinematics do not need
-(inertial, visual, collision, mesh, transmission, gazebo) is ignored and never opened. Branches off the
-chain are cut away: they must be sound (names, types, finite numbers, one tree), but their joints may
-be of any type.
+A refusal names the place of the fault and a remedy. Elements that kinematics do not need (inertial, visual,
+collision, mesh, transmission, gazebo) are ignored, and the files that they name are never opened. Branches
+off the chain are cut away: their names, types and numbers must be valid, but their joints may be of any type.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ _CHAIN_KINDS: Final[Mapping[str, JointKind | Literal["fixed"]]] = {
     "fixed": "fixed",
 }
 _ORIGIN = {"xyz": 100.0, "rpy": 1e3}  # largest magnitudes [m], [rad]
-_AXIS = {"xyz": 1e6}  # its norm is judged on the chain only: exporters leave odd axes on fixed joints
+_AXIS = {"xyz": 1e6}  # the norm is checked on the chain only: exporters leave odd axes on fixed joints
 _LARGEST_LIMIT = 1e300  # some documents write ±1e16 for no limit
 _LARGEST_MASS = 1e6  # [kg]
 _ZERO = (0.0, 0.0, 0.0)
@@ -158,10 +157,10 @@ def read_inertials(text: str, chain: KinematicChain) -> tuple[Body, ...]:
 class UrdfJoint:
     """Joint of a URDF document, with numbers that are read but not yet checked against the chain's rules."""
 
-    name: str  #: its name
-    parent: str  #: link that carries it
-    child: str  #: link that it carries
-    kind: str  #: one of the six types
+    name: str  #: name of the joint
+    parent: str  #: link that carries the joint
+    child: str  #: link that the joint carries
+    kind: str  #: one of the six types of the URDF standard
     xyz: tuple[float, ...]  #: origin of the joint's frame in the parent link's frame [m]
     rpy: tuple[float, ...]  #: roll, pitch and yaw about the parent link's fixed axes [rad]
     axis: tuple[float, ...]  #: direction of the axis in the joint's frame
@@ -170,7 +169,7 @@ class UrdfJoint:
 
     @classmethod
     def read(cls, element: XmlElement, name: str) -> UrdfJoint:
-        """Read a joint of any of the six types, on the chain or off it.
+        """Read a joint of any of the six types, which need not be on the chain.
 
         Raises:
             RobotError: the type is unknown, a child element occurs twice, or a number or name is not valid.
@@ -226,7 +225,7 @@ class UrdfJoint:
             raise RobotError(
                 f"there is a {self.kind} joint between base and flange",
                 remedy="only revolute, continuous, prismatic and fixed joints are supported between base and "
-                "flange: fix it at its position, or choose another base or flange",
+                "flange: make this joint fixed at its position, or choose another base or flange",
                 where=place,
             )
         if self.kind in JOINT_UNITS and not self.limit.keys() & {"lower", "upper"}:
@@ -259,19 +258,20 @@ class UrdfJoint:
 
 
 def _check_root(robot: XmlElement) -> None:
-    """Refuse a document whose root is not a single named <robot>, or that has unexpanded xacro.
+    """Refuse a document whose root is not a single named <robot>, or that contains unexpanded xacro.
 
     Raises:
         RobotError: the document is refused; the error names the line.
     """
     for element in robot.walk():
-        # Refuse xacro that is not expanded; the xmlns:xacro that it leaves behind is harmless
+        # Names and values of xacro are refused; the attribute xmlns:xacro of an expanded document is
+        # harmless.
         in_names = any(name.startswith("xacro:") for name in (element.tag, *element.attributes))
         in_values = any("${" in text or "$(" in text for text in element.attributes.values())
         if in_names or in_values:
             raise RobotError(
                 f"unexpanded xacro in <{element.tag[:40]}>",
-                remedy="expand it first: xacro robot.urdf.xacro > robot.urdf",
+                remedy="expand the document first: xacro robot.urdf.xacro > robot.urdf",
                 where=f"line {element.line}",
             )
     if robot.tag != "robot":
@@ -285,10 +285,10 @@ def _check_root(robot: XmlElement) -> None:
 
 
 def _collect_named(robot: XmlElement, tag: str, most: int) -> dict[str, XmlElement]:
-    """Return all child elements of a robot with this tag, `link` or `joint`, by name.
+    """Return all child elements of a robot with the tag `link` or `joint`, by name.
 
     Raises:
-        RobotError: there are more than `most`, or a name is empty, unfit or used twice.
+        RobotError: there are more than `most` elements, or a name is empty, invalid or used twice.
     """
     elements = robot.find_children(tag)
     if len(elements) > most:
@@ -328,13 +328,13 @@ def _read_triples(
 def _find_path_down(
     links: Collection[str], joints: Iterable[UrdfJoint], base: str, flange: str
 ) -> list[UrdfJoint]:
-    """Return the joints from the base down to the flange, at least one.
+    """Return the joints on the path from the base down to the flange, at least one.
 
     Args:
-        links: names of all links, each once.
-        joints: all joints, each once.
-        base: link to start from; it need not be the root.
-        flange: link to end at.
+        links: names of all links, without repetition.
+        joints: all joints, without repetition.
+        base: link at which the path begins; it need not be the root.
+        flange: link at which the path ends.
 
     Raises:
         RobotError: links and joints are not one tree, base or flange is not among them, or the
@@ -365,7 +365,7 @@ def _find_path_down(
 
 
 def _map_joints_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> dict[str, UrdfJoint]:
-    """Return the joint that carries each link, as a dictionary by the link's name; without the root link.
+    """Return the joint that carries each link; keys are names of links, without the root link.
 
     Raises:
         RobotError: links and joints are not one tree.
@@ -391,13 +391,14 @@ def _map_joints_above(links: Collection[str], joints: Iterable[UrdfJoint]) -> di
         reason = f"{len(roots)} links have no parent: {_list_names(roots)}"
         raise RobotError(reason, remedy="join all links into one tree with one root", where="<robot>")
     # The list grows during the loop, until it holds the root and all links below.
-    for link in roots:
-        roots.extend(below[link])
-    reached = set(roots)
+    connected = roots[:]
+    for link in connected:
+        connected.extend(below[link])
+    reached = set(connected)
     if cycle := [link for link in links if link not in reached]:
         raise RobotError(
             f"some links form a cycle that is not connected to the root: {_list_names(cycle)}",
-            remedy="a URDF is a tree: give one of them another parent",
+            remedy="a URDF is a tree: give one of these links another parent",
             where=f"link '{cycle[0]}'",
         )
     return above
@@ -413,9 +414,9 @@ def _list_names(names: Collection[str]) -> str:
 class XmlElement:
     """XML element with its attributes and children, but without text."""
 
-    tag: str  #: name, with its prefix if it has one
-    attributes: dict[str, str]  #: values by name
-    line: int  #: line of the document on which it opens, from 1
+    tag: str  #: name, including a prefix if there is one
+    attributes: dict[str, str]  #: values of the attributes by name
+    line: int  #: line of the document on which the element opens, from 1
     children: list[XmlElement] = field(default_factory=list)  #: elements directly within, in order
 
     def find_children(self, tag: str) -> list[XmlElement]:
@@ -431,7 +432,7 @@ class XmlElement:
         children = self.find_children(tag)
         if len(children) > 1:
             reason = f"<{tag}> is given {len(children)} times"
-            raise RobotError(reason, remedy="keep one of them", where=f"{place} <{tag}>")
+            raise RobotError(reason, remedy=f"keep one <{tag}>", where=f"{place} <{tag}>")
         return children[0] if children else None
 
     def walk(self) -> Iterator[XmlElement]:
@@ -462,7 +463,7 @@ def parse_xml(text: str) -> XmlElement:
     if unfit := _UNFIT.search(text):
         raise RobotError(
             f"the document has a control character or half of a surrogate pair, {unfit.group()!a}",
-            remedy="send plain text in UTF-8 without it",
+            remedy="send plain text in UTF-8 without this character",
             where=f"line {text.count(chr(10), 0, unfit.start()) + 1}",
         )
     builder = _TreeBuilder()
@@ -496,21 +497,23 @@ class _TreeBuilder:
             "remove <!DOCTYPE …> and write the entities out",
         )
         self.parser.ProcessingInstructionHandler = lambda target, _data: self._refuse(
-            f"the document has a processing instruction <?{target[:40]} …?>", "remove it"
+            f"the document has a processing instruction <?{target[:40]} …?>", "remove the instruction"
         )
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        """Add an element that opens, unless a limit is exceeded."""
+        """Add an element whose start tag was read; raise a `RobotError` if a limit is exceeded."""
         self._count += 1
         longest = max(len(text) for text in (tag, *attributes, *attributes.values()))
-        for count, most, what in (
+        for count, most, counted_things in (
             (self._count, MAX_ELEMENTS, "elements"),
             (len(self._open), MAX_DEPTH, "levels of nesting"),
             (len(attributes), MAX_ATTRIBUTES, "attributes of one element"),
             (longest, MAX_ATTRIBUTE_LENGTH, "characters in one name or attribute"),
         ):
             if count > most:
-                self._refuse(f"the document has more than {most} {what}", "send only links and joints")
+                self._refuse(
+                    f"the document has more than {most} {counted_things}", "send only links and joints"
+                )
         element = XmlElement(tag, attributes, self.parser.CurrentLineNumber)
         self._open[-1].children.append(element)
         self._open.append(element)
@@ -535,12 +538,13 @@ def read_numbers(text: str, count: int, largest: float, where: str) -> tuple[flo
     """
     words = [word for word in _SPACE.split(text) if word]
     if len(words) != count:
-        reason = f"needs exactly {count} {'number' if count == 1 else 'numbers'}, has {len(words)}"
+        numbers = "number is" if count == 1 else "numbers are"
+        reason = f"exactly {count} {numbers} needed here, but there are {len(words)}"
         raise RobotError(reason, remedy="write decimal numbers separated by spaces", where=where)
     for word in words:
         if not _NUMBER.fullmatch(word):
             reason = f"{quote(word)} is not a finite decimal number"
-            raise RobotError(reason, remedy="write it like 0.35 or -1.2e-3", where=where)
+            raise RobotError(reason, remedy="write the number like 0.35 or -1.2e-3", where=where)
         if not abs(float(word)) <= largest:
             remedy = "check the number and its unit: lengths in m, angles in rad"
             raise RobotError(f"{quote(word)} is outside ±{largest:g}", remedy=remedy, where=where)

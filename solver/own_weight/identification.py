@@ -82,7 +82,7 @@ end: exact readings leave no residuals to compare with."""
 LARGEST_SAG: Final = 0.1
 """Greatest sag of a joint [rad] that is allowed: no robot sags more. It limits the compliances."""
 RANK: Final = 1e-10
-"""Singular value, for unit columns of the geometry, below which it counts as rounding."""
+"""Singular value of the geometry's columns, scaled to unit norm, below which it counts as rounding."""
 _BEYOND_CHANCE: Final = 1e-3
 """p-value below which residuals contradict the stated sigma, or readings contradict the masses."""
 _RIGID: Final = 1e-6
@@ -132,14 +132,16 @@ class WeightFit:
             remedy="read more postures, or more targets in each posture",
         )
 
-    def estimate_noise(self, load_coordinates: int, least: float) -> float:
+    def estimate_noise(self, load_coordinates: int, least_square: float) -> float:
         """Return the mean square of the residuals that no compliances and weights explain.
 
         Args:
             load_coordinates: number of coordinates of deflections under known loads.
-            least: lower limit of the returned value, in the fit's unit squared.
+            least_square: lower limit of the returned value, in the fit's unit squared.
         """
-        return max(self.reduced.residual_squares / self.count_degrees_of_freedom(load_coordinates), least)
+        return max(
+            self.reduced.residual_squares / self.count_degrees_of_freedom(load_coordinates), least_square
+        )
 
     def compute_p_value_of_bounds(self, noise: float, load_coordinates: int) -> float:
         """Return the p-value of the hypothesis that the true masses lie within their bounds (F test).
@@ -187,7 +189,7 @@ def fit_own_weight(
     """
     burden = readings.burden
     gravity, sag = burden.gravity, np.zeros(whitened.angles.shape)
-    c: FloatArray = np.zeros(robot.n)
+    c: FloatArray = np.zeros(robot.n)  # compliances
     base: FloatArray = np.zeros(3)
     weight_norm = np.linalg.norm(whitened.weight)
     for step in range(1, MOST_STEPS + 1):
@@ -210,12 +212,15 @@ def fit_own_weight(
         previous_sag, sag = sag, reduced.compute_sag(rows.torques, optimum.x)
         state = state.displace(change[:geometry_width])
         if free_base:
-            # The tilt is linear in its compliances, so that the step fits all of the tilt, not its change.
+            # Deflections are linear in the base's compliances, so the step fits the compliances themselves,
+            # not their change: subtract the previous values.
             in_base = slice(geometry_width, geometry_width + 3)
             base, change[in_base] = change[in_base].copy(), change[in_base] - base
         if free_gravity:
-            turned = gravity + np.linalg.norm(gravity) * compute_perpendicular_basis(gravity) @ change[-2:]
-            gravity = turned * np.linalg.norm(gravity) / np.linalg.norm(turned)
+            turned_gravity = (
+                gravity + np.linalg.norm(gravity) * compute_perpendicular_basis(gravity) @ change[-2:]
+            )
+            gravity = turned_gravity * np.linalg.norm(gravity) / np.linalg.norm(turned_gravity)
         c[reduced.observed_joints] = reduced.unit * optimum.x[reduced.cones.first]
         nuisance_columns = np.concatenate([triangle.span[name] for name in nuisance])
         nuisance_effect = np.linalg.norm(triangle.matrix[:, nuisance_columns] @ change)
@@ -264,12 +269,16 @@ def reduce_problem(
     for j in observed.tolist():
         joint_column = projected.R[:, projected.span["joints"][j]] * varies[j]
         unit = 1.0 / float(np.hypot(np.linalg.norm(joint_column), np.linalg.norm(deflection_rows[:, j])))
-        block, which = burden.build_block(varies[j] & rows.torques.of_unknowns[:, j].any(axis=0))
-        position_parts.append(unit * np.column_stack([joint_column, projected.R[:, products[j, which]]]))
-        deflection_parts.append(np.pad(unit * deflection_rows[:, j, None], ((0, 0), (0, len(which)))))
+        block, block_unknowns = burden.build_block(varies[j] & rows.torques.of_unknowns[:, j].any(axis=0))
+        position_parts.append(
+            unit * np.column_stack([joint_column, projected.R[:, products[j, block_unknowns]]])
+        )
+        deflection_parts.append(
+            np.pad(unit * deflection_rows[:, j, None], ((0, 0), (0, len(block_unknowns))))
+        )
         blocks.append(block)
         units.append(unit)
-        unknowns.append(which)
+        unknowns.append(block_unknowns)
     unit_of_joints = np.array(units)
     from_positions = np.column_stack([*position_parts, projected.rhs])
     from_deflections = np.column_stack([*deflection_parts, deflection_rows[:, -1]])
@@ -322,7 +331,8 @@ def extract_identified_weight(
         half_widths[span.start] = cap
     stacked = np.vstack([problem.A / max(sigma, _LEAST_SIGMA), np.diag(1.0 / half_widths)])
     root = np.linalg.inv(compute_triangular_factor(stacked))  # cov x = root rootᵀ
-    # Mass and first moments (4) of the bodies behind each joint: nominal, and of each unknown at its bound.
+    # Mass and first moments (4) of the bodies that each joint carries: nominal, and the deviation from
+    # nominal of each unknown at its bound.
     unknown_inertias, _ = burden.unknown
     nominal, at_bound = np.zeros((n, 4)), np.zeros((n, 4, len(unknown_inertias)))
     for body in burden.bodies:
@@ -363,7 +373,7 @@ def try_further_fit(
 ) -> WeightFit | None:
     """Fit again with other bounds of the masses or a tilting base; return None if the fit fails.
 
-    The fit also counts as failed if it has more unknowns than coordinates.
+    A fit with more unknowns than coordinates counts as failed.
 
     Args:
         fit_with_bodies: function that returns the fit for some bodies, with the keyword `free_base`.
@@ -380,7 +390,7 @@ def try_further_fit(
 
 
 def compute_tilt_p_value(
-    rigid: WeightFit, tilting: WeightFit, burden: Burden, load_coordinates: int, least: float
+    rigid: WeightFit, tilting: WeightFit, burden: Burden, load_coordinates: int, least_square: float
 ) -> float:
     """Return the p-value of the hypothesis that the base does not tilt (F test).
 
@@ -392,9 +402,9 @@ def compute_tilt_p_value(
         tilting: fit with the tilt of the base.
         burden: bodies and springs.
         load_coordinates: number of coordinates of deflections under known loads.
-        least: least mean square of the residuals that is assumed, in the fit's unit squared.
+        least_square: lower limit of the mean square of the residuals, in the fit's unit squared.
     """
-    noise = tilting.estimate_noise(load_coordinates, least)
+    noise = tilting.estimate_noise(load_coordinates, least_square)
     gain = (
         rigid.optimum.loss
         + rigid.reduced.residual_squares
@@ -402,7 +412,7 @@ def compute_tilt_p_value(
         - tilting.reduced.residual_squares
     ) / noise
     wrong_mass = find_contradicted_mass(
-        fit_freed_masses(rigid.reduced, burden, rigid.estimate_noise(load_coordinates, least))
+        fit_freed_masses(rigid.reduced, burden, rigid.estimate_noise(load_coordinates, least_square))
     )
     tilt_is_better = gain > (0.0 if wrong_mass is None else wrong_mass.gain)
     if not tilt_is_better or tilting.compute_p_value_of_bounds(noise, load_coordinates) <= _BEYOND_CHANCE:
@@ -414,7 +424,7 @@ def fit_with_proved_corrections(
     fit_with_bodies: Callable[..., WeightFit],
     burden: Burden,
     load_coordinates: int,
-    least: float,
+    least_square: float,
     *,
     free_base: bool,
 ) -> tuple[WeightFit, tuple[Body, ...], list[Finding]]:
@@ -427,7 +437,7 @@ def fit_with_proved_corrections(
         fit_with_bodies: function that returns the fit for some bodies, with the keyword `free_base`.
         burden: bodies and springs as stated.
         load_coordinates: number of coordinates of deflections under known loads.
-        least: least mean square of the residuals that is assumed, in the fit's unit squared.
+        least_square: lower limit of the mean square of the residuals, in the fit's unit squared.
         free_base: whether the tilt of the base is estimated even if the readings do not prove a tilt.
 
     Returns:
@@ -441,7 +451,9 @@ def fit_with_proved_corrections(
     rigid = fit_with_bodies(bodies)
     tilting = try_further_fit(fit_with_bodies, bodies, load_coordinates, free_base=True)
     p_value = (
-        1.0 if tilting is None else compute_tilt_p_value(rigid, tilting, burden, load_coordinates, least)
+        1.0
+        if tilting is None
+        else compute_tilt_p_value(rigid, tilting, burden, load_coordinates, least_square)
     )
     base_tilts = p_value < _BASE_LEVEL
     if tilting is None and free_base:
@@ -459,16 +471,19 @@ def fit_with_proved_corrections(
                 remedy="tighten and stiffen the base; a target on the base plate shows directly how it tilts",
             )
         )
-    freed = fit_freed_masses(fit.reduced, burden, fit.estimate_noise(load_coordinates, least))
+    freed = fit_freed_masses(fit.reduced, burden, fit.estimate_noise(load_coordinates, least_square))
     wrong_mass = find_contradicted_mass(freed)
     if wrong_mass is not None:
         wrong_body, widened = bodies[wrong_mass.body], widen_mass_bounds(bodies, wrong_mass)
         second = try_further_fit(fit_with_bodies, widened, load_coordinates, free_base=free_base)
         if second is None:
             findings.append(report_contradicted_mass(wrong_body, wrong_mass, covered=False))
-        # If the readings contradict even the wider bounds, this mass alone is not the cause.
+        # The wider bounds are used only if the readings no longer contradict them; otherwise this mass alone
+        # is not the cause.
         elif (
-            second.compute_p_value_of_bounds(second.estimate_noise(load_coordinates, least), load_coordinates)
+            second.compute_p_value_of_bounds(
+                second.estimate_noise(load_coordinates, least_square), load_coordinates
+            )
             > _BEYOND_CHANCE
         ):
             findings.append(report_contradicted_mass(wrong_body, wrong_mass))
@@ -536,8 +551,10 @@ def compute_joint_results(
     """
     problem = fit.reduced
     intervals = bound_compliances(problem.A, problem.b, fit.optimum, rise, problem.cones)
-    # Half-widths of the intervals if the masses were exact.
-    exact = np.sqrt(rise) * np.linalg.norm(np.linalg.pinv(problem.A[:, problem.cones.first]), axis=1)
+    # (m,) half-widths that the intervals would have if the masses were exact
+    exact_half_widths = np.sqrt(rise) * np.linalg.norm(
+        np.linalg.pinv(problem.A[:, problem.cones.first]), axis=1
+    )
     joints, shares = [], np.full(robot.n, np.nan)
     # At first every joint is not observable; the results of the observed joints are replaced below.
     for name, kind, torque in zip(
@@ -564,7 +581,7 @@ def compute_joint_results(
             joints[j] = JointCompliance(name, kind, "not_observable", reason=reason)
             continue
         c = float(fit.compliance[j]) if fit.compliance[j] > _RIGID * high * unit else 0.0
-        shares[j] = min(1.0, 2.0 * float(exact[k]) / (high - low))
+        shares[j] = min(1.0, 2.0 * float(exact_half_widths[k]) / (high - low))
         explanation = "the estimate and the lower end of the interval are those of a rigid joint"
         if c > 0.0:
             explanation = (
@@ -587,8 +604,8 @@ class WeightEstimate:
     """Compliances from own weight, with findings, residuals, uncertainties and certificate."""
 
     joints: tuple[JointCompliance, ...]  #: compliance of each joint with its interval
-    #: (n,) width that a joint's interval would have if the masses were exact, divided by its width; NaN
-    #: without an interval
+    #: (n,) width that a joint's interval would have if the masses were exact, divided by the interval's
+    #: width; NaN without an interval
     shares: FloatArray
     fit: WeightFit  #: geometry, sag, and the last convex problem
     reasons: tuple[Finding, ...]  #: findings that reduce the trust in the result
@@ -623,11 +640,11 @@ def identify_weight(
     """Identify joint compliances from the sag of an arm under its own weight.
 
     Args:
-        robot: nominal robot, n joints; its axes and the places of the targets are estimated.
+        robot: nominal robot with n joints; the axes and the positions of the targets are estimated, too.
         readings: N observations of positions, with bodies and gravity.
         confidence: confidence level of the intervals.
-        free_gravity: whether gravity's direction is estimated; else it is as stated.
-        free_base: whether the base's tilt is always estimated; else only if the readings prove a tilt.
+        free_gravity: True to estimate the direction of gravity; False to use the stated direction.
+        free_base: True to estimate the tilt of the base in any case; False only if the readings prove a tilt.
         loaded: deflections under known loads (loaded − unloaded), fitted together with the positions.
 
     Raises:
@@ -653,7 +670,7 @@ def identify_weight(
     readings_with_stated_bounds = readings
 
     def fit_with_bodies(bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
-        """Fit the readings with given bodies, whose bounds of the masses may differ from those stated."""
+        """Fit the readings for bodies whose mass bounds may differ from the stated bounds."""
         return fit_own_weight(
             robot,
             replace(
@@ -667,9 +684,9 @@ def identify_weight(
             loaded=loaded,
         )
 
-    least = 1.0 if poses.sigma is not None else _LEAST_NOISE**2
+    least_square = 1.0 if poses.sigma is not None else _LEAST_NOISE**2
     fit, bodies, findings = fit_with_proved_corrections(
-        fit_with_bodies, readings.burden, load_coordinates, least, free_base=free_base
+        fit_with_bodies, readings.burden, load_coordinates, least_square, free_base=free_base
     )
     readings = replace(readings, burden=replace(readings.burden, bodies=bodies))
     problem, loss = fit.reduced, fit.optimum.loss
@@ -693,7 +710,7 @@ def identify_weight(
     predicted = predicted + differentiate_by_base_compliance(fit.rows.torques, predicted) @ fit.base
 
     def compute_sag_at(turn: FloatArray) -> FloatArray:
-        """Return the sag (N, n) [rad], torques times compliances, with all joints turned by `turn` [rad]."""
+        """Return the sag (N, n) [rad], torque times compliance, after a turn (n,) [rad] of the joints."""
         motion = fit.state.motion(replace(sagging, angles=sagging.angles + turn))
         return fit.compliance * compute_torques(robot, readings, motion).known
 

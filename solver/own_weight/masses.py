@@ -45,7 +45,8 @@ class FreedMass:
     mass: float  #: mass of the body that fits the readings best [kg]
     uncertainty: float  #: standard uncertainty of the mass [kg]; infinite if no reading determines the mass
     gain: float  #: fall of χ² relative to the fit with all bounds
-    doubled: FloatArray  #: (m,) relative change of the m compliances if the mass is twice the stated mass
+    #: (m,) relative change of the compliances of the m observed joints if the mass is twice the stated mass
+    change_if_doubled: FloatArray
 
 
 def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> list[FreedMass]:
@@ -71,8 +72,8 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
     count = max((k + 1 for unknown_indices in problem.unknowns for k in unknown_indices), default=0)
     means = [0.5 * (body.most + body.least) for body in burden.bodies]
     unknown_inertias, _ = burden.unknown
-    # Index of the unknown, index of the body and half-width of the bounds, for each uncertain mass on which
-    # readings depend. First moments have no mass: half is zero.
+    # Index of the unknown, index of the body and half-width of the bounds, for each uncertain mass; below,
+    # for those that change the torque of a joint. An unknown first moment has no mass, so its `half` is zero.
     uncertain = [(k, body, half) for k, (body, (half, *_)) in enumerate(unknown_inertias) if half > 0.0]
     acting = [
         (k, body, half) for k, body, half in uncertain if any((in_y == n + k).any() for _, in_y in blocks)
@@ -121,20 +122,20 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
         y, freed_loss, jacobian = fit_masses(bounded_y, k)
         root = np.linalg.pinv(jacobian, rcond=0.0)  # root rootᵀ is the covariance of y
         variance = float(root[n + k] @ root[n + k])
-        slope = root[:n] @ root[n + k] / variance  # change of the compliances with the deviation ζ_k
+        slope = root[:n] @ root[n + k] / variance  # derivative of the compliances with respect to ζ_k
         # A compliance near zero is replaced by its uncertainty for a mass that is fixed as stated.
         reference = np.maximum(y[:n], np.linalg.norm(root[:n] - np.outer(slope, root[n + k]), axis=1))
-        doubled = means[body] / half * slope / np.where(reference > 0.0, reference, np.inf)
+        change_if_doubled = means[body] / half * slope / np.where(reference > 0.0, reference, np.inf)
         # The weak prior alone gives the variance 1 / (3 _FREE²): the readings must at least halve it.
         is_determined = 3.0 * _FREE**2 * variance < 0.5
         mass = means[body] + half * float(y[n + k])
         uncertainty = half * float(np.sqrt(variance)) if is_determined else np.inf
-        freed.append(FreedMass(body, mass, uncertainty, bounded_loss - freed_loss, doubled))
+        freed.append(FreedMass(body, mass, uncertainty, bounded_loss - freed_loss, change_if_doubled))
     return freed
 
 
 def find_contradicted_mass(freed: Sequence[FreedMass]) -> FreedMass | None:
-    """Return the mass that the readings contradict most; None if they contradict none."""
+    """Return the mass that the readings contradict most; None if they contradict no mass."""
     determined = (each for each in freed if np.isfinite(each.uncertainty))
     worst = max(determined, key=lambda each: each.gain, default=None)
     return None if worst is None or worst.gain <= CONTRADICTED else worst
@@ -144,8 +145,8 @@ def widen_mass_bounds(bodies: Sequence[Body], wrong: FreedMass) -> tuple[Body, .
     """Return the bodies, with the wrong mass's bounds widened to its fitted value ± two uncertainties."""
     low, high = wrong.mass - 2.0 * wrong.uncertainty, wrong.mass + 2.0 * wrong.uncertainty
     body = bodies[wrong.body]
-    wide = replace(body, least=max(0.0, min(body.least, low)), most=max(body.most, high))
-    return (*bodies[: wrong.body], wide, *bodies[wrong.body + 1 :])
+    widened = replace(body, least=max(0.0, min(body.least, low)), most=max(body.most, high))
+    return (*bodies[: wrong.body], widened, *bodies[wrong.body + 1 :])
 
 
 def report_contradicted_mass(body: Body, wrong: FreedMass, *, covered: bool = True) -> Finding:
@@ -175,7 +176,7 @@ def report_unchecked_masses(bodies: Sequence[Body], freed: Sequence[FreedMass]) 
     """
     names, change = [], 0.0
     for each in freed:
-        effect = float(np.abs(each.doubled).max(initial=0.0))
+        effect = float(np.abs(each.change_if_doubled).max(initial=0.0))
         if bodies[each.body].mass < _CHECKED * each.uncertainty and effect > _MATTERS:
             names.append(bodies[each.body].name)
             change = max(change, effect)

@@ -52,10 +52,10 @@ def choose_own_weight_if_unloaded(
     """
     if not (measurements.is_unloaded and robot.bodies):
         return options
-    stated = options.model_dump(mode="json", exclude_unset=True)
+    stated_options = options.model_dump(mode="json", exclude_unset=True)
     try:
-        return type(options).model_validate_json(json.dumps({"weight": {}} | stated))
-    except ValueError:
+        return type(options).model_validate_json(json.dumps({"weight": {}} | stated_options))
+    except ValueError:  # a stated option excludes identification from own weight
         return options
 
 
@@ -163,6 +163,7 @@ def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tupl
             where="weight",
             remedy="give `bodies` of the robot, or a URDF with inertials",
         )
+    # A deflection with an absolute position has a position without load and a position under load.
     loaded = m.present & ~m.in_flange
     unloaded = loaded if m.unloaded_only is None else loaded | m.unloaded_only
     if not unloaded.any():
@@ -214,12 +215,16 @@ def _build_model(robot: Robot, estimate: WeightEstimate) -> JointModel:
     Errors of masses correlate the n joints to an unknown degree. The variances are therefore multiplied by n:
     by the Cauchy-Schwarz inequality ``(Σ |A_j| u_j)² ≤ n Σ A_j² u_j²``, this covers any correlation.
     """
-    known = np.array(
+    identified_joints = np.array(
         [j for j, joint in enumerate(estimate.joints) if joint.compliance is not None], dtype=np.intp
     )
     compliance = estimate.fit.compliance  # includes joints without a published compliance: they sag, too
-    variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in estimate.joints])[known]
-    likelihood = Likelihood(known, compliance[known], len(known) * np.diag(variance))
+    variance = np.array([(joint.standard_uncertainty or 0.0) ** 2 for joint in estimate.joints])
+    likelihood = Likelihood(
+        identified_joints,
+        compliance[identified_joints],
+        len(identified_joints) * np.diag(variance[identified_joints]),
+    )
     return JointModel(
         robot,
         compliance,

@@ -171,14 +171,14 @@ def test_of_many_faults_twenty_are_named_or_as_many_as_fit(length, named, local)
 
 
 REMEDIES = {
-    "is not a finite decimal number": "write it like 0.35 or -1.2e-3",
+    "is not a finite decimal number": "write the number like 0.35 or -1.2e-3",
     "is outside ±": "check the number and its unit: lengths in m, angles in rad",
     "not well-formed XML": "check the document with an XML tool",
     "document type declaration": "remove <!DOCTYPE …> and write the entities out",
-    "control character": "send plain text in UTF-8 without it",
+    "control character": "send plain text in UTF-8 without this character",
     "this is not XML": "send the document itself, not its file name",
     "moving joints$": "use at most 32: choose a base and a flange closer to each other",
-    "some links form a cycle": "a URDF is a tree: give one of them another parent",
+    "some links form a cycle": "a URDF is a tree: give one of these links another parent",
     "two joints have this link as child": "a URDF is a tree: keep one of the two joints",
     "links have no parent": "join all links into one tree with one root",
     "name is missing or empty": "give it a name",
@@ -196,21 +196,21 @@ REMEDIES = {
     "leave no range": "give a finite lower limit that does not exceed the upper one, or no limits",
     "there is a (floating|planar) joint": (
         "only revolute, continuous, prismatic and fixed joints are supported between base and flange: "
-        "fix it at its position, or choose another base or flange"
+        "make this joint fixed at its position, or choose another base or flange"
     ),
     "unknown joint type": "use one of revolute, continuous, fixed, prismatic, floating, planar",
     "mimic joint": "remove <mimic>, and describe the coupling in `joint_map`",
-    "needs exactly 3 numbers": "write decimal numbers separated by spaces",
+    "exactly 3 numbers are needed": "write decimal numbers separated by spaces",
     "unknown attribute": "use only xyz and rpy",
     "no attribute xyz": "add the attribute xyz",
     "^the axis ": "give a unit vector, such as 0 0 1",
-    "is given 2 times": "keep one of them",
+    "is given 2 times": "keep one <",
     "there is no link 'c'": "use one of the links 'a', 'b'",
     "the root element is": "send a URDF document, not SDF or MJCF",
     "second <robot>|content after the end": "send one robot per document",
     "fixed-only chain": "choose a base and a flange with moving joints between them",
-    "processing instruction": "remove it",
-    "unexpanded xacro": "expand it first: xacro robot.urdf.xacro > robot.urdf",
+    "processing instruction": "remove the instruction",
+    "unexpanded xacro": "expand the document first: xacro robot.urdf.xacro > robot.urdf",
     "must have at (least 1 character|most 2097152 characters)": EXAMPLE,
     "the body exceeds 4096 KiB": SPLIT,
 }

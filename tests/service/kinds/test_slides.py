@@ -183,8 +183,8 @@ class TestWorkOfARail:
         assert (found.counts["reached"], found.worst.joints[0]) == (8, RAIL)
         assert [name for name, kind in found.joint_kinds.items() if kind == "prismatic"] == ["joint_1"]
         assert refused(js.map, runs["rail"], **AREA) == (
-            "map.run_id | the request does not give the position of the linear axis joint_1 | give all "
-            "joints as `near` or `start`: the linear axis stays there"
+            "map.run_id | the request does not give the position of the linear axis joint_1 | give "
+            "the positions of all joints in `near` or `start`; the linear axis stays at its position"
         )
         assert refused(js.map, runs["scara"], **AREA) == (
             "map.run_id | the robot has 3 revolute joints | inverse kinematics needs an arm with six "

@@ -129,7 +129,7 @@ def test_a_mass_of_which_no_reading_tells_is_neither_checked_nor_contradicted():
     by_joints[:, problem.cones.first] = problem.A[:, problem.cones.first]
     freed = fit_freed_masses(replace(problem, A=by_joints), readings.burden, 1.0)
     assert [each.uncertainty for each in freed] == [np.inf] * 5
-    assert not any(each.doubled.any() for each in freed)
+    assert not any(each.change_if_doubled.any() for each in freed)
     assert find_contradicted_mass(freed) is None
 
 
@@ -142,7 +142,7 @@ def test_of_one_body_alone_its_weight_times_compliances_is_told_and_twice_its_ma
     estimate = identify_weight(ROBOT, readings)
     (freed,) = fit_freed_masses(estimate.fit.reduced, stated, 1.0)
     assert freed.uncertainty == np.inf
-    np.testing.assert_allclose(freed.doubled, -1.0, rtol=1e-6)
+    np.testing.assert_allclose(freed.change_if_doubled, -1.0, rtol=1e-6)
     remark = report_unchecked_masses(stated.bodies, [freed])
     assert f"do not check the mass of {stated.bodies[0].name}: " in remark.message
     assert "by up to 1e+02 %" in remark.message
