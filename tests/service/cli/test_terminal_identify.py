@@ -99,7 +99,7 @@ def test_resampled_fits_are_shown_in_the_unit_that_is_asked_for():
         "200 fits of 8 configurations drawn at random",
         "┃ joint ┃ mean ┃ deviation ┃ negative ┃ rigid ┃ undetermined ┃",
         "│ joint_1 │ 1110.2 │ 4.7 │ 0 % │ 0 % │ 0 % │",
-        "│ joint_6 │ 24.1 │ 1.2 │ 0 % │ 0 % │ 0 % │",
+        "│ joint_6 │ 27.1 │ 1.5 │ 0 % │ 0 % │ 0 % │",
         "│ compensation │ 98.7 % │ 0.0 % │ — │ — │ — │",
         "stiffness in N·m/arcmin: mean and standard deviation of one fit; compensation: explained share over "
         "all configurations",
