@@ -75,6 +75,9 @@ def list_candidates(
     point, turn = np.repeat(free, len(turns)), np.tile(np.arange(len(turns)), len(free))
     solutions, _ = inverse.solve(path.turn(point, turns[turn])) if len(point) else (np.zeros((0, 8, 6)), None)
     row, branch = np.nonzero(np.isfinite(solutions[:, :, 0]))
+    solved = point[row]
+    within = _find_within_limits(inverse, solutions[row, branch])
+    row, branch = row[within], branch[within]
     point, turn = point[row], turn[row]
     model_angles = inverse.insert_held_joints(solutions[row, branch], of_model=True)
     given = np.flatnonzero(~np.isnan(path.given[:, 0]))
@@ -98,8 +101,17 @@ def list_candidates(
     order = np.argsort(point[index], kind="stable")
     index, joints = index[order], joints[order]
     found = Candidates(point[index], turn[index], joints, size[index], regularity[index])
-    _refuse_unreached(found, path, point, usable)
+    _refuse_unreached(found, path, solved, point)
     return found
+
+
+def _find_within_limits(inverse: InverseKinematics, angles: FloatArray) -> BoolArray:
+    """Return a mask (K,) of angles (K, 6) [rad] that are within the limits, if full turns are added."""
+    low, high = inverse.arm.limits.T
+    wrapped = angles - 2.0 * np.pi * np.round(angles / (2.0 * np.pi))
+    shifted = wrapped[:, :, None] + _FULL_TURNS
+    inside = (shifted >= low[:, None]) & (shifted <= high[:, None])
+    return np.asarray(inside.any(axis=2).all(axis=1))
 
 
 def _compute_sizes(
@@ -179,8 +191,15 @@ def _add_full_turns(
     return np.concatenate([index, fixed]), np.concatenate([states, angles[fixed]])
 
 
-def _refuse_unreached(found: Candidates, path: ProcessPath, solved: IndexArray, usable: BoolArray) -> None:
-    """Raise a `RequestError` for the first point of a path that has no posture."""
+def _refuse_unreached(found: Candidates, path: ProcessPath, solved: IndexArray, within: IndexArray) -> None:
+    """Raise a `RequestError` for the first point of a path that has no posture.
+
+    Args:
+        found: postures that may be used.
+        path: path of m points.
+        solved: (S,) points of all solutions of the inverse kinematics.
+        within: (K,) points of those solutions that are within the limits.
+    """
     counts = np.bincount(found.point, minlength=len(path))
     if counts.all():
         return
@@ -188,7 +207,7 @@ def _refuse_unreached(found: Candidates, path: ProcessPath, solved: IndexArray, 
     reason, remedy = "the robot does not reach it at any turn", "check tool, base and place of the workpiece"
     if (solved == point).any():
         reason, remedy = "all its postures exceed the joints' limits", "move the workpiece"
-        if not usable[solved == point].any():
+        if (within == point).any():
             reason, remedy = (
                 "all its postures are too near a singularity, or on another branch",
                 "lower `clearance`, state `branches: free`, or move the workpiece",

@@ -13,7 +13,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.process.path import ProcessPath
-from jointstiff.solver.process.turning import TurnTask, choose_turns
+from jointstiff.solver.process.turning import TurnTask, estimate_least
 
 FLAT: Final = 0.05
 """Relative difference from the least deflection within which a place counts as nearly as good."""
@@ -70,7 +70,9 @@ def evaluate_places(
     places: FloatArray,
     first: IndexArray | None = None,
 ) -> FloatArray:
-    """Return the deflection (P,) of the best sequence of turns at each place [m]; NaN where there is none.
+    """Return the deflection (P,) of the best sequence at each place, to first order in the load [m].
+
+    NaN is returned where no sequence keeps step and limits.
 
     Args:
         model: model of the loaded robot.
@@ -85,7 +87,7 @@ def evaluate_places(
     for i, place in enumerate(places):
         try:
             moved = path.move(place[:3] - middle, float(place[3]))
-            sizes[i] = choose_turns(model, inverse, moved, task, first).size
+            sizes[i] = estimate_least(model, inverse, moved, task, first)
         except RequestError:
             continue  # the robot does not reach the path there, within limits and step
     return sizes

@@ -96,10 +96,8 @@ def choose_turns(
         RequestError: a point has no posture, or no sequence keeps step and limits.
     """
     first = np.arange(len(path)) if first is None else first
-    candidates = list_candidates(model, inverse, path, task.angles, task.clearance)
-    trellis = Trellis.link(candidates, task.angles, path.continuous, task.motion)
-    weight = path.loaded if path.loaded.any() else np.ones(len(path), dtype=np.bool_)
-    value = _compute_values(candidates, weight[candidates.point])
+    trellis, value, weight = _prepare(model, inverse, path, task)
+    candidates = trellis.candidates
     sequences: list[IndexArray] = []
     if (free := _find_least(trellis, value, first, task.motion)) is not None:
         sequences.append(free)
@@ -130,6 +128,43 @@ def choose_turns(
     unturned = joints_of.get(zero) if abs(task.angles[zero]) < _ZERO else None
     angles = np.where(turn < 0, np.nan, task.angles[turn])
     return TurnChoice(chosen, angles, float(sizes[best]), fixed, best_fixed, unturned)
+
+
+def estimate_least(
+    model: ForwardModel,
+    inverse: InverseKinematics,
+    path: ProcessPath,
+    task: TurnTask,
+    first: IndexArray | None = None,
+) -> float:
+    """Return the deflection of the sequence that `choose_turns` chooses, to first order in the load [m].
+
+    Fixed turns are not evaluated, which takes half of the time.
+
+    Raises:
+        RequestError: a point has no posture, or no sequence keeps step and limits.
+    """
+    first = np.arange(len(path)) if first is None else first
+    trellis, value, weight = _prepare(model, inverse, path, task)
+    found = _find_least(trellis, value, first, task.motion)
+    if found is None:
+        raise RequestError("no sequence of postures follows the path", where="step", remedy="raise `step`")
+    sizes = trellis.candidates.size[found][weight]
+    return float(sizes.max() if task.motion.greatest else np.sqrt(np.mean(np.square(sizes))))
+
+
+def _prepare(
+    model: ForwardModel, inverse: InverseKinematics, path: ProcessPath, task: TurnTask
+) -> tuple[Trellis, FloatArray, BoolArray]:
+    """Return candidates with their motions, their values (K,), and a mask (m,) of points that count.
+
+    Raises:
+        RequestError: a point has no posture, or no motion leads to it.
+    """
+    candidates = list_candidates(model, inverse, path, task.angles, task.clearance)
+    trellis = Trellis.link(candidates, task.angles, path.continuous, task.motion)
+    counted = path.loaded if path.loaded.any() else np.ones(len(path), dtype=np.bool_)
+    return trellis, _compute_values(candidates, counted[candidates.point]), counted
 
 
 def _compute_values(candidates: Candidates, loaded: BoolArray) -> FloatArray:
