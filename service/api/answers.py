@@ -1,4 +1,4 @@
-"""Answers: documents and their descriptions, and every error as problem details of our own making."""
+"""Answers: documents and their descriptions, and every error as a problem document of this service."""
 
 from __future__ import annotations
 
@@ -103,12 +103,12 @@ def describe_post_responses(message: type[BaseModel]) -> dict[int | str, dict[st
 
     `message` is the class of the job in the answer.
     """
-    later = "Not finished: poll its address, or follow its events at /v1/jobs."
-    return LOCATION | {202: {"description": later, "headers": _ADDRESS, "model": message}}
+    not_finished = "Not finished: poll its address, or follow its events at /v1/jobs."
+    return LOCATION | {202: {"description": not_finished, "headers": _ADDRESS, "model": message}}
 
 
 def install_error_handlers(app: FastAPI) -> None:
-    """Install the handler that answers every error with a problem document, without a thread."""
+    """Install the handler that answers every error with a problem document; it runs in the event loop."""
     for kind in (
         JointstiffError,
         StoreError,

@@ -1,4 +1,4 @@
-"""The OpenAPI 3.1 description of the service: each message has one shape, and what repeats is stated once."""
+"""The OpenAPI 3.1 description of the service: one schema for each message, and repeated parts stated once."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _VALUE_KEYWORDS: Final = frozenset({"enum", "const"})  # they list all values, a
 class DescribedApplication(FastAPI):
     """FastAPI with a description that validators accept and generators of clients understand.
 
-    A key is described as optional, as a service may demand none, except in operations of admins.
+    A key is described as optional, because a service may need none, except in operations of admins.
     """
 
     def openapi(self) -> Node:
@@ -202,14 +202,14 @@ def _require_all_answer_fields(document: Node) -> None:
 def _share_components(document: Node) -> None:
     """Move error responses, and parameters that several operations use, to the shared components.
 
-    In the operations, references (`$ref`) replace them.
+    In the operations, references (`$ref`) replace these responses and parameters.
     """
     shared: dict[str, Node] = {"parameters": {}, "responses": {}}
     operations = list(_iterate_operations(document))
     for parameter in (
         parameter for *_, operation in operations for parameter in operation.get("parameters", ())
     ):
-        parameter["schema"].pop("description", None)  # FastAPI writes it with the parameter, too
+        parameter["schema"].pop("description", None)  # FastAPI also writes the description to the parameter
     use_counts = Counter(
         json.dumps(parameter, sort_keys=True)
         for *_, operation in operations
