@@ -123,7 +123,7 @@ class Queue:
             waiting_rows = self._list_rows(limit=PARTS_AT_ONCE + 1, status="ENQUEUED")
         except SQLAlchemyError:
             return True
-        return any(job_of(row.workflow_id) != job_id for row in waiting_rows)
+        return any(extract_job_id(row.workflow_id) != job_id for row in waiting_rows)
 
     def claimed_parts(self) -> dict[str, str]:
         """Return the parts that are claimed and not finished, as a dict: part's id → name of the worker."""
@@ -143,7 +143,11 @@ class Queue:
         The value is True if too many workers died over the part, and False for another failure.
         """
         pages = self._list_pages(status=_GIVEN_UP_STATES)
-        return {job_of(row.workflow_id): row.status == _GIVEN_UP_STATES[0] for page in pages for row in page}
+        return {
+            extract_job_id(row.workflow_id): row.status == _GIVEN_UP_STATES[0]
+            for page in pages
+            for row in page
+        }
 
     def find_unknown_jobs(self, job_ids: Collection[str]) -> set[str]:
         """Return those of `job_ids` whose first part is not in the queue: never added, or removed by hand."""
@@ -151,7 +155,7 @@ class Queue:
             return set()
         first_part_ids = [_part_id(Part(job_id, 0, 0)) for job_id in job_ids]
         rows = self._list_rows(workflow_ids=first_part_ids, limit=len(first_part_ids))
-        return set(job_ids) - {job_of(row.workflow_id) for row in rows}
+        return set(job_ids) - {extract_job_id(row.workflow_id) for row in rows}
 
     def remove_ended_parts(self, find_unfinished: Callable[[Collection[str]], set[str]]) -> None:
         """Remove the finished parts of finished jobs from the queue.
@@ -162,9 +166,9 @@ class Queue:
         # All pages are read first, because a removal shifts the rows of the pages behind.
         for page in list(self._list_pages(status=["SUCCESS", *_GIVEN_UP_STATES])):
             ended_part_ids = [row.workflow_id for row in page]
-            unfinished_jobs = find_unfinished({job_of(part_id) for part_id in ended_part_ids})
+            unfinished_jobs = find_unfinished({extract_job_id(part_id) for part_id in ended_part_ids})
             if removable_part_ids := [
-                part_id for part_id in ended_part_ids if job_of(part_id) not in unfinished_jobs
+                part_id for part_id in ended_part_ids if extract_job_id(part_id) not in unfinished_jobs
             ]:
                 self._client.delete_workflows(removable_part_ids)
 
@@ -305,9 +309,9 @@ def _find_thread_clock() -> int | None:
     return None if clock is None else int(clock(threading.get_ident()))
 
 
-def job_of(part: str) -> str:
-    """Return the id of the job to which a part with this id belongs: the beginning of the part's id."""
-    return part.partition("-")[0]
+def extract_job_id(part_id: str) -> str:
+    """Return the id of a part's job: the beginning of the part's id."""
+    return part_id.partition("-")[0]
 
 
 def _part_id(part: Part) -> str:
