@@ -649,8 +649,8 @@ def has_tables(connection: sa.Connection) -> bool:
         save_command = _SAVE_COMMANDS[connection.dialect.name]
         raise StoreError(
             f"the database has tables of another version of Jointstiff: layout {found}, not {LAYOUT}",
-            f"save it with `{save_command}` and open it with the version that wrote it, or give a new database "
-            "and post the campaigns again",
+            f"save it with `{save_command}` and open it with the version that wrote it, or give a new "
+            "database and post the campaigns again",
         )
     return found is not None
 
