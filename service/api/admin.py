@@ -44,9 +44,10 @@ router = APIRouter(prefix="/v1", tags=["access"], route_class=BodyRoute, depende
 async def get_session(gate: InjectedGate, request: Request) -> access.Session:
     """Return who is answered, and whom the service takes the caller for. Needs no key."""
     key = get_requester(request).key
-    browser, ends_at = (None, None) if gate.is_open else await gate.find_session(request)
-    is_browser = key is not None and browser is not None and key.id == browser.id
-    return _describe_session(gate, key, ends_at if is_browser else None)
+    # The session has an end only if the requester's key is that of the browser's session.
+    session_key, ends_at = (None, None) if gate.is_open else await gate.find_session(request)
+    is_of_session = key is not None and session_key is not None and key.id == session_key.id
+    return _describe_session(gate, key, ends_at if is_of_session else None)
 
 
 @sessions.post("", status_code=201, response_model=access.Session)
@@ -58,19 +59,19 @@ async def create_session(
     The session ends after 8 h without use, after 7 days, when its key is revoked, or by DELETE.
     """
     requester = get_requester(request)
-    key, link = (None if one is None else one.get_secret_value() for one in (body.key, body.link))
-    signed = await gate.sign_in(key, link, requester.address)
-    requester.key = signed.key
+    key, link = (None if secret is None else secret.get_secret_value() for secret in (body.key, body.link))
+    session = await gate.sign_in(key, link, requester.address)
+    requester.key = session.key
     await gate.sign_out(request)  # ends the browser's old session, as the new cookie replaces the old one
     response.set_cookie(
         make_cookie_name(request),
-        signed.token,
+        session.token,
         max_age=int(SESSION_LONGEST.total_seconds()),
         secure=_is_https(request),
         httponly=True,
         samesite="strict",
     )
-    return _describe_session(gate, signed.key, signed.ends_at)
+    return _describe_session(gate, session.key, session.ends_at)
 
 
 @sessions.delete("", status_code=204, response_class=Response)
@@ -85,7 +86,7 @@ async def delete_session(gate: InjectedGate, request: Request) -> Response:
 
 
 def _describe_session(gate: Gate, key: AccessKey | None, ends_at: datetime | None) -> access.Session:
-    """Return the description of a session: access control; name, role and end of the key, or None."""
+    """Return the description of a session: access control, the key (None without one), and the end."""
     if key is None:
         return access.Session(access=gate.access, key_id=None, key_name=None, role=None, ends_at=None)
     role = cast("access.Role", key.role)
@@ -93,7 +94,10 @@ def _describe_session(gate: Gate, key: AccessKey | None, ends_at: datetime | Non
 
 
 def _is_https(request: Request) -> bool:
-    """Return whether the browser uses HTTPS, here or, by its `Origin`, to a proxy in front of the service."""
+    """Return whether the browser uses HTTPS, to this service or to a proxy in front of it.
+
+    The header `Origin` shows whether the browser uses HTTPS to a proxy.
+    """
     return request.url.scheme == "https" or request.headers.get("origin", "").startswith("https://")
 
 
@@ -107,9 +111,8 @@ async def create_key(gate: InjectedGate, parts: InjectedParts, body: access.KeyR
         )
     text, record = make_key(body.name, body.role, now, body.expires_at)
     await run_sync(parts.store.keys.add, record)
-    await run_sync(
-        gate.keyring.read_keys
-    )  # valid in this process at once, in others when they read the keys next
+    # The key is valid in this process at once, and in other processes when they next read the keys.
+    await run_sync(gate.keyring.read_keys)
     return describe_key(record).model_copy(update={"key": text})
 
 
@@ -125,9 +128,8 @@ async def revoke_key(gate: InjectedGate, parts: InjectedParts, key_id: KeyId) ->
     if gate.keyring.is_in_file(key_id):
         raise HTTPException(409, "the key is in the file of keys: revoke it there")
     revoked = await run_sync(parts.store.keys.revoke, key_id, datetime.now(UTC))
-    await run_sync(
-        gate.keyring.read_keys
-    )  # valid in this process at once, in others when they read the keys next
+    # This process refuses the key at once, and other processes when they next read the keys.
+    await run_sync(gate.keyring.read_keys)
     return describe_key(revoked)
 
 
@@ -149,7 +151,7 @@ def list_audit(
 def _iterate_audit_csv(store: Store, key_id: str | None) -> Iterator[str]:
     """Yield the audit as parts of a CSV table: the header, then one part for each page of entries.
 
-    With `key_id`, only entries about this key.
+    If `key_id` is given, the table has only the requests that were made with this key.
     """
     yield csv_rows([list(access.AuditItem.model_fields)])
     page = store.audit.page(_ENTRIES_PER_PAGE, key_id=key_id)

@@ -1,4 +1,4 @@
-"""Answers: documents and their descriptions, and every error as problem details of our own making."""
+"""Answers: documents and their descriptions, and every error as a problem document of this service."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def describe_post_responses(message: type[BaseModel]) -> dict[int | str, dict[st
 
 
 def install_error_handlers(app: FastAPI) -> None:
-    """Install the handler that answers every error with a problem document, without a thread."""
+    """Install the handler that answers every error with a problem document; it runs in the event loop."""
     for kind in (
         JointstiffError,
         StoreError,

@@ -27,13 +27,13 @@ from jointstiff.solver.errors import RequestError
 MAX_KEY_LENGTH: Final = 255
 MAX_FILES: Final = 64
 _MAX_TEXT_FIELDS: Final = 8
-"""Fields without a file name; more than one is refused by its name."""
+"""Greatest number of fields without a file name; `_check_fields` refuses more than one and names it."""
 _ALLOWED_ENCODINGS: Final = frozenset({"7bit", "8bit", "binary"})
 _TOO_LARGE: Final = ("Too many", "Part exceeded")
 
 
 def json_body(examples: Mapping[str, Any]) -> Any:  # noqa: ANN401 - as FastAPI has it
-    """Return FastAPI's declaration of a JSON body; `examples` by name, for its description."""
+    """Return FastAPI's declaration of a JSON body; its description shows `examples` with their names."""
     return Body(openapi_examples={name: Example(value=value) for name, value in examples.items()})
 
 
@@ -53,14 +53,15 @@ class BodyRoute(AccessRoute):
         if field is None:
             return handle
         is_form = isinstance(field.field_info, params.Form)
+        # Media type, and its name in an error message
         media_type_and_words = ("multipart/form-data", "a form") if is_form else ("application/json", "JSON")
         message: type[BaseModel] = field.field_info.annotation  # type: ignore[assignment]
 
         async def handle_parsed(request: Request) -> Response:
             """Parse the body and let FastAPI handle the request, unless the child process answers it."""
             _require_media_type(request, *media_type_and_words)
-            if (answer := await _answer_by_child(request)) is not None:
-                return await self.finish_child_answer(request, answer)
+            if (child_answer := await _answer_by_child(request)) is not None:
+                return await self.finish_child_answer(request, child_answer)
             if is_form:  # FastAPI takes the form or the JSON that Starlette's request has stored
                 request._form = await read_form(request)
             else:
@@ -95,7 +96,7 @@ async def _answer_by_child(request: Request) -> Response | None:
 
 
 def limiter_of_large_work(request: Request) -> CapacityLimiter:
-    """Return the limiter that bounds the number of threads for large work, such as reading big files."""
+    """Return the limiter of the number of threads for large work, such as reading big files."""
     limiter: CapacityLimiter = request.app.state.large_bodies
     return limiter
 
@@ -156,7 +157,7 @@ def garbage_collector_paused() -> Iterator[None]:
     """Pause the garbage collector in the block: it would inspect a million new lists again and again.
 
     These inspections would take five times as long as the parser and stop all other threads. If two blocks
-    overlap, the end of the first one starts the collector again.
+    overlap, the collector runs again when the first block ends.
     """
     gc.disable()
     try:
@@ -177,7 +178,7 @@ class _Parser(MultiPartParser):
 
 
 async def read_form(request: Request) -> FormData:
-    """Read a form; return its fields `files` and `options`, the latter as text even if it was sent as a file.
+    """Read a form, and return its fields `files` and `options`; `options` as text, even if sent as a file.
 
     Raises:
         RequestError: the body is not a form with these fields.

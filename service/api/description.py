@@ -1,4 +1,4 @@
-"""The OpenAPI 3.1 description of the service: each message has one shape, and what repeats is stated once."""
+"""The OpenAPI 3.1 description of the service: one schema for each message, and repeated parts stated once."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ _VALUE_KEYWORDS: Final = frozenset({"enum", "const"})  # they list all values, a
 class DescribedApplication(FastAPI):
     """FastAPI with a description that validators accept and generators of clients understand.
 
-    A key is described as optional, as a service may demand none, except in operations of admins.
+    A key is described as optional, because a service may need none, except in operations of admins.
     """
 
     def openapi(self) -> Node:
@@ -199,7 +199,7 @@ def _require_all_answer_fields(document: Node) -> None:
 def _share_components(document: Node) -> None:
     """Move parameters that several operations use, headers and error responses to the shared components.
 
-    In the operations, references (`$ref`) replace them.
+    In the operations, references (`$ref`) replace these responses and parameters.
     """
     shared: dict[str, Node] = {"parameters": _share_parameters(document), "responses": {}, "headers": {}}
     for *_, operation in _iterate_operations(document):

@@ -1,4 +1,4 @@
-"""Files of jobs: tables, reports, what a kind declares, and the models of runs."""
+"""Files of jobs: tables, reports, files that a kind of job declares, and the models of runs."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Content(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _RequestedFile:
-    """File of a job that a client requests, and what is needed to make it."""
+    """File of a job that a client requests, with the data from which it is made."""
 
     laboratory: LaboratorySettings  # settings of the laboratory that issues reports
     parts: Parts
@@ -103,7 +103,7 @@ def file_names(kind: AnyKind) -> list[str]:
 
 @cache
 def _find_content_makers(kind: AnyKind) -> Mapping[str, _MakeContent]:
-    """Return the function that makes each file of a kind's jobs, by the name of the file."""
+    """Return the functions that make the files of a kind's jobs, as a dict: file's name → function."""
     maker_by_name: dict[str, _MakeContent] = {"tables.json": _make_tables_json}
     if kind.name == Run.kind_name():
         maker_by_name |= {
@@ -228,7 +228,7 @@ def _require_result(jobs: Jobs, job_id: str) -> Job:
 
 
 def _render_report(document: Document, name: str) -> Content:
-    """Render a report as PDF or HTML, as `name` says: `report.pdf` or `report.html`."""
+    """Render a report as PDF if `name` is `report.pdf`, else as HTML."""
     if name == "report.pdf":
         return _add_report_headers(render_pdf(document), document.number, "pdf")
     return _add_report_headers(render_html(document), document.number, "html")

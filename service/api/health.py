@@ -29,13 +29,13 @@ router = APIRouter(tags=["health"], route_class=AccessRoute)
 CHECK_SECONDS: Final = 0.5
 """Pause between two checks of the database [s]."""
 STALE_SECONDS: Final = 10.0
-"""Age of the last check from which the database counts as not answering [s]."""
+"""Greatest age of the last check [s]; if it is older, the database counts as not answering."""
 WRITE_CHECK_SECONDS: Final = 2.0
 """Pause between two checks that the database can be written [s]."""
 STALE_WRITE_CHECK_SECONDS: Final = 30.0
-"""Age of the last write check from which the database counts as not writable [s]."""
+"""Greatest age of the last write check [s]; if it is older, the database counts as not writable."""
 _JOIN_SECONDS: Final = 1.0
-"""Time to wait at the end for a check that is running [s]."""
+"""Greatest time to wait for a running check when the watch ends [s]."""
 Gauges = Callable[[], dict[str, float]]
 
 _DURATION_BUCKETS: Final = (0.005, 0.02, 0.1, 0.5, 2.0, 10.0, 60.0)
@@ -98,13 +98,14 @@ class DatabaseCheck(NamedTuple):
     workers: int = 0  # number of living workers
     database: Literal["sqlite", "postgresql"] = "sqlite"  # kind of the database
     stored_bytes: int = 0  # size of the database
-    error: StoreError | None = None  # why the check failed; None if it succeeded
+    error: StoreError | None = None  # error of the check; None if the check succeeded
 
 
 class Watch:
     """Regular checks of the database in two threads, so that requests for the health never wait.
 
-    As a context manager, it checks until the block ends. Outside the block, each request makes its own check.
+    A watch is a context manager: the threads run until the block ends. Outside the block, each request makes
+    a check of its own.
     """
 
     def __init__(self, store: Store, keyring: Keyring | None = None) -> None:
@@ -112,7 +113,8 @@ class Watch:
 
         Args:
             store: store to check; the caller closes it.
-            keyring: keys to read again with each check, so that a revoked key is refused after the next one.
+            keyring: keys that are read again with each check, so that a revoked key is refused after the next
+                check; None to read no keys.
         """
         self._store = store
         self._keyring = keyring
@@ -181,12 +183,12 @@ class Watch:
         return last_check
 
     def _repeat_until_end(self, pause: float, act: Callable[[], None]) -> None:
-        """Call a function again and again, with a pause [s], until the watch ends."""
+        """Call a function again and again, after a pause [s] each time, until the watch ends."""
         while not self._is_ended.wait(pause):
             act()
 
     def _check_writable(self) -> None:
-        """Write to the database and store the error: read-only files pass the other checks."""
+        """Write to the database, and store the error if it fails: read-only files pass the other checks."""
         try:
             self._store.heartbeats.check_writable()
         except StoreError as error:

@@ -1,9 +1,9 @@
-"""Jobs over HTTP: the post of each kind, made of its declaration; and what jobs of all kinds share.
+"""Jobs over HTTP: the route that posts jobs, made from the declaration of a kind; and routes of all kinds.
 
-Their progress is sent as events: one task looks at all jobs that are followed.
+The progress of jobs is sent as events: one task polls all jobs that clients follow.
 
-Annotations are not postponed here: those of a kind's routes name the messages of that kind, which only a
-local variable holds.
+Annotations are not postponed in this module: the annotations of a kind's route name message classes that only
+a local variable refers to.
 """
 
 import asyncio
@@ -38,7 +38,7 @@ from jointstiff.service.store.tables import OPEN_STATES, AccessKey, JobRecord
 POLL_SECONDS: Final = 0.1
 """Pause between two polls of the jobs that are followed [s]."""
 _PAUSE_PER_POLL_TIME: Final = 4
-"""Least pause, as a multiple of the duration of the last poll: so polls take at most a fifth of the time."""
+"""Least pause, as a multiple of the last poll's duration: polls take at most a fifth of the time."""
 
 
 @dataclass(eq=False)
@@ -73,7 +73,7 @@ class _FollowedJob:
         return _make_event("end", self.job if is_read else _update_job(status, self.job))
 
     def publish(self, event: ServerSentEvent | None) -> None:
-        """Send an event to the streams of the job unless it equals the last one; None ends the streams."""
+        """Send an event to the streams of the job, unless it equals the last event; None ends the streams."""
         if event is not None and event == self.event:
             return
         self.has_ended = event is None or event.event == "end"
@@ -87,7 +87,7 @@ PermissionCheck = Callable[[], Awaitable[bool]]
 
 
 async def _is_always_allowed() -> bool:
-    """Return true: the client may follow the job for any time."""
+    """Return True: the client may follow the job for any time."""
     return True
 
 
@@ -99,7 +99,7 @@ class Followers:
     def __init__(
         self, is_closing: Callable[[], bool] = lambda: False, *, pause: float = POLL_SECONDS
     ) -> None:
-        """Begin without followers.
+        """Create an object without followers.
 
         Args:
             is_closing: function that returns whether the service is about to end, which ends all streams.
@@ -113,7 +113,7 @@ class Followers:
     async def events(
         self, jobs: Jobs, job_id: str, is_allowed: PermissionCheck = _is_always_allowed
     ) -> AsyncGenerator[ServerSentEvent]:
-        """Yield `progress` events while a job goes on, then one `end` event with its final state.
+        """Yield `progress` events while a job is queued or runs, then one `end` event with its final state.
 
         Args:
             jobs: all jobs of the kind of this job.
@@ -226,9 +226,10 @@ class JobRoute(BodyRoute):
         """Wait for the end of a job that the child process has stored: the child itself does not wait."""
         if response.status_code != 202:
             return response
-        # The text is certainly a number, because the child has validated the request.
+        # The child process has validated the request, so `wait` is a number.
         wait = float(request.query_params.get("wait", WaitQuery().wait))
-        job_id = response.headers["Location"].rpartition("/")[2]  # not from the body, which may be compressed
+        # The id is read from the header, because the body may be compressed.
+        job_id = response.headers["Location"].rpartition("/")[2]
         jobs = await run_in_threadpool(request.app.state.parts.jobs_of, job_id)
         record = await run_in_threadpool(jobs.records.get, job_id)
         return await answer_new_job(jobs, record, wait, request.app.state.followers)
@@ -244,7 +245,7 @@ async def answer_new_job(jobs: Jobs, record: JobRecord, wait: float, followers: 
             await followers.wait(jobs, record.id, wait)
         job = await run_in_threadpool(jobs.current, record.id)
     except (StoreUnavailableError, NotFoundError):
-        # The database is not available, or the job was deleted; but the job had been stored.
+        # The job was stored before the database became unavailable or the job was deleted: answer as stored.
         return answers.answer_created(JOB.collection, record.id, to_public_json(record.document), 202)
     text = to_public_json(job.model_dump_json())
     return answers.answer_created(JOB.collection, job.id, text, 202 if job.state in OPEN_STATES else 201)

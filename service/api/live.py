@@ -23,9 +23,9 @@ from jointstiff.service.security.access import OPERATOR, VIEWER, Gate, get_reque
 
 Id = Annotated[str, Path(max_length=64, description="Id of the set.")]
 POLL_SECONDS: Final = 0.5
-"""Pause between two polls of an open set that is followed [s]."""
+"""Pause between two polls of a live campaign that a client follows [s]."""
 POLLS_PER_CHECK: Final = 10
-"""Number of polls after which the service checks again whether the client may follow."""
+"""Number of polls after which the service checks again whether the key of the client is valid."""
 QUIET_SECONDS: Final = 15.0
 """Silence after which a comment is sent, as FastAPI does in the events of jobs [s].
 
@@ -77,17 +77,20 @@ async def get_next(
 
 
 @router.get("/code.svg", dependencies=[VIEWER], include_in_schema=False)  # a part of the page
-def get_code(
+def draw_qr_code(
     parts: answers.InjectedParts,
     set_id: Id,
     page: Annotated[
         str, Query(max_length=400, pattern=r"^https?://[^\s#]+$", description="Address of the page.")
     ],
 ) -> Response:
-    """Draw a QR code of the page's address of an open set, for a tablet at the robot."""
+    """Draw a QR code with the address of the page on which readings of a live campaign are entered.
+
+    A tablet at the robot scans the code from the screen.
+    """
     import segno
 
-    parts.live.revision(set_id)  # raises an error for an unknown set
+    parts.live.revision(set_id)  # raises an error if there is no such live campaign
     drawing = io.BytesIO()
     segno.make(f"{page}#/measure/{set_id}", micro=False).save(
         drawing, kind="svg", scale=4, dark="#000", light="#fff"
@@ -111,14 +114,14 @@ async def close_measurement_set(
 async def _stream_states(
     request: Request, sets: OpenSets, set_id: str, latest: LiveState
 ) -> AsyncIterator[bytes]:
-    """Yield an event with the state of an open set at each change.
+    """Yield an event with the state of a live campaign at first and after each change.
 
-    The stream ends when the set or the service is closed, or when the requester's key is no longer valid.
-    `latest` is the first state.
+    The stream ends when the campaign or the service is closed, or when the requester's key is no longer
+    valid. `latest` is the present state.
     """
     gate: Gate = request.app.state.gate
-    # The revision that was sent last, the number of polls, and the time since the last event or comment [s].
-    sent_revision, poll_count, silent_seconds = -1, 0, 0.0
+    sent_revision = -1  # revision of the state that was sent last
+    poll_count, silent_seconds = 0, 0.0  # polls so far; time since the last event or comment [s]
     while not request.app.state.is_closing():
         if latest.revision != sent_revision:
             sent_revision, silent_seconds = latest.revision, 0.0

@@ -1,4 +1,4 @@
-"""Middleware of every answer: who is let in, methods as in RFC 9110, security headers, a line in the log."""
+"""Middleware of every answer: access control, methods as in RFC 9110, security headers, and the log."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _LIVENESS_PATH: Final = "/live"
 """Path for liveness probes of containers, which the service answers even before a key exists."""
 _NO_KEY_YET: Final = (
     "this service has no key yet, so it answers only requests from its own machine",
-    "create one with `jointstiff keys create NAME --role ROLE` where the service runs (`docker exec` in a "
+    "create a key with `jointstiff keys create NAME --role ROLE` where the service runs (`docker exec` in a "
     "container); or publish its port on its machine alone (`--publish 127.0.0.1:8000:8000`) and start it "
     "with `serve --host 0.0.0.0 --no-access-control --allowed-host localhost`",
 )
@@ -101,7 +101,7 @@ class Guard:
     ) -> None:
         """Forward a request whose key has at least the role `viewer`; public paths need no key.
 
-        On a public path of the API, the key is read nevertheless, because the audit names it.
+        On a public path of the API, the key is read nevertheless, because the audit records the key.
         """
         is_public = scope["path"] in self._public_paths
         try:
@@ -193,7 +193,7 @@ UNCOMPRESSED_TYPES: Final = (
 KNOWN_ID: Final = "jointstiff.request_id"
 """Key of the scope that holds the id of a request which another process of the service forwarded.
 
-That process counts and logs the request, so this one does not.
+The other process counts and logs the request, so this process does not.
 """
 _COUNTED_METHODS: Final = frozenset({"DELETE", "GET", "HEAD", "OPTIONS", "PATCH", "POST", "PUT"})
 
@@ -201,9 +201,9 @@ _logger = logging.getLogger(ACCESS_LOGGER)
 
 
 class Observed:
-    """Outermost middleware: gives each request an id, counts it, and logs it if so configured.
+    """Outermost middleware: gives each request an id, counts the request, and logs it if so configured.
 
-    It also adds the standard headers that an answer does not have.
+    The middleware also adds the standard headers that an answer does not have.
     """
 
     def __init__(self, app: ASGIApp, metrics: Metrics) -> None:
@@ -233,7 +233,7 @@ class Observed:
                 for name, value in {**ANSWER_HEADERS, REQUEST_ID_HEADER: identifier}.items():
                     headers.setdefault(name, value)
             await send(message)
-            # only after `send`, which fails if the connection is closed
+            # The status is noted only after `send`, which fails if the connection is closed.
             status = message.get("status", status)
 
         try:

@@ -51,7 +51,7 @@ The API is described at <a href="{root}openapi.json">openapi.json</a>.
 
 
 def _make_missing_docs_page(root: str) -> str:
-    """Return the page that explains how to build the documentation; `root` is the relative path to /."""
+    """Return the HTML page that explains how to build the documentation; `root` is the relative path to /."""
     return _MISSING_DOCS.format(root=root)
 
 
@@ -74,9 +74,9 @@ class _Assets(_Files):
             is_packed = (await run_sync(self.lookup_path, f"{path}.gz"))[1] is not None
         except (OSError, ValueError):  # the operating system does not accept this file name
             raise HTTPException(404) from None
-        takes_packed = is_packed and "gzip" in Headers(scope=scope).get("accept-encoding", "")
-        response = await super().get_response(f"{path}.gz" if takes_packed else path, scope)
-        if takes_packed:
+        sends_packed = is_packed and "gzip" in Headers(scope=scope).get("accept-encoding", "")
+        response = await super().get_response(f"{path}.gz" if sends_packed else path, scope)
+        if sends_packed:
             response.headers["Content-Encoding"] = "gzip"
             response.headers["Content-Type"] = guess_type(path)[0] or "application/octet-stream"
         # The long Content-Security-Policy is for the page alone; these files get the short default policy.

@@ -1,6 +1,6 @@
-"""Posts other than those of the kinds: campaign files, actions, reports, deflections; and files in forms.
+"""Routes for campaign files, actions of an assessment, deflections, and forms with files.
 
-Readings in files are understood and shown before anything is stored; programs are corrected.
+Readings in files are previewed before anything is stored; programs in files are corrected.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def _make_request_after_action(parts: Parts, run: Run, action: Action) -> RunReq
 
 
 def _copy_fields(message_class: type[AMessage], source: Message) -> AMessage:
-    """Return a message of a class; its fields are copied from `source`, a message with more fields."""
+    """Return a message of a class, with fields copied from `source`, a message that has more fields."""
     return message_class(**{name: getattr(source, name) for name in message_class.model_fields})
 
 
@@ -203,13 +203,13 @@ def _store_once(
         record = create(document, _make_key_from_content(key_text))
         with suppress(NotFoundError):
             return str(collection.get(record.id).id)
-        key_text += record.id  # this key belongs to a deleted record
+        key_text += record.id  # the present key belongs to a deleted record: try another key
 
 
 def _make_key_from_content(content: str) -> IdempotencyKey:
     """Return the idempotency key of a content, with the hash of the content.
 
-    The Python client makes the same key, so that a post by either stores the content only once.
+    The Python client makes the same key, so that content posted by the client, too, is stored only once.
     """
     return IdempotencyKey(content_key(content), hashlib.sha256(content.encode()).hexdigest())
 
@@ -245,7 +245,7 @@ async def create_campaign(
 
 @contextmanager
 def _name_section_in_errors(section: str) -> Iterator[None]:
-    """Put the name of a campaign's section in front of the place of errors raised in the block."""
+    """Put the name of a section of the campaign file before the `where` of errors raised in the block."""
     try:
         yield
     except JointstiffError as error:

@@ -1,4 +1,4 @@
-"""A campaign that is being measured: the entries of its record, and the state that follows from them."""
+"""A live campaign: the entries of its record, and the state that follows from these entries."""
 
 from __future__ import annotations
 
@@ -58,10 +58,10 @@ class Entry:
     change: Change  # kind of the entry
     label: str  # label of the observation; empty for the entry that closes the campaign
     observation: Observation | None = None
-    innovation: Innovation | None = None  # how far the observation was from its prediction
+    innovation: Innovation | None = None  # difference of the observation from its prediction
     held_out: HeldOut | None = None  # result of the check, if the observation was held out to check the model
-    reason: str | None = None  # why the observation was withdrawn
-    joints: tuple[float, ...] = ()  # posture that was skipped
+    reason: str | None = None  # reason why the observation was withdrawn
+    joints: tuple[float, ...] = ()  # skipped posture
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class Declaration:
     def options(self) -> live.LiveOptions:
         """Goal and equipment of the live campaign, with the targets and the load point of its set."""
         if self.header.open is None:
-            raise ValueError("the set is not open")
+            raise ValueError("the measurement set declares no live campaign")
         return self.header.open
 
     @cached_property
@@ -106,7 +106,7 @@ class Declaration:
                 remedy="omit `priors`, or measure with a load",
             )
         prior_stiffness = {name: prior.stiffness for name, prior in options.priors.items()}
-        # A prior is only an expected stiffness here: its uncertainty counts only if readings confirm it.
+        # Here a prior is only an expected stiffness: its uncertainty is used only after readings confirm it.
         plan_fields["stiffness"] = prior_stiffness | options.stiffness
         noise = header.noise.sigma if header.noise is not None else None
         request = to_design_request(
@@ -158,7 +158,7 @@ class LiveCampaign:
         object.__setattr__(self, "entry_by_label", self._entries_by_label("observation"))
 
     def with_entry(self, entry: Entry) -> LiveCampaign:
-        """Return the campaign with one more entry; unchanged if it has this entry object already."""
+        """Return the campaign with one more entry, or this campaign if it has this entry object already."""
         if any(entry is each for each in self.entries):
             return self
         return LiveCampaign(self.declaration, (*self.entries, entry))
@@ -179,7 +179,7 @@ class LiveCampaign:
 
     @property
     def closed(self) -> bool:
-        """True if the campaign was closed, so that it takes no more readings."""
+        """True if the campaign was closed, so that no more readings can be added."""
         return bool(self._entries_by_label("closed"))
 
     def compare_with_prediction(self, observation: Observation) -> Entry:
@@ -290,7 +290,7 @@ class LiveCampaign:
         next_reading = self.progress.next
         if next_reading is None:
             return None
-        # Labels are m01, m02 and so on; a label that the user gave to an earlier reading is passed over.
+        # Labels are m01, m02 and so on, without labels that the user gave to earlier readings.
         labels = map("m{:02d}".format, count(1 + len(self.entry_by_label)))
         return PlannedReading(
             label=next(label for label in labels if label not in self.entry_by_label),
@@ -370,7 +370,7 @@ class LiveCampaign:
         """
         readings = self._list_readings()
         lines = [f"Measured live. Declared goal: {describe_goal(self.declaration.options)}."]
-        # The state before the campaign was closed says whether the goal was reached.
+        # The state before the campaign was closed shows whether the goal was reached.
         earlier_entries = tuple(entry for entry in self.entries if entry.change != "closed")
         state, message = replace(self, entries=earlier_entries)._state_and_message()
         outcome = message if message.startswith(state) else f"{state}: {message}"

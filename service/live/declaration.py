@@ -1,4 +1,4 @@
-"""Declaration of a live campaign: a goal in words, and equipment taken over from a campaign."""
+"""Declaration of a live campaign: a goal in words, and equipment copied from an earlier campaign."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 
 _DOWN: Final = -0.999
-"""Part along z of R0 of a force's direction from which on it counts as a weight."""
+"""Greatest z component (R0) of the direction of a force that counts as a weight: it points down."""
 SI: Final = Units(length="m", angle="rad", force="N")
 """Units of a campaign that begins with a robot."""
 
@@ -149,12 +149,13 @@ def _derive_live_options(
     """Derive live options from an earlier campaign: targets, load, load point and work area.
 
     The load is a dead weight if all forces point down, and the own weight if all forces are zero. Targets
-    at the same place, to the nearest 1 µm, become one target. A `JointsGoal` needs no work area.
+    whose positions agree to 1 µm become one target. A `JointsGoal` needs no work area.
     """
     m = measurements
     force_size = np.linalg.norm(m.force, axis=1)  # (N,) [N]
     places = targets_in_flange(robot, m)
-    distinct = np.sort(np.unique(np.round(places, 6), axis=0, return_index=True)[1])  # indices of targets
+    # Indices of the targets at different positions
+    distinct = np.sort(np.unique(np.round(places, 6), axis=0, return_index=True)[1])
     options: dict[str, Any] = {"targets": {m.targets[t]: tuple(places[t].tolist()) for t in distinct}}
     greatest_force = float(force_size.max())
     if greatest_force == 0.0:

@@ -53,7 +53,7 @@ _LARGEST_DEFLECTION: Final = 0.05
 
 
 class SourceError(ServiceError):
-    """A source gave no usable reading: it stopped, repeats itself, jumped, or sent something else."""
+    """A source gave no usable reading: the source stopped, repeated a reading, jumped, or sent other text."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,9 +156,12 @@ class CheckedSource:
     """A source whose readings are checked before they count; an implausible reading raises an error."""
 
     def __init__(self, source: Any, setting: Setting, patience: float = PATIENCE) -> None:  # noqa: ANN401
-        """Check the readings of a source, an object that has at least the method `point`.
+        """Check the readings of a source.
 
-        `patience` is the time to wait for each answer of the source [s].
+        Args:
+            source: object that has at least the method `point` of a `Source`.
+            setting: robot and targets of the campaign.
+            patience: longest time to wait for each answer of the source [s].
         """
         self._source, self._setting, self._patience = source, setting, patience
         self._earlier_positions: set[Place] = set()  # all positions read before, of all targets
@@ -172,7 +175,7 @@ class CheckedSource:
     async def profile(self, stand: Stand) -> str | None:
         """Announce a posture to the source; return the source's text on how its readings are understood.
 
-        The user is to confirm the text; None if there is nothing to confirm.
+        The user confirms the text. Return None if there is nothing to confirm.
         """
         await self._call_if_defined("stand", stand)
         self._announced_stand = stand
@@ -199,8 +202,7 @@ class CheckedSource:
             self._refuse_implausible(stand, name, np.array(point[0]), points)
         places = {name: np.array(place) for name, (place, _) in points.items()}
         self._earlier_positions |= {place for place, _ in points.values()}
-        # A reading with load follows the reading without load in the same posture, so that the positions
-        # without load serve once only.
+        # Positions without load are compared only with the next reading, which is in the same posture.
         self._unloaded = {} if stand.loaded else places
         return points
 
@@ -259,22 +261,24 @@ class CheckedSource:
     ) -> None:
         """Refuse a position (3,) [m] of a target that cannot be right.
 
-        It is compared with earlier readings, with the distances of the targets on the flange, and with the
-        position without load or, for a reading without load, with the position that the kinematics predict.
-        `points` are the targets read in this posture so far, with the target `name`.
+        The position is compared with earlier readings, with the distances of the targets on the flange, and
+        with the position without load or, for a reading without load, with the position that the kinematics
+        predict. `points` are the targets read in this posture so far, including the target `name`.
 
         Raises:
             SourceError: the position repeats an earlier reading, or is too far from the expected position.
         """
-        others = {other: point for other, (point, _) in points.items() if other != name}
+        # Positions of the other targets; an answer has a position and its uncertainty.
+        others = {other: position for other, (position, _) in points.items() if other != name}
         if points[name][0] in self._earlier_positions.union(others.values()):
             raise SourceError(
                 f"{name}: the source sent exactly the same position as in an earlier reading",
                 remedy="check that the instrument still measures, then read again",
             )
-        setting, flange = self._setting, {n: np.array(p) for n, p in self._setting.targets.items()}
+        setting = self._setting
+        in_flange = {target: np.array(position) for target, position in setting.targets.items()}
         for other, other_place in others.items():
-            distance_on_flange = float(np.linalg.norm(flange[name] - flange[other]))
+            distance_on_flange = float(np.linalg.norm(in_flange[name] - in_flange[other]))
             measured_distance = float(np.linalg.norm(place - other_place))
             if abs(measured_distance - distance_on_flange) > _LARGEST_DISTANCE_ERROR:
                 raise SourceError(
@@ -293,7 +297,7 @@ class CheckedSource:
                 )
             return
         angles = setting.robot.joint_map.model_angles(np.array([stand.joints]))
-        expected_place = Postures(setting.robot, angles).to_base(flange[name][None, None])[0, 0]  # in R0
+        expected_place = Postures(setting.robot, angles).to_base(in_flange[name][None, None])[0, 0]  # in R0
         position_error = float(np.linalg.norm(setting.to_base(place) - expected_place))
         if position_error > _LARGEST_POSITION_ERROR:
             raise SourceError(
@@ -457,13 +461,13 @@ class Profile:
             raise RequestError(
                 f"the pattern is not a valid regular expression: {error}",
                 where="pattern",
-                remedy="correct it",
+                remedy="correct the regular expression",
             ) from error
         if not {"x", "y", "z"} <= set(compiled.groupindex):
             raise RequestError(
                 "the pattern has no groups x, y and z",
                 where="pattern",
-                remedy=r"name them, such as (?P<target>\w+) (?P<x>\S+) (?P<y>\S+) (?P<z>\S+)",
+                remedy=r"name the groups, such as (?P<target>\w+) (?P<x>\S+) (?P<y>\S+) (?P<z>\S+)",
             )
         return cls(compiled, f"by the pattern {pattern}", unit)
 
@@ -482,7 +486,7 @@ class Profile:
             raise RequestError(
                 f"the columns '{','.join(names)}' must name x, y and z, and no column twice",
                 where="columns",
-                remedy="name them in order, such as target,x,y,z or -,x,y,z,sigma",
+                remedy="name the columns in order, such as target,x,y,z or -,x,y,z,sigma",
             )
         cells = [_CELL if name == "-" else f"(?P<{name}>{_CELL})" for name in names]
         line_format = _SEPARATOR.join(cells) if cells else _DEFAULT_FORMAT
@@ -507,7 +511,7 @@ class Profile:
         return texts.get("target"), ((x, y, z), sigma)
 
     def describe(self, line: str | None) -> str:
-        """Return a description of the profile for people; if `line` is a reading, with it as an example."""
+        """Return a description of the profile for people; with `line` as an example if it is a reading."""
         text = f"lines are read {self.format_phrase}, lengths in {self.unit}"
         reading = None if line is None else self.read(line)
         if reading is None:
@@ -573,7 +577,7 @@ class Lines(Source):
                 remedy="omit `request`, or use TCP",
             )
         self._lines: deque[str] = deque(maxlen=_KEPT_LINES)  # received lines that were not read yet
-        self._kept_points: dict[str, Point] = {}  # target → its reading, which came before it was requested
+        self._kept_points: dict[str, Point] = {}  # target → reading that was received before its request
         self._buffer = b""  # received bytes of a line that is not complete yet
         self._end_reason: str | None = "not open"  # why no lines come; None while connected
         self._stand: Stand | None = None  # posture and load of the targets that are read now
@@ -582,7 +586,7 @@ class Lines(Source):
 
     async def open(self, setting: Setting) -> None:
         """Connect to the address."""
-        self._came = asyncio.Event()  # set when a line came or the source ended
+        self._has_changed = asyncio.Event()  # set when lines were received or the source has ended
         self._first_target = next(iter(setting.targets), "")
         await self._connect()
 
@@ -599,7 +603,7 @@ class Lines(Source):
         return self._profile.describe(line)
 
     async def stand(self, stand: Stand) -> None:
-        """Drop the lines that came before: they belong to another posture or another load."""
+        """Drop the lines received so far: they belong to another posture or another load."""
         if self._end_reason is not None:
             await self._connect()
         self._stand = stand
@@ -660,7 +664,7 @@ class Lines(Source):
         self._send(text.encode() + b"\n")
 
     async def _next_line(self) -> str:
-        """Return the next line that came; wait for a line if none is left.
+        """Return the next received line; wait for a line if all were read.
 
         Raises:
             SourceError: the source has ended.
@@ -671,8 +675,8 @@ class Lines(Source):
                     f"the source has stopped: {self._end_reason}",
                     remedy="start the source again, then read again",
                 )
-            self._came.clear()
-            await self._came.wait()
+            self._has_changed.clear()
+            await self._has_changed.wait()
         return self._lines.popleft()
 
     def _receive(self, data: bytes) -> None:
@@ -680,12 +684,12 @@ class Lines(Source):
         *complete_lines, incomplete_line = re.split(rb"[\r\n]+", self._buffer + data)
         self._buffer = incomplete_line[-_LONGEST_LINE:]
         self._lines.extend(line.decode("utf-8", "replace") for line in complete_lines if line.strip())
-        self._came.set()
+        self._has_changed.set()
 
     def _end_source(self, reason: str) -> None:
-        """Note why no more lines come, and wake the reader."""
+        """Store the reason why no more lines come, and wake the reader."""
         self._end_reason = reason
-        self._came.set()
+        self._has_changed.set()
 
     async def _connect(self) -> None:
         """Connect to the address, by TCP, UDP or a serial line; an earlier connection is closed first."""
@@ -709,7 +713,7 @@ class Lines(Source):
         descriptor = _open_serial_line(self._address, self._baud)
 
         def receive_available() -> None:
-            """Read what came; end the source if the line was hung up."""
+            """Read the received bytes; end the source if the line was hung up."""
             reason = "the line was hung up"
             try:
                 data = os.read(descriptor, 4096)
@@ -752,7 +756,9 @@ def _open_serial_line(address: str, baud: int) -> int:
                 f"a serial line cannot run at {baud} bits per second",
                 remedy="give a usual rate: 9600 or 115200",
             )
-        raise SourceError(f"{address} is not a serial line", remedy="give its device, such as /dev/ttyUSB0")
+        raise SourceError(
+            f"{address} is not a serial line", remedy="give the device of a serial line, such as /dev/ttyUSB0"
+        )
     tty.setraw(descriptor)
     attributes = termios.tcgetattr(descriptor)
     attributes[4] = attributes[5] = speed  # elements 4 and 5 are the speeds of input and output
@@ -761,7 +767,7 @@ def _open_serial_line(address: str, baud: int) -> int:
 
 
 class _Stream(asyncio.Protocol):
-    """TCP connection that hands what it receives to a source of lines."""
+    """TCP connection that hands received bytes to a source of lines."""
 
     def __init__(self, lines: Lines) -> None:
         self._lines = lines

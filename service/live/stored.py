@@ -43,7 +43,7 @@ _ENTRY: Final = TypeAdapter(Entry)
 _FINDINGS: Final = TypeAdapter(list[Finding])
 
 CreateRun = Callable[[RunRequest, IdempotencyKey, AccessKey | None], str]
-"""Stores a run, and returns its id."""
+"""Function that stores a run and returns the id of the run."""
 
 
 class OpenSets:
@@ -66,8 +66,8 @@ class OpenSets:
             RequestError: robot, plan, targets or loads are missing, or no reading is feasible.
             MeasurementError: an observation cannot be right.
         """
-        if key is not None and (before := self._store.open_sets.find(key)) is not None:
-            return before.id
+        if key is not None and (earlier := self._store.open_sets.find(key)) is not None:
+            return earlier.id
         options, robot_id = self._take_options_from_plan(options), request.robot_id
         header = complete_targets_and_load_point(
             request.model_copy(update={"observations": [], "robot_id": robot_id}), options
@@ -133,7 +133,7 @@ class OpenSets:
         if not campaign.closed:
             self._add_entry(set_id, Entry("closed", ""), by)
             campaign = self._load_campaign(set_id)
-            fields = campaign.fields_when_closed()  # again, with observations that came meanwhile
+            fields = campaign.fields_when_closed()  # again, with observations that were added meanwhile
         with suppress(NotFoundError):
             self._store.sets.get(set_id)  # an earlier call has stored the set already
             return self.state(set_id)
@@ -151,7 +151,7 @@ class OpenSets:
         campaign = self._load_campaign(set_id)
         if not campaign.closed:
             return campaign.state()
-        # Closing may have been interrupted after the set was stored: then the run is created here.
+        # If closing was interrupted after the set was stored, the run is created here.
         run_id = self._create_run_once(set_id, campaign, None) if self._is_stored(set_id) else None
         return campaign.state(set_id if run_id else None, run_id)
 
@@ -205,7 +205,7 @@ class OpenSets:
         )
 
     def is_open(self, set_id: str) -> bool:
-        """Return whether an id belongs to a live campaign that was not closed, even if it was deleted."""
+        """Return whether an id is that of a live campaign, deleted or not, that was not closed."""
         with suppress(NotFoundError):
             self._store.open_sets.get(set_id, hidden=True)
             return not any(entry.change == "closed" for entry in self._store.live_entries.find(set_id=set_id))
@@ -250,7 +250,7 @@ class OpenSets:
     def _load_campaign(self, set_id: str) -> LiveCampaign:
         """Return a live campaign with all entries of its record.
 
-        Only entries that the campaign in memory lacks are added to it, as its computations are cached.
+        A campaign in memory is continued with the entries that it lacks, because its computations are cached.
 
         Raises:
             NotFoundError: no live campaign has this id, or it was deleted.

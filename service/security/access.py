@@ -39,7 +39,10 @@ from jointstiff.solver.errors import RequestError
 ROLES: Final[tuple[Role, ...]] = ("viewer", "operator", "admin")
 """Roles in order of increasing rights: each role includes the rights of the roles before it."""
 ANONYMOUS_ENTRIES: Final = 60
-"""Most entries of the audit per minute for requests without a valid key, which must not fill the disk."""
+"""Greatest number of entries of the audit per minute for requests without a valid key.
+
+The limit keeps such requests from filling the disk.
+"""
 _LONGEST_PATH: Final = 200
 _LONGEST_ADDRESS: Final = 64
 _LONGEST_METHOD: Final = 16
@@ -52,9 +55,9 @@ _REMEDY: Final = (
 SLOW_SECONDS: Final = 1.0
 """Delay of the answer to a wrong key after `FORGIVEN` wrong keys of a network [s]."""
 MOST_SLOW: Final = 64
-"""Most answers that are delayed at the same time; further answers are not delayed."""
+"""Greatest number of answers that are delayed at the same time; further answers are not delayed."""
 FORGIVEN: Final = 10
-"""Number of wrong keys of a network that are answered without delay."""
+"""Number of requests with a wrong key from one network before answers to them are delayed."""
 _TOKEN: Final = re.compile(r"jss_[A-Za-z0-9]{43}", re.ASCII)
 
 _logger = logging.getLogger(__name__)
@@ -86,7 +89,7 @@ VIEWER: Final = _require_role("viewer")
 OPERATOR: Final = _require_role("operator")
 """Dependency of a route that stores, computes or deletes."""
 ADMIN: Final = _require_role("admin")
-"""Dependency of a route for keys and the audit; where no key is demanded, nobody may use it."""
+"""Dependency of a route for keys and the audit; if the service requires no keys, nobody may use the route."""
 PUBLIC: Final = Depends(_allow_anyone)
 """Dependency of a route that needs no key."""
 _DECLARATIONS: Final = (VIEWER, OPERATOR, ADMIN, PUBLIC)
@@ -126,7 +129,7 @@ class Requester:
 
 
 def get_requester(connection: HTTPConnection) -> Requester:
-    """Return the requester of a connection, who was identified when the request arrived."""
+    """Return the requester of a connection, whom `Guard` identified when the request arrived."""
     requester: Requester = connection.scope[REQUESTER]
     return requester
 
@@ -150,7 +153,7 @@ class AccessRoute(APIRoute):
             KeyRefusedError: the request has no key, and the route needs one.
             RoleError: the key lacks the role that the route needs.
         """
-        if scope["method"] in (self.methods or ()):  # for other methods this route does not answer
+        if scope["method"] in (self.methods or ()):  # requests with another method are refused anyway
             role = get_role(self)
             # Routes that anyone may use also answer requests whose requester was not identified.
             requester: Requester = (
@@ -162,10 +165,10 @@ class AccessRoute(APIRoute):
 
 
 def get_role(route: APIRoute) -> Role | None:
-    """Return the role that a route needs; None if anyone may use it.
+    """Return the role that a route needs; None if the route is declared `PUBLIC`.
 
     Raises:
-        UndeclaredRoleError: the route declares no role, or several.
+        UndeclaredRoleError: the route has none, or several, of the declarations `VIEWER` to `PUBLIC`.
     """
     # Dependencies are compared by identity: these four objects are the only declarations of a role.
     declarations = [each for each in route.dependencies if any(each is known for known in _DECLARATIONS)]
@@ -190,12 +193,14 @@ def find_public_paths(routes: Iterable[BaseRoute]) -> tuple[frozenset[str], tupl
     """Return (paths of routes that need no key, prefixes of the paths of public files).
 
     Raises:
-        UndeclaredRoleError: a route declares no role, or is not an `AccessRoute`, which checks the role.
+        UndeclaredRoleError: a route declares neither a role nor that it is public, or is not an
+            `AccessRoute`, which checks the role.
     """
     paths, prefixes = set(), []
     for context in iter_route_contexts(list(routes)):
         route = context.original_route
         if isinstance(route, AccessRoute):
+            # None means that the route is declared public; without a declaration `get_role` raises an error.
             if get_role(route) is None:
                 paths.add(route.path)
         elif isinstance(route, Mount) and isinstance(route.app, StaticFiles):
@@ -253,9 +258,8 @@ class Gate:
     async def awaits_first_key(self) -> bool:
         """Return whether the service has no valid key, so that an operator has to create the first key."""
         if not self.keyring.has_keys():
-            with suppress(
-                StoreError
-            ):  # if the database does not answer, the keys that were read last are used
+            # If the database does not answer, the keys that were read last are used.
+            with suppress(StoreError):
                 await self._await_recent_keys()
         return not self.keyring.has_keys()
 
@@ -277,7 +281,7 @@ class Gate:
         return key
 
     async def may_continue(self, connection: HTTPConnection, key: AccessKey | None) -> bool:
-        """Return whether a long answer may continue: its `key` is still valid, and its session not ended.
+        """Return whether a long answer may continue: the key is valid, and its session has not ended.
 
         Raises:
             StoreError: the database does not answer.
@@ -370,7 +374,7 @@ class Gate:
             self._used_links = {used: time for used, time in self._used_links.items() if now - time < MINUTE}
             self._used_links[link_hash] = now
             return key
-        # A browser may send a link twice: a link that was used just now is refused, and not counted as wrong.
+        # A browser may send a link twice: a link used within the last minute is refused, but not counted.
         if link_hash not in self._used_links and await self._count_wrong_key(address):
             await self._delay_answer()
             raise WrongKeysError

@@ -24,7 +24,7 @@ LOOPBACK_NAMES: Final = frozenset({"localhost", "127.0.0.1", "[::1]"})
 SAFE: Final = frozenset({"GET", "HEAD", "OPTIONS"})
 """Methods that change nothing."""
 _OWN_PAGES: Final = frozenset({"same-origin", "none"})
-"""Values of Sec-Fetch-Site (W3C Fetch Metadata) of our own page, and of addresses that a person typed."""
+"""Values of Sec-Fetch-Site (W3C Fetch Metadata) of the service's own page and of typed addresses."""
 _HOST: Final = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\s:/@\[\]]+)(?::[0-9]{1,5})?")
 
 

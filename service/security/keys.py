@@ -1,8 +1,8 @@
 """Keys: their text, the file in which a container may get them, and the ring of keys that open the service.
 
-The text of a key is `jst_<id>_<256 random bits>_<crc32>`. The check sum tells a mistyped key from a wrong
-one without reading any stored key; it is no secret. Only hashes of keys are kept, so that reading them opens
-nothing.
+The text of a key is `jst_<id>_<256 random bits>_<crc32>`. The check sum shows that a key is mistyped, without
+reading any stored key; the check sum is no secret. Only hashes of keys are stored, and nobody can sign in
+with a hash.
 """
 
 from __future__ import annotations
@@ -250,7 +250,7 @@ class Keyring:
     """Keys that open the service, read from the database and from a file by the last call of `read_keys`."""
 
     def __init__(self, store: Store, file: Path | None = None) -> None:
-        """Begin without keys; `read_keys` reads them.
+        """Create a ring without keys; `read_keys` reads the keys.
 
         Args:
             store: store whose keys open the service.
@@ -260,7 +260,7 @@ class Keyring:
         self._file = None if file is None else KeysFile(file)
         self._keys_in_store = _NO_KEYS  # id → key
         self._keys_in_file = _NO_KEYS  # id → key
-        # Ids that were removed from the file, and whose sessions are still to be ended.
+        # Ids of keys that were removed from the file, and whose sessions have not been ended yet
         self._removed_ids: set[str] = set()
         self._is_file_broken = False  # True if the file could not be read the last time
         self._reading = threading.Lock()
@@ -278,7 +278,8 @@ class Keyring:
                 earlier_ids = self._valid_ids_in_file()
                 self._keys_in_file = self._read_file(self._file)
                 self._removed_ids |= earlier_ids - self._valid_ids_in_file()
-                if self._removed_ids:  # otherwise their sessions would be valid again if the file came back
+                # Sessions are ended, because they would become valid again if the old file were restored.
+                if self._removed_ids:
                     self._store.sessions.end_sessions_of_keys(sorted(self._removed_ids))
                     self._removed_ids.clear()
             self._keys_in_store = {key.id: key for key in self._store.keys.all()}

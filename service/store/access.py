@@ -133,20 +133,22 @@ class Sessions:
         self._database.change(ended, sa.insert(access_links).values(link))
 
     def redeem(self, token_hash: str, now: datetime) -> str | None:
-        """Use up a link and return the id of its key; None if the link is unknown, used or has ended.
+        """Remove a link, which can be used once, and return the id of its key; None for an invalid link.
+
+        A link is invalid if it is unknown, was used before, or has ended.
 
         Of two simultaneous calls only the first returns the id.
         """
         links = access_links.c
         if not self._database.rows(sa.select(links.key_id).where(links.token_hash == token_hash)):
-            return None  # an invalid link costs only a read, and no other writer has to wait
+            return None  # an invalid link costs only a read, so that no writer has to wait
         removal = sa.delete(access_links).where(links.token_hash == token_hash)
         with self._database.writing() as connection:
             row = connection.execute(removal.returning(links.key_id, links.ends_at)).one_or_none()
         return str(row.key_id) if row is not None and now < row.ends_at else None
 
     def _alive_condition(self, now: datetime) -> sa.ColumnElement[bool]:
-        """Return the condition of sessions that have not ended at the time `now`."""
+        """Return the SQL condition of sessions that have not ended at the time `now`."""
         columns = access_sessions.c
         return sa.and_(columns.used_at > now - self._idle, columns.created_at > now - self._longest)
 
@@ -190,9 +192,9 @@ class WrongKeys:
         return count_before
 
     def _read_present_count(self, connection: sa.Connection, query: sa.Select[Any]) -> float:
-        """Return the count that a query finds, less one for each period `FORGET` since; 0 without a row."""
+        """Return the count that a query finds, minus one for each period `FORGET` since; 0 without a row."""
         row = connection.execute(query).one_or_none()
         if row is None:
             return 0.0
-        forgotten: float = max(0.0, (self._now(connection) - row.counted_at) / FORGET)
-        return max(0.0, float(row.number) - forgotten)
+        decrease: float = max(0.0, (self._now(connection) - row.counted_at) / FORGET)
+        return max(0.0, float(row.number) - decrease)

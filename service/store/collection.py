@@ -74,21 +74,32 @@ class Collection(Generic[Record, Entry]):
         quota: Quota,
         *conditions: sa.ColumnElement[bool],
     ) -> None:
-        """Serve the records of a table that meet all conditions."""
+        """Serve the records of a table that meet all conditions.
+
+        Args:
+            database: database of the table.
+            resource: names of the records in messages and addresses.
+            table: table of the records.
+            record: dataclass of a whole record.
+            entry: dataclass of a record in a listing.
+            quota: quota of the database.
+            conditions: conditions in SQL; rows that do not meet them are not in this collection.
+        """
         self._quota = quota
         self.resource = resource  # names of the records in messages and addresses
         self._database, self._table = database, table
         self._record: type[Record] = record
         self._entry: type[Entry] = entry
-        columns_of_table, columns_of_keys = table.c, idempotency_keys.c
+        columns_of_table, key_columns = table.c, idempotency_keys.c
         self._insert = sa.insert(table)
         self._own_conditions = conditions
-        # References: (own column, table to which it refers). Children: other tables' columns that refer here.
+        # References: (column of this table, table to which it refers)
         self._references: list[tuple[sa.Column[Any], sa.Table]] = [
             (column, reference.column.table)
             for column in columns_of_table
             for reference in column.foreign_keys
         ]
+        # Columns of other tables that refer to this table
         self._children: list[sa.Column[Any]] = [
             column
             for child_table in (measurement_sets, open_sets, jobs)
@@ -105,11 +116,11 @@ class Collection(Generic[Record, Entry]):
         self._by_id_with_deleted = self._id_query.with_only_columns(*columns)
         self._by_id = self._by_id_with_deleted.where(self._is_visible)
         self._record_by_key: sa.Select[Any] = (
-            sa.select(columns_of_keys.body_hash, *columns)
-            .join_from(idempotency_keys, table, columns_of_keys.resource_id == columns_of_table.id)
+            sa.select(key_columns.body_hash, *columns)
+            .join_from(idempotency_keys, table, key_columns.resource_id == columns_of_table.id)
             .where(
-                columns_of_keys.resource == resource.collection,
-                columns_of_keys.key_hash == sa.bindparam("key_hash"),
+                key_columns.resource == resource.collection,
+                key_columns.key_hash == sa.bindparam("key_hash"),
             )
         )
 
@@ -127,29 +138,33 @@ class Collection(Generic[Record, Entry]):
             write_more: function that writes more in the same transaction, such as an entry in the job queue.
 
         Returns:
-            The stored record; if the key came before with the same body, the record created then, even if it
-            was deleted. Two simultaneous calls with one key create one record, and both return it.
+            The stored record. If the key was used before with the same body, the record created then, even if
+            that record was deleted. Two simultaneous calls with one key create and return one record.
 
         Raises:
             NotFoundError: a robot or measurement set that the record names does not exist, or was deleted.
-            IdempotencyConflictError: the key came before with another body.
+            IdempotencyConflictError: the key was used before with another body.
             QuotaError: the database has reached its quota.
         """
         self._quota.refuse_full()
         for _, table, identifier in self._list_parents(record):
-            # The database cannot store such an id, so that no record has it.
+            # The database cannot store an id that is not indexable, so no record has this id.
             if not is_indexable(identifier):
                 raise problems.NotFoundError(PARENTS[table], identifier)
         try:
             with self._database.writing() as connection:
-                if key is not None:  # first: the second of two equal posts waits here for the first one
-                    key_columns = {"resource": self.resource.collection, "key_hash": _hash_key(key.key)}
-                    record_columns = {"resource_id": record.id, "created_at": record.created_at}
-                    connection.execute(
-                        _INSERT_KEY, {**key_columns, **record_columns, "body_hash": key.body_hash}
-                    )
-                parents = self._lock_parents(connection, record)
-                connection.execute(self._insert, asdict(record) | self._copied_names(record, parents))
+                # The key is inserted first: the second of two simultaneous posts with one key waits here.
+                if key is not None:
+                    key_row = {
+                        "resource": self.resource.collection,
+                        "key_hash": _hash_key(key.key),
+                        "body_hash": key.body_hash,
+                        "resource_id": record.id,
+                        "created_at": record.created_at,
+                    }
+                    connection.execute(_INSERT_KEY, key_row)
+                parent_rows = self._lock_parents(connection, record)
+                connection.execute(self._insert, asdict(record) | self._copied_names(record, parent_rows))
                 if write_more is not None:
                     write_more(connection)
                 self._mark_campaign_outdated(connection, record.id)
@@ -161,7 +176,7 @@ class Collection(Generic[Record, Entry]):
         """Return the record that an idempotency key created, even if it was deleted; None for a new key.
 
         Raises:
-            IdempotencyConflictError: the key came before with another body.
+            IdempotencyConflictError: the key was used before with another body.
         """
         rows = self._database.rows(self._record_by_key, {"key_hash": _hash_key(key.key)})
         if not rows:
@@ -226,7 +241,7 @@ class Collection(Generic[Record, Entry]):
         Args:
             limit: greatest number of records, one or more.
             cursor: `next` of the page before; None for the first page.
-            filters: column → value that it must have.
+            filters: column → value that the column must have.
             spans: column of times → begin (included) and end (excluded); None for no limit.
             deleted: True to list only the deleted records.
             q: words to search; each must be a part of one of the names that the listing shows.
@@ -254,7 +269,7 @@ class Collection(Generic[Record, Entry]):
         return read_page(self._database, self._table, self._entry_query, self._entry, where, order)
 
     def delete(self, identifier: str, now: datetime | None = None) -> None:
-        """Hide a resource, which can be restored for `KEEP_DELETED`; a repeated call changes nothing.
+        """Hide a resource, which can be restored for the time `KEEP_DELETED`; a repeated call does nothing.
 
         Args:
             identifier: id of the resource.
@@ -263,7 +278,7 @@ class Collection(Generic[Record, Entry]):
         Raises:
             NotFoundError: there is no such resource.
             NotEndedError: the resource is a job that has not ended.
-            ReferencedError: other resources refer to it.
+            ReferencedError: other resources refer to this resource.
         """
         self._refuse_unindexable(identifier)
         hide = sa.update(self._table).where(
@@ -272,7 +287,7 @@ class Collection(Generic[Record, Entry]):
         now = now or datetime.now(UTC)
         with self._database.writing() as connection:
             if connection.execute(hide.values(deleted_at=now)).rowcount == 1:
-                # The row is locked by the update, so that no new reference can come before the commit.
+                # The update locks the row, so that no new reference to it can be stored before the commit.
                 self._refuse_referenced(connection, identifier)
                 self._hide_or_restore_related(connection, identifier, now)
                 self._mark_campaign_outdated(connection, identifier)
@@ -299,7 +314,7 @@ class Collection(Generic[Record, Entry]):
                 sa.select(*own_columns).where(*self._id_conditions(identifier))
             ).one_or_none()
             if row is not None:
-                # Parents are locked before the own row, as in renaming: another order could deadlock.
+                # Parents are locked before this row, as when a name is changed: another order could deadlock.
                 self._lock_parents(connection, row)
             if row is None or connection.execute(show).rowcount == 0:
                 raise problems.NotFoundError(self.resource, identifier)
@@ -342,15 +357,15 @@ class Collection(Generic[Record, Entry]):
                 sa.delete(self._table).where(columns.id.in_(candidate_ids), *removable).returning(columns.id)
             )
             removed_ids = [str(row.id) for row in connection.execute(removal).all()]
-            of_removed = [keys.resource == self.resource.collection, keys.resource_id.in_(removed_ids)]
-            connection.execute(sa.delete(idempotency_keys).where(*of_removed))
+            is_of_removed = [keys.resource == self.resource.collection, keys.resource_id.in_(removed_ids)]
+            connection.execute(sa.delete(idempotency_keys).where(*is_of_removed))
             self._delete_related(connection, removed_ids)
         return removed_ids
 
     def _hide_or_restore_related(
         self, connection: sa.Connection, identifier: str, deleted_at: datetime | None
     ) -> None:
-        """Hide or restore (`deleted_at` None) rows that belong to a record; a hook for subclasses."""
+        """Hide the rows of a record, or restore them if `deleted_at` is None; a hook for subclasses."""
 
     def _listing_query(self) -> sa.Select[Any]:
         """Return the query of the columns that a listing shows."""
@@ -375,7 +390,7 @@ class Collection(Generic[Record, Entry]):
         """Delete rows of other tables that belong to removed records; a hook for subclasses."""
 
     def _can_filter_by(self, name: str) -> bool:
-        """Return whether a listing can be filtered by a column, that is whether an index has the column."""
+        """Return whether a listing can be filtered by a column: an index must contain the column."""
         return any(name in index.columns for index in self._table.indexes)
 
     def _list_parents(self, record: object) -> Iterator[tuple[sa.Column[Any], sa.Table, str]]:
@@ -422,15 +437,17 @@ class Collection(Generic[Record, Entry]):
 
     def _refuse_referenced(self, connection: sa.Connection, identifier: str) -> None:
         """Raise `ReferencedError` if records that are not deleted refer to a record."""
-        users: dict[str, str] = {}
+        # Id of a record that refers to this record → name of its kind
+        referring: dict[str, str] = {}
         for column in self._children:
             table = column.table
             kind = table.c.kind if table is jobs else sa.literal(MEASUREMENT_SET.name)
             visible = sa.select(table.c.id, kind).where(column == identifier, table.c.deleted_at.is_(None))
-            users |= {row[0]: row[1] for row in connection.execute(visible.limit(_MAX_NAMED + 1))}
-        if users:
-            named = [f"{kind} {user}" for user, kind in list(users.items())[:_MAX_NAMED]]
-            raise problems.ReferencedError(self.resource, identifier, named, more=len(users) > _MAX_NAMED)
+            referring |= {row[0]: row[1] for row in connection.execute(visible.limit(_MAX_NAMED + 1))}
+        if referring:
+            named = [f"{kind} {referring_id}" for referring_id, kind in list(referring.items())[:_MAX_NAMED]]
+            has_more = len(referring) > _MAX_NAMED
+            raise problems.ReferencedError(self.resource, identifier, named, more=has_more)
 
     def _id_conditions(self, identifier: str) -> list[sa.ColumnElement[bool]]:
         """Return the conditions of the row with an id in this collection."""
@@ -447,7 +464,7 @@ class Collection(Generic[Record, Entry]):
 
 
 class Robots(Collection[RobotRecord, RobotEntry]):
-    """The robots; a listing shows the last campaign of each robot, which is derived from its runs."""
+    """The robots; a listing shows the last campaign of each robot, derived from the robot's runs."""
 
     def __init__(self, database: Database, quota: Quota) -> None:
         super().__init__(database, ROBOT, robots, RobotRecord, RobotEntry, quota)
@@ -490,7 +507,8 @@ class Robots(Collection[RobotRecord, RobotEntry]):
     def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a robot's name in its sets and jobs."""
         _copy_names(connection, robots.c.id, identifier)
-        # Sets before jobs, as when a set is renamed: in another order two transactions could deadlock.
+        # Sets are updated before jobs, as when a set is renamed: in another order two transactions could
+        # deadlock.
         for table in (measurement_sets, open_sets, jobs):
             _copy_names(connection, table.c.robot_id, identifier)
 
@@ -500,10 +518,13 @@ class Robots(Collection[RobotRecord, RobotEntry]):
 
 
 class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
-    """The ordinary measurement sets; a set that was measured live is deleted together with its open set."""
+    """The measurement sets that are not live.
+
+    A set that was measured live is deleted and restored together with its `OpenSetRecord`.
+    """
 
     def rows_with_names(self, set_ids: Sequence[str]) -> list[Any]:
-        """Return rows with names and content hashes of some sets and their robots; sets may be deleted."""
+        """Return rows with names and content hashes of some sets, also deleted sets, and their robots."""
         sets = measurement_sets.c
         query = sa.select(
             sets.id,
@@ -522,17 +543,17 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
     def list_by_robot(self) -> dict[str, list[str]]:
         """Return robot id → ids of its sets, the last measured first; without deleted robots and sets."""
         sets = measurement_sets.c
-        measured = sa.func.coalesce(sets.measured_at, sets.created_at)
-        listed = (
+        measured_at = sa.func.coalesce(sets.measured_at, sets.created_at)
+        query = (
             sa.select(sets.robot_id, sets.id)
             .join_from(measurement_sets, robots, robots.c.id == sets.robot_id)
             .where(sets.deleted_at.is_(None), robots.c.deleted_at.is_(None))
-            .order_by(robots.c.sequence, measured.desc(), sets.sequence.desc())
+            .order_by(robots.c.sequence, measured_at.desc(), sets.sequence.desc())
         )
-        found = dict[str, list[str]]()
-        for row in self._database.rows(listed):
-            found.setdefault(str(row.robot_id), []).append(str(row.id))
-        return found
+        sets_by_robot = dict[str, list[str]]()
+        for row in self._database.rows(query):
+            sets_by_robot.setdefault(str(row.robot_id), []).append(str(row.id))
+        return sets_by_robot
 
     def iterate_arrays(self, set_ids: Sequence[str]) -> Iterator[tuple[str, bytes]]:
         """Yield (id, packed readings in npz format) of some sets."""
@@ -544,9 +565,9 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
     def _hide_or_restore_related(
         self, connection: sa.Connection, identifier: str, deleted_at: datetime | None
     ) -> None:
-        """Hide or restore the open set from which a measurement set was made."""
-        own = sa.update(open_sets).where(open_sets.c.id == identifier)
-        connection.execute(own.values(deleted_at=deleted_at))
+        """Hide or restore the live campaign from which a measurement set was made."""
+        update = sa.update(open_sets).where(open_sets.c.id == identifier)
+        connection.execute(update.values(deleted_at=deleted_at))
 
     def _copied_names(
         self, record: MeasurementSetRecord, parent_rows: Mapping[str, Any]
@@ -566,18 +587,18 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
 
 
 class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
-    """The sets that are or were measured live; a listing shows only sets that are not closed."""
+    """The declarations of live campaigns; a listing shows only campaigns that are not closed."""
 
     _listing_conditions = (
         ~sa.exists().where(live_entries.c.set_id == open_sets.c.id, live_entries.c.change == "closed"),
     )
 
     def _copied_names(self, record: OpenSetRecord, parent_rows: Mapping[str, Any]) -> dict[str, str | None]:
-        """Return the robot's name and the text for searches, for a new open set."""
+        """Return the robot's name and the text for searches, for a new live campaign."""
         return _set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"), None)
 
     def _delete_related(self, connection: sa.Connection, removed_ids: Sequence[str]) -> None:
-        """Delete the entries of removed open sets."""
+        """Delete the entries of removed live campaigns."""
         connection.execute(sa.delete(live_entries).where(live_entries.c.set_id.in_(removed_ids)))
 
 
@@ -666,9 +687,9 @@ def _copy_names(connection: sa.Connection, column: sa.Column[Any], identifier: s
 
 
 def mark_campaigns_outdated(connection: sa.Connection, where: sa.ColumnElement[bool]) -> bool:
-    """Mark the last campaigns that meet a condition as outdated; return whether any meets it.
+    """Mark the last campaigns that meet a condition as outdated; return whether there is one.
 
-    Call it last in a transaction: other transactions on runs of the robot wait until the transaction ends.
+    Call this function last in a transaction: other transactions on runs of the robot wait until it ends.
     """
     count_up = sa.update(last_campaigns).where(where).values(changes=last_campaigns.c.changes + 1)
     return connection.execute(count_up).rowcount > 0
@@ -695,7 +716,7 @@ class Journal(Generic[JournalRecord]):
     def __init__(
         self, database: Database, table: sa.Table, record: type[JournalRecord], quota: Quota | None
     ) -> None:
-        """Keep records in a table; with `quota` None records are added even to a full database."""
+        """Keep records in a table; if `quota` is None, records are added even to a full database."""
         self._database, self._table, self._quota = database, table, quota
         self._record: type[JournalRecord] = record
         self._select_all = select_fields_of(table, record)
@@ -739,10 +760,10 @@ class LiveEntries(Journal[LiveEntry]):
         """Insert an entry and return it, or return the stored entry of the same kind and label.
 
         Raises:
-            NotFoundError: there is no such open set, or it was deleted.
-            ClosedError: the set is closed.
+            NotFoundError: there is no such live campaign, or it was deleted.
+            ClosedError: the campaign is closed.
         """
-        # With the set locked, entries are inserted one after the other: none can follow the closing entry.
+        # The lock makes entries come one after the other, so that no entry can follow the closing entry.
         locked_set = (
             sa.select(open_sets.c.deleted_at).where(open_sets.c.id == record.set_id).with_for_update()
         )
@@ -750,10 +771,10 @@ class LiveEntries(Journal[LiveEntry]):
         if row is None or row.deleted_at is not None:
             raise problems.NotFoundError(MEASUREMENT_SET, record.set_id)
         columns = live_entries.c
-        of_set = self._select_all.where(columns.set_id == record.set_id)
-        same_entry = of_set.where(columns.change == record.change, columns.label == record.label)
+        entries_of_set = self._select_all.where(columns.set_id == record.set_id)
+        same_entry = entries_of_set.where(columns.change == record.change, columns.label == record.label)
         for stored_row in connection.execute(same_entry):
             return self._record(*stored_row)
-        for _ in connection.execute(of_set.where(columns.change == "closed")):
+        for _ in connection.execute(entries_of_set.where(columns.change == "closed")):
             raise problems.ClosedError(record.set_id)
         return super()._insert(connection, record)

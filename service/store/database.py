@@ -40,13 +40,13 @@ _DIALECTS: dict[str, Dialect] = {
 BUSY_SECONDS = 20.0
 """Time that a transaction waits for other writers of SQLite [s]."""
 LOCKED_SECONDS = 1.0
-"""Time that a transaction waits if the one before timed out, until one gets the lock [s]."""
+"""Time that a transaction waits for the lock after an earlier transaction waited in vain [s]."""
 _CONNECTIONS = 16
 _SERVER_TIMEOUTS: Final = MappingProxyType(
     {
         "lock_timeout": 3_000,
         "statement_timeout": 5_000,
-        # Else a worker that is stopped inside a transaction would keep its locks for ever.
+        # Without this timeout a worker that is stopped inside a transaction would keep its locks for ever.
         "idle_in_transaction_session_timeout": 15_000,
     }
 )
@@ -61,7 +61,7 @@ _CONNECTION_PARAMETERS: Final = MappingProxyType(
     }
 )
 """Parameters that decide when a connection to PostgreSQL is lost; the URL can override them."""
-_AWAY_SECONDS: Final = 2.0  # time for which a server that gave no answer is not tried again
+_AWAY_SECONDS: Final = 2.0  # pause before a server that gave no answer is tried again
 _CORRECTABLE_STATES: Final = frozenset({"42501", "3F000"})  # SQLSTATE: a privilege, or a schema, is missing
 _NO_VALUES: Mapping[str, object] = MappingProxyType({})
 
@@ -78,10 +78,10 @@ class Database:
         self.dialect = dialect
         self._reader = reader
         self._writer = writer
-        # SQLite has one writer at a time and lets the others poll. Threads wait for this semaphore instead,
-        # which halves the waiting time and avoids very long waits.
+        # SQLite admits one writer at a time, and other writers must poll. Threads wait for this semaphore
+        # instead, which halves the waiting time and avoids very long waits.
         self._writer_slots = threading.BoundedSemaphore(1 if dialect == "sqlite" else _CONNECTIONS)
-        self._last_wait_failed = False  # True after a writer waited in vain: the next one waits less long
+        self._last_wait_failed = False  # True after a writer waited in vain: the next writer waits less long
         self._is_read_only = self._is_closed = False
         self._away_until = 0.0  # monotonic time before which a silent server is not tried again
         sa.event.listen(reader, "checkin", self._close_if_unusable)
@@ -139,10 +139,10 @@ class Database:
         """Yield a connection in a transaction: committed after the block, rolled back if the block raises.
 
         Args:
-            at_most: time to wait for locks of other transactions, if shorter than usual [s].
+            at_most: longest time to wait for locks of other transactions [s].
 
         Raises:
-            StoreUnavailableError: the database does not answer, or others keep it locked.
+            StoreUnavailableError: the database does not answer, or other writers keep it locked.
         """
         longest_wait = min(at_most, LOCKED_SECONDS if self._last_wait_failed else BUSY_SECONDS)
         deadline = time.monotonic() + longest_wait
@@ -177,13 +177,13 @@ class Database:
             return connection.execute(query, values).all()
 
     def change(self, *statements: sa.Executable) -> int:
-        """Carry out statements in one transaction; return the number of rows that the last one changed."""
+        """Carry out statements in one transaction; return the number of rows that the last changed."""
         with self.writing() as connection:
             return [connection.execute(statement).rowcount for statement in statements][-1]
 
     def now(self, connection: sa.Connection) -> datetime:
         """Return the time of the clock that all programs which use this database share."""
-        if self.dialect == "sqlite":  # all of them run on this machine
+        if self.dialect == "sqlite":  # all programs that use the file run on this machine
             return datetime.now(UTC)
         now: datetime = connection.execute(sa.select(sa.func.now())).scalar_one()
         return now
@@ -215,7 +215,7 @@ class Database:
                 "check that the file is writable and its disk is not full"
                 if self.dialect == "sqlite"
                 else "check that the server runs, and its address, user and privileges",
-                # The text of the SQLite library names no machine, that of the PostgreSQL server does.
+                # Clients get this text, as the text of a PostgreSQL server names machines.
                 None if self.dialect == "sqlite" else "the postgresql database does not answer",
             ) from error
 
@@ -254,7 +254,7 @@ def open_existing(url: str) -> Database:
 
 
 def _is_in_memory(url: sa.URL) -> bool:
-    """Return whether a URL of SQLite is that of a database in memory."""
+    """Return whether the URL of an SQLite database is that of a database in memory."""
     return url.database in {None, "", ":memory:"}
 
 
@@ -307,7 +307,7 @@ def make_private(path: str | Path) -> None:
 
 def _sqlite_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
     """Return the engines of reader and writer for SQLite; they share a pool of connections."""
-    in_memory = _is_in_memory(url)
+    is_in_memory = _is_in_memory(url)
     reader = sa.create_engine(
         url,
         hide_parameters=True,  # so that an error in the log shows no content of a database
@@ -315,7 +315,7 @@ def _sqlite_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
         connect_args={"timeout": BUSY_SECONDS, "check_same_thread": False},
         poolclass=sa.QueuePool,
         # A database in memory exists only in its one connection, which all threads share.
-        pool_size=1 if in_memory else _CONNECTIONS,
+        pool_size=1 if is_in_memory else _CONNECTIONS,
         max_overflow=0,
     )
     sa.event.listen(reader, "connect", _configure_sqlite)
@@ -325,7 +325,7 @@ def _sqlite_engines(url: sa.URL) -> tuple[sa.Engine, sa.Engine]:
 
 
 def _configure_sqlite(connection: sqlite3.Connection, _record: object) -> None:
-    """Let a new connection write durably and check foreign keys."""
+    """Configure a new connection to write durably and to check foreign keys."""
     connection.execute("PRAGMA synchronous=FULL").close()
     connection.execute("PRAGMA foreign_keys=ON").close()
 
@@ -378,7 +378,7 @@ def _switch_to_wal(connection: sa.Connection) -> None:
 def _is_wrong_statement(error: Exception) -> bool:
     """Return whether an error comes from a wrong statement of this program, not from the database's state."""
     if isinstance(error, ProgrammingError):
-        # Without a state the URL is wrong.
+        # An error without a state comes from a wrong URL.
         return getattr(error.orig, "sqlstate", None) not in {None, *_CORRECTABLE_STATES}
     return _sqlite_code(error) == sqlite3.SQLITE_ERROR
 
@@ -401,7 +401,7 @@ def _postgresql_engine(url: sa.URL, connections: int) -> sa.Engine:
     connect_args: dict[str, Any] = {
         name: value for name, value in _CONNECTION_PARAMETERS.items() if name not in url.query
     }
-    connect_args |= {"client_encoding": "utf8", "options": f"{options} {_server_options(url)}"}
+    connect_args |= {"client_encoding": "utf8", "options": f"{options} {_join_server_options(url)}"}
     engine = sa.create_engine(
         url.set(drivername="postgresql+psycopg"),
         connect_args=connect_args,
@@ -414,15 +414,16 @@ def _postgresql_engine(url: sa.URL, connections: int) -> sa.Engine:
     return engine
 
 
-def _server_options(url: sa.URL) -> str:
-    """Return the `options` of a URL as one text; the URL may have several."""
+def _join_server_options(url: sa.URL) -> str:
+    """Return the `options` of a URL, which may have several, as one text."""
     options = url.query.get("options", ())
     return options if isinstance(options, str) else " ".join(options)
 
 
 def _connect_with_deadlines(_dialect: object, _record: object, arguments: Any, parameters: Any) -> object:  # noqa: ANN401 - as SQLAlchemy has them
     """Connect to PostgreSQL with a limit of the time for answers; SQLAlchemy calls this function."""
-    from jointstiff.service.store.postgresql import PatientConnection  # SQLite does without its driver
+    # Imported here, because a service with SQLite does not need the driver of PostgreSQL
+    from jointstiff.service.store.postgresql import PatientConnection
 
     return PatientConnection.connect(*arguments, **parameters)
 
@@ -437,7 +438,7 @@ def _check_encoding(connection: sa.Connection) -> None:
         )
 
 
-_FRESH_SECONDS: Final = 1.0  # time for which a size is reused; posts in this time may exceed the quota
+_FRESH_SECONDS: Final = 1.0  # time for which a size is used again; posts in this time may exceed the quota
 _SIZES: Final = {
     # Pages that are free will be used again; the file itself does not shrink.
     "sqlite": "SELECT (page_count - freelist_count) * page_size "

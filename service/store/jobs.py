@@ -42,7 +42,7 @@ _finished_units: Final = (
     .label("done")
 )
 is_open: Final = jobs.c.state.in_([sa.literal_column(repr(state)) for state in OPEN_STATES])
-"""Condition of a job that has not ended, in literal values: so the index of such jobs is used."""
+"""SQL condition of a job that has not ended; with literal values the database uses an index."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class JobStatus:
 
 
 class JobRecords(Collection[JobRecord, JobEntry]):
-    """The jobs of one kind, or of all kinds. Every change of a job is safe to repeat until the job ends."""
+    """The jobs of one kind, or of all kinds. Until a job ends, every change may be repeated safely."""
 
     _deletion_conditions = (~is_open,)
 
@@ -105,11 +105,12 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         Args:
             job_id: id of the job.
             state: final state of the job.
-            changes: function of the stored record and the number of finished units → new values of columns.
+            changes: function that returns new values of columns, given the stored record and the number of
+                finished units.
             at_most: time to wait for a worker that has the job locked [s].
 
         Returns:
-            Whether this call ended the job.
+            True if this call ended the job, False if the job had ended before.
 
         Raises:
             StoreUnavailableError: the job is locked, or the database does not answer.
@@ -118,16 +119,16 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         record_query = select_fields_of(jobs, JobRecord).add_columns(_finished_units).where(*is_job)
         with self._database.writing(at_most) as connection:
             end = sa.update(jobs).where(*is_job, is_open).values(state=state)
-            ended = connection.execute(end).rowcount == 1
-            if ended:  # the row is locked now: nobody else can change it
+            was_ended_now = connection.execute(end).rowcount == 1
+            if was_ended_now:  # the update has locked the row, so that no other transaction changes it
                 with suppress(DamagedError):  # a damaged job ends, too, so that no worker tries it again
                     columns = dict(connection.execute(record_query).one()._mapping)
                     finished_units = int(columns.pop("done"))
-                    final = changes(JobRecord(**columns), finished_units)
-                    connection.execute(sa.update(jobs).where(*is_job).values(**final))
+                    new_values = changes(JobRecord(**columns), finished_units)
+                    connection.execute(sa.update(jobs).where(*is_job).values(**new_values))
                 connection.execute(sa.delete(job_steps).where(job_steps.c.job_id == job_id))
                 self._mark_campaign_outdated(connection, job_id)
-        return ended
+        return was_ended_now
 
     def _copied_names(self, record: JobRecord, parent_rows: Mapping[str, Any]) -> dict[str, str | None]:
         """Return the columns with copies of names of the job's robot and set, and the search text."""
@@ -177,7 +178,7 @@ class Steps:
         Returns:
             False if the job has ended, else True.
         """
-        # The lock keeps the job from ending until the row is stored; else the end would not remove the row.
+        # The lock keeps the job from ending before the row is stored; the end then removes the row.
         is_active = sa.select(jobs.c.id).where(jobs.c.id == job_id, is_open).with_for_update()
         row = {"job_id": job_id, "start": span[0], "units": span[1] - span[0], "result": result}
         with self._database.writing() as connection:
@@ -197,7 +198,7 @@ class Steps:
         return [bytes(row.result) for row in self._database.rows(query.order_by(job_steps.c.start))]
 
     def count_other_begun_jobs(self, job_id: str) -> int:
-        """Return the number of other jobs that have begun and not ended: only they have results of steps."""
+        """Return the number of other jobs that have begun and not ended: only these have results of steps."""
         query = sa.select(sa.func.count(sa.distinct(job_steps.c.job_id))).where(job_steps.c.job_id != job_id)
         return int(self._database.rows(query)[0][0])
 

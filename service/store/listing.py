@@ -75,7 +75,8 @@ def read_page(
     sorting = [column.desc() if order.is_descending else column for column in sorted_by]
     # One row more than the limit shows whether another page follows.
     page_query = page_query.order_by(*sorting).limit(sa.bindparam("limit", order.limit + 1, type_=sa.Integer))
-    # These columns are read with each row, to count the rows behind the page and to make the next cursor.
+    # The columns of the order are read with each row, to count the rows after the page and to make the next
+    # cursor.
     order_columns = [column.label(f"place_{number}") for number, column in enumerate(sorted_by)]
     query = rows.add_columns(*order_columns).where(sequence.in_(page_query)).order_by(*sorting)
     rows_read = [dict(row._mapping) for row in database.rows(query)]
@@ -96,14 +97,14 @@ def read_page(
 
 
 def _search_conditions(database: Database, words: sa.Column[Any], q: str) -> list[sa.ColumnElement[bool]]:
-    """Return the conditions of a search for words; the longest word, which is the rarest, comes first."""
+    """Return the conditions of a search for words; the longest word, usually the rarest, comes first."""
     find = sa.func.instr if database.dialect == "sqlite" else sa.func.strpos
-    wanted = sorted(set(_fold_case(q).split()), key=lambda word: (-len(word), word))
-    return [find(words, word) > 0 for word in wanted]
+    searched_words = sorted(set(_fold_case(q).split()), key=lambda word: (-len(word), word))
+    return [find(words, word) > 0 for word in searched_words]
 
 
 def make_search_text(*names: str | None) -> str:
-    """Join names, with case folded, to a text for searches; its first name decides the order by name."""
+    """Join names, with case folded, to a text for searches; the first name decides the order by name."""
     return _SEPARATOR.join(_fold_case(name or "")[:_MAX_WORD] for name in names)
 
 
@@ -144,7 +145,7 @@ def parse_cursor(cursor: str) -> int:
 
 
 def is_indexable(text: str) -> bool:
-    """Return whether both databases can hold a text in an index, as they do with all ids and names."""
+    """Return whether both kinds of database can store a text in an index, as they store ids and names."""
     if len(text) > _MAX_INDEXED or "\x00" in text:
         return False
     try:

@@ -68,7 +68,7 @@ def _pack_words(words: str) -> bytes:
 
 @cache
 def _read_dictionary() -> bytes:
-    """Return the dictionary of zlib: frequent words. With another dictionary stored texts cannot be read."""
+    """Return the dictionary of frequent words for zlib. It must not change: stored texts need it."""
     lines = Path(__file__).with_name("dictionary.txt").read_text(encoding="utf-8").splitlines()
     return "".join(lines).replace("#", _NUMBER_PLACE).encode()
 

@@ -60,7 +60,7 @@ class Store:
         self.sets = MeasurementSets(
             database, MEASUREMENT_SET, measurement_sets, MeasurementSetRecord, MeasurementSetEntry, self.quota
         )
-        # Sets that are measured live, and the entries of their records
+        # Declarations of live campaigns, and the entries of their readings and decisions
         self.open_sets = OpenSets(
             database, MEASUREMENT_SET, open_sets, OpenSetRecord, OpenSetRecord, self.quota
         )
@@ -82,8 +82,8 @@ class Store:
         """Open the database at `url`; create the tables if it has none.
 
         Args:
-            url: `sqlite:///path`, `postgresql://…`, or `sqlite://` for a database in memory, whose
-                users wait for each other and which is gone when closed.
+            url: `sqlite:///path`, `postgresql://…`, or `sqlite://` for a database in memory, which one thread
+                uses at a time, and whose content is lost when it is closed.
             most_bytes: size of the database at which new resources are refused [bytes]; None for no limit.
 
         Raises:
@@ -113,8 +113,8 @@ class Store:
         if not is_indexable(job_id):
             return None
         with self._database.reading() as connection:
-            found = connection.execute(sa.select(jobs.c.kind).where(jobs.c.id == job_id)).scalar_one_or_none()
-        return None if found is None else str(found)
+            kind = connection.execute(sa.select(jobs.c.kind).where(jobs.c.id == job_id)).scalar_one_or_none()
+        return None if kind is None else str(kind)
 
     def open_jobs(self, kinds: Ids[str]) -> dict[str, str]:
         """Return id of job → name of its kind, for the jobs of some kinds that have not ended."""

@@ -94,7 +94,7 @@ class MeasurementSetRecord(MeasurementSetEntry):
 
     document: Document
     """JSON text without the observations; a field that is also a column has the value of the column."""
-    arrays: Content  # the observations' numbers (npz), which the store does not look into
+    arrays: Content  # numbers of the observations (npz), which the store does not read
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ class OpenSetRecord:
 
 @dataclass(frozen=True, slots=True)
 class LiveEntry:
-    """An entry in the record of an open set: an observation, or a decision; each kind and label once."""
+    """An entry in the record of a live campaign: an observation or a decision; each kind and label once."""
 
     set_id: str
     change: str  # `observation`, `withdrawn`, `kept`, `skipped` or `closed`
@@ -172,10 +172,10 @@ class TrendEntry:
 
 @dataclass(frozen=True, slots=True)
 class IdempotencyKey:
-    """A client's key that lets a repeated post return the first resource instead of creating a second."""
+    """A client's key: a repeated post with this key returns the first resource instead of a second one."""
 
-    key: str  # the header as it came, any text; the store keeps its hash only
-    body_hash: str  # hash of the body that came with it
+    key: str  # text of the header, any text; the store has only its hash
+    body_hash: str  # hash of the body of the request with this key
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +199,7 @@ class AccessKey:
 
 @dataclass(frozen=True, slots=True)
 class SessionRecord:
-    """A browser that signed in with a key. The token itself is in its cookie alone."""
+    """Session of a browser that signed in with a key. Only the browser's cookie has the token itself."""
 
     token_hash: str
     key_id: str
@@ -214,7 +214,7 @@ class AuditEntry:
     at: datetime
     key_id: str | None
     key_name: str | None
-    address: str  # where it came from; `terminal` for commands on the database itself
+    address: str  # network address of the requester; `terminal` for commands at the database itself
     method: str
     operation: str | None  # name of the operation; None if the address has no operation of this method
     path: str
@@ -356,7 +356,7 @@ def _make_numbered_table(
 
 
 def _make_index(name: str, *columns: str, where: str | None = None) -> sa.Index:
-    """Return an index of some columns, then `sequence`; with `where` only of rows that meet it."""
+    """Return an index of some columns, then `sequence`; if `where` is given, only of rows that meet it."""
     condition = None if where is None else sa.text(where)
     ordered = columns if "sequence" in columns else (*columns, "sequence")
     return sa.Index(f"ix_{name}", *ordered, sqlite_where=condition, postgresql_where=condition)
@@ -370,7 +370,7 @@ def _make_listing_indexes(name: str, *columns: str, covering: Iterable[str] = ()
         columns: columns that filter every listing.
         covering: further columns that can filter a listing.
     """
-    # For a column of a condition that is not in the index SQLite would read the row.
+    # If the index lacked a column of a condition, SQLite would read the row for this column.
     covered = [*covering, "deleted_at"]
     return [
         _make_index(f"{name}_listed", *columns, "sequence", *covered, "words", where=VISIBLE),
@@ -384,7 +384,7 @@ def _make_deletion_index(name: str) -> sa.Index:
 
 
 def _add_listing_columns(*columns: sa.Column[Any]) -> list[sa.Column[Any]]:
-    """Return the given columns and those that every listed table has: `words` and `deleted_at`."""
+    """Return the given columns, and the columns of every listed table: `words` and `deleted_at`."""
     return [
         *columns,
         sa.Column("words", NAMES, nullable=False),  # names with case folded, for searches and for sorting
@@ -599,13 +599,14 @@ _ROWS_OF_SMALL_INDEXES: Final = MappingProxyType(
 def _write_assumed_statistics(connection: sa.Connection) -> None:
     """Write assumed statistics of a store of usual size, from which SQLite chooses the indexes of a query.
 
-    So all files are queried with the same plans, whatever they contain.
+    With these statistics, SQLite uses the same plans for all files, whatever they contain.
     """
     connection.exec_driver_sql("ANALYZE")  # creates the table of statistics
     for table in metadata.sorted_tables:
         for index in indexes_of(table):
             rows = _ROWS_OF_SMALL_INDEXES.get(str(index.name), _ASSUMED_ROWS)
-            # `stat`: the number of rows, then of rows equal in the first column, in the first two, …
+            # `stat` has the number of rows, then the mean number of rows that are equal in the first column,
+            # in the first two columns, and so on.
             equal_counts, equal_rows = [], float(rows)
             for column in index.columns:
                 equal_rows = max(1.0, equal_rows / _ASSUMED_DISTINCT_VALUES.get(column.name, rows))
@@ -645,11 +646,11 @@ def has_tables(connection: sa.Connection) -> bool:
         return False
     found = connection.execute(sa.select(layouts.c.version_num)).scalar()
     if found not in {LAYOUT, None}:
-        save = _SAVE_COMMANDS[connection.dialect.name]
+        save_command = _SAVE_COMMANDS[connection.dialect.name]
         raise StoreError(
             f"the database has tables of another version of Jointstiff: layout {found}, not {LAYOUT}",
-            f"save it with `{save}` and open it with the version that wrote it, or give a new database and "
-            "post the campaigns again",
+            f"save it with `{save_command}` and open it with the version that wrote it, or give a new "
+            "database and post the campaigns again",
         )
     return found is not None
 

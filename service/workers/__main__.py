@@ -14,5 +14,5 @@ if __name__ == "__main__":
 
     set_log_format(LogFormat(os.environ.get(FORMAT_VARIABLE, LogFormat.TEXT)))
     output = sys.stdout.fileno()
-    os.set_blocking(output, False)  # the service may be stopped, and not read them
+    os.set_blocking(output, False)  # a stopped service does not read signs of life: do not wait for it
     run_worker(os.environ[DATABASE_VARIABLE], sys.argv[1], sys.stdin.fileno(), output)

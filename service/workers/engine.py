@@ -1,7 +1,8 @@
 """Order and claims of jobs' parts, kept by DBOS Transact in the store's database.
 
-DBOS knows which worker has which part of a job, which part is next, and how often each part began. It gets
-ids and numbers, nothing else: requests and results are the store's. Everything here is safe to repeat.
+DBOS knows which worker has which part of a job, which part is next, and how often each part began. DBOS gets
+only ids and numbers; requests and results are in the store. All functions of this module may be repeated
+safely.
 
 No other module imports `dbos`. Two of its names that are used here are not public: `pyproject.toml` caps its
 minor version.
@@ -102,7 +103,7 @@ class Queue:
         """Add parts of a job that has begun; a part that was added before is not added again.
 
         Newer jobs take precedence for a time that is proportional to the number of jobs that have begun. So
-        small jobs do not wait for large jobs, and large jobs continue however many small jobs arrive.
+        small jobs are not delayed by large jobs, and large jobs continue however many small jobs arrive.
         """
         priority = _priority_now() + _PATIENCE_SECONDS * (
             1 + self._store.steps.count_other_begun_jobs(job_id)
@@ -117,15 +118,15 @@ class Queue:
             self._add_part(connection, part, priority=_priority_now(), delay_seconds=LATER_SECONDS)
 
     def others_wait(self, job_id: str) -> bool:
-        """Return whether parts of jobs other than `job_id` wait for a worker; true if the database fails."""
+        """Return whether parts of jobs other than `job_id` are queued; True if the database fails."""
         try:
             waiting_rows = self._list_rows(limit=PARTS_AT_ONCE + 1, status="ENQUEUED")
         except SQLAlchemyError:
             return True
-        return any(job_of(row.workflow_id) != job_id for row in waiting_rows)
+        return any(extract_job_id(row.workflow_id) != job_id for row in waiting_rows)
 
     def claimed_parts(self) -> dict[str, str]:
-        """Return part's id → name of its worker, for the parts that workers have claimed and not finished."""
+        """Return the parts that are claimed and not finished, as a dict: part's id → name of the worker."""
         return {row.workflow_id: str(row.executor_id) for row in self._list_rows(status="PENDING")}
 
     def put_back(self, parts: Iterable[str]) -> None:
@@ -137,12 +138,16 @@ class Queue:
             self._client.resume_workflows(part_ids, queue_name=_QUEUE)
 
     def find_given_up_jobs(self) -> dict[str, bool]:
-        """Return job's id → True if too many workers died over a part of the job, False for another failure.
+        """Return the jobs with a part that DBOS has given up, as a dict: job's id → whether workers died.
 
-        Only jobs with a part that DBOS has given up are in the dict.
+        The value is True if too many workers died over the part, and False for another failure.
         """
         pages = self._list_pages(status=_GIVEN_UP_STATES)
-        return {job_of(row.workflow_id): row.status == _GIVEN_UP_STATES[0] for page in pages for row in page}
+        return {
+            extract_job_id(row.workflow_id): row.status == _GIVEN_UP_STATES[0]
+            for page in pages
+            for row in page
+        }
 
     def find_unknown_jobs(self, job_ids: Collection[str]) -> set[str]:
         """Return those of `job_ids` whose first part is not in the queue: never added, or removed by hand."""
@@ -150,7 +155,7 @@ class Queue:
             return set()
         first_part_ids = [_part_id(Part(job_id, 0, 0)) for job_id in job_ids]
         rows = self._list_rows(workflow_ids=first_part_ids, limit=len(first_part_ids))
-        return set(job_ids) - {job_of(row.workflow_id) for row in rows}
+        return set(job_ids) - {extract_job_id(row.workflow_id) for row in rows}
 
     def remove_ended_parts(self, find_unfinished: Callable[[Collection[str]], set[str]]) -> None:
         """Remove the finished parts of finished jobs from the queue.
@@ -161,9 +166,9 @@ class Queue:
         # All pages are read first, because a removal shifts the rows of the pages behind.
         for page in list(self._list_pages(status=["SUCCESS", *_GIVEN_UP_STATES])):
             ended_part_ids = [row.workflow_id for row in page]
-            unfinished_jobs = find_unfinished({job_of(part_id) for part_id in ended_part_ids})
+            unfinished_jobs = find_unfinished({extract_job_id(part_id) for part_id in ended_part_ids})
             if removable_part_ids := [
-                part_id for part_id in ended_part_ids if job_of(part_id) not in unfinished_jobs
+                part_id for part_id in ended_part_ids if extract_job_id(part_id) not in unfinished_jobs
             ]:
                 self._client.delete_workflows(removable_part_ids)
 
@@ -242,7 +247,7 @@ class Engine(Queue):
             """Carry out a part that DBOS has claimed for this process."""
             name, part = str(DBOS.workflow_id), Part(job_id, number, kept)
             if self._is_stopping.is_set():
-                # `stop` offers this part to other workers. While this thread waits, DBOS claims no part.
+                # `stop` offers this part to others. DBOS claims no further part while this thread waits.
                 self._is_closed.wait()
                 return
             self._clocks[name] = _find_thread_clock()
@@ -263,22 +268,22 @@ class Engine(Queue):
     def stop(self) -> None:
         """Begin no further part, and offer the parts that this process claimed to other workers.
 
-        A running part is not waited for. DBOS itself would take seconds to stop its threads.
+        This function does not wait for the end of a running part. DBOS itself would take seconds to stop.
         """
         self._is_stopping.set()
-        for _ in range(2):  # a part may be claimed while others are being offered
+        for _ in range(2):  # a part may be claimed while other parts are put back: repeat once
             pending = self.claimed_parts().items()
             self.put_back(part for part, executor in pending if executor == self._executor)
             self._is_closed.wait(2.0 * _POLL_SECONDS)
 
     def close(self) -> None:
-        """End DBOS in this process, and disconnect from the database; a running part is not waited for."""
+        """End DBOS in this process without waiting for a running part, and disconnect from the database."""
         DBOS.destroy(workflow_completion_timeout_sec=0)
         self._is_closed.set()
         super().close()
 
     def running_parts(self) -> dict[str, float]:
-        """Return part's id → processor time of its thread [s], for the parts running in this process."""
+        """Return the parts that run in this process, as a dict: part's id → processor time of the thread."""
         seconds_by_part = {}
         for part_id, clock in list(self._clocks.items()):
             with suppress(OSError):  # the thread has ended meanwhile
@@ -304,13 +309,13 @@ def _find_thread_clock() -> int | None:
     return None if clock is None else int(clock(threading.get_ident()))
 
 
-def job_of(part: str) -> str:
-    """Return the id of a part's job, which is the beginning of the part's id."""
-    return part.partition("-")[0]
+def extract_job_id(part_id: str) -> str:
+    """Return the id of a part's job: the beginning of the part's id."""
+    return part_id.partition("-")[0]
 
 
 def _part_id(part: Part) -> str:
-    """Return a part's id. DBOS counts starts by id: each stored step changes the id, so counts begin anew."""
+    """Return a part's id, which changes with each stored step: DBOS counts the starts of each id anew."""
     return f"{part.job_id}-{part.number:06}-{part.kept}"
 
 

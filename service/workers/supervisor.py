@@ -18,7 +18,7 @@ from jointstiff.service.process import ONE_THREAD
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
 """Environment variable in which a worker finds the URL of the store."""
 _SHORT_LIFE_SECONDS: Final = 60.0
-"""Time after the start before which an end is early: loading the libraries alone may take ten seconds."""
+"""A worker that ends sooner after its start ended early; loading the libraries alone may take ten seconds."""
 _PAUSE_SECONDS: Final = 2.0
 _LONGEST_PAUSE_SECONDS: Final = 60.0
 _MIN_SHORT_LIVES: Final = 2
@@ -48,7 +48,10 @@ def process_name(name: str) -> str:
 
 
 class Supervisor:
-    """Worker processes, kept running. Each has a pipe from this process, and ends when this process ends."""
+    """Worker processes that are kept running.
+
+    Each worker has a pipe from this process, so that it ends when this process ends.
+    """
 
     def __init__(
         self,
@@ -65,9 +68,9 @@ class Supervisor:
             database: URL of the store.
             workers: number of workers, which may be 0.
             prefix: beginning of the names of these workers.
-            forget: called with the name of a worker process that has ended.
+            forget: function that is called with the name of a worker process that has ended.
             start: longest time until a worker's first sign of life [s].
-            silence: time between two signs of life after which a worker is ended [s].
+            silence: time without a sign of life after which a worker is ended [s].
         """
         self._forget = forget
         self._start_seconds, self._silence_seconds = start, silence
@@ -104,8 +107,9 @@ class Supervisor:
         """Number of workers that repeatedly end soon after their start."""
         now, alive_since = time.monotonic(), dict(self._alive_since)
         return sum(
-            lives >= _MIN_SHORT_LIVES and now - alive_since.get(name, now) < _SHORT_LIFE_SECONDS
-            for name, lives in list(self._short_lives.items())
+            # A worker that now has run for long enough is no longer failing.
+            short_lives >= _MIN_SHORT_LIVES and now - alive_since.get(name, now) < _SHORT_LIFE_SECONDS
+            for name, short_lives in list(self._short_lives.items())
         )
 
     def _keep_worker_running(self, database: str, name: str) -> None:

@@ -30,10 +30,10 @@ from jointstiff.service.workers.engine import ATTEMPTS, Engine, Queue
 
 # Jobs of other kinds are left to workers of other versions.
 _KNOWN_KINDS: Final = [kind.name for kind in KINDS]
-_MAX_REMOVED: Final = (
-    20  # most deleted records of each kind removed in one call of `Recovery.check_and_recover`
-)
-_MAX_RENEWED: Final = 20  # most robots whose summary is renewed in one call of `Recovery.check_and_recover`
+# Greatest numbers of deleted records of each kind that are removed, and of robots whose summary is renewed,
+# in one call of `Recovery.check_and_recover`
+_MAX_REMOVED: Final = 20
+_MAX_RENEWED: Final = 20
 _FIRST_PAUSE: Final = 0.1
 _LONGEST_PAUSE: Final = 5.0
 _MAX_STALLED_CHECKS: Final = 4
@@ -41,7 +41,7 @@ _MAX_STALLED_CHECKS: Final = 4
 
 
 class FrozenError(Exception):
-    """The thread that carries out a part of a job neither computes nor ends."""
+    """Error: the thread that carries out a part of a job neither computes nor ends."""
 
 
 class Recovery:
@@ -65,7 +65,7 @@ class Recovery:
             engine: engine of this worker.
             executor: name of this worker.
             heartbeats: heartbeats of the workers; default: those of the store.
-            now: clock, with a time zone, by which deleted jobs are removed.
+            now: function that returns the time, with a time zone; old deleted jobs are removed by this clock.
         """
         self._store, self._jobs, self._engine, self._executor = store, jobs, engine, executor
         self._heartbeats = heartbeats or store.heartbeats
@@ -141,7 +141,7 @@ class Recovery:
         return is_stalled
 
     def _offer_idle_parts(self, worker_by_part: Mapping[str, str]) -> None:
-        """Offer to all workers the parts that this worker has claimed, but that did not run at two checks.
+        """Offer to all workers the claimed parts of this worker that did not run at two successive checks.
 
         Args:
             worker_by_part: part's id → name of the worker that claimed the part.
@@ -157,10 +157,11 @@ class Recovery:
         reason_by_job = dict.fromkeys(
             self._engine.find_unknown_jobs(kind_by_open_job), "job {} has no part in the queue any more"
         )
-        for job_id, is_deadly in self._engine.find_given_up_jobs().items():
-            reason_of_deaths = f"{ATTEMPTS} workers died over one step of job {{}}"
+        for job_id, workers_died in self._engine.find_given_up_jobs().items():
             reason_by_job[job_id] = (
-                reason_of_deaths if is_deadly else "a part of job {} cannot be carried out"
+                f"{ATTEMPTS} workers died over one step of job {{}}"
+                if workers_died
+                else "a part of job {} cannot be carried out"
             )
         for job_id in reason_by_job.keys() & kind_by_open_job.keys():
             self._jobs(job_id).fail(job_id, WorkerLostError(reason_by_job[job_id].format(job_id)))
@@ -205,7 +206,7 @@ def carry_out(store: Store, jobs: Callable[[str], Jobs], part: Part, queue: Queu
 
 
 def retry_until_available(act: Callable[[], object]) -> None:
-    """Call `act` repeatedly until the database answers, as an outage must not fail a job.
+    """Call a function again and again until the database answers, as an outage must not fail a job.
 
     A process that lacks memory kills itself, as the system would: another worker continues its part, and
     DBOS counts a failed attempt.
@@ -224,25 +225,31 @@ def retry_until_available(act: Callable[[], object]) -> None:
 
 
 _BEAT_SECONDS: Final = 5.0  # between two signs of life of a worker
-_GOODBYE_SECONDS: Final = 8.0  # time to offer parts to others, which take them after 30 s of silence anyway
+# Time to offer parts to other workers, which take the parts of a silent worker after 30 s anyway
+_GOODBYE_SECONDS: Final = 8.0
 
 _FAULT: Final = 70  # exit status of a worker that cannot go on
 _SPARE_BYTES: Final = 64 * 1024 * 1024  # memory that must be free for a worker; some steps need more
 _LOOK_SECONDS: Final = 1.0  # between two checks of memory and of the parent process
 _BEGIN_SECONDS: Final = 60.0  # time for the worker's threads to begin
-_KEEPER_SECONDS: Final = 60.0  # longest check of the recovery thread; a locked database takes half of it
+# Longest check of the recovery thread [s]; a locked database takes half of this time.
+_LONGEST_CHECK_SECONDS: Final = 60.0
 
 _logger = logging.getLogger(__name__)
 
 
-def run_worker(database: str, executor: str, parent: int | None = None, signs: int | None = None) -> None:
+def run_worker(
+    database: str, executor: str, parent_pipe: int | None = None, sign_pipe: int | None = None
+) -> None:
     """Carry out parts of jobs until a signal stops this worker; then hand over its parts and end the process.
 
     Args:
         database: URL of the store.
         executor: name of this process, which no other process has or had.
-        parent: file descriptor of a pipe from the parent process: when it ends, this process ends, too.
-        signs: file descriptor to which a byte is written each second while the recovery thread works.
+        parent_pipe: file descriptor of a pipe from the parent process; when the parent process ends, this
+            process ends, too. None without a parent process.
+        sign_pipe: file descriptor to which a byte is written each second while the recovery thread works;
+            None to write no signs of life.
 
     Raises:
         StoreError: the database cannot be used.
@@ -266,20 +273,20 @@ def run_worker(database: str, executor: str, parent: int | None = None, signs: i
             lambda part: retry_until_available(lambda: carry_out(store, parts.jobs_of, part, engine)),
         )
         recovery = Recovery(store, parts.jobs_of, engine, executor)
-        keeper = threading.Thread(target=_run_recovery, args=(recovery, stop), daemon=True)
-        keeper.start()
+        recovery_thread = threading.Thread(target=_run_recovery, args=(recovery, stop), daemon=True)
+        recovery_thread.start()
         faulthandler.cancel_dump_traceback_later()
         console().print(f"worker {executor} ready", markup=False)
         while not stop.wait(_LOOK_SECONDS):
             if not _has_memory():
                 _end_process()
-            if signs is not None and recovery.seconds_since_check() < _KEEPER_SECONDS:
-                _show_sign(signs)
-            if _parent_has_ended(parent):  # end in order: the running part is offered to other workers
+            if sign_pipe is not None and recovery.seconds_since_check() < _LONGEST_CHECK_SECONDS:
+                _show_sign_of_life(sign_pipe)
+            if _parent_has_ended(parent_pipe):  # stop in order: the running part is offered to other workers
                 stop.set()
     except (MemoryError, RuntimeError):
         _end_process()
-    keeper.join(_GOODBYE_SECONDS)  # not longer: the database may not answer
+    recovery_thread.join(_GOODBYE_SECONDS)  # not longer: the database may not answer
     # A running step would keep the process alive, though its part has been offered to others.
     sys.stdout.flush()
     os._exit(0)
@@ -300,7 +307,7 @@ def _act_despite_outage(act: Callable[[], None]) -> None:
     except MemoryError:
         _end_process()
     except FrozenError:
-        _logger.exception("this worker makes no progress; it ends, and others take over its part")
+        _logger.exception("this worker makes no progress; it ends, and another worker takes over its part")
         _end_process()
     except Exception:
         _logger.warning("cannot recover the jobs of dead workers; trying again", exc_info=True)
@@ -314,10 +321,10 @@ def _end_process(*_: object) -> None:
         os._exit(_FAULT)
 
 
-def _show_sign(signs: int) -> None:
-    """Write a byte, as a sign of life, to the pipe `signs` to the process that started this one."""
-    with suppress(OSError):  # the other process has ended, or does not read
-        os.write(signs, b".")
+def _show_sign_of_life(sign_pipe: int) -> None:
+    """Write a byte to a pipe to the parent process, to show that this process works."""
+    with suppress(OSError):  # the parent process has ended, or does not read
+        os.write(sign_pipe, b".")
 
 
 def _has_memory() -> bool:
@@ -332,6 +339,12 @@ def _has_memory() -> bool:
     return True
 
 
-def _parent_has_ended(parent: int | None) -> bool:
-    """Return whether the parent process has ended, as the pipe `parent` from it then is at end of file."""
-    return parent is not None and bool(select.select([parent], [], [], 0.0)[0]) and not os.read(parent, 1024)
+def _parent_has_ended(parent_pipe: int | None) -> bool:
+    """Return whether the parent process has ended; False without a pipe from the parent.
+
+    The read end of the pipe reaches end of file when the parent process ends.
+    """
+    if parent_pipe is None:
+        return False
+    is_readable = bool(select.select([parent_pipe], [], [], 0.0)[0])
+    return is_readable and not os.read(parent_pipe, 1024)

@@ -45,11 +45,11 @@ if TYPE_CHECKING:
     from jointstiff.service.resources.inputs import Inputs
 
 _SIDES: Final = ("first", "second")
-_SHORT: Final = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial_pose": "DPP"}
-_WEIGHTS: Final = {"covariance": "", "characteristic_length": "/L", "uniform": "/u"}
-_CONSTRAINTS: Final = {False: "free", True: "≥ 0"}
-_METHODS_ABREAST: Final = 4
-"""Number of columns of methods for which a table of 80 characters has room."""
+_METHOD_ABBREVIATIONS: Final = {"complete_pose": "CP", "partial_pose": "PP", "decoupled_partial_pose": "DPP"}
+_WEIGHTING_SUFFIXES: Final = {"covariance": "", "characteristic_length": "/L", "uniform": "/u"}
+_CONSTRAINT_NAMES: Final = {False: "free", True: "≥ 0"}
+_METHODS_PER_TABLE: Final = 4
+"""Greatest number of methods (columns) in one table, which is at most 80 characters wide."""
 _LONGEST_NAME: Final = 24
 
 Cell = Callable[[ComparedRun, int], Line]
@@ -65,7 +65,7 @@ def _make_report(_job: Comparison, result: ComparisonResult, view: View) -> Repo
     if result.joints:
         parts += _list_ratio_parts(result, view.unit)
     entries = sorted((entry for entry in result.entries if entry.joints), key=_table_sort_key)
-    methods = {_short_name(entry) for entry in entries}
+    methods = {_method_abbreviation(entry) for entry in entries}
     if entries and (len(result.sides) == 1 or len(methods) > 1):
         parts += _list_method_parts(entries, view)
     return Report([*parts, *_failure_lines(result.entries)])
@@ -73,10 +73,10 @@ def _make_report(_job: Comparison, result: ComparisonResult, view: View) -> Repo
 
 def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
     """Return tables of both sides' stiffnesses and their ratios, and a line on the avoided deflection."""
-    by_id = {entry.run_id: entry for entry in result.entries}
+    entry_by_id = {entry.run_id: entry for entry in result.entries}
     # The leading run of each side, from which the ratios were computed.
-    first, second = (by_id[side.run_id] for side in result.sides)
-    joints, same_method = result.joints, _short_name(first) == _short_name(second)
+    first, second = (entry_by_id[side.run_id] for side in result.sides)
+    joints, is_same_method = result.joints, _method_abbreviation(first) == _method_abbreviation(second)
     parts: list[Part] = [
         Table(
             [
@@ -89,7 +89,7 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
                     "p", [joint.p_value for joint in joints], lambda p: "< 0.0001" if p < 1e-4 else f"{p:.2g}"
                 ),
             ],
-            title=f"Two sides, {METHOD_NAMES[first.method]}" if same_method else "Two sides",
+            title=f"Two sides, {METHOD_NAMES[first.method]}" if is_same_method else "Two sides",
             caption=f"{unit.quantity} in {unit.label_of(first.joints)} with its standard uncertainty; ratio "
             "of the stiffnesses, second to first; p: p-value of equal stiffnesses",
         ),
@@ -191,33 +191,42 @@ def _list_method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]
 
 def _constraints_change_nothing(entries: Sequence[ComparedRun], format_cell: Cell) -> bool:
     """Return whether each fit with the constraint compliance ≥ 0 shows the same numbers as the free fit."""
-    by_constraint: dict[bool, dict[tuple[str, str], list[str]]] = {False: {}, True: {}}
+    # Side and method → numbers as they are shown
+    free: dict[tuple[str, str], list[str]] = {}
+    constrained: dict[tuple[str, str], list[str]] = {}
     for entry in entries:
         numbers = [str(format_cell(entry, j)) for j in range(len(entry.joints))]
-        by_constraint[entry.positive][entry.side, _short_name(entry)] = numbers
-    return by_constraint[False] == by_constraint[True]
+        (constrained if entry.positive else free)[entry.side, _method_abbreviation(entry)] = numbers
+    return free == constrained
 
 
 def _joint_tables(
     entries: Sequence[ComparedRun], title: str, format_cell: Cell, caption: str = ""
 ) -> list[Table]:
-    """Return tables of the joints with at most `_METHODS_ABREAST` methods each; the first has the caption."""
-    methods = list(dict.fromkeys(map(_short_name, entries)))
+    """Return tables of the joints, each with at most `_METHODS_PER_TABLE` methods as columns.
+
+    Only the first table has the caption.
+    """
+    methods = list(dict.fromkeys(map(_method_abbreviation, entries)))
     return [
         _joint_table(
-            [entry for entry in entries if _short_name(entry) in methods[start : start + _METHODS_ABREAST]],
+            [
+                entry
+                for entry in entries
+                if _method_abbreviation(entry) in methods[start : start + _METHODS_PER_TABLE]
+            ],
             f"{title}, continued" if start else title,
             format_cell,
             "" if start else caption,
         )
-        for start in range(0, len(methods), _METHODS_ABREAST)
+        for start in range(0, len(methods), _METHODS_PER_TABLE)
     ]
 
 
 def _shares_tables(entries: Sequence[ComparedRun]) -> list[Part]:
     """Return tables of the share of resampled fits in which a joint is negative, rigid or undetermined.
 
-    If all shares are zero, return a line with this statement instead.
+    If all shares are zero, return a line that says so.
     """
     resampled_joints = [
         joint
@@ -234,11 +243,13 @@ def _shares_tables(entries: Sequence[ComparedRun]) -> list[Part]:
 
 def _joint_table(entries: Sequence[ComparedRun], title: str, format_cell: Cell, caption: str) -> Table:
     """Return a table with a row for each joint, side and constraint, and a column for each method."""
+    # Row of a joint (side, constraint) → method → run
     by_row: dict[tuple[SideName, bool], dict[str, ComparedRun]] = {}
     for entry in sorted(entries, key=lambda each: (each.side, each.positive)):
-        by_row.setdefault((entry.side, entry.positive), {}).setdefault(_short_name(entry), entry)
-    methods = list(dict.fromkeys(map(_short_name, entries)))
+        by_row.setdefault((entry.side, entry.positive), {}).setdefault(_method_abbreviation(entry), entry)
+    methods = list(dict.fromkeys(map(_method_abbreviation, entries)))
     has_two_sides = len({entry.side for entry in entries}) > 1
+    # Rows of the table: index of the joint, the joint, and the row of the joint
     lines = [(j, joint, row) for j, joint in enumerate(entries[0].joints) for row in by_row]
     first_row = next(iter(by_row))  # only the first row of a joint has the joint's name
 
@@ -272,18 +283,23 @@ def _joint_table(entries: Sequence[ComparedRun], title: str, format_cell: Cell, 
 def _row_name(side: SideName, positive: bool, *, with_side: bool) -> str:
     """Return the name of a table's row: the constraint, such as "free", or side and constraint: "1 free"."""
     side_number = f"{_SIDES.index(side) + 1} " if with_side else ""
-    return f"{side_number}{_CONSTRAINTS[positive]}"
+    return f"{side_number}{_CONSTRAINT_NAMES[positive]}"
 
 
 def _table_sort_key(entry: ComparedRun) -> tuple[int, int, bool, int]:
     """Return the key that sorts runs in tables: in order of method, weighting, constraint and side."""
     weighting = ("characteristic_length", "uniform", "covariance").index(entry.weighting)
-    return list(_SHORT).index(entry.method), weighting, entry.positive, _SIDES.index(entry.side)
+    return (
+        list(_METHOD_ABBREVIATIONS).index(entry.method),
+        weighting,
+        entry.positive,
+        _SIDES.index(entry.side),
+    )
 
 
-def _short_name(entry: ComparedRun) -> str:
+def _method_abbreviation(entry: ComparedRun) -> str:
     """Return the abbreviation of a run's method and weighting, such as "PP/L"."""
-    return _SHORT[entry.method] + _WEIGHTS[entry.weighting]
+    return _METHOD_ABBREVIATIONS[entry.method] + _WEIGHTING_SUFFIXES[entry.weighting]
 
 
 def _resampled_cell(unit: StiffnessUnit, entry: ComparedRun, j: int) -> Line:
@@ -319,7 +335,7 @@ def _fits_table(entries: Sequence[ComparedRun]) -> Table:
     """Return a table with a row for each fit: explained deflection, residual, condition number."""
     has_two_sides = len({entry.side for entry in entries}) > 1
     names = [
-        f"{_short_name(entry)} {_row_name(entry.side, entry.positive, with_side=has_two_sides)}"
+        f"{_method_abbreviation(entry)} {_row_name(entry.side, entry.positive, with_side=has_two_sides)}"
         for entry in entries
     ]
     columns = [
@@ -351,7 +367,7 @@ def _legend(entries: Sequence[ComparedRun], *, hides_constrained: bool, resample
 
     `hides_constrained` is true if runs with a constraint are not shown, because no constraint is active.
     """
-    methods = {_SHORT[entry.method]: METHOD_NAMES[entry.method] for entry in entries}
+    methods = {_METHOD_ABBREVIATIONS[entry.method]: METHOD_NAMES[entry.method] for entry in entries}
     lengths = {f"{entry.characteristic_length:.3g}" for entry in entries if entry.characteristic_length}
     of_lengths = f" of {', '.join(sorted(lengths))} m" if lengths else ""
     weights = {
@@ -389,13 +405,15 @@ def make_charts(result: ComparisonResult) -> list[Chart]:
 
     These charts correspond to figures 7 and 8 of the paper.
     """
-    drawn: list[Chart] = []
+    charts: list[Chart] = []
     for side in result.sides:
         entries = [entry for entry in result.entries if entry.side == side.side and entry.left]
         # If a method has a run with the constraint and a run without, the constrained run is drawn: it is
         # sorted last.
-        by_method = {_short_name(entry): entry for entry in sorted(entries, key=lambda each: each.positive)}
-        drawn.append(
+        by_method = {
+            _method_abbreviation(entry): entry for entry in sorted(entries, key=lambda each: each.positive)
+        }
+        charts.append(
             Chart(
                 f"Deflection of each configuration and what is left after compensation, mean over the targets"
                 f"{f', {side.side} side' * (len(result.sides) > 1)}",
@@ -411,8 +429,8 @@ def make_charts(result: ComparisonResult) -> list[Chart]:
             for side in result.sides
         }
         title = "Deflection of each configuration that both sides have, mean over the targets"
-        drawn.insert(0, Chart(title, common, series, 1e3, "mm"))
-    return drawn
+        charts.insert(0, Chart(title, common, series, 1e3, "mm"))
+    return charts
 
 
 def _deflection_by_label(side: ComparedSide) -> dict[str, float | None]:
@@ -491,7 +509,10 @@ def entries_sheet(job: Comparison) -> Sheet:
         row = _Row.model_construct(fit=entry, constraint="positive" if entry.positive else "unconstrained")
         statistics = entry.resampling.joints if entry.resampling else [None] * len(entry.joints)
         pairs = [*zip(entry.joints, statistics, strict=True)] or [(None, None)]
-        rows += [row.model_copy(update={"joint": joint, "drawn": of_joint}) for joint, of_joint in pairs]
+        rows += [
+            row.model_copy(update={"joint": joint, "drawn": joint_statistics})
+            for joint, joint_statistics in pairs
+        ]
     kinds = [None if row.joint is None else row.joint.kind for row in rows]
     return Sheet.with_joint_kinds(Sheet.from_messages(rows, _COLUMNS), kinds)
 

@@ -74,8 +74,8 @@ def compare(
         chosen = parse_document(merge_options(CampaignComparison, options, fields), CampaignComparison)
         sources = [first] if second is None else [first, second]
         sets: list[ComparedSet] = []
-        for source, place in zip(sources, ("first.", "second."), strict=False):
-            set_id, source_options = door.measured(source, place if len(sources) > 1 else "")
+        for source, error_prefix in zip(sources, ("first.", "second."), strict=False):
+            set_id, source_options = door.measured(source, error_prefix if len(sources) > 1 else "")
             source_options = source_options or RunOptions()
             # A second campaign is identified with the options of the first campaign; a run keeps its options.
             keeps_options = isinstance(source, Run) or not sets

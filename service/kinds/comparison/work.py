@@ -1,4 +1,4 @@
-"""The work of a comparison: stored runs of one set or of two are compared; nothing is identified again."""
+"""The work of a comparison of stored runs, of one measurement set or of two; nothing is identified again."""
 
 from __future__ import annotations
 
@@ -290,8 +290,8 @@ def _rebuild_joint_model(run: Run, robot: Robot) -> JointModel:
     model = None if stored is None else build_forward_model(robot, stored)[0]
     if not isinstance(model, JointModel):
         raise RequestError(
-            f"a comparison of two sides needs runs with elastic joints only, but the run '{run.id}' has "
-            f"elasticity {run.elasticity}",
+            f"two sides can be compared only by runs in which nothing but the joints is elastic, but the run "
+            f"'{run.id}' has elasticity {run.elasticity}",
             where="run_ids",
             remedy="identify the measurement set with elasticity `joints`, and give the new run",
         )
@@ -331,9 +331,10 @@ def _influential_options(run: Run) -> dict[str, Any]:
 
 
 def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
-    """Return a run's estimate before constraints: n compliances and their covariance (n, n).
+    """Return a run's estimate before constraints: n compliances with their covariance (n, n).
 
-    The estimate also has the parts of the covariance: one from the readings, one from each assumed error.
+    The estimate also has the parts of the covariance: a part from the readings, and one from each assumed
+    error.
     """
     model, result = _rebuild_joint_model(run, robot), run.result
     if result is None:
@@ -400,8 +401,8 @@ def request_comparison(
     Args:
         sets: one set to compare methods, or two sets to compare with each other.
         options: methods, constraints and resampling of the comparison.
-        identify: identifies a request, and returns the run or None; the flag is true if the comparison is
-            possible without this run.
+        identify: function that identifies a request and returns the run, or None if this failed; its second
+            argument is True if the comparison is possible without this run.
     """
     confidence = options.confidence or sets[0].options.confidence
     common = {"elasticity": "joints", "confidence": confidence, "resampling": options.resampling}
@@ -412,10 +413,11 @@ def request_comparison(
     ]
     runs: list[Run] = []
     for each in sets:
-        stated = each.options.model_dump(exclude={"leave_out"})
-        # An elasticity that the user names is kept, so that anything but joints is refused later.
-        named = {} if stated["elasticity"] == "automatic" else {"elasticity": stated["elasticity"]}
-        leading = RunOptions.model_validate({**stated, **common, **named})
+        set_options = each.options.model_dump(exclude={"leave_out"})
+        # An elasticity that the user names is kept, so that any elasticity but `joints` is refused later.
+        elasticity = set_options["elasticity"]
+        named_elasticity = {} if elasticity == "automatic" else {"elasticity": elasticity}
+        leading = RunOptions.model_validate({**set_options, **common, **named_elasticity})
         run_options = method_options
         if len(sets) > 1:
             run_options = [leading, *(other for other in method_options if other != leading)]

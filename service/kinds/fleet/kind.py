@@ -1,4 +1,4 @@
-"""A fleet: the campaigns of many robots, each identified by itself in one job, and what people read of it."""
+"""A fleet, the campaigns of many robots, identified in one job: declaration of the kind, report and files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _REQUEST_BYTES: Final = 1024 * 1024
 _SHOWN: Final = 500
 """Greatest number of sets in the table of a report, which begins with the sets that need attention."""
 _MOST_JOINTS: Final = 8
-"""Greatest number of joints for which the table has columns; a fleet with more joints has no such column."""
+"""Greatest number of joints for which the table has columns; with more joints it has no column of a joint."""
 _OUTCOMES: Final[dict[FleetOutcome, tuple[str, Style]]] = {
     "failed": ("failed", "bad"),
     "do_not_use": (VERDICTS["do_not_use"], "bad"),

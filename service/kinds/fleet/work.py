@@ -29,12 +29,12 @@ from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.resources.inputs import Inputs, NamedSet
 from jointstiff.solver.errors import JointstiffError, RequestError
 
-SETS_A_STEP: Final = 10
+SETS_PER_STEP: Final = 10
 """Number of sets in a step, which takes a quarter of a second, if only joints are elastic."""
-_SETS_A_STEP_AUTOMATIC: Final = 1
+_SETS_PER_STEP_AUTOMATIC: Final = 1
 """Number of sets in a step if the elastic model is chosen automatically: elastic links take seconds."""
 _RETRIED_ERRORS: Final = (StoreUnavailableError, MemoryError)
-"""Errors that the set did not cause: the step is carried out again, here or by another worker."""
+"""Errors that the set did not cause: the step is carried out again, in this process or by another worker."""
 
 
 class FleetWork(Work):
@@ -57,7 +57,7 @@ class FleetWork(Work):
         run = request.run
         self._options = {name: getattr(run, name) for name in run.model_fields_set}
         # Resampling or elastic links make a run slow: then each set is a step of its own.
-        sizes = {"joints": SETS_A_STEP, "automatic": _SETS_A_STEP_AUTOMATIC}
+        sizes = {"joints": SETS_PER_STEP, "automatic": _SETS_PER_STEP_AUTOMATIC}
         size = sizes.get(run.elasticity, 1) if run.resampling is None else 1
         self._blocks = cut_into_spans(len(self._sets), size)
         self.input_hash = hash_texts(*(each.content for each in self._sets), run.model_dump_json())
@@ -66,7 +66,7 @@ class FleetWork(Work):
         self.details = {"request": request.model_copy(update={"measurement_set_ids": set_ids})}
 
     def steps(self) -> tuple[Span, ...]:
-        """Return a step for each block of sets; no steps if one block has all sets, whose runs are quick."""
+        """Return a step for each block of sets; no steps if one block has all sets and no run takes steps."""
         return () if self._is_quick else self._blocks
 
     def compute(self, span: Span) -> Arrays:

@@ -196,10 +196,10 @@ def _wrist_parts(wrist: WristResult) -> list[Part]:
 
 def _axes_distance_text(wrist: WristResult) -> str:
     """Describe the distance between the last three axes, and whether the decoupled method applies."""
-    applies = "applies" if wrist.decoupled_method else "does not apply"
+    applicability = "applies" if wrist.decoupled_method else "does not apply"
     return (
         f"the last three axes miss each other by {_MICRO * wrist.miss_distance:.1f} ± "
-        f"{_MICRO * wrist.miss_uncertainty:.1f} µm: the decoupled method {applies}"
+        f"{_MICRO * wrist.miss_uncertainty:.1f} µm: the decoupled method {applicability}"
     )
 
 
@@ -225,7 +225,7 @@ def _size_text(link: LinkComparison, value: float) -> str:
 
 
 def _identified_text(link: LinkComparison) -> str:
-    """Format the identified size of a link, or say that it is not determined."""
+    """Format the identified size of a link, or return "not determined"."""
     return "not determined" if link.standard_uncertainty is None else _size_text(link, link.identified)
 
 

@@ -329,7 +329,7 @@ FOREIGN = (
 OTHER_SITE = ("a page of another site requested a change", "use the service's own page, or a program")
 NO_KEY_YET = (
     "this service has no key yet, so it answers only requests from its own machine",
-    "create one with `jointstiff keys create NAME --role ROLE` where the service runs",
+    "create a key with `jointstiff keys create NAME --role ROLE` where the service runs",
 )
 
 

@@ -214,8 +214,8 @@ class TestTwoCampaigns:
         bent = {"elasticity": "coupled_joints", "link_penalty": 0.1, "loss": "squared"}
         coupled = posted(read, **bent, cross_validation={"folds": 2})["id"]
         assert told(compared(coupled)) == (
-            f"422 | run_ids | a comparison of two sides needs runs with elastic joints only, but the run "
-            f"'{coupled}' has elasticity coupled_joints | identify the measurement set with elasticity "
+            "422 | run_ids | two sides can be compared only by runs in which nothing but the joints is elastic, "
+            f"but the run '{coupled}' has elasticity coupled_joints | identify the measurement set with elasticity "
             f"`joints`, and give the "
             "new run"
         )

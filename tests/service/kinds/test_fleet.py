@@ -56,7 +56,7 @@ def sets(parts):
 
 @pytest.fixture
 def two_a_step(monkeypatch):
-    monkeypatch.setattr(fleet_work, "SETS_A_STEP", 2)
+    monkeypatch.setattr(fleet_work, "SETS_PER_STEP", 2)
 
 
 def posted(parts, **request):
