@@ -175,7 +175,7 @@ class Columns:
             if frames
             else ("", "")
         )
-        reason = self.restore_spelling(cause.reason, 0, line)
+        reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
         self._left.append((ReadMove(line, names, base, tool, reason, cause.remedy), cause))
         for target in targets:
             if target.label:

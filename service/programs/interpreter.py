@@ -318,6 +318,7 @@ class Machine:
         self.unknown_routines: dict[str, None] = {}  # routines of other files that are not allowed
         self._needs_assumption = False  # whether moves are certain that come behind calls of them
         self._first_unknown = 0  # first line on which one of them is called
+        self._attached_routines: set[str] = set()  # routines of the program that are attached to an event
         self._attached: dict[str, list[str]] = defaultdict(list)  # routines of each event, by its name
         self._allowed = frozenset(each.upper() for each in allowed)
         self.numerals = [Numerals.from_text(source.text, language.number) for source in sources]
@@ -333,8 +334,6 @@ class Machine:
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
         self._causes: list[Cause] = []  # causes of all statements that are not understood
-        # first statement that may have changed the data of the controller in an earlier run
-        self._earlier: Cause | None = None
         self._anytime: dict[str, Cause] = {}  # names that routines change which may run at any time
         self._changed: dict[str, dict[str, Cause]] = defaultdict(dict)  # names that each routine may change
         self._callers: dict[str, set[str]] = defaultdict(set)  # callers of each routine
@@ -486,14 +485,17 @@ class Machine:
                 self._collect_call(place, op)
         self._summarise_routines()
         for name in self._flow.anytime_routines:
-            self._anytime.update(self._changed[name])
+            # An unknown routine that an attached routine calls counts as called where this one is attached.
+            is_attached = name in self._attached_routines
+            changed = self._changed[name].items()
+            self._anytime.update(
+                {each: cause for each, cause in changed if not (is_attached and each == UNKNOWN)}
+            )
 
     def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
         """Note why values become unknown at a statement, for each name that the statement changes."""
         cause = place.make_cause(op.reason, op.remedy)
         self._causes.append(cause)
-        # A statement without names may change all data of the controller, which remain for later runs.
-        self._earlier = self._earlier or (None if op.names else cause)
         names = [place.qualify(name) for name in op.names]
         if op.anytime:
             self._anytime |= dict.fromkeys(names or [UNKNOWN], cause)
@@ -509,9 +511,9 @@ class Machine:
             self._anytime.update(dict.fromkeys(self._list_name_and_fields(passed), cause))
         if is_own:
             self._flow.anytime_routines |= {str(op.name)} if op.anytime else set()
+            self._attached_routines |= {str(op.name)} if op.event else set()
         elif unknown:
             self._causes.append(unknown)
-            self._earlier = self._earlier or unknown
             if op.anytime and not op.event:
                 self._anytime[UNKNOWN] = unknown
         elif place.qualify(op.name) not in self._attached:
@@ -562,8 +564,7 @@ class Machine:
                 reason = f"{name} changes while the program runs"
                 cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
                 self._changed[routine][name] = content if isinstance(content, Cause) else cause
-        for i, fault in self._flow.uncertain.items():
-            self._changed[self._flow.routine_of[i]].setdefault(ir.MODE, self._faults[fault])
+        self._summarise_faults_and_attachments()
         to_visit = [*self._changed]  # routines whose callers may change more names than noted
         while to_visit:
             routine = to_visit.pop()
@@ -571,6 +572,24 @@ class Machine:
                 if not self._changed[routine].keys() <= self._changed[caller].keys():
                     self._changed[caller] = self._changed[routine] | self._changed[caller]
                     to_visit.append(caller)
+
+    def _summarise_faults_and_attachments(self) -> None:
+        """Add to the changes of routines what faults and routines that are attached to events change."""
+        for i, fault in self._flow.uncertain.items():
+            self._changed[self._flow.routine_of[i]].setdefault(ir.MODE, self._faults[fault])
+        for i, op in enumerate(self._ops):
+            if isinstance(op, ir.Call) and (cause := self._find_unknown_in_attached(self._places[i], op)):
+                self._changed[self._flow.routine_of[i]].setdefault(UNKNOWN, cause)
+
+    def _find_unknown_in_attached(self, place: Place, op: ir.Call) -> Cause | None:
+        """Return the cause why values are unknown after routines of the program are attached to an event.
+
+        The operation attaches a routine, or its name is that of an event that is switched on.
+        """
+        name = place.qualify(op.name)
+        names = self._attached.get(name, [name] if op.event else [])
+        causes = (self._changed[each].get(UNKNOWN) for each in names if each in self._attached_routines)
+        return next(filter(None, causes), None)
 
     # propagation
 
@@ -671,13 +690,29 @@ class Machine:
         for name in {**first, **second}:
             first_content, first_line = self._look_up(first, name)
             second_content, second_line = self._look_up(second, name)
-            if first_content != second_content and not isinstance(first_content, Cause):
+            if first_content == second_content or self._have_equal_frames(
+                name, first_content, second_content
+            ):
+                continue
+            if not isinstance(first_content, Cause):
                 subject = "whatever an unknown routine may change" if name == UNKNOWN else name
                 reason = f"{subject} changes while the program runs: by a branch, a loop or a call"
                 line = max(first_line, second_line)
                 cause = Cause(line, reason, "set it once, before branches, loops and calls")
                 joined[name] = second_content if isinstance(second_content, Cause) else cause, line
         return first if joined == first else joined
+
+    def _have_equal_frames(self, name: str, first: Content, second: Content) -> bool:
+        """Return whether two contents of an active frame are equal numbers, written at different places."""
+        if name not in self._language.active:
+            return False
+        if not (isinstance(first, WrittenNumbers) and isinstance(second, WrittenNumbers)):
+            return False
+        numbers = (
+            self.numerals[each.source].values[each.first + np.array(each.literal.numbers)]
+            for each in (first, second)
+        )
+        return first.literal.notation == second.literal.notation and bool(np.array_equal(*numbers))
 
     def _count_work(self, names: int) -> None:
         """Count steps of the interpretation; refuse a program that takes too many."""
@@ -701,13 +736,11 @@ class Machine:
                 self._forget_names(state, cause)
             for name in map(place.qualify, op.names):
                 state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
-        elif (
-            isinstance(op, ir.Call)
-            and (op.event or not op.anytime)
-            and op.name not in self._flow.begins
-            and (unknown := self._explain_unknown_call(place, op))
-        ):
-            self._forget_names(state, unknown)
+        elif isinstance(op, ir.Call) and (op.event or not op.anytime):
+            is_own = op.name in self._flow.begins
+            unknown = None if is_own else self._explain_unknown_call(place, op)
+            if unknown := unknown or self._find_unknown_in_attached(place, op):
+                self._forget_names(state, unknown)
 
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
@@ -768,19 +801,16 @@ class Machine:
             return state[name]
         if content is None and UNKNOWN in state and not protected:
             content = state[UNKNOWN][0]
-        content = content or self._initial_value(name, protected=protected)
+        content = content or self._initial_value(name)
         if isinstance(content, Cause) and self._language.is_frame(name):
             content = content._replace(shows=name)
         return content, content.line if isinstance(content, Cause) else 0
 
-    def _initial_value(self, name: str, *, protected: bool) -> Content:
-        """Return the content of a name when the program begins.
-
-        `protected` tells whether no unknown routine can change the content.
-        """
+    def _initial_value(self, name: str) -> Content:
+        """Return the content of a name when the program begins: data have the values in their file."""
         changes = self._find_changes(name)
         if name in self._initial and not changes:
-            return self._initial[name] if protected or self._earlier is None else self._earlier
+            return self._initial[name]
         if (active := self._language.active.get(name)) is not None:
             return active
         if changes:

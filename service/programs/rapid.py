@@ -119,7 +119,7 @@ def _translate_instruction(line: Line) -> list[Op]:
         return [
             *found,
             ir.MakeUnknown(frozenset(), reason, "omit it"),
-            ir.MakeUnknown(frozenset({ir.MODE}), reason, "omit it"),
+            ir.MakeUnknown(frozenset({ir.MODE}), reason, "omit it", anytime=True),  # it outlasts the routine
         ]
     return [*found, ir.Call(name, names)]
 

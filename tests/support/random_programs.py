@@ -188,6 +188,10 @@ class Cell:
                 if is_junk(self.values.get(name)):
                     del self.values[name]
             self.does(Statement("", language.part("again")))
+            for each in (
+                self.program.first if language.part("loaded") else ()
+            ):  # data have their file's values
+                self.does(each)
             with suppress(Stopped):
                 self.routine("a")
         return self.seen
