@@ -79,6 +79,12 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
 """Name of a source of a kind of work → arguments of the command: name → annotation."""
 _Options = Annotated[Path | None, cli.file_option("JSON file with further options, named as in the API.")]
 _Output = Annotated[Path | None, cli.output_option("File to write the table to; its suffix sets the format.")]
+_Save = Annotated[
+    Path | None,
+    cli.path_option(
+        "File to write the whole result to, which every command and `jointstiff.load` read.", "RESULT.json"
+    ),
+]
 _AsCsv = Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")]
 
 
@@ -126,19 +132,19 @@ def build_command(name: str) -> Callable[..., None]:
         if file_options.replace_work(values, source_values):
             return
         output = values.get("output")
+        if values["save"] is not None:
+            cli.check_ending(values["save"], [".json"])
         if output is not None and (writes_table or file_options.endings):
             cli.check_ending(output, table_endings if writes_table else file_options.endings, reported=True)
-        paths_to_write = list(
-            filter(None, [output if writes_table else None, *file_options.list_paths(values, source_values)])
-        )
+        table, saved = output if writes_table else None, values["save"]
+        paths_to_write = list(filter(None, [table, saved, *file_options.list_paths(values, source_values)]))
         for path in paths_to_write:
             cli.refuse_existing(path, overwrite=values.get("overwrite", False))
         passed = {name: values[name] for name in file_options.passed_options if values[name] is not None}
         job = _run_work(kind, source_values, gather_stated_fields(kind.options, values) | passed, values)
         if job.result is not None:
             job = file_options.finish(job, values, source_values)
-            if writes_table and output is not None:
-                output.write_bytes(job.table(output.suffix[1:]))
+            _write_result(job, table, saved)
             for path in paths_to_write:
                 cli.warn(f"wrote {path}")
         _print_job(kind, job, values)
@@ -148,7 +154,7 @@ def build_command(name: str) -> Callable[..., None]:
     other_options |= dict(file_options.options) | (
         {"output": (_Output, None), "as_csv": (_AsCsv, False)} if writes_table else {}
     )
-    other_options |= {"overwrite": (cli.Overwrite, False)} if "output" in other_options else {}
+    other_options |= {"save": (_Save, None), "overwrite": (cli.Overwrite, False)}
     other_options |= {
         "unit": (cli.Unit, "MNm/rad"),
         "details": (cli.Details, False),
@@ -157,6 +163,14 @@ def build_command(name: str) -> Callable[..., None]:
     cli.set_signature(command, sources | fields | other_options)
     command.__doc__ = f"{ROOMS[name].summary}\n\ndocs/glossary.md explains the terms."
     return command
+
+
+def _write_result(job: Any, table: Path | None, saved: Path | None) -> None:  # noqa: ANN401 - a job with files
+    """Write the main table of a job, and the whole result as JSON, to the files that are given."""
+    if table is not None:
+        table.write_bytes(job.table(table.suffix[1:]))
+    if saved is not None:
+        job.save(saved)
 
 
 _POINT_FORMS: Final[Forms] = MappingProxyType(
@@ -225,20 +239,17 @@ def _run_work(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values:
     Raises:
         CampaignError: sources or options cannot be used; the texts name options in place of fields.
     """
-    from jointstiff.schemas.run import Run
-    from jointstiff.service.library.here import Here, attach_campaign
+    from jointstiff.service.cli.models import read_or_identify_run
+    from jointstiff.service.library.here import Here
     from jointstiff.service.problems import CampaignError
-    from jointstiff.service.resources.documents import read_campaign, read_document, read_object
+    from jointstiff.service.resources.documents import read_object
     from jointstiff.service.tables.terminal import progress_bar
 
     if values["options"] is not None:
         options = read_object(values["options"])
         stated = options | _convert_to_units_of_file(options, kind.options, stated)
     if values.get("run") is not None:
-        sources = [
-            attach_campaign(read_document(values["run"], Run), read_campaign(sources[0])),
-            *sources[1:],
-        ]
+        sources = [read_or_identify_run(sources[0], values["run"]), *sources[1:]]
     # A source may be a list of files: each file is an argument.
     arguments = [each for source in sources for each in (source if isinstance(source, list) else [source])]
     do_work = getattr(Here(), ROOMS[kind.name].command)  # the method with the name of the command

@@ -59,32 +59,39 @@ def report(
     overwrite: cli.Overwrite = False,
 ) -> None:
     """Write a report to sign on a campaign or a result."""
-    from jointstiff.service.library.here import read_job
-    from jointstiff.service.problems import CampaignError
+    from jointstiff.service.kinds.rooms import import_kind
+    from jointstiff.service.library.results import PresentedJob, TabledRun
+    from jointstiff.service.library.saved import load
+    from jointstiff.service.problems import CampaignError, http_problem
 
     cli.check_ending(output, _REPORTS)
     cli.refuse_existing(output, overwrite=overwrite)
-    try:
-        job: Any = read_or_identify_run(file, run)
-    except CampaignError:
-        # The file may be a job, such as a comparison, in place of a campaign.
-        job = None if run is not None else read_job(file)
-        if job is None:
-            raise
+    job: Any = load(file)
+    if not isinstance(job, PresentedJob) or isinstance(job, TabledRun):
+        job = read_or_identify_run(file, run)
+    elif not import_kind(job._job.kind).has_report or job._job.result is None:
+        reason = f"{file} is a {job._job.kind} in state {job._job.state}, which has no report"
+        raise CampaignError(http_problem(422, reason, "give a campaign, or a result that has a report"))
     job.report(output, laboratory)
     typer.echo(f"{output}: {output.stat().st_size:,} bytes")
 
 
 def read_or_identify_run(file: Path, run: Path | None) -> TabledRun:
     """Return the run of a campaign: read from the file `run`, or identified now if `run` is None."""
-    from jointstiff.schemas.run import Run
     from jointstiff.service.library.here import Here, attach_campaign
-    from jointstiff.service.resources.documents import read_campaign, read_document
+    from jointstiff.service.library.results import TabledRun
+    from jointstiff.service.library.saved import load, use_saved
+    from jointstiff.service.problems import CampaignError, http_problem
+    from jointstiff.service.resources.documents import read_campaign
 
-    if run is not None:
-        return attach_campaign(read_document(run, Run), read_campaign(file))
-    identified: TabledRun = Here().identify(file)
-    return identified
+    if run is None:
+        saved = use_saved(file)
+        return saved if isinstance(saved, TabledRun) else Here().identify(saved)
+    loaded = load(run)
+    if not isinstance(loaded, TabledRun):
+        reason = f"{run} is no run"
+        raise CampaignError(http_problem(422, reason, "give a file that `identify --save` wrote"))
+    return attach_campaign(loaded, read_campaign(file))
 
 
 _REACH_POINTS: Final = {

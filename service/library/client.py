@@ -33,6 +33,7 @@ from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, presented_class
+from jointstiff.service.library.saved import use_saved
 from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import AwayError, RefusedError, as_campaign_error, http_problem
 from jointstiff.service.resources.documents import (
@@ -51,7 +52,6 @@ if TYPE_CHECKING:
     from jointstiff.schemas.deflection import Map
     from jointstiff.schemas.fleet import Fleet
     from jointstiff.schemas.geometry import Geometry
-    from jointstiff.schemas.imports import ImportAnswer
     from jointstiff.schemas.options import RunOptions
     from jointstiff.schemas.plan import Plan
     from jointstiff.schemas.process import Process
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.run.verb import IdentifyFields
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import PredictFields
-    from jointstiff.service.library.here import ImportFields
+    from jointstiff.service.library.here import ImportedReadings, ImportFields
     from jointstiff.service.library.measure import LiveMeasurement
 
 PATIENCE_SECONDS: Final = 60.0
@@ -184,7 +184,7 @@ class Client(Verbs):
         *files: str | PathLike[str],
         robot: Any = None,  # noqa: ANN401 - as of jointstiff.import_files
         **options: Unpack[ImportFields],
-    ) -> ImportAnswer:
+    ) -> ImportedReadings:
         """Import files of readings in this process; arguments and result as of `jointstiff.import_files`."""
         from jointstiff.service.library.here import import_files
 
@@ -277,7 +277,7 @@ class Client(Verbs):
         Args:
             source: run of this service, or a campaign, which is posted first unless it was posted before.
         """
-        source = self._replace_foreign_run(source)
+        source = self._replace_foreign_run(use_saved(source))
         if isinstance(source, Run):
             return source.request.measurement_set_id, extract_run_options(source)
         campaign = read_campaign(source)
@@ -285,7 +285,7 @@ class Client(Verbs):
 
     def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401, ARG002
         """Return the id of a run in the service; if `source` is a campaign, post and identify it first."""
-        source = self._replace_foreign_run(source)
+        source = self._replace_foreign_run(use_saved(source))
         run: Run = source if isinstance(source, Run) else self.identify(source)
         return run.id
 
@@ -297,6 +297,18 @@ class Client(Verbs):
         if not isinstance(source, TabledRun) or source.was_done_by(self):
             return source
         return source.campaign.model_copy(update={"run": extract_run_options(source)})
+
+    def read_run(self, _job: Job) -> None:
+        """Return None: the service computes the tables of its jobs; `read_contents` gets them."""
+
+    def read_contents(self, job: Job) -> tuple[Mapping[str, Sheet], Mapping[str, bytes]]:
+        """Return tables by name, and corrected files by name, that the answers of the service leave out."""
+        kind = import_kind(job.kind)
+        if job.result is None or not any(file.suffix == "json" for file in kind.files):
+            return {}, {}
+        tables = {file.name: self.sheet(job, file) for file in kind.files if file.suffix == "csv"}
+        names = [file.name for file in cast("Any", job.result).files] if kind.is_form else []
+        return tables, {name: self.file(job, "program", {"file": name}) for name in names}
 
     def read_campaign(self, run: Run) -> Campaign:
         """Return the campaign of a stored run: robot and readings from the service, and the run's options."""

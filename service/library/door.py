@@ -6,6 +6,8 @@
     run.joints["joint_2"].stiffness                          # [N·m/rad]
     runs = jointstiff.identify_many(files, executor=pool)    # by processes or a cluster
     jointstiff.predict(run, "postures.csv")                  # plan, map, compensate, process, compare
+    run.save("run.json")                                     # with its campaign; every verb reads the file
+    run = jointstiff.load("run.json")
 
     with jointstiff.Client("http://127.0.0.1:8000") as client:   # the same names against a service
         run = client.identify("campaign.json")
@@ -31,11 +33,12 @@ if TYPE_CHECKING:
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.library.campaigns import Campaign
     from jointstiff.service.library.client import AsyncClient, Client
-    from jointstiff.service.library.here import Here, import_files, predict
+    from jointstiff.service.library.here import Here, ImportedReadings, import_files, predict
     from jointstiff.service.library.many import identify_many
     from jointstiff.service.library.measure import measure
-    from jointstiff.service.library.results import Prediction, TabledRun
+    from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun
     from jointstiff.service.library.robots import robot
+    from jointstiff.service.library.saved import load
     from jointstiff.service.problems import CampaignError, RefusedError
 
     _here = Here()
@@ -68,8 +71,11 @@ _HOMES = {
     "RunOptions": "schemas.options",
     "TabledRun": "service.library.results",
     "Units": "schemas.measurement",
+    "ImportedReadings": "service.library.here",
+    "RobotTrend": "service.library.results",
     "identify_many": "service.library.many",
     "import_files": "service.library.here",
+    "load": "service.library.saved",
     "measure": "service.library.measure",
     "predict": "service.library.here",
     "robot": "service.library.robots",
@@ -84,6 +90,7 @@ __all__ = [
     "Client",
     "DeflectionOptions",
     "GeometryRequest",
+    "ImportedReadings",
     "LoadCase",
     "MapOptions",
     "Noise",
@@ -93,6 +100,7 @@ __all__ = [
     "ProgramOptions",
     "RefusedError",
     "RobotDocument",
+    "RobotTrend",
     "RunOptions",
     "TabledRun",
     "Units",
@@ -103,6 +111,7 @@ __all__ = [
     "identify",
     "identify_many",
     "import_files",
+    "load",
     "map",
     "measure",
     "plan",

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack, cast
+
+from pydantic import PrivateAttr
 
 from jointstiff.schemas import run as messages
 from jointstiff.schemas.finding import Problem
+from jointstiff.schemas.imports import ImportAnswer
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
@@ -19,9 +22,9 @@ from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.kinds.verb import JobMonitor
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
-from jointstiff.service.library.campaigns import extract_run_options
+from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
-from jointstiff.service.library.results import Prediction, TabledRun, presented_class
+from jointstiff.service.library.results import Prediction, Presented, TabledRun, presented_class
 from jointstiff.service.library.robots import prepare_once
 from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem, problem_from_error
@@ -31,19 +34,19 @@ from jointstiff.service.resources.documents import (
     AnyCampaign,
     parse_document,
     read_campaign,
-    read_document,
     read_robot,
 )
 from jointstiff.service.resources.inputs import InMemoryInputs
 from jointstiff.service.tables.files import write_sheet
-from jointstiff.service.tables.table import Sheet
+from jointstiff.service.tables.table import Line, Part, Sheet
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from concurrent.futures import Executor
 
-    from jointstiff.schemas.imports import ImportAnswer, ImportUnits
+    from matplotlib.figure import Figure
+
+    from jointstiff.schemas.imports import ImportUnits
     from jointstiff.schemas.measurement import Noise
     from jointstiff.service.kinds.verb import Vector
     from jointstiff.service.library.campaigns import Numbers
@@ -89,6 +92,9 @@ class Here(Verbs):
     def __init__(self, campaign: messages.Campaign | None = None) -> None:
         """Begin without prepared inputs; `campaign` is that of a run from a file, else None."""
         self.inputs, self.campaign = InMemoryInputs(), campaign
+        self.source: TabledRun | None = None  # run with whose model this object has worked
+        self.tables: Mapping[str, Sheet] = {}  # of a service's job that was read from a file, by name
+        self.files: Mapping[str, bytes] = {}  # corrected files of such a program, by name
 
     def begun(self, monitor: JobMonitor) -> Here:  # noqa: ARG002 - any executor can be used
         """Return a new object for one call, so that its inputs are freed with the result of the call."""
@@ -103,6 +109,7 @@ class Here(Verbs):
         Raises:
             CampaignError: robot or readings cannot be used.
         """
+        source = _use_saved(source)
         if isinstance(source, TabledRun):
             return self.measured(source.campaign)[0], extract_run_options(source)
         self.campaign = campaign = read_campaign(source)
@@ -117,6 +124,7 @@ class Here(Verbs):
         Raises:
             CampaignError: the run has failed, or was not made from its campaign by this version.
         """
+        source = _use_saved(source)
         run: TabledRun = source if isinstance(source, TabledRun) else self.identify(source, executor=executor)
         if run.error is not None:
             raise CampaignError(run.error)
@@ -134,6 +142,7 @@ class Here(Verbs):
                     remedy="give a run that this version made from this campaign; or omit the run, and the "
                     "campaign is identified now",
                 )
+        self.source = run
         return self.inputs.add_run(run, set_id)
 
     def run(self, request: RunRequest, monitor: JobMonitor, dispensable: bool) -> Run:
@@ -216,6 +225,8 @@ class Here(Verbs):
             from jointstiff.service.kinds.program.work import decompress_file
 
             file_name = (query or {}).get("file")
+            if self.files:
+                return self.files[file_name or next(iter(self.files))]
             return next(
                 decompress_file(each) for each in cast("Any", job.result).files if each.name == file_name
             )
@@ -226,7 +237,24 @@ class Here(Verbs):
     def sheet(self, job: Job, file: File) -> Sheet:
         """Return the table of a file of a job; compute it again if the result does not contain it."""
         kind = import_kind(job.kind)
+        if self.tables:
+            return next(
+                sheet
+                for name, sheet in self.tables.items()
+                if name.startswith(f"{PurePath(file.name).stem}.")
+            )
+        if file.made_of == "work" and self.source is not None and not self.inputs.has_run(self.source.id):
+            self.identified(self.source)  # of a result that was read from a file
         return build_job_sheet(file, job, lambda: kind.prepare_work(self.inputs, job.request))
+
+    def read_run(self, job: Job) -> TabledRun | None:
+        """Return the run by which the tables of a job are computed again; None if none is needed."""
+        needed = any(file.made_of == "work" for file in import_kind(job.kind).files)
+        return self.source if needed else None
+
+    def read_contents(self, _job: Job) -> tuple[Mapping[str, Sheet], Mapping[str, bytes]]:
+        """Return tables and files of a service's job that was read from a file; empty for other jobs."""
+        return self.tables, self.files
 
     def read_campaign(self, _run: Run) -> messages.Campaign | None:
         """Return the campaign of the run that this object identified; None if no campaign was prepared."""
@@ -292,6 +320,87 @@ class Here(Verbs):
         return self.identify(campaign)
 
 
+def _use_saved(source: Any) -> Any:  # noqa: ANN401 - a source of a verb
+    """Return the run in a saved file; return any other source of a verb unchanged."""
+    from jointstiff.service.library.saved import use_saved
+
+    return use_saved(source)
+
+
+class ImportedReadings(Presented, ImportAnswer):
+    """Readings from files, which a campaign is made of; shown in one line."""
+
+    _robot: Any = PrivateAttr(default=None)  # document of the measured robot
+
+    def _parts(self) -> Sequence[Part]:
+        """Return the line of the report, and lines of what is missing and of suspicious readings."""
+        counts = [f"{self.observation_count} observations", f"{len(self.targets)} targets"]
+        if self.joint_count is not None:
+            counts.append(f"{self.joint_count} joints")
+        state = f"missing: {', '.join(self.missing)}" if self.missing else "complete"
+        files = ", ".join(each.file for each in self.files)
+        lines = [f"{files}: {', '.join(counts)}; {state}", *self.assumptions]
+        return [*map(Line, lines), *(Line(finding.message) for finding in self.findings or ())]
+
+    def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
+        """Return, by its name, the function that makes the only table: the columns and their meanings."""
+        return {"columns": self._make_columns_sheet}
+
+    def _make_columns_sheet(self) -> Sheet:
+        """Return the table of the columns of all files: header, meaning and unit."""
+        columns = [(file.file, column) for file in self.files for column in file.columns]
+        rows = {
+            "file": [name for name, _ in columns],
+            "header": [column.header for _, column in columns],
+            "meaning": [column.meaning for _, column in columns],
+        }
+        return Sheet(rows, frozenset(rows))
+
+    def _draw_figure(self) -> Figure:
+        """Refuse: readings have no plot before they are identified."""
+        raise ValueError("readings have no plot: identify them, and plot the run")
+
+    @property
+    def robot(self) -> RobotDocument | None:
+        """Measured robot, with the masses of a table of masses; None if `import_files` was called without."""
+        return cast("RobotDocument | None", self._robot)
+
+    def with_robot(self, robot: RobotDocument | Mapping[str, Any]) -> ImportedReadings:
+        """Return the readings with their robot, a message or a document.
+
+        Raises:
+            CampaignError: the document is no robot.
+        """
+        readings = self.model_copy()
+        readings._robot = robot if isinstance(robot, RobotDocument) else parse_document(robot, RobotDocument)
+        return readings
+
+    @property
+    def campaign(self) -> Campaign:
+        """Campaign of the readings and their robot, without the observations of a column `validation`.
+
+        Raises:
+            RequestError: no robot was given, or something is missing in the files.
+        """
+        if self._robot is None:
+            raise RequestError(
+                "the readings have no robot", where="robot", remedy="call `import_files` with `robot`"
+            )
+        if self.measurement_set is None:
+            raise RequestError(
+                f"the files are no campaign: {', '.join(self.missing) or 'they have no loads'}",
+                where="files",
+                remedy="state what is missing by the options of `import_files`",
+            )
+        robot = self._robot.model_copy(update={"bodies": self.bodies}) if self.bodies else self._robot
+        run = RunOptions(leave_out=self.leave_out) if self.leave_out else RunOptions()
+        return Campaign(robot=robot, measurement_set=self.measurement_set, run=run)
+
+    def identify(self, options: RunOptions | None = None, **fields: Any) -> TabledRun:  # noqa: ANN401
+        """Identify the joint stiffnesses of the readings; arguments as of `jointstiff.identify`."""
+        return Here().identify(self.campaign, options, **fields)
+
+
 def make_failed_run(message: type[AnyRun], request: RunRequest, problem: Problem) -> AnyRun:
     """Return a run of class `message` in state `failed`, whose error is the problem."""
     no_work = QuickWork(lambda: request, input_hash="", robot_id=None)  # nothing is computed
@@ -308,20 +417,6 @@ def _prepare_exported_model(run: Job) -> ExportedModel:
         return ExportedModel.from_run(
             measured_run.run, measured_run.prepared.robot, cast("TabledRun", run).campaign.robot.name
         )
-
-
-def read_job(path: Path) -> Job | None:
-    """Read a JSON file that `--json` printed; return its job, or None if the job has no report."""
-    from jointstiff.service.kinds.registry import KINDS
-
-    for kind in KINDS:
-        try:
-            job: Job = read_document(path, kind.message)
-        except CampaignError:
-            continue
-        if kind.has_report and job.result is not None:
-            return results.attach_origin(job, Here())
-    return None
 
 
 def attach_campaign(run: Run, campaign: messages.Campaign) -> TabledRun:
@@ -359,7 +454,7 @@ def import_files(
     *files: str | PathLike[str],
     robot: Any = None,  # noqa: ANN401 - as of a campaign
     **options: Unpack[ImportFields],
-) -> ImportAnswer:
+) -> ImportedReadings:
     """Import files of readings, as the command `jointstiff import` does.
 
     Args:
@@ -370,7 +465,8 @@ def import_files(
         options: fields of `ImportRequest`, such as `columns={"A1": "J1 [deg]"}`.
 
     Returns:
-        The preview of the files, and the measurement set or the unloaded poses that were read from them.
+        The readings with the preview of the files; `.campaign` is a campaign of robot and readings, and
+        `.identify()` returns its run.
 
     Raises:
         CampaignError: a file or an option was not understood.
@@ -391,6 +487,8 @@ def import_files(
         with as_campaign_error("robot"):
             robot_model = prepare_robot(robot).robot
     try:
-        return imports.import_files(sources, request, robot_model)
+        answer = imports.import_files(sources, request, robot_model)
     except FilesError as error:
         raise CampaignError(problem_from_error(error)) from error
+    readings = ImportedReadings.model_validate(dict(answer))
+    return readings if robot is None else readings.with_robot(robot)

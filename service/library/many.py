@@ -214,7 +214,7 @@ def _read_campaign_of_task(task: _Task) -> Campaign:
         raise CampaignError(task.content)
     if isinstance(task.content, Campaign):
         return task.content
-    return parse_content(task.content, Campaign, task.path)
+    return parse_content(task.content, Campaign, task.path, section="campaign")
 
 
 def _ignore_progress(_: Progress) -> None:

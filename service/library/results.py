@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, partial
@@ -9,7 +10,7 @@ from io import StringIO
 from os import PathLike
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol, Unpack, cast
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Unpack, cast
 
 from pydantic import PrivateAttr, create_model
 from rich.console import Console
@@ -50,6 +51,12 @@ class Door(verb.Door, Protocol):
 
     def read_campaign(self, run: Run) -> messages.Campaign | None:
         """Return the campaign of a run; None if the campaign is not known."""
+
+    def read_run(self, job: Job) -> TabledRun | None:
+        """Return the run by which a job's tables are computed again, such as of a map; else None."""
+
+    def read_contents(self, job: Job) -> tuple[Mapping[str, Sheet], Mapping[str, bytes]]:
+        """Return tables by name, and files by name, that a job has but its message leaves out."""
 
     def file(
         self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
@@ -92,6 +99,22 @@ class Presented(ABC):
     def _message(self) -> Message:
         """This object, typed as the message that every subclass also is."""
         return cast("Message", self)
+
+    def __reduce__(self) -> tuple[Callable[[str], Any], tuple[str]]:
+        """Return how the result is pickled: as its saved file, which is read in the other process."""
+        from jointstiff.service.library.saved import from_pickle, to_document
+
+        return from_pickle, (json.dumps(to_document(self)),)
+
+    def __dir__(self) -> list[str]:
+        """Return the fields and the methods of the result, without those that pydantic adds."""
+        own = {
+            name
+            for cls in type(self).__mro__
+            if cls.__module__.startswith("jointstiff.")
+            for name in (*vars(cls), *getattr(cls, "model_fields", ()))
+        }
+        return sorted(name for name in own if not name.startswith(("_", "model_")))
 
     def __repr__(self) -> str:
         """Return the type and the first line of the report."""
@@ -147,10 +170,10 @@ class Presented(ABC):
         """Write the result to a file, in the format of the file's ending.
 
         Args:
-            path: ends in `.json` (all numbers), `.csv` (the first table), `.xlsx` (all tables), `.svg` or
-                `.png` (the plot); of jobs `.pdf` or `.html` (the report); of a map `.npz`; of a run
-                `.mjcf` or `.xml` (the model); of a program as the program itself (the
-                corrected file, with its .dat next to it).
+            path: ends in `.json` (the whole result, read by `jointstiff.load` and by every verb), `.csv` (the
+                first table), `.xlsx` (all tables), `.svg` or `.png` (the plot); of jobs `.pdf` or `.html`
+                (the report); of a map `.npz`; of a run `.mjcf` or `.xml` (the model); of a program as the
+                program itself (the corrected file, with its .dat next to it).
 
         Raises:
             ValueError: the result has no file with this ending.
@@ -162,7 +185,10 @@ class Presented(ABC):
         if suffix in {"svg", "png"}:
             self._draw_figure().savefig(target)
         elif suffix == "json":
-            target.write_text(self._message.model_dump_json(indent=1) + "\n", encoding="utf-8")
+            from jointstiff.service.library.saved import to_document
+
+            text = json.dumps(to_document(self), indent=1, ensure_ascii=False)
+            target.write_text(text + "\n", encoding="utf-8")
         elif suffix == "csv":
             target.write_bytes(write_sheet(self._sheet(None), suffix))
         elif suffix == "xlsx":
@@ -333,6 +359,56 @@ class TabledRun(PresentedJob, Run):
             RequestError: the run has no result.
         """
         return MappingProxyType(_Joints({joint.name: joint for joint in self._require_result().joints}))
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """Stiffnesses (n,) of the joints, in order [N·m/rad]; NaN for joints without a number.
+
+        Stiffnesses of prismatic joints are in N/m.
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        return self._list_numbers("stiffness")
+
+    @property
+    def compliance(self) -> FloatArray:
+        """Compliances (n,) of the joints, in order [rad/(N·m)]; NaN for joints without a number.
+
+        Compliances of prismatic joints are in m/N.
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        return self._list_numbers("compliance")
+
+    def conf_int(self, of: Literal["stiffness", "compliance"] = "stiffness") -> FloatArray:
+        """Return the intervals (n, 2) of the joints at the run's confidence level; lower and upper ends.
+
+        Args:
+            of: `stiffness` [N·m/rad] or `compliance` [rad/(N·m)]; of prismatic joints [N/m] or [m/N].
+
+        Returns:
+            Profile-likelihood intervals under the run's constraints. An upper end is inf if the readings
+            allow a rigid joint; joints without an interval are NaN.
+
+        Raises:
+            RequestError: the run has no result.
+        """
+        import numpy as np
+
+        unknown, fields = (np.nan, np.nan), f"{of}_interval"
+        ends = [getattr(joint, fields) or unknown for joint in self._require_result().joints]
+        return np.array(
+            [(-np.inf if low is None else low, np.inf if high is None else high) for low, high in ends]
+        )
+
+    def _list_numbers(self, field: str) -> FloatArray:
+        """Return a field of all joints as an array (n,), with NaN for joints without a number."""
+        import numpy as np
+
+        numbers = [getattr(joint, field) for joint in self._require_result().joints]
+        return np.array([np.nan if each is None else each for each in numbers])
 
     @property
     def covariance(self) -> FloatArray:

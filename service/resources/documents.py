@@ -29,6 +29,8 @@ AnyCampaign = Campaign | Mapping[str, Any] | str | PathLike[str]
 def read_campaign(campaign: AnyCampaign) -> Campaign:
     """Return a campaign, read from a file or from a mapping; a message is returned unchanged.
 
+    The file may also be a saved run, which contains its campaign.
+
     Raises:
         CampaignError: the file is too large, or the content is no campaign.
         OSError: the file cannot be read.
@@ -37,7 +39,7 @@ def read_campaign(campaign: AnyCampaign) -> Campaign:
         return campaign
     if isinstance(campaign, Mapping):
         return parse_document(campaign, Campaign)
-    return read_document(Path(campaign), Campaign)
+    return read_document(Path(campaign), Campaign, section="campaign")
 
 
 def read_document(path: Path, message: type[Document], section: str | None = None) -> Document:
@@ -204,6 +206,11 @@ _OTHER_DOCUMENTS: Final = (
         "a measurement set without a robot",
         'make a campaign of it: {"robot": …, "measurement_set": …}, or use `jointstiff import --robot`',
     ),
+    (
+        {"kind", "result", "provenance"},
+        "a result without a campaign",
+        "give the campaign; `run.save(…)` or `identify --save` writes a run with its campaign",
+    ),
     ({"sweeps"}, "a set of sweeps", "use `jointstiff geometry FILE`"),
     ({"robot", "measurement_set"}, "a campaign", "use `jointstiff identify FILE`"),
 )
@@ -245,7 +252,7 @@ def read_plan_source(source: Any) -> Any:  # noqa: ANN401 - robot, campaign or r
     if not path.is_file():
         return read_robot(str(source))
     try:
-        is_campaign = "measurement_set" in json.loads(path.read_bytes())
-    except (ValueError, TypeError):
+        is_campaign = bool({"measurement_set", "campaign"} & json.loads(path.read_bytes()).keys())
+    except (ValueError, AttributeError):
         is_campaign = True  # the file is no JSON object: reading it as a campaign raises the proper error
-    return read_document(path, Campaign) if is_campaign else read_document(path, RobotDocument)
+    return read_campaign(path) if is_campaign else read_document(path, RobotDocument)

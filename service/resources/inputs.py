@@ -119,6 +119,10 @@ class InMemoryInputs:
         self._runs[run.id] = MeasuredRun(run, self._sets[set_id][2])
         return run.id
 
+    def has_run(self, run_id: str) -> bool:
+        """Return whether a run was added."""
+        return run_id in self._runs
+
     def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
         """Return (robot, hash of its content)."""
         if robot_id not in self._robots:

@@ -59,13 +59,10 @@ def test_a_report_is_written_of_a_campaign_and_its_run_and_not_over_another_file
     assert Path("report.html").read_text() == page
 
 
-def test_a_run_in_place_of_a_campaign_is_refused_field_by_field():
-    assert_said(
-        refused("report run.json -o again.html"),
-        "run.json does not match the schema robot: required field is missing; add this field",
-        "measurement_set: required field is missing; add this field",
-        "id: unknown field; remove this field, or check its spelling",
-        "provenance: unknown field; remove this field, or check its spelling",
+def test_a_run_without_its_campaign_is_refused_with_the_way_to_keep_it():
+    assert refused("report run.json -o again.html") == (
+        "run.json is a result without a campaign remedy: give the campaign; `run.save(…)` or "
+        "`identify --save` writes a run with its campaign"
     )
 
 

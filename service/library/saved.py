@@ -1,0 +1,153 @@
+"""Saved results: JSON with what is needed to use a result again, and the function that reads it.
+
+A file has the fields of the API's message, and after them what the message only names by an id: a run its
+`campaign`, a map of this process the saved run (`made_from`) by which its places are computed again, a map or
+program of a service its `tables` and `files`.
+"""
+
+from __future__ import annotations
+
+import json
+from base64 import b64decode, b64encode
+from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any, Final, cast
+
+from jointstiff.schemas.job import Job
+from jointstiff.schemas.run import Campaign as CampaignMessage
+from jointstiff.schemas.run import Run
+from jointstiff.service.conversion.parsing import MAX_SET_BYTES
+from jointstiff.service.kinds.rooms import ROOMS, import_kind
+from jointstiff.service.library import results
+from jointstiff.service.library.campaigns import Campaign, extract_run_options
+from jointstiff.service.library.here import Here, ImportedReadings
+from jointstiff.service.library.results import Prediction, Presented, PresentedJob, RobotTrend, TabledRun
+from jointstiff.service.problems import CampaignError, http_problem
+from jointstiff.service.resources.documents import parse_document
+from jointstiff.service.tables.table import Sheet
+
+_MAX_BYTES: Final = 4 * MAX_SET_BYTES  # a run, its campaign, and the places of a map
+_CLASSES: Final[Mapping[str, type[Presented]]] = {
+    "imported": ImportedReadings,
+    "prediction": Prediction,
+    "trend": RobotTrend,
+}
+"""Results that are no jobs, by the `kind` in their files."""
+
+
+def load(path: str | PathLike[str]) -> Any:  # noqa: ANN401 - the class depends on the file
+    """Read a result that `save("….json")` wrote, or a campaign file.
+
+    Args:
+        path: JSON file of a result of any kind, or of a campaign.
+
+    Returns:
+        The result, an object of the same class with the same numbers. Tables, plots and reports of the result
+        are made in this process. A run has its campaign, so that every verb accepts it. A job that the API
+        or `--json` has written has no campaign: its tables and plots are there, further work is refused.
+
+    Raises:
+        CampaignError: the file has neither a result nor a campaign, or exceeds 32 MiB.
+        OSError: the file cannot be read.
+    """
+    file = Path(path)
+    if file.stat().st_size > _MAX_BYTES:
+        limit = f"{_MAX_BYTES // 1024**2} MiB"
+        raise CampaignError(http_problem(413, f"{file} exceeds {limit}", "save a smaller result"))
+    content = file.read_bytes()
+    try:
+        document = json.loads(content)
+    except (ValueError, RecursionError):
+        document = None
+    if not isinstance(document, dict) or "kind" not in document:
+        return Campaign.read(path)  # the error for any other file names its kind, or its faults
+    return restore(document, str(path))
+
+
+def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # noqa: ANN401 - any result
+    """Return the result of a document that `to_document` returned; `name` is the file's name for people.
+
+    Raises:
+        CampaignError: the document is no result.
+    """
+    fields = dict(document)
+    kind, campaign, run = fields.get("kind"), fields.pop("campaign", None), fields.pop("made_from", None)
+    if campaign is not None:
+        campaign = parse_document(campaign, CampaignMessage)
+    if kind in _CLASSES:
+        message = cast("Any", _CLASSES[str(fields.pop("kind"))])
+        robot = fields.pop("robot", None)
+        result = parse_document(fields, message)
+        return result if robot is None else result.with_robot(robot)
+    if kind not in ROOMS:
+        known = ", ".join(sorted({*ROOMS, *_CLASSES}))
+        raise CampaignError(
+            http_problem(422, f"{name} has the unknown kind '{kind}'", f"load a file of one of: {known}")
+        )
+    tables, files = fields.pop("tables", {}), fields.pop("files", {})
+    if campaign is not None:
+        # Options that nobody stated keep their defaults, which other options may change.
+        stated = {"measurement_set_id", "variant_of", *campaign.run.model_fields_set}
+        fields["request"] = {name: value for name, value in fields["request"].items() if name in stated}
+    job = parse_document(fields, import_kind(str(kind)).message)
+    here = Here(campaign)
+    if run is not None:
+        here.source = restore(run)
+    here.tables = {name: Sheet(table["columns"], frozenset(table["texts"])) for name, table in tables.items()}
+    here.files = {name: b64decode(content) for name, content in files.items()}
+    return results.attach_origin(cast("Job", job), here)
+
+
+def to_document(result: Presented) -> dict[str, Any]:
+    """Return a result as a document that `restore` reads.
+
+    Raises:
+        RefusedError: the service that did the work does not answer, or has deleted the campaign.
+    """
+    fields: dict[str, Any] = result._message.model_dump(mode="json")
+    if not isinstance(result, PresentedJob):
+        (kind,) = (kind for kind, message in _CLASSES.items() if isinstance(result, message))
+        robot = getattr(result, "robot", None) if isinstance(result, ImportedReadings) else None
+        extra = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
+        return {"kind": kind} | fields | extra
+    if isinstance(result, TabledRun):
+        campaign = None if result._origin is None else result._origin.read_campaign(result)
+        if campaign is not None:
+            campaign = campaign.model_copy(update={"run": extract_run_options(result)})
+            fields["campaign"] = campaign.model_dump(mode="json", exclude_unset=True)
+    elif result._origin is not None:
+        if (run := result._origin.read_run(result)) is not None:
+            fields["made_from"] = to_document(run)
+        fields |= _describe_contents(*result._origin.read_contents(result))
+    return fields
+
+
+def _describe_contents(tables: Mapping[str, Sheet], files: Mapping[str, bytes]) -> dict[str, Any]:
+    """Return the fields of a document for tables and files that the message of a job leaves out."""
+    described = {
+        name: {
+            "columns": {head: list(values) for head, values in sheet.columns.items()},
+            "texts": sorted(sheet.texts),
+        }
+        for name, sheet in tables.items()
+    }
+    contents = {name: b64encode(content).decode() for name, content in files.items()}
+    return {key: value for key, value in (("tables", described), ("files", contents)) if value}
+
+
+def use_saved(source: Any) -> Any:  # noqa: ANN401 - a source of a verb
+    """Return the run in a saved file; return any other source of a verb unchanged."""
+    if not isinstance(source, str | PathLike) or not Path(source).is_file():
+        return source
+    try:
+        document = json.loads(Path(source).read_bytes())
+    except (ValueError, RecursionError):
+        return source  # the verb names what is wrong
+    is_run = isinstance(document, dict) and document.get("kind") == Run.kind_name() and "campaign" in document
+    return restore(document, str(source)) if is_run else source
+
+
+def from_pickle(text: str) -> Any:  # noqa: ANN401 - any result
+    """Return a result from the text to which it was pickled."""
+    return restore(json.loads(text))

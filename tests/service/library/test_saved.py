@@ -1,0 +1,227 @@
+"""Results come back: a saved or pickled result of any kind is the same result, and works like it."""
+
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.command_lines import refused, typed
+from support.guide_files import EXAMPLES
+
+import jointstiff as js
+from jointstiff.service.kinds.rooms import ROOMS
+from jointstiff.service.library.client import Client
+from jointstiff.simulator import default_arm, simulate_campaign
+
+FORCE = (0, 0, -500.0)
+POSTURES = [[0, 0, 0, 0, 30, 0], [10, 0, 0, 0, 30, 0]]
+AREA = {"area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]], "grid": (2, 2, 1), "place": (0, 0, 0.25), "force": FORCE}
+KINDS = [
+    "run",
+    "comparison",
+    "geometry",
+    "plan",
+    "map",
+    "fleet",
+    "program",
+    "prediction",
+    "imported",
+    "trend",
+]
+IN_PROCESS = [name for name in KINDS if name not in {"fleet", "trend"}]  # both need a store
+
+
+@pytest.fixture(scope="module")
+def document():
+    return simulate_campaign(default_arm(), load="pull", configurations=12, seed=3)
+
+
+def results_of(door, document):
+    run = door.identify(document)
+    return {
+        "run": run,
+        "comparison": door.compare(run, constraints=["positive"]),
+        "geometry": door.geometry(EXAMPLES / "sweeps.json"),
+        "plan": door.plan(run, readings=2, candidates=200),
+        "map": door.map(run, **AREA),
+        "program": door.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
+        "prediction": run.predict(POSTURES, FORCE, at=(0, 0, 0.12)),
+        "imported": door.import_files(
+            EXAMPLES / "readings.csv", encoders="motor", load_point=(0, 0, 120), robot=document["robot"]
+        ),
+    }
+
+
+@pytest.fixture(scope="module")
+def in_process(document):
+    return results_of(js, document)
+
+
+@pytest.fixture(scope="module")
+def by_client(document, served_in_process):
+    with Client(served_in_process.url) as client:
+        results = results_of(client, document)
+        set_id = results["run"].request.measurement_set_id
+        results["fleet"] = client.fleets.wait(client.fleets.create({"measurement_set_ids": [set_id]}))
+        results["trend"] = client.trend(client.measurement_sets.get(set_id).robot_id)
+        yield results
+
+
+@pytest.fixture(
+    params=[("in_process", name) for name in IN_PROCESS] + [("by_client", name) for name in KINDS]
+)
+def result(request):
+    door, name = request.param
+    return request.getfixturevalue(door)[name]
+
+
+def test_each_kind_of_work_is_a_case():
+    assert set(KINDS) >= ROOMS.keys()
+
+
+def test_a_saved_result_is_the_same_result(result, tmp_path):
+    result.save(tmp_path / "result.json")
+    loaded = js.load(tmp_path / "result.json")
+    assert loaded == result
+    assert type(loaded).__name__ == type(result).__name__
+    assert (repr(loaded), str(loaded)) == (repr(result), str(result))
+    for place, each in (("one", result), ("other", loaded)):
+        each.save(tmp_path / f"{place}.csv")
+    assert (tmp_path / "one.csv").read_bytes() == (tmp_path / "other.csv").read_bytes()
+    loaded.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "result.json").read_bytes()
+
+
+def test_a_pickled_result_is_the_same_result(result):
+    pickled = pickle.loads(pickle.dumps(result))
+    assert pickled == result
+    assert pickled.to_frame().equals(result.to_frame())
+
+
+@pytest.mark.parametrize("door", ["in_process", "by_client"])
+def test_every_verb_accepts_a_saved_run(door, request, tmp_path, document):
+    results, file = request.getfixturevalue(door), tmp_path / "run.json"
+    results["run"].save(file)
+    loaded = js.load(file)
+    assert loaded.campaign.measurement_set.name == document["measurement_set"]["name"]
+    assert js.identify(file).result == results["run"].result
+    assert js.plan(file, readings=2, candidates=200).result == results["plan"].result
+    assert js.map(file, **AREA).result == results["map"].result
+    assert str(js.compare(file, constraints=["positive"])) == str(results["comparison"])  # other ids of runs
+    program = js.compensate(file, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
+    assert program.result.worst == results["program"].result.worst
+    for predicted in (
+        js.predict(file, POSTURES, FORCE, at=(0, 0, 0.12)),
+        loaded.predict(POSTURES, FORCE, at=(0, 0, 0.12)),
+    ):
+        assert predicted == results["prediction"]
+    (again,) = js.identify_many([file])
+    assert again.result == results["run"].result
+    loaded.export(tmp_path / "model.mjcf")
+    loaded.report(tmp_path / "report.html")
+
+
+def test_a_client_accepts_a_saved_run(in_process, served_in_process, tmp_path):
+    in_process["run"].save(tmp_path / "run.json")
+    with Client(served_in_process.url) as client:
+        assert client.identify(tmp_path / "run.json").result == in_process["run"].result
+        assert client.map(tmp_path / "run.json", **AREA).result.places == in_process["map"].result.places
+
+
+def test_a_run_keeps_the_options_with_which_it_was_identified(document, tmp_path):
+    run = js.identify(document, method="complete_pose", leave_out=["c02"])
+    run.save(tmp_path / "run.json")
+    again = js.identify(tmp_path / "run.json")
+    assert (again.request.method, again.request.leave_out) == ("complete_pose", ["c02"])
+    assert again.result == run.result
+
+
+COMMANDS = [
+    "identify run.json",
+    "compare run.json",
+    "plan run.json --readings 2 --candidates 200",
+    "map run.json --options area.json",
+    "predict run.json postures.csv --load-point 0,0,120",
+    "compensate run.json pocket.src --accuracy-option off --force 0,0,-500 -o out.src",
+    "export run.json -o model.csv",
+    "report run.json -o report.html",
+    "report plan.json -o plan.html",
+    "report map.json -o map.html",
+]
+
+
+@pytest.mark.parametrize("line", COMMANDS)
+def test_every_command_reads_a_saved_result(line, in_process, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("run", "plan", "map"):
+        in_process[name].save(f"{name}.json")
+    Path("area.json").write_text(json.dumps(AREA))
+    for name in ("postures.csv", "pocket.src"):
+        Path(name).write_bytes((EXAMPLES / name).read_bytes())
+    assert typed(line)
+
+
+def test_a_command_writes_a_result_that_python_reads(document, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("campaign.json").write_text(json.dumps(document))
+    typed("identify campaign.json --save run.json")
+    assert js.load("run.json").result == js.identify(document).result
+    typed("plan run.json --readings 2 --candidates 200 --save plan.json")
+    assert len(js.load("plan.json").result.readings) == 2
+
+
+def test_a_file_without_a_result_is_refused_by_its_name(tmp_path, monkeypatch, in_process):
+    monkeypatch.chdir(tmp_path)
+    Path("other.json").write_text('{"kind": "song"}')
+    with pytest.raises(js.CampaignError, match=r"other\.json has the unknown kind 'song'"):
+        js.load("other.json")
+    Path("bare.json").write_text(in_process["run"].model_dump_json())  # as the API answers
+    assert js.load("bare.json").result == in_process["run"].result
+    with pytest.raises(js.CampaignError, match="a result without a campaign"):
+        js.identify("bare.json")
+    in_process["plan"].save("plan.json")
+    assert "a result without a campaign" in refused("identify plan.json")
+    Path("broken.json").write_text("[1, 2")
+    with pytest.raises(js.CampaignError, match="Invalid JSON"):
+        js.load("broken.json")
+
+
+def test_stiffnesses_compliances_and_intervals_are_arrays(in_process):
+    run = in_process["run"]
+    joints = list(run.joints.values())
+    assert run.stiffness.tolist() == [joint.stiffness for joint in joints]
+    assert run.compliance.tolist() == [joint.compliance for joint in joints]
+    assert run.conf_int().tolist() == [list(joint.stiffness_interval) for joint in joints]
+    assert run.conf_int("compliance").tolist() == [list(joint.compliance_interval) for joint in joints]
+    assert np.sqrt(np.diag(run.covariance)) == pytest.approx([joint.standard_uncertainty for joint in joints])
+
+
+def test_a_joint_without_a_number_is_nan_and_without_an_upper_end_infinite():
+    run = js.identify(simulate_campaign(default_arm(), load="dead_weight", configurations=12, seed=3))
+    unseen = [name for name, joint in run.joints.items() if joint.stiffness is None]
+    assert unseen
+    numbers = dict(zip(run.joints, run.stiffness, strict=True))
+    assert [name for name, number in numbers.items() if np.isnan(number)] == unseen
+    ends = dict(zip(run.joints, run.conf_int(), strict=True))
+    assert np.isnan(ends[unseen[0]]).all() or np.isinf(ends[unseen[0]][1])
+
+
+def test_the_names_of_a_result_are_ours(in_process):
+    for name, result in in_process.items():
+        names = dir(result)
+        assert {"plot", "save", "summary", "to_frame"} <= set(names), name
+        assert not [each for each in names if each.startswith("model_") or each in {"copy", "dict", "json"}]
+
+
+def test_imported_readings_are_a_campaign(in_process, document):
+    readings = in_process["imported"]
+    assert repr(readings).startswith("<ImportedReadings: readings.csv: ")
+    assert len(repr(readings)) < 150
+    assert readings.campaign.robot.name == document["robot"]["name"]
+    assert readings.identify(method="complete_pose").result == (
+        js.identify(readings.campaign, method="complete_pose").result
+    )
+    alone = js.import_files(EXAMPLES / "readings.csv", encoders="motor")
+    with pytest.raises(Exception, match="the readings have no robot"):
+        _ = alone.campaign
