@@ -9,8 +9,11 @@ const SERVICE = "http://127.0.0.1:8000";
 
 /** What most views share; forms, drops, and what only some views compute come with these views. */
 const LATER = `begun campaign imports kinematics live map opening paste pasting schema schema_form vector`;
-const LIBRARIES = `node_modules/(?:preact|@tanstack|openapi-fetch|idb-keyval)`;
+const LIBRARIES = `node_modules/(?:preact|@tanstack|openapi-fetch|idb-keyval)|rolldown/runtime`;
 const SHARED = new RegExp(`src/(?:components|lib|state|api)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|${LIBRARIES}`);
+/** What the start needs beside that, and several other views. */
+const START =
+  /src\/(?:views\/(?:start|flow|runs|open_campaigns|run_context)|components\/schema_form|scene\/view|state\/(?:begun|opening|kinematics)|lib\/(?:campaign|imports|live|schema|vector))\.tsx?$/;
 
 /** Each asset is packed once, beside it, so that the service has nothing to compress. */
 const packed: Plugin = {
@@ -40,7 +43,10 @@ export default defineConfig({
     rolldownOptions: {
       output: {
         codeSplitting: {
-          groups: [{ name: "shared", test: SHARED }],
+          groups: [
+            { name: "shared", test: SHARED },
+            { name: "start", test: START },
+          ],
         },
       },
     },

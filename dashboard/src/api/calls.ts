@@ -106,7 +106,7 @@ const changeJob = (job_id: string, body: of.JobChange) =>
 const kind = <Of extends Collection>(collection: Of) => ({
   list: (query: JobQuery = {}, signal?: AbortSignal) =>
     read<of.Page<Summary<Of>>>(
-      client.GET("/v1/jobs", { params: { query: { ...query, kind: KINDS[collection] } }, signal: signal ?? null }),
+      client.GET("/v1/jobs", { params: { query: { kind: KINDS[collection], ...query } }, signal: signal ?? null }),
     ),
   one: async (job_id: string, signal?: AbortSignal) => {
     const job = await read<Messages[Collection]>(

@@ -1,5 +1,4 @@
 /** An open set while it is measured: its state as it changes, and what is kept of it on this device. */
-import { onlineManager } from "@tanstack/query-core";
 import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/calls";
 import type { LiveState } from "../api/types";
@@ -22,11 +21,9 @@ export function useFollowed(set: string, closed: boolean): boolean {
     const timer = setInterval(() => {
       if (source.readyState === EventSource.CLOSED) source = follow(set, back, () => setAway(true));
     }, AGAIN_MS);
-    const stop = onlineManager.subscribe((online) => online && resumeReadings());
     return () => {
       source.close();
       clearInterval(timer);
-      stop();
     };
   }, [set, closed]);
   return away;

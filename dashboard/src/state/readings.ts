@@ -46,7 +46,7 @@ client.setMutationDefaults(KEY, {
   },
   retry: (_, error) => isAway(error),
   retryDelay: AGAIN_MS,
-  networkMode: "online",
+  networkMode: "always", // a service on this machine is reachable while the browser is offline
   gcTime: Number.POSITIVE_INFINITY,
 });
 

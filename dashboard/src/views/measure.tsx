@@ -1,7 +1,6 @@
 /** Where live campaigns begin: a goal, loads, targets and noise, declared before the first reading; or one that goes on. */
 import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/calls";
-import { problemOf } from "../api/problem";
 import { queries } from "../api/queries";
 import type { Plan } from "../api/types";
 import { ActionButton, Choice, Head, Name, Show } from "../components/basics";
@@ -9,17 +8,18 @@ import { RequestFields as Form, TextField } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
 import { freshKey, type Fields, unreadIn } from "../lib/json";
 import * as live from "../lib/live";
-import { useAction, go, link, toast } from "../state/action";
+import { useAction, go, link } from "../state/action";
 import { RobotSelect } from "../components/choosers";
 import { ROBOTS } from "../state/choices";
-import { send, useQuery } from "../state/query";
+import { useQuery } from "../state/query";
 import { factors } from "../lib/stiffness";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { NOISE } from "./flow";
 import { EQUIPMENT, Equipment, START, useEquipped } from "./plans";
 import { NoRobots } from "./robots";
-import { DeleteButton, Rows } from "../components/list";
+
+import { OpenCampaigns, TrySimulated } from "./open_campaigns";
 
 const words = later.measure;
 
@@ -41,67 +41,6 @@ export function MeasureView({ query }: { query: URLSearchParams }) {
         )}
       </Show>
     </>
-  );
-}
-
-/** Campaigns that are still measured, on this device or another. */
-export function OpenCampaigns() {
-  const { data: open } = useQuery(queries.sets({ open: true, limit: 20 }));
-  if (!open || open.items.length === 0) return null;
-  const failed = (error: unknown) => toast(problemOf(error).detail);
-  const remove = (id: string, name: string) =>
-    void send(() => api.openSets.delete(id)).then(() => {
-      const restore = () => void send(() => api.openSets.restore(id)).catch(failed);
-      toast(text.deletion.done(name), { label: text.runs.undo, run: restore });
-    }, failed);
-  return (
-    <section class="card" aria-labelledby="open-campaigns">
-      <h2 id="open-campaigns">{words.goOn}</h2>
-      <Rows
-        rows={open.items.map(({ id, name, observation_count: count }) => ({
-          id,
-          name,
-          href: link(["measure", id]),
-          how: words.opened(count),
-          actions: <DeleteButton name={name} remove={() => remove(id, name)} />,
-        }))}
-      />
-    </section>
-  );
-}
-
-/** An arm of springs that the page computes: a whole campaign without a robot. */
-export function TrySimulated() {
-  const begin = useAction(async () => {
-    const known = await api.robots.list({ name: words.simulatedArm, limit: 1 });
-    const robot =
-      known.items[0] ??
-      (await api.robots.add(
-        { name: words.simulatedArm, model: { format: "catalogue", arm: live.SIMULATED_ARM } },
-        freshKey("robot"),
-      ));
-    const truth = live.SIMULATED_STIFFNESSES.map((stiffness) => (stiffness / 1e6).toPrecision(3));
-    const set = await api.openSets.add(
-      {
-        robot_id: robot.id,
-        name: words.simulatedName,
-        units: live.SI,
-        encoders: "motor",
-        instrument: live.SIMULATED,
-        notes: words.simulatedNotes(truth.join(", ")),
-        noise: { sigma: live.SIGMA, load_point: 1e-4, force: { scale: 1e-3 } },
-        load_point: live.SIMULATED_LOAD_POINT,
-        flange_targets: live.SIMULATED_TARGETS,
-        open: { goal: { kind: "joints", relative: 0.1 }, load: { kind: "dead_weight", mass: live.SIMULATED_MASS } },
-      },
-      freshKey("live"),
-    );
-    go(link(["measure", set.id]));
-  }, "live");
-  return (
-    <ActionButton action={begin} going={words.trying}>
-      {words.try}
-    </ActionButton>
   );
 }
 

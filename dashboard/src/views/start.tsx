@@ -4,7 +4,7 @@ import { api } from "../api/calls";
 import { queries } from "../api/queries";
 import type { MeasurementSet } from "../api/types";
 import { Arm } from "../scene/view";
-import { Busy, LinkButton, ProblemNote, Button, Empty, Head, Show } from "../components/basics";
+import { Busy, LinkButton, ProblemNote, Button, Empty, Head, Show, lazy } from "../components/basics";
 import { RobotSelect, SetSelect } from "../components/choosers";
 import { RequestFields } from "../components/fields";
 import { Findings, Preview } from "../components/findings";
@@ -19,9 +19,10 @@ import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "./flow";
 import { Rows } from "../components/list";
-import { ImportFlow } from "./import_flow";
-import { OpenCampaigns, TrySimulated } from "./measure";
+import { OpenCampaigns, TrySimulated } from "./open_campaigns";
 import { latestRows } from "./runs";
+
+const ImportFlow = lazy(async () => (await import("./import_flow")).ImportFlow);
 
 interface FlowProps {
   opened: Opened | null;
