@@ -204,7 +204,7 @@ REMEDIES = {
     "unknown attribute": "use only xyz and rpy",
     "no attribute xyz": "add the attribute xyz",
     "^the axis ": "give a unit vector, such as 0 0 1",
-    "is given 2 times": "keep one <",
+    "is given 2 times": "keep one <axis>",
     "there is no link 'c'": "use one of the links 'a', 'b'",
     "the root element is": "send a URDF document, not SDF or MJCF",
     "second <robot>|content after the end": "send one robot per document",

@@ -44,7 +44,7 @@ def test_each_operation_needs_the_role_and_takes_what_the_table_says(openapi):
     described = [(path, method) for path, methods in openapi["paths"].items() for method in methods]
     assert sorted(line_of(openapi, *each) for each in described) == sorted(OPERATIONS.values())
     names = [line.split(" | ")[1] for line in OPERATIONS.values()]
-    assert len(set(names)) == len(names) == 39
+    assert len(set(names)) == len(names) == 40
     assert all(name.isalpha() for name in names)
 
 
@@ -90,7 +90,7 @@ def test_the_description_names_the_service_and_where_to_begin(openapi, local):
 FILES = """\
 * `report.xml` of a run: a digital calibration certificate, DCC 3.3.0; needs `measured_at` of the set, and
   refused for the verdict `do_not_use` without `accept_verdict`
-* `program` of a program: a compensated file (`file`); only numbers of its targets differ
+* `program` of a program or process: a compensated file (`file`); only numbers of its targets differ
 * run: `tables.json`, `report.pdf`, `report.html`, `report.xml`, `model.csv`, `model.xlsx`, `model.mjcf`, `joints.csv`, `residuals.csv`
 * comparison: `tables.json`, `report.pdf`, `report.html`, `table.csv`, `ratios.csv`, `configurations.csv`
 * geometry: `tables.json`, `axes.csv`
@@ -98,6 +98,7 @@ FILES = """\
 * map: `tables.json`, `report.pdf`, `report.html`, `map.csv`, `map.npz`, `map.json`
 * fleet: `tables.json`, `report.pdf`, `report.html`, `table.csv`
 * program: `tables.json`, `report.pdf`, `report.html`, `program`, `points.csv`, `points.json`
+* process: `tables.json`, `report.pdf`, `report.html`, `program`, `points.csv`, `turns.csv`, `places.csv`
 * `joints.csv` of a run: one row for each joint: stiffness, compliance, uncertainty, intervals, verdict, reason.
 * `axes.csv` of a geometry: one row for each axis: a point and the direction in R0 at model angle zero, uncertainties.
 * `table.csv` of a fleet: one row for each set and joint: stiffness with its interval, verdict; or the error of the set.
