@@ -278,8 +278,8 @@ class ImportAnswer(ImportPreview):
     geometry: GeometryRequest | None = Field(
         default=None,
         description="Unloaded poses, ready to be posted to /v1/geometries with `robot_id` added, if the "
-        "files have joint angles and unloaded positions only. Its noise is the root mean square of that in "
-        "the files, unless it was stated.",
+        "files have joint angles and unloaded positions only. Its noise is the root mean square of the "
+        "files' noise, unless it was stated.",
     )
     leave_out: list[Name] = Field(
         description="Labels of the observations that a column `validation` holds out from the fit, for the "

@@ -67,8 +67,8 @@ class InverseKinematics:
 
         Args:
             robot: n joints, six of them revolute.
-            fixed: (n,) controller's joint positions [rad or m], of which those of the prismatic joints are
-                used: prismatic joints stay there; needed if the robot has prismatic joints.
+            fixed: (n,) controller's joint positions [rad or m]. Prismatic joints stay at their positions in
+                `fixed`, and other joints' positions are ignored. Needed if the robot has prismatic joints.
 
         Raises:
             RobotError: the robot does not have six revolute joints, the position of a prismatic joint is not
@@ -80,7 +80,7 @@ class InverseKinematics:
             remedy = "inverse kinematics needs an arm with six revolute joints"
             count = f"{len(self.revolute)} revolute joints" if robot.prismatic.any() else f"{robot.n} joints"
             raise RobotError(f"the robot has {count}", remedy=remedy, where="robot")
-        # Positions of all joints, of which those of the prismatic joints are used: controller's, then model's
+        # Joint positions of the controller, then of the model; only those of prismatic joints are used
         self.arm, self._fixed, self._fixed_in_model = robot, np.zeros(robot.n), np.zeros(robot.n)
         if robot.prismatic.any():
             if fixed is None:
