@@ -130,7 +130,7 @@ def compute_kinematics(
 ) -> list[Posture]:
     """Compute where joints and flange are in some configurations. Nothing is stored.
 
-    A robot that is not stored is vetted as one that is posted, so that it can be looked at before it is kept.
+    A robot in the request is checked like one that is posted to be stored.
     """
     return to_postures(parts.robots.find(body.robot_id, body.robot), body.joints)
 
@@ -149,11 +149,11 @@ def create_measurement_set(
 ) -> Response:
     """Store a measurement set.
 
-    What cannot be right is refused with its place and the remedy, and nothing is stored. What is
-    suspicious (targets that did not move as one body, deflection against the force, angles that look
+    A set with impossible values is refused with their place and the remedy. A set with suspicious
+    values (targets that did not move as one body, deflection against the force, angles that look
     like the other unit, …) is stored with a warning, which every run of the set shows.
 
-    With `open` the set is measured live: it states its goal, and takes one observation after the other.
+    With `open` the set is measured live: state its goal, then add one observation after the other.
     """
     if body.open is not None:
         set_id = parts.live.create(body, body.open, key)
@@ -174,7 +174,7 @@ def create_measurement_set(
 def list_measurement_sets(
     parts: answers.InjectedParts, query: Annotated[SetQuery, Query()]
 ) -> Page[MeasurementSetSummary]:
-    """List measurement sets without their observations; or those that are measured live."""
+    """List measurement sets without their observations; or only open sets."""
     if query.open:
         return parts.live.page(query)
     page = parts.store.sets.page(**query.model_copy(update={"open": None}).listing_arguments())
@@ -189,7 +189,7 @@ def list_measurement_sets(
     responses=answers.NOT_MODIFIED,
 )
 def get_measurement_set(request: Request, parts: answers.InjectedParts, set_id: SetId) -> Response:
-    """Get a measurement set as it was posted, with what was noticed; or an open one, as far as it is read."""
+    """Get a measurement set as it was posted, with its findings; an open set with its readings so far."""
     document = parts.live.document(set_id) if parts.live.is_open(set_id) else parts.sets.document(set_id)
     return answers.answer_with_tag(request, document.model_dump_json())
 
