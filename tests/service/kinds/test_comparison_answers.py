@@ -214,8 +214,8 @@ class TestTwoCampaigns:
         coupled = posted(read, **bent, cross_validation={"folds": 2})["id"]
         assert told(compared(coupled)) == (
             "422 | run_ids | two measurement sets can be compared only if nothing but the joints is elastic "
-            f"in their runs, but the run '{coupled}' has elasticity coupled_joints | identify the measurement "
-            "set with elasticity `joints`, and give the new run"
+            f"in their runs, but the run '{coupled}' has elasticity coupled_joints | identify the "
+            "measurement set with elasticity `joints`, and give the new run"
         )
 
     def test_a_joint_at_its_bound_takes_its_ratio_from_the_run_without_constraints(self, local, posted):
