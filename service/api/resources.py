@@ -86,7 +86,7 @@ def list_robots(parts: answers.InjectedParts, query: Annotated[RobotQuery, Query
     responses=answers.NOT_MODIFIED,
 )
 def get_robot(request: Request, parts: answers.InjectedParts, robot_id: RobotId) -> Response:
-    """Get a robot, with its kinematics as they were understood, and its last campaign."""
+    """Get a robot, with its kinematics and its last campaign."""
     robot = robot_from_record(parts.store.robots.get(robot_id))
     latest = parts.trends.last_campaign(parts.store.robots.entry(robot_id))
     return answers.answer_with_tag(
@@ -102,8 +102,8 @@ def change_robot(
 ) -> Response:
     """Change a robot's name, delete it, or restore it.
 
-    A robot that a measurement set or a job
-    refers to cannot be deleted; a deleted one can be restored for 30 days.
+    A robot that a measurement set or a job refers to cannot be deleted; a deleted robot can be restored for
+    30 days.
     """
     return answers.json_response(robot_from_record(parts.robots.change(robot_id, body)).model_dump_json())
 
@@ -112,8 +112,8 @@ def change_robot(
 def get_catalogue() -> Catalogue:
     """Get the nominal arms, each with the source of its figures, and the presets of joint maps.
 
-    Post `{"format": "catalogue", "arm": "NAME"}` as the model of a robot to begin with one. Nominal figures
-    differ from those of a real arm; a geometry finds the latter.
+    Post `{"format": "catalogue", "arm": "NAME"}` as the model of a robot to begin with one. A real arm
+    differs from the nominal figures; a geometry finds its figures.
     """
     return catalogue()
 
@@ -203,9 +203,9 @@ def change_measurement_set(
 ) -> MeasurementSetSummary:
     """Change name and metadata of a measurement set, delete it, or restore it.
 
-    Fields that are left out stay; null removes one. Readings, hash and runs stay as they are, whatever
-    changes. A set that a job refers to cannot be deleted; a deleted one
-    can be restored for 30 days. Of an open set, readings are withdrawn or kept, and postures skipped.
+    Omitted fields stay as they are; null removes a field. Readings, hash and runs stay unchanged. A set that
+    a job refers to cannot be deleted; a deleted set can be restored for 30 days. Of an open set, readings are
+    withdrawn or kept, and postures skipped.
     """
     if parts.live.is_open(set_id):
         return parts.live.apply_change(set_id, body, by)
