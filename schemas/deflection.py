@@ -242,7 +242,8 @@ class DeflectionResult(FromRun):
 MAX_ALONG_AXIS = 1_000
 MAX_PLACES = 100_000
 MAX_POSES = 200_000
-"""Places times orientations of a map: each is an inverse kinematics of 10 µs, and downloads repeat them."""
+"""Greatest number of poses (places times orientations) of a map. The inverse kinematics of each pose takes
+10 µs, and is computed again for each download."""
 
 _Count = Annotated[int, Field(strict=True, ge=1, le=MAX_ALONG_AXIS)]
 

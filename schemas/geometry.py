@@ -112,7 +112,7 @@ class WristDistance(Message):
     first: Literal["sphere", "axes", "trilateration"]
     second: Literal["sphere", "axes", "trilateration"]
     distance: Metres[float]
-    probability: float = Field(description="p-value of the drift.")
+    probability: float = Field(description="p-value of a common wrist centre.")
 
 
 class WristResult(Message):
@@ -140,7 +140,7 @@ class FlangeTarget(Message):
     name: Name
     position: Metres[Point]
     covariance: SquareMetres[Square3 | None] = Field(
-        description="Standard uncertainty; null if not determined."
+        description="Covariance of the position; null if not determined."
     )
 
 

@@ -28,18 +28,18 @@ StatedKind = Annotated[
 class JointUnits:
     """Units and words of one kind of joint."""
 
-    dimension: Literal["angle", "length"]  #: quantity of its position, whose unit a document states
-    position: str  #: SI unit of its position
-    effort: str  #: SI unit of a load on it
-    stiffness: str  #: SI unit of its stiffness
-    compliance: str  #: SI unit of its compliance
-    million_stiffness: str  #: 10⁶ times its unit of stiffness, as people read it
-    micro_compliance: str  #: 10⁻⁶ times its unit of compliance, as people read it
-    load: str  #: a load on it, before its axis
-    load_verb: str  #: loads that … it
-    loads: str  #: the load … it
-    moves: str  #: the joint …
-    of_link: str  #: motion of its link that readings do not distinguish from its own: … its axis
+    dimension: Literal["angle", "length"]  #: quantity of the joint's position; documents state the unit
+    position: str  #: SI unit of the joint's position
+    effort: str  #: SI unit of a torque or force on the joint
+    stiffness: str  #: SI unit of the joint's stiffness
+    compliance: str  #: SI unit of the joint's compliance
+    million_stiffness: str  #: 10⁶ times the SI unit of stiffness, as shown to people
+    micro_compliance: str  #: 10⁻⁶ times the SI unit of compliance, as shown to people
+    load: str  #: phrase for a load on the joint, to be followed by the joint's name
+    load_verb: str  #: verb for the effect of loads on the joint, plural
+    loads: str  #: verb for the effect of a load on the joint, singular
+    moves: str  #: verb for the motion of the joint, singular
+    of_link: str  #: the link's motion that readings do not distinguish from the joint's, before "its axis"
 
 
 JOINT_UNITS: Final[Mapping[JointKind, JointUnits]] = MappingProxyType(

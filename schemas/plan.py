@@ -55,8 +55,8 @@ class DeflectionGoal(Message):
 
     kind: Literal["deflection"]
     uncertainty: Metres[_Length] = Field(
-        description="Greatest expanded uncertainty (95 %) of a coordinate of the deflection, root mean "
-        "square over places of the work area and forces along the axes of R0."
+        description="Upper limit of the expanded uncertainty (95 %) of a coordinate of the deflection, as "
+        "root mean square over places of the work area and forces along the axes of R0."
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,

@@ -78,11 +78,16 @@ class _Joint(Protocol):
     """A joint of a run, of the solver's estimate or of a message."""
 
     @property
-    def status(self) -> str: ...
+    def status(self) -> str:
+        """Status of the estimate: `identified`, `uncertain`, `at_bound` or `not_observable`."""
+
     @property
-    def stiffness(self) -> float | None: ...
+    def stiffness(self) -> float | None:
+        """Stiffness; None without a number."""
+
     @property
-    def stiffness_interval(self) -> tuple[float, float | None] | None: ...
+    def stiffness_interval(self) -> tuple[float, float | None] | None:
+        """Lower and upper end of the interval of the stiffness; an upper end of None means no upper limit."""
 
 
 def count_identified_joints(joints: Iterable[_Joint]) -> int:
@@ -494,7 +499,8 @@ class CauseTest(Message):
     joint: Name | None = Field(default=None, description="Joint that this mistake moves most.")
     moves: Dimensionless[float | None] = Field(
         default=None,
-        description="Change of this joint's compliance by it, in units of its standard uncertainty.",
+        description="Change of this joint's compliance by this mistake, in units of its standard "
+        "uncertainty.",
     )
 
 
@@ -533,7 +539,9 @@ class RunResult(Result):
     suspicious: list[SuspiciousReading] = Field(
         default_factory=list, description="Readings to which the Huber loss gives less weight, worst first."
     )
-    suspicious_count: int = Field(default=0, description="Number of these readings; at most 100 are listed.")
+    suspicious_count: int = Field(
+        default=0, description="Number of such readings; `suspicious` lists at most 100."
+    )
     resampling: ResamplingResult | None = Field(
         default=None, description="Results of the resampling, if requested."
     )

@@ -42,7 +42,7 @@ router = APIRouter(prefix="/v1", tags=["access"], route_class=BodyRoute, depende
 
 @sessions.get("", response_model=access.Session)
 async def get_session(gate: InjectedGate, request: Request) -> access.Session:
-    """Return who is answered, and whom the service takes the caller for. Needs no key."""
+    """Get whom the service answers, and the caller's key and role. Needs no key."""
     key = get_requester(request).key
     # The session has an end only if the requester's key is that of the browser's session.
     session_key, ends_at = (None, None) if gate.is_open else await gate.find_session(request)
@@ -76,7 +76,7 @@ async def create_session(
 
 @sessions.delete("", status_code=204, response_class=Response)
 async def delete_session(gate: InjectedGate, request: Request) -> Response:
-    """Sign the browser out: its session ends for good. One that is not signed in stays as it is."""
+    """Sign the browser out: its session ends for good. Signing out again changes nothing."""
     await gate.sign_out(request)
     response = Response(status_code=204)
     response.delete_cookie(
@@ -103,7 +103,7 @@ def _is_https(request: Request) -> bool:
 
 @router.post("/keys", status_code=201, response_model=access.Key)
 async def create_key(gate: InjectedGate, parts: InjectedParts, body: access.KeyRequest) -> access.Key:
-    """Make a key. Its text is in this answer and nowhere else; a post that is repeated makes another key."""
+    """Create a key. Only this answer contains its text; a repeated post creates another key."""
     now = datetime.now(UTC)
     if body.expires_at is not None and body.expires_at <= now:
         raise RequestError(
@@ -118,13 +118,13 @@ async def create_key(gate: InjectedGate, parts: InjectedParts, body: access.KeyR
 
 @router.get("/keys", response_model=list[access.Key])
 async def list_keys(gate: InjectedGate) -> list[access.Key]:
-    """List all keys, those of the file and revoked ones, too, in the order in which they came."""
+    """List all keys, including revoked keys and keys of the file, in the order of creation."""
     return gate.keyring.list_keys()
 
 
 @router.delete("/keys/{key_id}", response_model=access.Key)
 async def revoke_key(gate: InjectedGate, parts: InjectedParts, key_id: KeyId) -> access.Key:
-    """Revoke a key, and end its sessions. It stays in the list; to do so again changes nothing."""
+    """Revoke a key, and end its sessions. It stays in the list; revoking it again changes nothing."""
     if gate.keyring.is_in_file(key_id):
         raise HTTPException(409, "the key is in the file of keys: revoke it there")
     revoked = await run_sync(parts.store.keys.revoke, key_id, datetime.now(UTC))

@@ -54,9 +54,9 @@ _logger = logging.getLogger(__name__)
 
 @router.get("/health", dependencies=[VIEWER], response_model=Health)
 async def get_health(request: Request) -> Health:
-    """Return the version of the service, its database and the number of its workers, as last looked at.
+    """Return version, database and number of workers of the service, as of the last check.
 
-    Answers 503 while the database does not answer or cannot be written, as work would be lost.
+    Answers 503 while the database does not answer or cannot be written.
     """
     # The last check is used, without a thread or a query, so that the answer never waits for other requests.
     watch: Watch = request.app.state.watch

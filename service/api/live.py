@@ -43,10 +43,10 @@ async def add_observation(
     body: Annotated[Observation, json_body(EXAMPLES["observations"])],
     by: RequesterKey,
 ) -> Response:
-    """Add an observation to an open set, and get what all of them say.
+    """Add an observation to an open set, and get the set's new state.
 
-    It is compared with what the others let expect; `readings` says so. The same observation again changes
-    nothing; another one of a label that is taken is refused (409).
+    `readings` compares it with its prediction from the others. The same observation again changes nothing;
+    a different observation with a label in use is refused (409).
     """
     state = await run_sync(parts.live.observe, set_id, body, by, limiter=request.app.state.work)
     return answers.json_response(state.model_dump_json(), 201)
@@ -66,7 +66,7 @@ async def get_next(
         bool, Query(description="True for a stream of events, one `state` with each change.")
     ] = False,
 ) -> Response:
-    """Get what the readings of an open set say so far, what to read next and why, and how many follow.
+    """Get the results of an open set so far, the next reading and its reason, and how many are still needed.
 
     With `follow` the answer is a stream of events, the last one when the set is closed.
     """
@@ -104,8 +104,8 @@ async def close_measurement_set(
 ) -> Response:
     """Close an open set: it becomes an ordinary measurement set of the same id, and gets a run.
 
-    Its notes state the declared goal, how it ended, the held-out reading and what was withdrawn. To close it
-    again changes nothing.
+    Its notes state the declared goal, how the campaign ended, the held-out reading and withdrawn readings.
+    Closing a closed set changes nothing.
     """
     state = await run_sync(parts.live.close, set_id, by, limiter=request.app.state.work)
     return answers.json_response(state.model_dump_json())

@@ -85,7 +85,7 @@ def list_robots(parts: answers.InjectedParts, query: Annotated[RobotQuery, Query
     responses=answers.NOT_MODIFIED,
 )
 def get_robot(request: Request, parts: answers.InjectedParts, robot_id: RobotId) -> Response:
-    """Get a robot, with its kinematics as they were understood, and its last campaign."""
+    """Get a robot, with its kinematics and its last campaign."""
     robot = robot_from_record(parts.store.robots.get(robot_id))
     latest = parts.trends.last_campaign(parts.store.robots.entry(robot_id))
     return answers.answer_with_tag(
@@ -101,8 +101,8 @@ def change_robot(
 ) -> Response:
     """Change a robot's name, delete it, or restore it.
 
-    A robot that a measurement set or a job
-    refers to cannot be deleted; a deleted one can be restored for 30 days.
+    A robot that a measurement set or a job refers to cannot be deleted; a deleted robot can be restored for
+    30 days.
     """
     return answers.json_response(robot_from_record(parts.robots.change(robot_id, body)).model_dump_json())
 
@@ -111,8 +111,8 @@ def change_robot(
 def get_catalogue() -> Catalogue:
     """Get the nominal arms, each with the source of its figures, and the presets of joint maps.
 
-    Post `{"format": "catalogue", "arm": "NAME"}` as the model of a robot to begin with one. Nominal figures
-    differ from those of a real arm; a geometry finds the latter.
+    Post `{"format": "catalogue", "arm": "NAME"}` as the model of a robot to begin with one. A real arm
+    differs from the nominal figures; a geometry finds its figures.
     """
     return catalogue()
 
@@ -129,7 +129,7 @@ def compute_kinematics(
 ) -> list[Posture]:
     """Compute where joints and flange are in some configurations. Nothing is stored.
 
-    A robot that is not stored is vetted as one that is posted, so that it can be looked at before it is kept.
+    A robot in the request is checked like one that is posted to be stored.
     """
     return to_postures(parts.robots.find(body.robot_id, body.robot), body.joints)
 
@@ -171,7 +171,7 @@ def create_measurement_set(
 def list_measurement_sets(
     parts: answers.InjectedParts, query: Annotated[SetQuery, Query()]
 ) -> Page[MeasurementSetSummary]:
-    """List measurement sets without their observations; or those that are measured live."""
+    """List measurement sets without their observations; or only open sets."""
     if query.open:
         return parts.live.page(query)
     page = parts.store.sets.page(**query.model_copy(update={"open": None}).listing_arguments())
@@ -186,7 +186,7 @@ def list_measurement_sets(
     responses=answers.NOT_MODIFIED,
 )
 def get_measurement_set(request: Request, parts: answers.InjectedParts, set_id: SetId) -> Response:
-    """Get a measurement set as it was posted, with what was noticed; or an open one, as far as it is read."""
+    """Get a measurement set as it was posted, with its findings; an open set with its readings so far."""
     document = parts.live.document(set_id) if parts.live.is_open(set_id) else parts.sets.document(set_id)
     return answers.answer_with_tag(request, document.model_dump_json())
 
@@ -200,9 +200,9 @@ def change_measurement_set(
 ) -> MeasurementSetSummary:
     """Change name and metadata of a measurement set, delete it, or restore it.
 
-    Fields that are left out stay; null removes one. Readings, hash and runs stay as they are, whatever
-    changes. A set that a job refers to cannot be deleted; a deleted one
-    can be restored for 30 days. Of an open set, readings are withdrawn or kept, and postures skipped.
+    Omitted fields stay as they are; null removes a field. Readings, hash and runs stay unchanged. A set that
+    a job refers to cannot be deleted; a deleted set can be restored for 30 days. Of an open set, readings are
+    withdrawn or kept, and postures skipped.
     """
     if parts.live.is_open(set_id):
         return parts.live.apply_change(set_id, body, by)

@@ -226,9 +226,9 @@ async def create_campaign(
 ) -> Response:
     """Identify the joint stiffnesses of a campaign file: robot, readings and options in one document.
 
-    Robot and measurement set are stored unless there are such of the same content. Answers with the run as
-    `POST /v1/runs` does. What is refused is named by its place in the file; robot and readings of a run that
-    is refused are kept.
+    Robot and measurement set are stored unless equal ones are stored already. Answers with the run as
+    `POST /v1/runs` does. Errors name the place in the file; robot and readings are kept if only the run is
+    refused.
     """
 
     def create(jobs: Jobs) -> JobRecord:

@@ -361,7 +361,7 @@ class MethodTriangles:
             self.cross += spreads[1].T @ spreads[0]
             points = block.postures.to_base(np.broadcast_to(self.method.centre, (len(block.torque), 1, 3)))
             jacobian = block.postures.jacobian_at(points)
-            self.seen_from_centre.add_seen_from(block, jacobian, np.ones((len(points), 1), dtype=bool))
+            self.seen_from_centre.add_with_points(block, jacobian, np.ones((len(points), 1), dtype=bool))
 
     def given(self, blocks: Iterable[RegressorBlock], statements: Statements) -> MethodTriangles:
         """Return the triangles of a method with one stage, in which statements are fitted with the joints.

@@ -174,15 +174,19 @@ class Excitation:
     def __init__(self, joint_kinds: tuple[JointKind, ...]) -> None:
         n = len(joint_kinds)
         self._kinds = joint_kinds
-        self._torque, self._lever, self._column, self._potential, self._greatest_torque = np.zeros((5, n))
-        self._deflection = 0.0
+        # Sums over the observations of the squares of each joint's torque and of the largest torque possible;
+        # and of the joint's column in the regressor and of the largest column possible
+        self._squared_torque, self._squared_largest_torque = np.zeros((2, n))
+        self._squared_column, self._squared_largest_column = np.zeros((2, n))
+        self._squared_deflection = 0.0  # sum over all readings
+        self._greatest_torque = np.zeros(n)
 
     def add(self, block: RegressorBlock) -> None:
-        """Add a block of observations, with the motion of the joints as the targets show it."""
-        self.add_seen_from(block, block.jacobian, block.measurements.present)
+        """Add a block of observations of the targets."""
+        self.add_with_points(block, block.jacobian, block.measurements.present)
 
-    def add_seen_from(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
-        """Add a block of observations, with the motion of the joints as points and encoders show it.
+    def add_with_points(self, block: RegressorBlock, jacobian: FloatArray, present: BoolArray) -> None:
+        """Add a block of observations of points that move with the flange, and of encoders.
 
         An encoder counts like a target at the distance from the axis at which a target has the same weight.
 
@@ -201,30 +205,31 @@ class Excitation:
         if measurements.encoders is not None:
             squared_lever, encoders = measurements.encoder_lever**2, measurements.encoders
             motion += squared_lever * encoders.present
-            self._deflection += float((squared_lever * encoders.deflection**2).sum())
+            self._squared_deflection += float((squared_lever * encoders.deflection**2).sum())
         squared_greatest_torque = (lever * force + moment) ** 2  # of a force perpendicular to the lever
-        self._torque += (block.torque**2).sum(axis=0)
+        self._squared_torque += (block.torque**2).sum(axis=0)
         np.maximum(self._greatest_torque, np.abs(block.torque).max(axis=0), out=self._greatest_torque)
-        self._lever += squared_greatest_torque.sum(axis=0)
-        self._column += (block.torque**2 * motion).sum(axis=0)
-        self._potential += (squared_greatest_torque * motion).sum(axis=0)
-        self._deflection += float((measurements.deflection**2).sum())
+        self._squared_largest_torque += squared_greatest_torque.sum(axis=0)
+        self._squared_column += (block.torque**2 * motion).sum(axis=0)
+        self._squared_largest_column += (squared_greatest_torque * motion).sum(axis=0)
+        self._squared_deflection += float((measurements.deflection**2).sum())
 
     @property
     def anything_moved(self) -> bool:
         """True if any target moved."""
-        return self._deflection > 0
+        return self._squared_deflection > 0
 
     def observability(self) -> Observability:
         """Return the observability of the joints in all observations added so far."""
-        has_no_lever = self._potential <= NULL_COLUMN**2 * self._potential.max()
-        null = has_no_lever | (self._column <= NULL_COLUMN**2 * self._potential)
-        potential = np.where(self._potential > 0, self._potential, np.inf)
+        largest = self._squared_largest_column
+        has_no_lever = largest <= NULL_COLUMN**2 * largest.max()
+        null = has_no_lever | (self._squared_column <= NULL_COLUMN**2 * largest)
+        divisor = np.where(largest > 0, largest, np.inf)
         return Observability(
             null=null,
-            reference_compliance=np.sqrt(self._deflection / potential),
+            reference_compliance=np.sqrt(self._squared_deflection / divisor),
             reasons=tuple(self._explain_no_effect(j) if null[j] else None for j in range(len(null))),
-            excitation=np.sqrt(self._column / potential),
+            excitation=np.sqrt(self._squared_column / divisor),
             greatest_torque=self._greatest_torque,
             kinds=self._kinds,
         )
@@ -234,8 +239,9 @@ class Excitation:
         words = JOINT_UNITS[self._kinds[joint]]
         # If the load always acts on the joint's axis, the joint's own sum is zero: compare with the greatest
         # sum of all joints.
-        possible_torque = max(self._lever[joint], 1e-6 * self._lever.max())
-        if self._torque[joint] <= NULL_COLUMN**2 * possible_torque:
+        largest_torques = self._squared_largest_torque
+        squared_limit = NULL_COLUMN**2 * max(largest_torques[joint], 1e-6 * largest_torques.max())
+        if self._squared_torque[joint] <= squared_limit:
             return f"the load never {words.loads} it: add loads that {words.load_verb} it"
         return f"no target moves when it {words.moves}: place a target away from its axis"
 

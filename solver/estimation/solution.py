@@ -310,7 +310,8 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
     """
     if not (np.isfinite(gram).all() and np.isfinite(moment).all()):
         raise SolverError(
-            "the Gram matrices overflow", remedy="check the units and magnitudes of the readings"
+            "the numbers of the readings are too large to be squared",
+            remedy="check the units and magnitudes of the readings",
         )
     # Equilibrated variables x with c = unit · x (K, n); columns of zeros keep the unit 1.
     diagonal = np.diagonal(gram, axis1=1, axis2=2)

@@ -273,7 +273,7 @@ class LinearFit:
         step = self.inverse @ (self.range_basis.T @ self.residual / (1.0 + damping * inverse_squares))
         if self.group_unknowns is None:
             return np.asarray(step)
-        along = self.group_unknowns.along - self.group_unknowns.others @ step
+        along = self.group_unknowns.residual_along - self.group_unknowns.derivative_along @ step
         return np.concatenate([step, along / self.group_unknowns.norms])
 
     @property
@@ -282,7 +282,7 @@ class LinearFit:
         without_groups = float(np.linalg.norm(self.range_basis.T @ self.residual))
         if self.group_unknowns is None:
             return without_groups
-        return float(np.hypot(without_groups, np.linalg.norm(self.group_unknowns.along)))
+        return float(np.hypot(without_groups, np.linalg.norm(self.group_unknowns.residual_along)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,9 +292,9 @@ class GroupUnknowns:
     #: (G, m / G) unit vectors along the derivatives of the readings; zero for a zero derivative
     directions: FloatArray
     norms: FloatArray  #: (G,) norms of these derivatives; 1 for a zero derivative
-    along: FloatArray  #: (G,) residual along the directions
+    residual_along: FloatArray  #: (G,) residual along the directions
     #: (G, p) component along the directions of the derivative with respect to p other unknowns
-    others: FloatArray
+    derivative_along: FloatArray
 
     @classmethod
     def from_derivatives(
@@ -312,8 +312,8 @@ class GroupUnknowns:
         norms = np.where(norms > 0.0, norms, 1.0)
         directions = group_derivative / norms[:, None]
         grouped = jacobian.reshape(*group_derivative.shape, -1)
-        along = np.einsum("gi,gi->g", directions, residual.reshape(group_derivative.shape))
-        return cls(directions, norms, along, np.einsum("gi,gip->gp", directions, grouped))
+        residual_along = np.einsum("gi,gi->g", directions, residual.reshape(group_derivative.shape))
+        return cls(directions, norms, residual_along, np.einsum("gi,gip->gp", directions, grouped))
 
     def project_out(self, rows: FloatArray) -> FloatArray:
         """Return rows (m,) or (m, p) without the part that the unknowns of the groups explain."""

@@ -459,14 +459,14 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     in_order = tuple(fits[index] for index in range(len(fits)))
     rss, dof = sum(fit.linear.rss for fit in in_order), sum(fit.dof for fit in in_order)
     sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
-    at_sweep, points = [fits[index].axis for index in order], fits[order[-1]].target_points
-    axes, targets = _move_axes_to_zero(at_sweep, points, sweeps.postures)
+    axes_at_sweeps, points = [fits[index].axis for index in order], fits[order[-1]].target_points
+    axes, targets = _move_axes_to_zero(axes_at_sweeps, points, sweeps.postures)
     # Derivative of axes and targets in the postures of the sweeps; below, at model angle zero
     influence_at_sweep = np.vstack(
         [*(influences[index][:CHART_SIZE] for index in order), influences[order[-1]][CHART_SIZE:]]
     )
-    by_geometry, _ = _differentiate_swept_axes(axes, at_sweep, points, sweeps.postures)
-    influence = np.asarray(np.linalg.solve(by_geometry, influence_at_sweep), dtype=np.float64)
+    geometry_derivative, _ = _differentiate_swept_axes(axes, axes_at_sweeps, points, sweeps.postures)
+    influence = np.asarray(np.linalg.solve(geometry_derivative, influence_at_sweep), dtype=np.float64)
     return SweptAxes(
         axes=axes,
         targets=targets,
@@ -525,28 +525,30 @@ def _refuse_unless_coupled(
 
 
 def _move_axes_to_zero(
-    at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
+    axes_at_sweeps: Sequence[Axis], points: FloatArray, postures: FloatArray
 ) -> tuple[tuple[Axis, ...], FloatArray]:
     """Transform axes and targets from their sweeps to model angle zero.
 
-    Return the n axes and the targets (T, 3) [m]. `at_sweep` has each axis as its own sweep shows it, `points`
-    (T, 3) [m] the targets in the last joint's sweep, `postures` (n, n) [rad] the joint angles in each sweep.
+    Return the n axes and the targets (T, 3) [m]. `axes_at_sweeps` has each axis as its own sweep shows it,
+    `points` (T, 3) [m] the targets in the last joint's sweep, `postures` (n, n) [rad] the joint angles in
+    each sweep.
     """
-    axes, to_zero = [at_sweep[0]], pin.SE3.Identity()  # motion when the joints before an axis go to zero
-    for axis, posture in zip(at_sweep[1:], postures[1:], strict=True):
+    axes = [axes_at_sweeps[0]]
+    to_zero = pin.SE3.Identity()  # motion of an axis when the joints before it go to zero
+    for axis, posture in zip(axes_at_sweeps[1:], postures[1:], strict=True):
         to_zero = Motion(axes, points, posture[None, : len(axes)]).postures.flange_placement(0).inverse()
         axes.append(axis.transform(to_zero))
     return tuple(axes), transform_points(to_zero, points)
 
 
 def _differentiate_swept_axes(
-    axes: Sequence[Axis], at_sweep: Sequence[Axis], points: FloatArray, postures: FloatArray
+    axes: Sequence[Axis], axes_at_sweeps: Sequence[Axis], points: FloatArray, postures: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Differentiate the axes as the sweeps show them, and the targets of the last joint's sweep.
 
     Args:
         axes: n axes at model angle zero.
-        at_sweep: n axes, each in the posture of its own sweep.
+        axes_at_sweeps: n axes, each in the posture of its own sweep.
         points: (T, 3) targets in the last joint's sweep [m].
         postures: (n, n) angles of the joints in each sweep [rad].
 
@@ -556,20 +558,23 @@ def _differentiate_swept_axes(
     """
     n, charts = len(axes), CHART_SIZE * len(axes)
     arm = Motion(axes, points, np.tril(postures, -1)).postures
-    by_geometry, by_angle = np.zeros((charts + points.size,) * 2), np.zeros((charts + points.size, n, n))
-    for k, axis in enumerate(at_sweep):
+    geometry_derivative = np.zeros((charts + points.size,) * 2)
+    angle_derivative = np.zeros((charts + points.size, n, n))
+    for k, axis in enumerate(axes_at_sweeps):
         rows = slice(CHART_SIZE * k, CHART_SIZE * (k + 1))
         to_chart = axis.place.inverse().action[CHART]  # (4, 6) maps a small motion to the chart of this axis
         motions = np.concatenate([arm.axis_motions[k, :k], arm.placement_motions[k, k : k + 1]])[..., CHART]
-        by_geometry[rows, : rows.stop] = (to_chart @ motions).transpose(1, 0, 2).reshape(CHART_SIZE, -1)
-        by_angle[rows, k, :k] = to_chart @ arm.jacobian[k, :, :k]
-    by_motion = differentiate_by_rigid_motion(points).reshape(-1, 6)
-    by_geometry[charts:, :charts] = (
-        (by_motion @ arm.axis_motions[-1][..., CHART]).transpose(1, 0, 2).reshape(-1, charts)
+        geometry_derivative[rows, : rows.stop] = (
+            (to_chart @ motions).transpose(1, 0, 2).reshape(CHART_SIZE, -1)
+        )
+        angle_derivative[rows, k, :k] = to_chart @ arm.jacobian[k, :, :k]
+    motion_derivative = differentiate_by_rigid_motion(points).reshape(-1, 6)
+    geometry_derivative[charts:, :charts] = (
+        (motion_derivative @ arm.axis_motions[-1][..., CHART]).transpose(1, 0, 2).reshape(-1, charts)
     )
-    by_geometry[charts:, charts:] = np.kron(np.eye(len(points)), arm.flange_rotation[-1])
-    by_angle[charts:, -1, :-1] = by_motion @ arm.jacobian[-1, :, :-1]
-    return by_geometry, by_angle
+    geometry_derivative[charts:, charts:] = np.kron(np.eye(len(points)), arm.flange_rotation[-1])
+    angle_derivative[charts:, -1, :-1] = motion_derivative @ arm.jacobian[-1, :, :-1]
+    return geometry_derivative, angle_derivative
 
 
 def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxes:
@@ -643,11 +648,14 @@ def propagate_resting_angle_errors(swept: SweptAxes) -> tuple[FloatArray, list[i
     """
     sweeps, n = swept.sweeps, swept.n
     in_order = [swept.fits[index] for index in sweeps.order]
-    at_sweep, points = [fit.axis for fit in in_order], in_order[-1].target_points
-    by_geometry, by_angle = _differentiate_swept_axes(swept.axes, at_sweep, points, sweeps.postures)
+    axes_at_sweeps, points = [fit.axis for fit in in_order], in_order[-1].target_points
+    geometry_derivative, angle_derivative = _differentiate_swept_axes(
+        swept.axes, axes_at_sweeps, points, sweeps.postures
+    )
     # Derivative of charts and targets at angle zero with respect to the joint angles in each sweep
     by_posture = -np.asarray(
-        np.linalg.solve(by_geometry, by_angle.reshape(len(by_angle), n * n)), dtype=np.float64
+        np.linalg.solve(geometry_derivative, angle_derivative.reshape(len(angle_derivative), n * n)),
+        dtype=np.float64,
     )
     columns, joints = [np.zeros((len(by_posture), 0))], []
     for fit in sorted(swept.fits, key=lambda fit: -fit.sweep.joint):

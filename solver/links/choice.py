@@ -213,14 +213,18 @@ def fit_fold(
     Returns:
         The compliances (W, P), and the errors (W,) [m] with which they predict the held-out fold.
     """
-    form = folds.formulate_model_fit(model, fold)
-    cone = form.cone
+    formulation = folds.formulate_model_fit(model, fold)
+    cone = formulation.cone
     if cone.penalised or cone.sizes:
-        parameters = np.array([_fit_parameters(form, model, weight) for weight in weights])
+        parameters = np.array([_fit_parameters(formulation, model, weight) for weight in weights])
     else:  # Joints alone have no penalty, so that one fit serves for all weights.
-        one_fit = form.fit_joints_only() if model.loss == "squared" else _fit_parameters(form, model, 1.0)
+        one_fit = (
+            formulation.fit_joints_only()
+            if model.loss == "squared"
+            else _fit_parameters(formulation, model, 1.0)
+        )
         parameters = np.tile(one_fit, (len(weights), 1))
-    compliances = form.convert_to_compliances(parameters)
+    compliances = formulation.convert_to_compliances(parameters)
     return compliances, folds.compute_prediction_errors(fold, compliances)
 
 
@@ -264,12 +268,12 @@ def _propose_further_weights(weights: FloatArray, errors: FloatArray) -> list[fl
     return [10.0 ** (quarter / 4.0) for quarter in sorted(halfway.difference(quarters.tolist()))]
 
 
-def _fit_parameters(form: Formulation, model: ElasticModel, weight: float) -> FloatArray:
+def _fit_parameters(formulation: Formulation, model: ElasticModel, weight: float) -> FloatArray:
     """Return the fitted parameters (p,) of a model; NaN if no optimum can be certified."""
     try:
-        return form.fit(model, weight, gap=_GAP)[0].x
+        return formulation.fit(model, weight, gap=_GAP)[0].x
     except SolverError:
-        return np.full(form.cone.dimension, np.nan)
+        return np.full(formulation.cone.dimension, np.nan)
 
 
 def find_certified_weights(errors: FloatArray) -> BoolArray:

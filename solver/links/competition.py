@@ -303,15 +303,15 @@ class Competition:
         if self._requested is not None:
             interval_model = None if self.penalty_is_given else elastic.model.name
             return Elastic(elastic, self._compute_effective(elastic, elastic), interval_model)
-        widest = self._fit_richest_model(elastic, selection, paths)
-        effective = self._compute_effective(elastic, widest)
+        richest = self._fit_richest_model(elastic, selection, paths)
+        effective = self._compute_effective(elastic, richest)
         if selection.tied is not None:
             with_links = self._compute_effective_of_links(selection.tied, selection, paths)
             if with_links is not None:
                 effective = effective.widen_ranges_by(with_links)
             prediction = replace(elastic.prediction, bending="links_or_base", joined=with_links is not None)
             elastic = replace(elastic, prediction=prediction)
-        return Elastic(elastic, effective, widest.model.name)
+        return Elastic(elastic, effective, richest.model.name)
 
     def _fit_richest_model(
         self, elastic: ElasticEstimate, selection: Selection, paths: _Paths
@@ -347,12 +347,12 @@ class Competition:
         except UnsupportedMethodError:
             return self._compute_effective(links, links)
 
-    def _compute_effective(self, elastic: ElasticEstimate, widest: ElasticEstimate) -> EffectiveCompliances:
-        """Return effective joint compliances of the fit `elastic`, with ranges from the fit `widest`."""
+    def _compute_effective(self, elastic: ElasticEstimate, richest: ElasticEstimate) -> EffectiveCompliances:
+        """Return effective joint compliances of the fit `elastic`, with ranges from the fit `richest`."""
         return compute_effective_compliances(
             self._joints.robot,
             elastic,
             self._joints.stated.confidence,
-            widest,
-            with_ends=not self.penalty_is_given,
+            richest,
+            publishes_ranges=not self.penalty_is_given,
         )

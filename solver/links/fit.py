@@ -207,24 +207,24 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
 
 
 def _build_companion(
-    form: Formulation, model: ElasticModel, compliances: FloatArray, weight: float
+    formulation: Formulation, model: ElasticModel, compliances: FloatArray, weight: float
 ) -> Companion:
     """Return the least-squares problem from which the uncertainties of a fit are computed.
 
     The stated sigma is raised to the sigma of the residuals, if the residuals are larger.
 
     Args:
-        form: formulation of the fit.
+        formulation: rows, cone and units of the fit.
         model: elastic elements that bend, and the loss.
         compliances: (P,) fitted compliances.
         weight: weight λ of the penalty in the fit.
     """
-    weight, stated = form.convert_weight_to_squares(model, compliances, weight), form.sigma
-    _, degrees_of_freedom, sigma, chi_square = _summarise_residuals(form, weight, compliances, stated)
+    weight, stated = formulation.convert_weight_to_squares(model, compliances, weight), formulation.sigma
+    _, degrees_of_freedom, sigma, chi_square = _summarise_residuals(formulation, weight, compliances, stated)
     if stated is None or sigma is None:
-        return Companion(form, weight, sigma, degrees_of_freedom)
+        return Companion(formulation, weight, sigma, degrees_of_freedom)
     excess = sqrt(chi_square / degrees_of_freedom) if degrees_of_freedom >= _LEAST_FREEDOM else 1.0
-    return Companion(form, weight, sigma * max(1.0, excess), None)
+    return Companion(formulation, weight, sigma * max(1.0, excess), None)
 
 
 def fit_first_certified(folds: Folds, model: ElasticModel, weights: Sequence[float]) -> ElasticEstimate:
@@ -427,12 +427,13 @@ class EffectiveCompliances:
     compliance: FloatArray
     range: FloatArray  #: (n, 2) least and greatest values [rad/(N·m)]
     quantile: float  #: half-width of a range divided by the standard uncertainty
-    quoted: bool = True  #: False if the ranges must not be published as intervals: the penalty was given
+    #: False if the ranges must not be published as intervals, because the penalty was given
+    ranges_are_published: bool = True
 
     @property
     def ends(self) -> FloatArray:
         """Ends (n, 2) of the published intervals [rad/(N·m)]; NaN if no intervals are published."""
-        return self.range if self.quoted else np.full_like(self.range, np.nan)
+        return self.range if self.ranges_are_published else np.full_like(self.range, np.nan)
 
     @property
     def uncertainty(self) -> FloatArray:
@@ -453,9 +454,9 @@ def compute_effective_compliances(
     robot: Robot,
     elastic: ElasticEstimate,
     confidence: float,
-    widest: ElasticEstimate | None = None,
+    richest: ElasticEstimate | None = None,
     *,
-    with_ends: bool = True,
+    publishes_ranges: bool = True,
 ) -> EffectiveCompliances:
     """Compute the joints' effective compliances and their confidence ranges.
 
@@ -467,26 +468,27 @@ def compute_effective_compliances(
         robot: n joints.
         elastic: estimate whose effective compliances are returned; the ranges contain them in any case.
         confidence: confidence level of the ranges.
-        widest: estimate of the richest model compared, from which the ranges are computed; None takes
+        richest: estimate of the richest model compared, from which the ranges are computed; None takes
             `elastic`.
-        with_ends: whether the ranges may be published as intervals: only if cross-validation chose the
+        publishes_ranges: whether the ranges may be published as intervals: only if cross-validation chose the
             penalty.
     """
-    widest = widest or elastic
-    companion = widest.companion
+    richest = richest or elastic
+    companion = richest.companion
     rows = build_effective_rows(robot, elastic.model.columns)
     effective, ends = rows @ elastic.entries, np.full((robot.n, 2), np.nan)
     quantile = student_quantile(0.5 * (1.0 + confidence), companion.degrees_of_freedom)
     if companion.sigma is not None:
-        form = companion.formulation
-        program = form.build_squared_program(_LIGHTER * companion.weight)
+        formulation = companion.formulation
+        program = formulation.build_squared_program(_LIGHTER * companion.weight)
         with suppress(SolverError):  # Without a certified optimum the ranges stay unknown (NaN).
             x = solve_cone(program, gap=_GAP).x
             # Root of the allowed increase of the objective, and the effective compliances as functions of x
-            radius, functions = quantile * companion.sigma / form.size, rows[:, form.columns] * form.unit
+            radius = quantile * companion.sigma / formulation.size
+            functions = rows[:, formulation.columns] * formulation.unit
             ends = compute_penalised_range(program, x, radius**2, functions)
-            if widest.model.name == "joints_and_base":
-                least, greatest = compute_unconstrained_range(form.squares, functions, radius).T
+            if richest.model.name == "joints_and_base":
+                least, greatest = compute_unconstrained_range(formulation.squares, functions, radius).T
                 ends = np.column_stack([np.fmin(ends[:, 0], least), np.fmax(ends[:, 1], greatest)])
     # The programs find the ends to a tolerance only: a range must contain the estimate.
     ends[:, 0] = np.minimum(np.maximum(ends[:, 0], 0.0), effective)
@@ -496,7 +498,7 @@ def compute_effective_compliances(
         compliance=np.where(np.isnan(elastic.compliance), np.nan, effective),
         range=ends,
         quantile=quantile,
-        quoted=with_ends,
+        ranges_are_published=publishes_ranges,
     )
 
 

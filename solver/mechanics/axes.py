@@ -41,17 +41,17 @@ class DisplacedAxis:
         """
         S = postures.jacobian
         joint_part = S[..., None] * joint_motion[:, None]  # (B, 6, n, k) motion due to each joint
-        carried = np.cumsum(joint_part, axis=2)
-        axis_motion = carried - joint_part  # motion of each axis because of the joints before it
-        behind = postures.axis_motions[:, joint] @ axis_displacements
+        carried_motion = np.cumsum(joint_part, axis=2)
+        axis_motion = carried_motion - joint_part  # motion of each axis because of the joints before it
+        motion_behind_axis = postures.axis_motions[:, joint] @ axis_displacements
         axis_motion[:, :, joint] += postures.placement_motions[:, joint] @ axis_displacements
-        axis_motion[:, :, joint + 1 :] += behind[:, :, None]
-        # In the module's formula, v and w are the parts of S_k, by_v and by_w those of the motion u.
-        v, w, by_v, by_w = S[:, :3, :, None], S[:, 3:, :, None], axis_motion[:, :3], axis_motion[:, 3:]
+        axis_motion[:, :, joint + 1 :] += motion_behind_axis[:, :, None]
+        # Translation and rotation of S_k, and of the motion u in the module's formula
+        v, w, u_v, u_w = S[:, :3, :, None], S[:, 3:, :, None], axis_motion[:, :3], axis_motion[:, 3:]
         return cls(
-            linear=np.cross(by_w, v, axis=1) + np.cross(by_v, w, axis=1),
-            angular=np.cross(by_w, w, axis=1),
-            flange=carried[:, :, -1] + behind,
+            linear=np.cross(u_w, v, axis=1) + np.cross(u_v, w, axis=1),
+            angular=np.cross(u_w, w, axis=1),
+            flange=carried_motion[:, :, -1] + motion_behind_axis,
         )
 
     def differentiate_points(self, points: FloatArray) -> FloatArray:

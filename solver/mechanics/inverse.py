@@ -139,7 +139,7 @@ class InverseKinematics:
         fixed = self._fixed_in_model if of_model else self._fixed
         joints = np.broadcast_to(fixed, (*angles.shape[:-1], len(fixed))).copy()
         joints[..., self.revolute] = angles
-        joints[np.isnan(angles[..., 0])] = np.nan
+        joints[np.isnan(angles[..., 0])] = np.nan  # postures without a solution have no positions at all
         return joints
 
     def reach_with_held_joints(self, robot: Robot, commanded: FloatArray) -> FloatArray:

@@ -54,6 +54,7 @@ def triangle_indices(size: int) -> tuple[IndexArray, IndexArray]:
     lower_rows, lower_columns = np.tril_indices(size)
     for indices in (lower_rows, lower_columns):
         indices.setflags(write=False)
+    # The lower triangle row by row, with rows and columns exchanged, is the upper triangle column by column.
     return lower_columns, lower_rows
 
 

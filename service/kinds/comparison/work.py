@@ -195,7 +195,7 @@ def _add_ratios(
     failed = next((name for name, _, run_result in leading_runs if run_result is None), None)
     if failed is not None:
         raise RequestError(
-            f"the run of the {failed} side has failed",
+            f"the run of the {failed} measurement set has failed",
             where="run_ids",
             remedy="read the `error` of the run, and give a run that succeeded",
         )
@@ -228,7 +228,7 @@ def _add_ratios(
     no_ratio = [joint.name for joint in pair.joints if joint.ratio is None]
     if no_ratio:
         message = f"the ratio of stiffnesses is unknown for {', '.join(no_ratio)}"
-        remedy = "measure with loads that twist these joints on both sides"
+        remedy = "measure both sets with loads that twist these joints"
         reasons.append(make_reason("numbers_missing", "use_with_care", message, remedy))
     return result.model_copy(
         update={
@@ -290,8 +290,8 @@ def _rebuild_joint_model(run: Run, robot: Robot) -> JointModel:
     model = None if stored is None else build_forward_model(robot, stored)[0]
     if not isinstance(model, JointModel):
         raise RequestError(
-            f"two sides can be compared only by runs in which nothing but the joints is elastic, but the run "
-            f"'{run.id}' has elasticity {run.elasticity}",
+            "two measurement sets can be compared only if nothing but the joints is elastic in their runs, "
+            f"but the run '{run.id}' has elasticity {run.elasticity}",
             where="run_ids",
             remedy="identify the measurement set with elasticity `joints`, and give the new run",
         )

@@ -82,7 +82,8 @@ def test_details_have_the_evidence_behind_the_numbers():
         "complementary stiffness included (4 refits); it changes a compliance by at most 0.51 std. "
         "uncertainties (K_c/k at most 0.0024)",
         "causes tested with the joints, p-value: play 0.5, curved springs 0.6, load zero 0.6, load point "
-        "0.8, turn 0.9, constant force 1, shift 1, shift since c06 1, turn since c06 1, load scale since c08 1",
+        "0.8, turn 0.9, constant force 1, shift 1, shift since c06 1, turn since c06 1, load scale since "
+        "c08 1",
         "observability O1 0.61, O2 0.29, O3 0.34, O4 0.1, O5 0.11; condition number 2.91",
         "│ Complementary stiffness │ included │",
         "│ Confidence │ 0.95 │",
