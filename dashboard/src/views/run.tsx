@@ -7,7 +7,8 @@ import { JobPage, variantBy } from "../components/job_page";
 import { freshKey } from "../lib/json";
 import { useAction, link } from "../state/action";
 import { text } from "../i18n";
-import { type PartProps, type RunContext, contextOf, elasticityOf, howOf } from "./run_context";
+import { type PartProps, type RunContext, contextOf, elasticityOf } from "./run_context";
+import { howOf } from "../lib/ways";
 import { StiffnessPart } from "./run_stiffness";
 
 const DeflectionPart = lazy(async () => (await import("./run_deflection")).DeflectionPart);

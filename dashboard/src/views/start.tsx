@@ -3,7 +3,6 @@ import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/calls";
 import { queries } from "../api/queries";
 import type { MeasurementSet } from "../api/types";
-import { Arm } from "../scene/view";
 import { Busy, LinkButton, ProblemNote, Button, Empty, Head, Show, lazy } from "../components/basics";
 import { RobotSelect, SetSelect } from "../components/choosers";
 import { RequestFields } from "../components/fields";
@@ -22,6 +21,7 @@ import { Rows } from "../components/list";
 import { OpenCampaigns, TrySimulated } from "./open_campaigns";
 import { latestRows } from "./runs";
 
+const Arm = lazy(async () => (await import("../scene/view")).Arm);
 const ImportFlow = lazy(async () => (await import("./import_flow")).ImportFlow);
 
 interface FlowProps {
