@@ -8,12 +8,12 @@ import { defineConfig, type Plugin } from "vite";
 const SERVICE = "http://127.0.0.1:8000";
 
 /** What most views share; forms, drops, and what only some views compute come with these views. */
-const LATER = `begun campaign imports kinematics live map opening paste pasting schema schema_form vector`;
-const LIBRARIES = `node_modules/(?:preact|@tanstack|openapi-fetch|idb-keyval)|rolldown/runtime`;
+const LATER = `begun campaign choosers imports kinematics list map opening paste pasting schema_form`;
+const LIBRARIES = `node_modules/(?:preact|@tanstack|openapi-fetch|idb-keyval)|vite/preload-helper`;
 const SHARED = new RegExp(`src/(?:components|lib|state|api)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|${LIBRARIES}`);
 /** What the start needs beside that, and several other views. */
 const START =
-  /src\/(?:views\/(?:start|flow|runs|open_campaigns|run_context)|components\/schema_form|scene\/view|state\/(?:begun|opening|kinematics)|lib\/(?:campaign|imports|live|schema|vector))\.tsx?$/;
+  /src\/(?:views\/(?:start|flow|runs|open_campaigns)|components\/schema_form|state\/(?:begun|opening)|lib\/(?:campaign|imports))\.tsx?$/;
 
 /** Each asset is packed once, beside it, so that the service has nothing to compress. */
 const packed: Plugin = {

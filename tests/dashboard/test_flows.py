@@ -63,7 +63,7 @@ def test_an_example_is_tried_where_there_is_nothing_yet(visit):
     page.get_by_role("button", name="Identify").tap()
     expect(page.get_by_role("heading", level=1)).to_have_text("example campaign")
     expect(page.locator(".verdict-card")).to_contain_text("stiffness of 5 of 6 joints")
-    expect(page.locator(".head .primary")).to_have_text("Correct a program")
+    expect(page.get_by_role("link", name="Correct a program")).to_be_visible()
 
 
 @pytest.fixture(scope="module")
@@ -199,9 +199,12 @@ def test_changes_of_3d_views_leave_nothing_behind(visit, stored):
     assert {name: last[name] / first[name] for name in first if last[name] > 1.2 * first[name]} == {}
 
 
-FIRST_BUDGET = 90_000
-"""Bytes over the wire, bodies and headers, of all that the first look at a result loads."""
-BUDGET = 245_000
+FIRST_BUDGET = 106_000
+"""Bytes over the wire, bodies and headers, of all that the first look at a result loads.
+
+TanStack Query and openapi-fetch are 16,000 of them.
+"""
+BUDGET = 261_000
 """The same with the 3D view."""
 
 
@@ -236,6 +239,29 @@ def test_first_load_of_a_result_is_small_and_asks_no_one_else(visit, stored):
     assert 60_000 < plain <= FIRST_BUDGET
     assert plain + 100_000 < total <= BUDGET
     assert policy_breaches == []
+
+
+START_BUDGET = 120_000
+"""The same of the start view, with a few runs."""
+START_REQUESTS = 12
+
+
+def test_the_start_is_small_and_asks_little(visit, stored):
+    visited = visit("phone")
+    sizes: dict[str, int] = {}
+
+    def weigh(request):
+        if request.url.startswith("http"):
+            size = request.sizes()
+            sizes[request.url] = size["responseBodySize"] + size["responseHeadersSize"]
+
+    visited.page.on("requestfinished", weigh)
+    visited.page.goto(visited.url)
+    visited.page.locator(".rows .badge").first.wait_for()
+    visited.page.wait_for_load_state("networkidle")
+    print(f"start {sum(sizes.values())} B in {len(sizes)} requests")  # noqa: T201
+    assert 60_000 < sum(sizes.values()) <= START_BUDGET
+    assert len(sizes) <= START_REQUESTS
 
 
 @pytest.mark.slow

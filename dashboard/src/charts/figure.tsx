@@ -136,7 +136,10 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
           </div>
         </details>
       ) : (
-        <div class="actions">{svg}</div>
+        <details>
+          <summary>{text.app.further}</summary>
+          <div class="actions">{svg}</div>
+        </details>
       )}
     </figure>
   );

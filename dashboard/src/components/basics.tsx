@@ -145,14 +145,19 @@ export function Title({ kind, children, plain }: { kind?: string; children: Comp
   );
 }
 
-/** What is folded away on a phone, and in view elsewhere. */
-export function Folded({ label, children }: { label: string; children: ComponentChildren }) {
+/** Whether the page is as narrow as a phone. */
+export function usePhone(): boolean {
   const [narrow, set] = useState(() => matchMedia(PHONE).matches);
   useEffect(() => {
     const media = matchMedia(PHONE);
     return listen(media, { change: () => set(media.matches) });
   }, []);
-  if (!narrow) return <>{children}</>;
+  return narrow;
+}
+
+/** What is folded away on a phone, and in view elsewhere. */
+export function Folded({ label, children }: { label: string; children: ComponentChildren }) {
+  if (!usePhone()) return <>{children}</>;
   return (
     <details class="folded">
       <summary>{label}</summary>

@@ -59,7 +59,7 @@ export function useSetChoices(chosen: string): Choices & { items: MeasurementSet
   const [names, robotNames] = [setsToldApart(all), robotsToldApart(robots)];
   const options = all.map(({ id, robot_id: robot }) => ({
     value: id,
-    label: [names.get(id), robotNames.get(robot)].filter(Boolean).join(", "),
+    label: [names.get(id), robotNames.has(robot) ? `(${robotNames.get(robot)})` : ""].filter(Boolean).join(" "),
   }));
   return { options, search, items };
 }

@@ -149,34 +149,48 @@ interface VerdictCardProps {
   sentences?: Record<Usability, string>;
 }
 
-export function VerdictCard({ assessment, context, sentences = words.sentence }: VerdictCardProps) {
-  const { verdict, reasons, notes, joints_identified: identified, joint_count: count } = assessment;
+export const VerdictCard = ({ assessment, context, sentences = words.sentence }: VerdictCardProps) => (
+  <section class={`verdict-card ${assessment.verdict}`} aria-label={words.title}>
+    <VerdictLine assessment={assessment} sentences={sentences} />
+    <Reasons assessment={assessment} context={context} />
+    <Notes notes={assessment.notes} />
+  </section>
+);
+
+/** The verdict in one sentence. */
+export function VerdictLine({ assessment, sentences = words.sentence }: Omit<VerdictCardProps, "context">) {
+  const { verdict, headline, joints_identified: identified, joint_count: count } = assessment;
   const counted = identified != null && count != null;
   return (
-    <section class={`verdict-card ${verdict}`} aria-label={words.title}>
-      <h2>
-        <Badge verdict={verdict} large />
-        <span>
-          {assessment.headline ??
-            (counted && verdict === "use" ? words.supported(identified, count) : sentences[verdict])}
-          {counted && verdict !== "use" && !assessment.headline && <b> {words.identified(identified, count)}</b>}
-        </span>
-      </h2>
-      {reasons.length > 0 && (
-        <ul>
-          {alikeOf(reasons).map((group) => (
-            <ReasonItem reasons={group} context={context} />
-          ))}
-        </ul>
-      )}
-      {notes.map((note) => (
-        <p class="note">
-          <Prose text={onPage(note)} />
-        </p>
-      ))}
-    </section>
+    <h2>
+      <Badge verdict={verdict} large />
+      <span>
+        {headline ?? (counted && verdict === "use" ? words.supported(identified, count) : sentences[verdict])}
+        {counted && verdict !== "use" && !headline && <b> {words.identified(identified, count)}</b>}
+      </span>
+    </h2>
   );
 }
+
+/** Why the verdict is what it is, and what to do about it. */
+export const Reasons = ({ assessment: { reasons }, context }: Omit<VerdictCardProps, "sentences">) =>
+  reasons.length === 0 ? null : (
+    <ul>
+      {alikeOf(reasons).map((group) => (
+        <ReasonItem reasons={group} context={context} />
+      ))}
+    </ul>
+  );
+
+export const Notes = ({ notes }: { notes: string[] }) => (
+  <>
+    {notes.map((note) => (
+      <p class="note">
+        <Prose text={onPage(note)} />
+      </p>
+    ))}
+  </>
+);
 
 function ReasonItem({ reasons, context }: { reasons: Finding[]; context: RunContext | null }) {
   const [first] = reasons;

@@ -280,6 +280,10 @@ export const en = {
     supported: (identified: number, count: number) =>
       `The readings support the stiffness of ${identified === count ? "all" : `${identified} of`} ${count} joints.`,
     identified: (identified: number, count: number) => `${identified} of ${count} joints identified.`,
+    toDo: "What to do with it",
+    assumptions: (count: number) => plural(count, "assumption", "assumptions"),
+    again: "Identify again",
+    againHint: "State what you know; what is left empty stays as it was.",
     more: (count: number) => plural(count, "further finding", "further findings"),
     sure: (reasons: string[]) =>
       ["The verdict on this run is: do not use.", ...reasons, "Continue anyway?"].join("\n\n"),

@@ -33,7 +33,7 @@ import { SETS } from "../state/choices";
 import { ask, useQuery } from "../state/query";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { howOf } from "./run_context";
+import { howOf } from "../lib/ways";
 import { MOST_RUNS, JobList } from "./runs";
 import { type RunColumn, RunsTable } from "./run_stiffness";
 import { NoSets } from "./robots";

@@ -17,7 +17,7 @@ import {
 import { text } from "../i18n";
 import { clip, fixed, percent, significant, extent, logarithmic } from "../lib/format";
 import { BottomAxis, Chart, Figure } from "../charts/figure";
-import { tip, Button, LinkButton, Name, Prose, Term, useWidth } from "../components/basics";
+import { tip, Button, LinkButton, Name, Prose, Term, usePhone, useWidth } from "../components/basics";
 import { queries } from "../api/queries";
 import { PostureSketch } from "../components/posture";
 import { groupedBy } from "../lib/json";
@@ -25,6 +25,7 @@ import { norm, type Vector } from "../lib/vector";
 import { useQuery } from "../state/query";
 import { link, copied } from "../state/action";
 import { Fragment } from "preact";
+import { useState } from "preact/hooks";
 import { useSettings } from "../state/session";
 import { type RunContext, isElastic } from "./run_context";
 
@@ -331,7 +332,7 @@ export function Stiffness({ joint }: { joint: JointResult }) {
   );
 }
 
-export function JointTable({ tools, ...shown }: TableProps & { tools: preact.ComponentChildren }) {
+export function JointTable(shown: TableProps) {
   const { unit } = useSettings();
   const { result, bare, context } = shown;
   const level = percent(context.run.request.confidence);
@@ -340,7 +341,6 @@ export function JointTable({ tools, ...shown }: TableProps & { tools: preact.Com
     <Figure
       title={runWords.stiffness}
       {...(bare ? {} : { note: runWords.stiffnessNote(level) })}
-      tools={tools}
       drawing={(width) => <StiffnessIntervals {...{ rows, width, unit, label: runWords.stiffness }} />}
     >
       {() => <Rows {...shown} />}
@@ -357,7 +357,12 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
   const advice = useAdvice(robot, isElastic(run) ? [] : identifiability.advice);
   const marks = joints.map((joint) => markOf(joint, markIn(context), unit));
   const drawn = width > 0 && !bare;
-  const axis = logarithmic(...bounds(marks), 10, Math.max(60, width) - 18, width < 320 ? 4 : 7);
+  const phone = usePhone();
+  /** Joints of which a phone shows more than one line. */
+  const [opened, setOpened] = useState<ReadonlySet<string>>(new Set());
+  const toggle = (name: string) =>
+    setOpened((before) => new Set(before.has(name) ? [...before].filter((one) => one !== name) : [...before, name]));
+  const axis = logarithmic(...bounds(marks), 10, Math.max(60, width) - 18, width < 160 ? 2 : width < 320 ? 4 : 7);
   const parts = new Map(contributions.map((one) => [one.joint, one]));
   const shares = !bare && contributions.some(({ mean }) => mean !== 0);
   const most = Math.max(0, ...contributions.map(({ share }) => Math.abs(share)));
@@ -400,11 +405,18 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
         const shown = shownStiffness(joint, unit);
         const [verdict, cap, part] = [verdictOf(joint), capOf(joint), parts.get(joint.name)];
         const limited = verdict === "lower_limit" && shown.limit !== null;
+        const open = !phone || opened.has(joint.name);
         return (
           <Fragment key={joint.name}>
-            <div class={`joint ${verdict}`} role="row">
+            <div class={open ? `joint ${verdict}` : `joint closed ${verdict}`} role="row">
               <span role="rowheader">
-                <Name>{joint.name}</Name>
+                {phone ? (
+                  <button type="button" class="opens" aria-expanded={open} onClick={() => toggle(joint.name)}>
+                    <Name>{joint.name}</Name>
+                  </button>
+                ) : (
+                  <Name>{joint.name}</Name>
+                )}
               </span>
               <div role="cell" class="bar">
                 {drawn && (
@@ -429,7 +441,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
               </span>
               <span role="cell" class="verdict" title={text.verdicts[verdict][1]}>
                 <span class={cap ? `lamp ${cap}` : "lamp"} aria-hidden="true" />
-                {cap ? text.usability[cap] : text.verdicts[verdict][0]}
+                <span class="word">{cap ? text.usability[cap] : text.verdicts[verdict][0]}</span>
               </span>
               {shares && !part?.mean && (
                 <span role="cell" class="part soft">
@@ -448,11 +460,13 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
                 </span>
               )}
             </div>
-            <NextMeasurement
-              pieces={advice.filter((one) => one.advice.joint === joint.name)}
-              joint={joint}
-              context={context}
-            />
+            {open && (
+              <NextMeasurement
+                pieces={advice.filter((one) => one.advice.joint === joint.name)}
+                joint={joint}
+                context={context}
+              />
+            )}
           </Fragment>
         );
       })}

@@ -18,7 +18,8 @@ import { asking, useAction, link } from "../state/action";
 import { useKinematics } from "../state/kinematics";
 import { ask, useQuery } from "../state/query";
 import { later } from "../i18n/later";
-import { contextOfEnded, howOf } from "./run_context";
+import { contextOfEnded } from "./run_context";
+import { howOf } from "../lib/ways";
 
 const AXES = ["x", "y", "z"] as const;
 const MARGIN = { left: 60, bottom: 40, top: 8, right: 8 };

@@ -2,13 +2,14 @@
 import type { ComponentType, VNode } from "preact";
 import { api } from "../api/calls";
 import type { Run } from "../api/types";
-import { NameLink, ActionButton, LinkButton, Tabs, lazy } from "../components/basics";
-import { JobPage, variantBy } from "../components/job_page";
+import { NameLink, ActionButton, Tabs, lazy, usePhone } from "../components/basics";
+import { JobPage } from "../components/job_page";
 import { freshKey } from "../lib/json";
 import { useAction, link } from "../state/action";
 import { text } from "../i18n";
-import { type PartProps, type RunContext, contextOf, elasticityOf, howOf } from "./run_context";
-import { StiffnessPart } from "./run_stiffness";
+import { type PartProps, type RunContext, contextOf, elasticityOf } from "./run_context";
+import { howOf } from "../lib/ways";
+import { BesideButton, First, StiffnessPart } from "./run_stiffness";
 
 const DeflectionPart = lazy(async () => (await import("./run_deflection")).DeflectionPart);
 const RobotPart = lazy(async () => (await import("./run_deflection")).RobotPart);
@@ -19,6 +20,7 @@ const JobList = lazy(async () => (await import("./runs")).JobList);
 const RunFiles = lazy(async () => (await import("./use")).RunFiles);
 
 export function RunView({ id, part, query }: { id: string; part: string; query: URLSearchParams }) {
+  const phone = usePhone(); // a phone shows what to do beneath the joints
   return (
     <JobPage
       collection="runs"
@@ -38,39 +40,17 @@ export function RunView({ id, part, query }: { id: string; part: string; query: 
             <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>
           </>
         ),
-        first: <First run={run} set={set} />,
-        actions: <Repeat run={run} />,
+        first: phone ? null : <First run={run} set={set} />,
+        actions: (
+          <>
+            {run.result && <BesideButton run={run} result={run.result} />}
+            <Repeat run={run} />
+          </>
+        ),
       })}
     >
       {(_, context) => <Parts context={context} part={part || "result"} query={query} />}
     </JobPage>
-  );
-}
-
-/** What to do next, by the verdict: mend what is wrong, measure more, or use the result. */
-function First({ run, set }: Pick<RunContext, "run" | "set">) {
-  const words = text.run.first;
-  const { verdict, reasons } = run.result?.assessment ?? { reasons: [] };
-  const offered = reasons.flatMap((reason) => reason.action ?? []).filter(({ kind }) => kind !== "show_posture");
-  const [action] = offered;
-  const several = offered.filter(({ kind }) => kind === action?.kind).length > 1;
-  const mend = useAction(async () => {
-    return action && link(["runs", (await variantBy(run, action)).id]);
-  });
-  if (!verdict) return null;
-  if (action && verdict !== "use")
-    return (
-      <ActionButton look="primary" action={mend} going={text.start.going}>
-        {several || action.kind === "choose_robot" ? text.assessment.actions[action.kind](action) : words.mend}
-      </ActionButton>
-    );
-  return (
-    <LinkButton
-      look="primary"
-      href={verdict === "use" ? link(["runs", run.id, "program"]) : link(["plans"], { set: set.id, run: run.id })}
-    >
-      {verdict === "use" ? words.use : words.measure}
-    </LinkButton>
   );
 }
 

@@ -1,20 +1,38 @@
 /** The first tab of a result: whether it may be used, what it comes to, each joint, and why the numbers can be trusted. */
 import type { Run, RunResult } from "../api/types";
-import { Badge, NameLink, Name, Facts, When, Term, ActionButton } from "../components/basics";
+import {
+  Badge,
+  NameLink,
+  Name,
+  Facts,
+  When,
+  Term,
+  ActionButton,
+  LinkButton,
+  lazy,
+  usePhone,
+} from "../components/basics";
 import { type Cell, DataTable, type Table } from "../components/table";
 import { percent, significant } from "../lib/format";
 import { STIFFNESS_UNITS } from "../lib/stiffness";
 import { useSettings } from "../state/session";
 import { text } from "../i18n";
-import { JobLines, JobTables, VerdictCard } from "../components/job_page";
+import { JobLines, JobTables, Notes, Reasons, variantBy, VerdictLine } from "../components/job_page";
 import { useState } from "preact/hooks";
-import { type PartProps, type RunContext, howOf, isElastic } from "./run_context";
+import { type PartProps, type RunContext, isElastic } from "./run_context";
+import { howOf } from "../lib/ways";
 import { queries } from "../api/queries";
 import { useQuery } from "../state/query";
 import { unsaid } from "../lib/said";
 import { link, useAction } from "../state/action";
 import { JointTable, Stiffness } from "./joint_table";
 import { Further } from "../components/findings";
+
+const assessmentWords = text.assessment;
+const Assumed = lazy(async () => (await import("./assumed")).Assumed);
+
+/** What a joint is if it has a number. */
+const NUMBERED = ["identified", "uncertain"];
 
 export interface RunColumn {
   run: Run;
@@ -107,36 +125,93 @@ export function Evidence({ context: { run, set }, result }: { context: RunContex
 
 export function StiffnessPart({ context, result }: PartProps) {
   const { run } = context;
-  const nothing = result.joints.every((joint) => joint.status !== "identified" && joint.status !== "uncertain");
-  const beside = useAction(async () => {
-    const { identified } = await import("./compare");
-    const { variant_of: _, ...options } = run.request;
-    const other = await identified({ ...options, positive: !options.positive, resampling: null });
-    return link(["compare", "runs"], { ids: `${run.id},${other.id}` });
-  });
+  const nothing = result.joints.every(({ status }) => !NUMBERED.includes(status));
+  const { assessment } = result;
+  const phone = usePhone();
   return (
     <>
-      <VerdictCard assessment={result.assessment} context={context} />
+      <section class={`verdict-card ${assessment.verdict}`} aria-label={assessmentWords.title}>
+        <VerdictLine assessment={assessment} />
+      </section>
+      <JointTable context={context} result={result} bare={nothing} />
+      {phone && (
+        <div class="go">
+          <First run={run} set={context.set} />
+        </div>
+      )}
+      {assessment.reasons.length > 0 && (
+        <section class={`verdict-card ${assessment.verdict}`} aria-label={assessmentWords.toDo}>
+          <h2>{assessmentWords.toDo}</h2>
+          <Reasons assessment={assessment} context={context} />
+        </section>
+      )}
       {run.request.variant_of && <BeforeAfter run={run} origin={run.request.variant_of} />}
       {!nothing && <Summary result={result} />}
-      <JointTable
-        context={context}
-        result={result}
-        bare={nothing}
-        tools={
-          isElastic(run) || nothing ? null : (
-            <ActionButton action={beside} going={text.start.going}>
-              {text.run.beside(!run.request.positive)}
-            </ActionButton>
-          )
-        }
-      />
+      <Assumptions context={context} notes={assessment.notes} />
       {(result.links || result.choice?.models.length || result.resampling) && (
         <JobTables collection="runs" id={run.id} from={1} />
       )}
       <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
       <Evidence context={context} result={result} />
     </>
+  );
+}
+
+/** What to do next, by the verdict: mend what is wrong, measure more, or use the result. */
+export function First({ run, set }: Pick<RunContext, "run" | "set">) {
+  const words = text.run.first;
+  const { verdict, reasons } = run.result?.assessment ?? { reasons: [] };
+  const offered = reasons.flatMap((reason) => reason.action ?? []).filter(({ kind }) => kind !== "show_posture");
+  const [action] = offered;
+  const several = offered.filter(({ kind }) => kind === action?.kind).length > 1;
+  const mend = useAction(async () => {
+    return action && link(["runs", (await variantBy(run, action)).id]);
+  });
+  if (!verdict) return null;
+  if (action && verdict !== "use")
+    return (
+      <ActionButton look="primary" action={mend} going={text.start.going}>
+        {several || action.kind === "choose_robot" ? text.assessment.actions[action.kind](action) : words.mend}
+      </ActionButton>
+    );
+  return (
+    <LinkButton
+      look="primary"
+      href={verdict === "use" ? link(["runs", run.id, "program"]) : link(["plans"], { set: set.id, run: run.id })}
+    >
+      {verdict === "use" ? words.use : words.measure}
+    </LinkButton>
+  );
+}
+
+/** What was assumed; whoever knows better states it here, and the readings are identified again. */
+function Assumptions({ context, notes }: { context: RunContext; notes: string[] }) {
+  const [open, setOpen] = useState(false);
+  if (notes.length === 0) return null;
+  return (
+    <details class="card evidence" onToggle={(event) => setOpen(event.currentTarget.open)}>
+      <summary>
+        <h2>{assessmentWords.assumptions(notes.length)}</h2>
+      </summary>
+      <Notes notes={notes} />
+      {open && <Assumed context={context} />}
+    </details>
+  );
+}
+
+/** The same readings, with constraints or without, next to these. */
+export function BesideButton({ run, result }: { run: Run; result: RunResult }) {
+  const beside = useAction(async () => {
+    const { identified } = await import("./compare");
+    const { variant_of: _, ...options } = run.request;
+    const other = await identified({ ...options, positive: !options.positive, resampling: null });
+    return link(["compare", "runs"], { ids: `${run.id},${other.id}` });
+  });
+  if (isElastic(run) || result.joints.every(({ status }) => !NUMBERED.includes(status))) return null;
+  return (
+    <ActionButton action={beside} going={text.start.going}>
+      {text.run.beside(!run.request.positive)}
+    </ActionButton>
   );
 }
 
@@ -173,8 +248,6 @@ function Summary({ result }: { result: RunResult }) {
     </ul>
   );
 }
-
-const assessmentWords = text.assessment;
 
 /** A run beside the one that it tries to improve: what was changed, and what came of it. */
 function BeforeAfter({ run, origin }: { run: Run; origin: string }) {

@@ -27,7 +27,7 @@ import { groupedBy } from "../lib/json";
 import { client, send, usePages } from "../state/query";
 import { link, toast, go } from "../state/action";
 import { text } from "../i18n";
-import { waysOf } from "./run_context";
+import { waysOf } from "../lib/ways";
 
 const words = text.list;
 /** A browser keeps six connections to a host; those that are followed must leave some for the rest of the page. */

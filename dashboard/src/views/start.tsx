@@ -3,12 +3,11 @@ import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/calls";
 import { queries } from "../api/queries";
 import type { MeasurementSet } from "../api/types";
-import { Arm } from "../scene/view";
 import { Busy, LinkButton, ProblemNote, Button, Empty, Head, Show, lazy } from "../components/basics";
 import { RobotSelect, SetSelect } from "../components/choosers";
 import { RequestFields } from "../components/fields";
 import { Findings, Preview } from "../components/findings";
-import { type Campaign, factsOf, noiseOf, type StatedNoise, statesNoise } from "../lib/campaign";
+import { type Campaign, factsOf, statesNoise } from "../lib/campaign";
 import { contentKey, freshKey, type Fields as Document } from "../lib/json";
 import { useAction, link, go } from "../state/action";
 import { begunFiles, handFile, keepFiles } from "../state/begun";
@@ -18,10 +17,12 @@ import { useQuery } from "../state/query";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "./flow";
+import { withNoise } from "./assumed";
 import { Rows } from "../components/list";
 import { OpenCampaigns, TrySimulated } from "./open_campaigns";
 import { latestRows } from "./runs";
 
+const Arm = lazy(async () => (await import("../scene/view")).Arm);
 const ImportFlow = lazy(async () => (await import("./import_flow")).ImportFlow);
 
 interface FlowProps {
@@ -130,15 +131,6 @@ async function store(campaign: Campaign, robot: string): Promise<MeasurementSet>
   const document = { ...campaign.set, robot_id: robotId };
   const set = await api.sets.add(document, contentKey("set", document));
   return set;
-}
-
-/** The set with another noise, stored as a set of its own. */
-async function withNoise(set: MeasurementSet, noise: StatedNoise): Promise<MeasurementSet> {
-  const name = `${set.name} (${text.assessment.noiseStated})`;
-  const { id, warnings, content_hash, created_at, resolved_frame, geometry_targets, open, live, ...posted } = set;
-  const document = { ...posted, name, noise: noiseOf(noise, set.noise, set.units) };
-  const added = await api.sets.add(document, contentKey("set", document));
-  return added;
 }
 
 export function StartView({ query }: { query: URLSearchParams }) {
