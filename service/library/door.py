@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.here import Here, ImportedReadings, import_files, predict
     from jointstiff.service.library.many import identify_many
     from jointstiff.service.library.measure import measure
+    from jointstiff.service.library.rehearse import Rehearsal, rehearse
     from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun
     from jointstiff.service.library.robots import robot
     from jointstiff.service.library.saved import load
@@ -74,7 +75,9 @@ _HOMES = {
     "import_files": "service.library.here",
     "load": "service.library.saved",
     "measure": "service.library.measure",
+    "Rehearsal": "service.library.rehearse",
     "predict": "service.library.here",
+    "rehearse": "service.library.rehearse",
     "robot": "service.library.robots",
 }
 """Module of each public name that does not belong to a kind of work."""
@@ -95,6 +98,7 @@ __all__ = [
     "Prediction",
     "ProgramOptions",
     "RefusedError",
+    "Rehearsal",
     "RobotDocument",
     "RobotTrend",
     "RunOptions",
@@ -112,6 +116,7 @@ __all__ = [
     "measure",
     "plan",
     "predict",
+    "rehearse",
     "robot",
 ]
 

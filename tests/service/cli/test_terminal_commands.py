@@ -218,8 +218,8 @@ HELP = {
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
         "--encoders <motor|secondary> Encoders that close the position loop; never guessed.",
         "--accept-unusual / --no-accept-unusual True accepts values that look wrong, "
-        "else refused: over 100 standard deviations from their column's median, or a load point over 5 m from "
-        "the flange.",
+        "else refused: over 100 standard deviations from their column's median, or a load point over 5 m "
+        "from the flange.",
         "--template FILE Template of an earlier import; files of another form are refused.",
     ],
     "measure": [
