@@ -9,7 +9,7 @@ import typer
 import typer.core
 from typer.main import get_command
 
-from jointstiff.service.cli.demo import demo, examples, simulate
+from jointstiff.service.cli.demo import demo, examples, rehearse, simulate
 from jointstiff.service.cli.keys import keys
 from jointstiff.service.cli.models import export, report, robots
 from jointstiff.service.cli.options import print_known_error
@@ -75,6 +75,7 @@ app = typer.Typer(
 
 app.command()(simulate)
 app.command()(examples)
+app.command()(rehearse)
 for _command, _summary in _LATE_COMMANDS.items():
     app.command(_command, help=_summary)(lambda: None)  # placeholder in the list of commands
 for _function in (robots, export, report, serve, worker, post, demo):

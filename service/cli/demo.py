@@ -1,4 +1,4 @@
-"""Commands with example campaigns whose true stiffnesses are known: `examples`, `simulate` and `demo`."""
+"""Commands with simulated readings of known stiffnesses: `examples`, `simulate`, `rehearse` and `demo`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,15 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from jointstiff.service.cli.options import Overwrite, refuse_existing, write_json
+from jointstiff.service.cli.options import (
+    AsJson,
+    Overwrite,
+    check_ending,
+    file_argument,
+    path_option,
+    refuse_existing,
+    write_json,
+)
 from jointstiff.service.settings import Settings
 
 
@@ -83,6 +91,47 @@ def simulate(
         f"true stiffnesses, joint 1 to {len(arm.stiffnesses)}: {stiffness} × 10⁶ N·m/rad\n"
         f"now: jointstiff identify {file}"
     )
+
+
+def rehearse(
+    file: Annotated[
+        Path,
+        file_argument("FILE", "Campaign, measured or with empty readings; or a saved run or plan."),
+    ],
+    *,
+    robot: Annotated[
+        str | None, typer.Option(help="Robot of a plan: a file, or the name of an arm of the catalogue.")
+    ] = None,
+    stiffness: Annotated[
+        list[str] | None,
+        typer.Option(metavar="JOINT=STIFFNESS", help="Planted stiffness, in N·m/rad. Repeatable."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the noise.")] = 1,
+    save: Annotated[Path | None, path_option("File to write the whole result to.", "RESULT.json")] = None,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
+) -> None:
+    """Rehearse a campaign: simulate its readings with known stiffnesses, and identify these."""
+    from jointstiff.service.library.rehearse import rehearse as do_rehearse
+    from jointstiff.service.tables.terminal import console, lay_out_parts
+
+    planted = {}
+    for text in stiffness or ():
+        name, _, number = text.partition("=")
+        try:
+            planted[name] = float(number)
+        except ValueError:
+            raise typer.BadParameter(f"'{text}' must be like joint_2=3e6", param_hint="--stiffness") from None
+    if save is not None:
+        check_ending(save, [".json"])
+        refuse_existing(save, overwrite=overwrite)
+    result = do_rehearse(file, robot=robot, stiffness=planted, seed=seed)
+    if save is not None:
+        result.save(save)
+    if as_json:
+        typer.echo(result.model_dump_json(indent=2))
+    else:
+        console().print(lay_out_parts(result._parts()))
 
 
 def demo(

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.here import Here, ImportedReadings, import_files, predict
     from jointstiff.service.library.many import identify_many
     from jointstiff.service.library.measure import measure
+    from jointstiff.service.library.rehearse import Rehearsal, rehearse
     from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun
     from jointstiff.service.library.robots import robot
     from jointstiff.service.library.saved import load
@@ -77,7 +78,9 @@ _HOMES = {
     "import_files": "service.library.here",
     "load": "service.library.saved",
     "measure": "service.library.measure",
+    "Rehearsal": "service.library.rehearse",
     "predict": "service.library.here",
+    "rehearse": "service.library.rehearse",
     "robot": "service.library.robots",
 }
 """Module of each public name that does not belong to a kind of work."""
@@ -99,6 +102,7 @@ __all__ = [
     "ProcessOptions",
     "ProgramOptions",
     "RefusedError",
+    "Rehearsal",
     "RobotDocument",
     "RobotTrend",
     "RunOptions",
@@ -117,6 +121,7 @@ __all__ = [
     "plan",
     "predict",
     "process",
+    "rehearse",
     "robot",
 ]
 

@@ -28,12 +28,18 @@ from jointstiff.service.resources.documents import parse_document
 from jointstiff.service.tables.table import Sheet
 
 _MAX_BYTES: Final = 4 * MAX_SET_BYTES  # a run, its campaign, and the places of a map
-_CLASSES: Final[Mapping[str, type[Presented]]] = {
-    "imported": ImportedReadings,
-    "prediction": Prediction,
-    "trend": RobotTrend,
-}
-"""Results that are no jobs, by the `kind` in their files."""
+
+
+def _list_classes() -> Mapping[str, type[Presented]]:
+    """Return the classes of results that are no jobs, by the `kind` in their files."""
+    from jointstiff.service.library.rehearse import Rehearsal
+
+    return {
+        "imported": ImportedReadings,
+        "prediction": Prediction,
+        "rehearsal": Rehearsal,
+        "trend": RobotTrend,
+    }
 
 
 def load(path: str | PathLike[str]) -> Any:  # noqa: ANN401 - the class depends on the file
@@ -75,13 +81,14 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
     kind, campaign, run = fields.get("kind"), fields.pop("campaign", None), fields.pop("made_from", None)
     if campaign is not None:
         campaign = parse_document(campaign, CampaignMessage)
-    if kind in _CLASSES:
-        message = cast("Any", _CLASSES[str(fields.pop("kind"))])
+    classes = _list_classes()
+    if kind in classes:
+        message = cast("Any", classes[str(fields.pop("kind"))])
         robot = fields.pop("robot", None)
         result = parse_document(fields, message)
         return result if robot is None else result.with_robot(robot)
     if kind not in ROOMS:
-        known = ", ".join(sorted({*ROOMS, *_CLASSES}))
+        known = ", ".join(sorted({*ROOMS, *classes}))
         raise CampaignError(
             http_problem(422, f"{name} has the unknown kind '{kind}'", f"load a file of one of: {known}")
         )
@@ -107,7 +114,7 @@ def to_document(result: Presented) -> dict[str, Any]:
     """
     fields: dict[str, Any] = result._message.model_dump(mode="json")
     if not isinstance(result, PresentedJob):
-        (kind,) = (kind for kind, message in _CLASSES.items() if isinstance(result, message))
+        (kind,) = (kind for kind, message in _list_classes().items() if isinstance(result, message))
         robot = getattr(result, "robot", None) if isinstance(result, ImportedReadings) else None
         extra = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
         return {"kind": kind} | fields | extra
