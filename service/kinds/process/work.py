@@ -75,6 +75,10 @@ class ProcessWork(ProgramWork):
 
     activity = "placing and turning"
     subject = "process"
+    cut_remark = (
+        "the force of the cut is computed; the intervals along the path include its uncertainty, those of "
+        "the worst points leave it out"
+    )
     _request: ProcessRequest
 
     def __init__(
