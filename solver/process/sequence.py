@@ -20,7 +20,7 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.process.candidates import Candidates
 
 _NONE: Final = -1
-_MOST_LINKS: Final = 20_000_000
+MOST_LINKS: Final = 20_000_000
 """Greatest number of motions between the postures of a path: they take 16 bytes each."""
 _ROUNDING: Final = 1e-9
 """Part of a step that is kept free, so that differences of rounded angles do not exceed the step."""
@@ -90,9 +90,9 @@ class Trellis:
             if not len(first):
                 _refuse_gap(candidates, before, here, sources, i, motion.step)
             count += len(first)
-            if count > _MOST_LINKS:
+            if count > MOST_LINKS:
                 raise RequestError(
-                    f"the path has more than {_MOST_LINKS:,} motions to choose from",
+                    f"the path has more than {MOST_LINKS:,} motions to choose from",
                     where="turns",
                     remedy="lower `turns` or `step`, or split the path",
                 )

@@ -285,6 +285,6 @@ def test_elastic_links_take_the_same_way():
 
 
 def test_too_many_motions_are_refused(monkeypatch):
-    monkeypatch.setattr("jointstiff.solver.process.sequence._MOST_LINKS", 1_000)
+    monkeypatch.setattr("jointstiff.solver.process.sequence.MOST_LINKS", 1_000)
     with pytest.raises(RequestError, match="more than 1,000 motions"):
         choose_turns(MODEL, INVERSE, path(), TASK)
