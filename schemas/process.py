@@ -20,7 +20,13 @@ from jointstiff.schemas.fields import (
     require_exactly_one,
 )
 from jointstiff.schemas.job import Job
-from jointstiff.schemas.program import MAX_FILES, ProgramFile, ProgramOptions, ProgramResult
+from jointstiff.schemas.program import (
+    MAX_FILES,
+    ProgramFile,
+    ProgramFrame,
+    ProgramOptions,
+    ProgramResult,
+)
 
 MAX_TURNS = 360
 MAX_PROCESS_PLACES = 4_000
@@ -192,7 +198,9 @@ class ProcessResult(ProgramResult):
     )
     flat_high: Metres[Point | None] = Field(description="Greatest coordinates of these places.")
     flat_places: int = Field(description="Number of these places.")
-    frames: list[str] = Field(description="Base frames to set in the controller for the best place.")
+    frames: list[ProgramFrame] = Field(
+        description="Base frames to set in the controller for the best place, as the program has frames."
+    )
     choice: ProgramFile = Field(description="Turns and places; null in answers: `turns.csv`, `places.csv`.")
 
 

@@ -50,7 +50,7 @@ SECONDS = 1.0
 
 @dataclass(frozen=True)
 class Outcome:
-    """Gains of one path, relative to the median of fixed turns where the path is."""
+    """Gains of one path, relative to the median of fixed turns in its place."""
 
     turned: float
     best_fixed: float

@@ -196,12 +196,19 @@ class PriorModel:
     name: str = "prior"
 
     @classmethod
-    def from_robot(cls, robot: Robot) -> PriorModel:
+    def from_robot(cls, robot: Robot, *, weighted: bool) -> PriorModel:
         """Build the prior of a robot.
 
         Raises:
             RobotError: the robot has no payload, or other joints than six revolute ones.
+            RequestError: own weight is requested (`weighted`), which a prior leaves out.
         """
+        if weighted:
+            raise RequestError(
+                "a prior of the stiffness leaves own weight out",
+                where="masses",
+                remedy="omit `masses` and `absolute`, or identify the stiffness",
+            )
         message = (
             "no stiffness was measured: by the prior from payload and reach, deflections are right within a "
             f"factor of {FACTOR:g}"

@@ -18,7 +18,7 @@ from jointstiff.solver.process.path import ProcessPath
 
 _FULL_TURNS: Final = 2.0 * np.pi * np.array([0, 1, -1, 2, -2])
 """Full turns that are added to a joint's angle [rad], the nearest to zero first."""
-_MOST_STATES: Final = 40_000
+_MOST_STATES: Final = 8_000
 """States of a point of a path from which further full turns of joints are left out."""
 _PARALLEL: Final = 1e-2
 """Sine of the angle between axes that count as parallel in all postures."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
@@ -19,6 +20,8 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.process.candidates import Candidates
 
 _NONE: Final = -1
+MOST_LINKS: Final = 20_000_000
+"""Greatest number of motions between the postures of a path: they take 16 bytes each."""
 _ROUNDING: Final = 1e-9
 """Part of a step that is kept free, so that differences of rounded angles do not exceed the step."""
 
@@ -37,8 +40,8 @@ class Motion:
 class Links:
     """Allowed motions from the candidates of a point to those of the next, sorted by the latter."""
 
-    first: IndexArray  # (E,) candidate of the point before, counted from its first one
-    last: IndexArray  # (E,) candidate of the point
+    first: npt.NDArray[np.int32]  # (E,) candidate of the point before, counted from its first one
+    last: npt.NDArray[np.int32]  # (E,) candidate of the point
     cost: FloatArray  # (E,) cost of the change of the turn, in units of the candidates' values
 
 
@@ -70,12 +73,12 @@ class Trellis:
 
         Raises:
             RequestError: between two points of a line each posture would move a joint by more than the step,
-                or across a singularity.
+                or across a singularity; or there are too many motions.
         """
         rows = candidates.rows(len(continuous))
         links: list[Links | None] = []
         # Only candidates that are reached from the first point are tried, so that errors name a real gap.
-        reached = np.ones(rows[0].stop - rows[0].start, dtype=np.bool_)
+        reached, count = np.ones(rows[0].stop - rows[0].start, dtype=np.bool_), 0
         for i in range(1, len(continuous)):
             before, here = rows[i - 1], rows[i]
             if not continuous[i]:
@@ -86,6 +89,13 @@ class Trellis:
             first, last = _find_near(candidates, before, here, sources, motion.step)
             if not len(first):
                 _refuse_gap(candidates, before, here, sources, i, motion.step)
+            count += len(first)
+            if count > MOST_LINKS:
+                raise RequestError(
+                    f"the path has more than {MOST_LINKS:,} motions to choose from",
+                    where="turns",
+                    remedy="lower `turns` or `step`, or split the path",
+                )
             order = np.argsort(last, kind="stable")
             first, last = first[order], last[order]
             turns = candidates.turn[before][first], candidates.turn[here][last]
@@ -93,7 +103,8 @@ class Trellis:
             change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
             # A given posture has no turn.
             change = np.where((turns[0] < 0) | (turns[1] < 0), 0.0, change)
-            links.append(Links(first, last, motion.smoothness * np.square(change)))
+            cost = motion.smoothness * np.square(change)
+            links.append(Links(first.astype(np.int32), last.astype(np.int32), cost))
             reached = np.zeros(here.stop - here.start, dtype=np.bool_)
             reached[last] = True
         return cls(candidates, rows, links, angles)
@@ -113,7 +124,7 @@ class Trellis:
             first, last = link.first + self.rows[i].start, link.last + self.rows[i + 1].start
             both = kept[first] & kept[last]
             first, last = numbers[first[both]] - rows[i].start, numbers[last[both]] - rows[i + 1].start
-            links.append(Links(first, last, link.cost[both]))
+            links.append(Links(first.astype(np.int32), last.astype(np.int32), link.cost[both]))
         return Trellis(self.candidates.select(kept), rows, links, self.angles)
 
     def find_best(self, value: FloatArray, *, greatest: bool = False) -> IndexArray | None:

@@ -405,7 +405,7 @@ export const later = {
       same_as_measured: "On, as it was while measuring",
       compensates_load: "Compensates the load itself",
     },
-    axesOf: { robot: "Robot's base", tool: "Tool", base: "Program's base" },
+    axesOf: { robot: "Robot's base", tool: "Tool", feed: "Feed, normal, spindle", base: "Program's base" },
     tools: "Tool, if the program only names it, in its notation",
     bases: "Base, if the program only names it, in its notation",
     carryNothing: "External axes and other groups carry neither the arm nor the part",

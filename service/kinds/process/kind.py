@@ -32,6 +32,7 @@ from jointstiff.solver.text import figure
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from jointstiff.schemas.program import ProgramFrame
     from jointstiff.service.kinds.work import Work
     from jointstiff.service.resources.inputs import Inputs
     from jointstiff.service.tables.table import Sheet
@@ -108,10 +109,15 @@ def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
         )
     if result.places:
         parts += _place_parts(result)
-    parts += [Line(f"set in the controller: {frame}") for frame in result.frames]
+    parts += [Line(f"set in the controller: {_frame_text(each)}") for each in result.frames]
     if job.request.branches == "free":
         parts.append(Line("the branches are free: move to the joints in turns.csv; no program is written"))
     return Report([*parts, *map(Line, result.remarks)])
+
+
+def _frame_text(frame: ProgramFrame) -> str:
+    """Return a base frame as text: name, and numbers as the program writes frames."""
+    return f"{frame.name or 'the base'}: {', '.join(figure(each, '.7g') for each in frame.values)}"
 
 
 def _micrometres(length: float) -> str:

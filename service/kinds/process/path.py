@@ -30,8 +30,10 @@ from jointstiff.solver.process.path import ProcessPath
 from jointstiff.solver.process.sequence import Motion
 from jointstiff.solver.process.turning import TurnTask
 
-MAX_POSES = 100_000
-"""Greatest number of visited targets times turns."""
+MAX_POSES = {"keep": 100_000, "free": 20_000}
+"""Greatest number of visited targets times turns, for one branch and for all."""
+MAX_STEP = float(np.radians(90.0))
+"""Greatest step that may be stated: a joint that moves farther is not the same motion [rad]."""
 _STEP = float(np.radians(20.0))
 """Greatest motion of a joint between two points of a line, unless the request states another [rad]."""
 
@@ -64,9 +66,10 @@ class ProgramToTurn:
             ProgramError: the robot does not reach targets, or their arm configurations are ambiguous.
         """
         turns = len(make_turn_task(request).angles)
-        if len(visits.targets) * turns > MAX_POSES:
+        most = MAX_POSES[request.branches]
+        if len(visits.targets) * turns > most:
             raise RequestError(
-                f"{len(visits.targets)} points and {turns} turns are more than {MAX_POSES:,} poses",
+                f"{len(visits.targets)} points and {turns} turns are more than {most:,} poses",
                 where="turns",
                 remedy="lower `turns`, or split the program",
             )
@@ -110,9 +113,19 @@ class ProgramToTurn:
 
 
 def make_turn_task(request: ProcessRequest) -> TurnTask:
-    """Return the turns to choose from, and how the robot may move, as the request states."""
+    """Return the turns to choose from, and how the robot may move, as the request states.
+
+    Raises:
+        RequestError: the step is too large.
+    """
     angle = ANGLE[request.units.angle]
     step = _STEP if request.step is None else angle * request.step
+    if step > MAX_STEP * (1.0 + 1e-9):
+        raise RequestError(
+            f"a step of {np.degrees(step):.3g}° is more than {np.degrees(MAX_STEP):.3g}°",
+            where="step",
+            remedy="state a smaller step, or more points",
+        )
     motion = Motion(step, request.smoothness, greatest=request.objective == "greatest")
     if request.turn == "free":
         return TurnTask.free(request.turns, request.clearance, motion)

@@ -18,6 +18,7 @@ from jointstiff.schemas.process import (
     ProcessRequest,
     ProcessResult,
 )
+from jointstiff.schemas.program import ProgramFrame
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.process.path import ProgramToTurn, make_turn_task
@@ -30,6 +31,7 @@ from jointstiff.service.kinds.program.work import (
 )
 from jointstiff.service.kinds.work import Arrays, Span, as_request_errors, cut_into_spans
 from jointstiff.service.programs.formats import choose_frame_notation, read_program
+from jointstiff.service.programs.notation import Orientation
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import find_accepted_run, make_reason
 from jointstiff.service.tables.table import Sheet
@@ -75,6 +77,10 @@ class ProcessWork(ProgramWork):
 
     activity = "placing and turning"
     subject = "process"
+    cut_remark = (
+        "the force of the cut is computed; the intervals along the path include its uncertainty, those of "
+        "the worst points leave it out"
+    )
     _request: ProcessRequest
 
     def __init__(
@@ -463,17 +469,19 @@ class ProcessWork(ProgramWork):
             for place, (band, ranking) in zip(placed.places, placed.rankings, strict=True)
         ]
 
-    def _list_frames(self) -> list[str]:
-        """Return the base frames of the best place, as a user types them into the controller."""
+    def _list_frames(self) -> list[ProgramFrame]:
+        """Return the base frames of the best place, with numbers as the program writes frames."""
         notation, frames = choose_frame_notation(self._program), self._placed.program.frames
+        near = np.zeros((1, 3 + notation.count))
+        near[0, 3] = float(notation.orientation is Orientation.QUATERNION)  # of two, the one with q1 > 0
         used = np.unique(frames.base.of_target[self._visits.order]).tolist()
-        lines = []
+        stated = []
         for index in used:
-            name = self._program.targets.frames[index].name if index >= 0 else "base of the whole program"
+            name = self._program.targets.frames[index].name if index >= 0 else None
             pose = np.linalg.inv(self._world) @ frames.base.poses[index]
-            numbers = notation.from_poses(pose[None], np.zeros((1, 3 + notation.count)))[0]
-            lines.append(f"{name or 'base'}: {', '.join(figure(each, '.7g') for each in numbers.tolist())}")
-        return lines
+            numbers = notation.from_poses(pose[None], near)[0]
+            stated.append(ProgramFrame(name=name, values=numbers.tolist()))
+        return stated
 
     @cached_property
     def _world(self) -> FloatArray:

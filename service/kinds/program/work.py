@@ -456,6 +456,7 @@ class ProgramWork(Work):
     activity = "compensating"
     subject = "program"  # noun for the result, in its verdict
     corrects = True  # whether deflections are corrected
+    cut_remark = "the force of the cut is uncertain by 25 %, which the intervals of the points leave out"
 
     def __init__(
         self,
@@ -490,7 +491,9 @@ class ProgramWork(Work):
         self._run_model: RunModel | PriorModel
         with as_request_errors():
             if run is None:
-                self._run_model = PriorModel.from_robot(robot)
+                self._run_model = PriorModel.from_robot(
+                    robot, weighted=bool(request.masses) or request.absolute
+                )
             else:
                 self._run_model = RunModel.from_run(
                     robot,
@@ -734,6 +737,8 @@ class ProgramWork(Work):
         hidden = len(uncorrected) - _MAX_REMARKS
         more = [f"… and {hidden} more remarks"] if hidden > 0 else []
         remarks = self._run_model.remarks(self._request.confidence)
+        if self._request.cut is not None:
+            remarks.append(self.cut_remark)
         return [*remarks, *uncorrected[:_MAX_REMARKS], *more]
 
 

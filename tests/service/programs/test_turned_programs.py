@@ -77,6 +77,32 @@ def test_the_written_program_reads_back_as_it_was_meant_and_the_loaded_tool_is_o
         assert not any(np.isfinite(turns(result)["turn [deg]"])), "targets in joint angles have no turn"
 
 
+@pytest.mark.parametrize("kind", ["krl", "fanuc", "rapid", "csv"])
+def test_a_placed_program_reads_back_with_the_base_that_is_stated(kind):
+    """The base frames of the result are those that the written program needs."""
+    text = program(kind)
+    middle = tool_poses(path(8))[:, :3, 3]
+    middle = 1e3 * 0.5 * (middle.min(axis=0) + middle.max(axis=0))
+    half = np.array([100.0, 100.0, 0.0])
+    box = [(middle - half).tolist(), (middle + half).tolist()]
+    search = {"place": box, "grid": [2, 2, 1], "place_turns": 3, "turns": 12}
+    result = processed(kind, text, **search)
+    assert result.turned.value == result.places[0].deflection.value < result.before.value
+    best = result.places[0]
+    np.testing.assert_allclose(np.subtract(best.centre, best.shift), 1e-3 * middle, atol=1e-6)
+    if not result.frames[0].name:
+        assert len(result.frames) == 1
+    bases = [{"values": each.values} for each in result.frames]
+    files = [compress_file(PROGRAM_FILES[kind], decompress_file(result.files[0]))]
+    start = np.degrees(commanded(result)[0]).tolist()
+    again = ProcessRequest.model_validate(
+        {"run_id": "r", "files": files, **options(kind, bases=bases, start=start), "turn": "keep"}
+    )
+    robot, run = exact_run()
+    reread = ProcessWork(robot, "robot", run, again)._path
+    np.testing.assert_allclose(reread.cases.joints, commanded(result), rtol=0, atol=1e-5)
+
+
 @lru_cache
 def turned():
     return processed("krl", program("krl"))

@@ -5,17 +5,25 @@ from itertools import product
 
 import numpy as np
 import pytest
+from support.campaigns import prepare
 from support.catalogue_arms import build_nominal_robots
 from support.process_paths import FORCE, SHAPES, process_path, reach_centre, spindle_at
+from support.slides import arm_on_rail
 from support.springs import robot_of
 
+from jointstiff.schemas.options import CrossValidation
 from jointstiff.simulator import default_arm, equilibrium
+from jointstiff.simulator.elastic_links import beam_arm, elastic_campaign
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.problem import Bounds, Constraints
+from jointstiff.solver.links.choice import Folds
+from jointstiff.solver.links.fit import estimate_elastic
+from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
-from jointstiff.solver.predict.models import JointModel
+from jointstiff.solver.predict.models import ElasticPredictor, JointModel
 from jointstiff.solver.process.candidates import find_branches, list_candidates
+from jointstiff.solver.process.deflection import PathDeflection
 from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
 from jointstiff.solver.process.prior import build_prior_model
 from jointstiff.solver.process.sequence import Motion, Trellis
@@ -240,3 +248,43 @@ def test_feed_frames_follow_the_path_and_a_feed_along_the_axis_has_none():
 
 def test_the_spindle_of_the_test_is_where_it_says():
     assert spindle_at(np.pi / 2) == pytest.approx([1.0, 0.0, 0.0])
+
+
+def test_an_arm_on_a_rail_turns_while_the_rail_rests():
+    arm = arm_on_rail()
+    robot = robot_of(arm)
+    model = JointModel(robot, arm.compliances, None, Constraints(Bounds.positive(7)))
+    inverse = InverseKinematics(robot, np.array([0.4, *np.zeros(6)]))
+    p = process_path("trim", CENTRE + np.array([0.0, 0.4, 0.0]), count=8, joints=7)
+    choice = choose_turns(model, inverse, p, TASK)
+    np.testing.assert_allclose(choice.joints[:, 0], 0.4, rtol=0, atol=0)
+    alone = choose_turns(MODEL, INVERSE, process_path("trim", CENTRE, count=8), TASK)
+    assert choice.size == pytest.approx(alone.size, rel=0.05)  # the rail bends a little, too
+    np.testing.assert_allclose(
+        exact_lengths(arm, p, choice.joints),
+        np.linalg.norm(model.deflect(p.cases(np.arange(8), choice.joints)).displacement, axis=1),
+        rtol=0,
+        atol=1e-8,
+    )
+
+
+def test_elastic_links_take_the_same_way():
+    """Two ways of an arm whose links bend are ranked by the covariance of all entries."""
+    robot, measurements = prepare(elastic_campaign(beam_arm(ARM), configurations=30, sigma=2e-5, seed=3))
+    columns = ElasticColumns(6, tuple(range(6)))
+    folds = Folds(robot, measurements, columns, np.ones(6, dtype=bool), CrossValidation(folds=3))
+    elastic = estimate_elastic(folds, ElasticModel("joints_and_links", columns), 1e-4)
+    model = ElasticPredictor.from_estimate(robot, elastic)
+    p = process_path("trim", CENTRE, count=6)
+    choice = choose_turns(model, InverseKinematics(robot), p, TASK)
+    assert choice.size <= choice.fixed.min()
+    cases = [p.cases(np.arange(6), joints) for joints in (choice.joints, choice.best_fixed)]
+    turned, fixed = (PathDeflection.predict(model, None, each) for each in cases)
+    low, high = turned.compare(fixed, 0.95).difference.readings
+    assert low <= turned.size - fixed.size <= high
+
+
+def test_too_many_motions_are_refused(monkeypatch):
+    monkeypatch.setattr("jointstiff.solver.process.sequence.MOST_LINKS", 1_000)
+    with pytest.raises(RequestError, match="more than 1,000 motions"):
+        choose_turns(MODEL, INVERSE, path(), TASK)
