@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.report import Figure, Part, Section
+from benchmarks.studies.endings import study_pairs, study_single_readings
 from benchmarks.studies.planted import (
     CAUSES,
     STREAM,
@@ -107,11 +108,7 @@ def run(*, quick: bool, part: Part) -> list[Section]:
             figures=tuple(figures),
             notes=("half of the clean campaigns state a data sheet of the wrong shape",),
         ),
-        *(
-            [_study_curved_springs(quick=quick), _study_shared_errors(quick=quick)]
-            if part.number == 1
-            else []
-        ),
+        *(_study_further(quick=quick) if part.number == 1 else []),
     ]
 
 
@@ -131,6 +128,16 @@ def _clean(seed: int) -> _Outcome:
         noise = DifferenceNoise.from_instrument(sheet, robot_of(design.arm), measured)
         measured = replace(measured, sigma=noise.sigma, covariance=noise.covariance)
     return _outcome(design.arm, measured)
+
+
+def _study_further(*, quick: bool) -> list[Section]:
+    """Return the studies that are not divided into parts."""
+    return [
+        _study_curved_springs(quick=quick),
+        study_pairs(quick=quick),
+        study_single_readings(quick=quick),
+        _study_shared_errors(quick=quick),
+    ]
 
 
 def _study_curved_springs(*, quick: bool) -> Section:

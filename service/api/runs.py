@@ -145,9 +145,10 @@ def _make_request_after_action(parts: Parts, run: Run, action: Action) -> RunReq
             remedy="send the `action` of one of its reasons without changes",
         )
     request = run.request.model_copy(update={"variant_of": run.id})
-    if action.kind == "leave_out_readings":
+    if action.kind in {"leave_out_readings", "fit_causes"}:
         left_out = dict.fromkeys([*request.leave_out, *action.observations])
-        return request.model_copy(update={"leave_out": list(left_out)})
+        causes = [*request.causes, *action.causes]
+        return request.model_copy(update={"leave_out": list(left_out), "causes": causes})
     stored_set = parts.sets.document(request.measurement_set_id)
     robot = robot_from_record(parts.store.robots.get(stored_set.robot_id))
     campaign_before = Campaign(

@@ -66,7 +66,13 @@ def apply_action_to_campaign(campaign: Campaign, action: Action) -> Campaign:
         )
     if action.kind == "fit_causes":
         causes = [*campaign.run.causes, *action.causes]
-        return campaign.model_copy(update={"run": campaign.run.model_copy(update={"causes": causes})})
+        if action.observations:  # postures whose readings are wrong
+            measured = _SET_CHANGES["leave_out_readings"](measured, action)
+            measured = measured.model_copy(
+                update={"name": _append_label(measured.name, "leave out readings")}
+            )
+        run = campaign.run.model_copy(update={"causes": causes})
+        return campaign.model_copy(update={"run": run, "measurement_set": measured})
     if action.kind == "apply_joint_map":
         joint_map = JointMap(matrix=action.joint_map, offset=action.offset)
         changes = {"joint_map": joint_map, "name": _append_label(campaign.robot.name, "joint map corrected")}

@@ -10,15 +10,24 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import chain, groupby
 from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.finding import ROOT_MISTAKES, Action, Finding, FindingCode, NamedCause, Verdict
+from jointstiff.schemas.finding import (
+    ROOT_MISTAKES,
+    Action,
+    ActionKind,
+    Finding,
+    FindingCode,
+    NamedCause,
+    Verdict,
+)
+from jointstiff.schemas.options import MAX_CAUSES
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.alternatives import LARGEST_RATIO, AlternativeKind, BetterAlternative
-from jointstiff.solver.estimation.causes import Cause, Screening
+from jointstiff.solver.estimation.causes import Screening
 from jointstiff.solver.estimation.estimate import (
     ComplementaryStiffness,
     Estimate,
@@ -30,6 +39,7 @@ from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.payload import inspect_force_unit
 from jointstiff.solver.estimation.pure_error import PureError, compute_pure_error
 from jointstiff.solver.estimation.reliability import LeastMistake, describe_unseen_mistakes
+from jointstiff.solver.estimation.selection import Cause
 from jointstiff.solver.estimation.triangle import solve_nonnegative
 from jointstiff.solver.estimation.unloading import Unloading, compare_unloaded_positions
 from jointstiff.solver.mechanics.block import STANDARD_GRAVITY, fitted_errors, targets_in_flange
@@ -167,6 +177,8 @@ def assess(
     if gross:
         screening = None
     causes: Sequence[Cause] = () if screening is None else screening.causes
+    wrong: Sequence[str] = () if screening is None else screening.wrong
+    fitted = sum(bool(term.words) for term in fitted_errors(measurements).terms)
     if better is not None:
         # Report either the mistake in the data or the causes: whichever explains the readings better.
         if (
@@ -176,16 +188,18 @@ def assess(
         ):
             better = None
         else:
-            screening, causes = None, ()
+            screening, causes, wrong = None, (), ()
     found = chain(
         () if better is None else [report_alternative(robot, measurements, better)],
-        [report_causes(causes, estimate)] if causes else (),
+        [report_causes(causes, estimate, wrong, most=MAX_CAUSES - fitted)] if causes else (),
         report_fitted_causes(measurements),
         # The measured arms were fitted by joints alone; and a gross error in the data changes the stiffness.
         ()
         if gross or better is not None
         else inspect_force_unit(robot, measurements, joints.estimate.joints),
-        find_reading_problems(robot, measurements, settings, prediction, findings),
+        find_reading_problems(
+            robot, measurements, settings, prediction, findings, wrong=wrong, cause_found=bool(causes)
+        ),
         [report_remaining_deflection(unloading)] if unloading is not None and unloading.remains else (),
         find_fit_problems(
             measurements,
@@ -194,6 +208,7 @@ def assess(
             screening,
             pure_error=measure_pure_error(robot, measurements, estimate, prediction),
             explained=gross or better is not None,
+            cause_found=bool(causes),
         ),
     )
     unseen_note = describe_unseen_mistakes(() if screening is None or causes else unseen)
@@ -349,22 +364,29 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
     )
 
 
-def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
-    """Return the finding that joints and a cause explain the readings better than joints alone.
+def report_causes(
+    causes: Sequence[Cause], estimate: Estimate, wrong: Sequence[str] = (), *, most: int = MAX_CAUSES
+) -> Finding:
+    """Return the finding that joints and causes explain the readings better than joints alone.
 
-    Several causes may explain the readings equally well. The weight of the finding is "do_not_use" if the
-    causes make links unnecessary and change a compliance by more than `HARMFUL`. A change because of the load
-    point counts only if it exceeds `COVERED` times the uncertainty by the load point in the intervals.
+    Causes of one step explain the readings equally well; causes of several steps explain them together. The
+    weight of the finding is "do_not_use" if the causes make links unnecessary and change a compliance by more
+    than `HARMFUL`. A change because of the load point counts only if it exceeds `COVERED` times the
+    uncertainty by the load point in the intervals.
+
+    Args:
+        causes: causes that were found, step by step.
+        estimate: estimate by joints alone.
+        wrong: labels of single postures whose readings are wrong, which were left out.
+        most: largest number of causes that a run may fit in addition to those that it fits already.
     """
-    descriptions, remedies, changes, harm = [], [], [0.0], False
+    remedies, changes, harm = [], [0.0], False
     for cause in causes:
-        term = cause.suspect.term
-        descriptions.append(term.words.format(unknowns_text(term.unit, cause.unknowns.tolist())))
-        remedies.append(term.remedy)
+        remedies.append(cause.suspect.term.remedy)
         known = estimate.estimated & (estimate.compliance > 0.0) & (cause.compliance > 0.0)
         change = np.abs(cause.compliance[known] / estimate.compliance[known] - 1.0)
         harmful = change > HARMFUL
-        if cause.suspect.name == "load_point" and estimate.common is not None:
+        if {each.suspect.name for each in causes} == {"load_point"} and estimate.common is not None:
             # Changes that the intervals already cover do no harm.
             sources = [
                 estimate.common.responses_to("assumed_load_point"),
@@ -374,23 +396,55 @@ def report_causes(causes: Sequence[Cause], estimate: Estimate) -> Finding:
             harmful &= change * estimate.compliance[known] > COVERED * covered
         changes.append(float(change.max(initial=0.0)))
         harm |= bool(harmful.any())
-    not_linear = {cause.suspect.name for cause in causes} == _NOT_LINEAR
-    if not_linear:  # only readings at a smaller load distinguish the two
-        remedies = [_READ_HALF]
-    links_unnecessary = all(cause.makes_links_unnecessary for cause in causes)
+    steps = [[*step] for _, step in groupby(causes, key=lambda cause: cause.step)]
+    not_linear = [{cause.suspect.name for cause in step} == _NOT_LINEAR for step in steps]
+    if any(not_linear):  # only readings at a smaller load distinguish the two
+        remedies = [_READ_HALF, *(c.suspect.term.remedy for c in causes if c.suspect.name not in _NOT_LINEAR)]
+    if wrong:
+        remedies.append(f"repeat the readings of {_name_postures(wrong)}")
+    # A tie is fitted as a whole as far as a run may fit so many causes; the best of each step comes first.
+    fitted = [step[0] for step in steps] + [cause for step in steps for cause in step[1:]]
+    named = [NamedCause(name=c.suspect.name, first=c.suspect.first) for c in fitted[:most]]
+    links_unnecessary = all(cause.makes_links_unnecessary for cause in steps[-1])
     others = "" if links_unnecessary else ", but links may bend as well"
     return Finding(
         code="alternative_explains_better",
         weight="do_not_use" if links_unnecessary and harm else "use_with_care",
-        message=f"{'the joints are not linear: ' if not_linear else ''}"
-        f"with {', or with '.join(descriptions)}, the joints explain the readings "
+        message=f"{'the joints are not linear: ' if any(not_linear) else ''}"
+        f"{f'without {_name_postures(wrong)}, and ' if wrong else ''}"
+        f"with {', and with '.join(map(_describe_tie, steps))}, the joints explain the readings "
         f"significantly better (F test, p = {max(cause.p_value for cause in causes):.1g}){others}; "
         f"compliances change by up to {100 * max(changes):.2g} %",
         remedy="; ".join(dict.fromkeys(remedies)),
-        action=Action.of(
-            "fit_causes", causes=[NamedCause(name=c.suspect.name, first=c.suspect.first) for c in causes]
-        ),
+        action=Action.of("fit_causes", wrong, causes=named) if named else None,
     )
+
+
+def _name_postures(labels: Sequence[str]) -> str:
+    """Return the labels of postures as a list in words."""
+    return ", ".join(f"'{label}'" for label in labels)
+
+
+def _describe_tie(causes: Sequence[Cause]) -> str:
+    """Return causes that explain the readings equally well, with their sizes, in words."""
+    sizes = [(each.suspect.term, each.unknowns.tolist()) for each in causes]
+    return ", or with ".join(term.words.format(unknowns_text(term.unit, size)) for term, size in sizes)
+
+
+def _report_wrong_postures(
+    measurements: Measurements, settings: Settings, wrong: Sequence[str]
+) -> Iterator[Finding]:
+    """Yield a finding on single postures whose readings disagree with all others."""
+    if wrong and settings.loss != "huber":
+        yield Finding(
+            code="residual_outlier",
+            weight="use_with_care",
+            observation=wrong[0],
+            message=f"the readings of {_name_postures(wrong)} disagree with the joint springs that fit all "
+            "others (F test)",
+            remedy="check these readings and their loads; repeat them, or identify with loss huber",
+            action=Action.of("use_huber" if measurements.direction is None else "show_posture", wrong),
+        )
 
 
 def report_fitted_causes(measurements: Measurements) -> Iterator[Finding]:
@@ -418,11 +472,23 @@ def find_reading_problems(
     settings: Settings,
     prediction: Prediction,
     findings: Sequence[Finding],
+    *,
+    wrong: Sequence[str] = (),
+    cause_found: bool = False,
 ) -> Iterator[Finding]:
     """Yield findings on problems of the readings.
 
     Findings of the integrity checks are merged into one for each kind, and findings on the whole set come
     first. Leaving observations out is proposed only if few observations are concerned.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: settings of the fit.
+        prediction: prediction of these measurements.
+        findings: findings of the integrity checks.
+        wrong: labels of single postures whose readings disagree with all others.
+        cause_found: whether a cause explains the readings, and the finding about it names these postures.
     """
     labels = measurements.labels
     yield from _report_load_at_target(robot, measurements)
@@ -443,7 +509,13 @@ def find_reading_problems(
     for group in _group_by_code(others, "use_with_care"):
         observations = _list_observations(measurements, group)
         yield _summarise_findings(group, Action.of("show_posture", observations) if observations else None)
-    yield from _report_outlying(measurements, settings, prediction, outliers)
+    if cause_found:  # a robust loss is no mend for a cause that moves many postures
+        left = [finding for finding in outliers if finding.observation not in wrong]
+        yield from _report_outlying(measurements, settings, prediction, left, mend="show_posture")
+    elif outliers:
+        yield from _report_outlying(measurements, settings, prediction, outliers)
+    else:
+        yield from _report_wrong_postures(measurements, settings, wrong)
     noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
     greatest = float(np.linalg.norm(measurements.deflection, axis=2).max())
     if measurements.sigma is not None and greatest <= NOISE_SIGMAS * noise:
@@ -481,15 +553,19 @@ def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator
 
 
 def _report_outlying(
-    measurements: Measurements, settings: Settings, prediction: Prediction, outliers: Sequence[Finding]
+    measurements: Measurements,
+    settings: Settings,
+    prediction: Prediction,
+    outliers: Sequence[Finding],
+    mend: ActionKind = "use_huber",
 ) -> Iterator[Finding]:
     """Yield a finding on observations that joint springs fitted to all observations do not explain.
 
     A few such observations are wrong readings, for which the Huber loss is proposed; many mean that the model
-    lacks something, such as links that bend. Outliers that a model with links explains are not reported.
+    lacks something, such as links that bend. Outliers that links or fitted causes explain are not reported.
     """
     norm = np.linalg.norm(prediction.residual, axis=2).max(axis=1)
-    if prediction.contributions is None:  # links or base bend as well
+    if prediction.contributions is None or fitted_errors(measurements).terms:  # links, base or causes
         beyond = {measurements.labels[i] for i in np.flatnonzero(norm > OUTLYING * np.median(norm))}
         outliers = [f for f in outliers if f.observation is None or f.observation in beyond]
     observations = _list_observations(measurements, outliers)
@@ -508,7 +584,7 @@ def _report_outlying(
             action=Action.of("show_posture", observations),
         )
     elif settings.loss != "huber":
-        action = Action.of("use_huber" if measurements.direction is None else "show_posture", observations)
+        action = Action.of(mend if measurements.direction is None else "show_posture", observations)
         yield _summarise_findings(outliers, action)
 
 
@@ -539,6 +615,7 @@ def find_fit_problems(
     *,
     pure_error: PureError | None = None,
     explained: bool = False,
+    cause_found: bool = False,
 ) -> Iterator[Finding]:
     """Yield findings on problems of an estimate and its prediction.
 
@@ -551,6 +628,7 @@ def find_fit_problems(
         screening: tests for other causes of the deflections; None without tests.
         pure_error: noise of the readings whatever the model; None if the readings do not show it.
         explained: whether another finding already explains large residuals, which are then not reported.
+        cause_found: whether a cause explains the readings; large residuals are then no sign of large noise.
     """
     statuses = [joint.status for joint in estimate.joints]
     remedy, action = "add postures and loads that twist the joints", None
@@ -585,7 +663,11 @@ def find_fit_problems(
         named = prediction.bending is not None or (screening is not None and bool(screening.causes))
         named = named or estimate.sigma_given or measurements.refuted_sigma is not None
         yield from _report_residuals(
-            measurements, estimate, pure_error, joints_alone=prediction.contributions is not None
+            measurements,
+            estimate,
+            pure_error,
+            joints_alone=prediction.contributions is not None,
+            cause_found=cause_found,
         )
         if pure_error is not None and pure_error.shows_motion and not named:
             yield report_unexplained_motion(pure_error)
@@ -705,7 +787,12 @@ def report_refuted_noise(measurements: Measurements, sigma: float | None) -> Ite
 
 
 def _report_residuals(
-    measurements: Measurements, estimate: Estimate, pure_error: PureError | None, *, joints_alone: bool
+    measurements: Measurements,
+    estimate: Estimate,
+    pure_error: PureError | None,
+    *,
+    joints_alone: bool,
+    cause_found: bool = False,
 ) -> Iterator[Finding]:
     """Yield a finding if the residuals are larger or smaller than the stated sigma predicts."""
     test = estimate.sigma_test
@@ -740,7 +827,7 @@ def _report_residuals(
             "the uncertainties are too small; by how much depends on deflections that the model does "
             f"not explain{agreement}",
             remedy=_CHECK_NOISE,
-            action=Action.of("omit_noise"),
+            action=None if cause_found else Action.of("omit_noise"),
         )
 
 

@@ -95,11 +95,11 @@ def _subtract_named_causes(
         )
     terms = [known[each].term for each in named]
     fitted = fit_causes_with_joints(robot, part, terms, compliance)
-    scatter = _find_scatter(robot, _subtract_errors(robot, part, fitted.errors, fitted.compliance), fitted)
+    scatter = _find_scatter(robot, subtract_errors(robot, part, fitted.errors, fitted.compliance), fitted)
     if scatter != part.scatter:  # three targets with one error are one reading
         fitted = fit_causes_with_joints(robot, replace(part, scatter=scatter), terms, fitted.compliance)
     errors = _add_doubts(robot, replace(part, scatter=scatter), fitted)
-    corrected = _subtract_errors(robot, measurements, errors, fitted.compliance)
+    corrected = subtract_errors(robot, measurements, errors, fitted.compliance)
     errors = replace(errors, loads=group_distinct_loads(measurements))
     return CorrectedMeasurements.from_measurements(corrected, errors)
 
@@ -112,7 +112,7 @@ class FittedCauses:
     compliance: FloatArray  # (n,) of the joints, fitted together with the causes [rad/(N·m)]
     visible: BoolArray  # (n,) whether the readings see each joint
     size: FloatArray  # (k,) typical size of each unknown
-    triangles: TermTests  # compressed rows of the readings, from which the fitted causes were subtracted
+    tests: TermTests  # compressed rows of the readings, from which the fitted causes were subtracted
 
 
 def fit_causes_with_joints(
@@ -149,7 +149,7 @@ def fit_causes_with_joints(
         fitted = FittedCauses(errors, compliance, visible, size, triangles)
         if np.linalg.norm((unknowns - previous) / size) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / size):
             break
-        remaining = _subtract_errors(robot, part, errors, compliance)
+        remaining = subtract_errors(robot, part, errors, compliance)
     return fitted
 
 
@@ -184,7 +184,7 @@ def _add_doubts(robot: Robot, part: Measurements, fitted: FittedCauses) -> Fitte
     if not doubts:
         return errors
     terms = (*errors.terms, *doubts)
-    block = next(regressor_blocks(robot, _subtract_errors(robot, part, errors, compliance), compliance))
+    block = next(regressor_blocks(robot, subtract_errors(robot, part, errors, compliance), compliance))
     given, sigma = _compress(part, TermTests(block, compliance, fitted.visible, terms, ()))
     for term in doubts:
         given = given.state(term.name, np.ones(len(given.span[term.name])), sigma)
@@ -220,7 +220,7 @@ def _find_scatter(robot: Robot, corrected: Measurements, fitted: FittedCauses) -
     return scatter if is_believable else corrected.scatter
 
 
-def _subtract_errors(
+def subtract_errors(
     robot: Robot, measurements: Measurements, errors: FittedErrors, compliance: FloatArray
 ) -> Measurements:
     """Return the measurements with the motion by fitted errors subtracted, at a joint compliance (n,)."""

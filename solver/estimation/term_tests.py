@@ -9,20 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
+from scipy import special
 
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.estimation.scatter import RestrictedLikelihood
 from jointstiff.solver.estimation.stack import Stack
 from jointstiff.solver.estimation.statements import list_stated_terms
 from jointstiff.solver.estimation.triangle import (
+    DISTINCT,
     INDEPENDENT,
+    RESOLUTION,
     Triangle,
     orthonormal_basis,
+    unit_columns,
 )
 from jointstiff.solver.mechanics.block import (
     RegressorBlock,
@@ -41,6 +45,9 @@ STATEMENT_LEVEL: Final = 3e-3
 uncertainties off."""
 LINKS_LEVEL: Final = 3e-3
 """p-value of links below which models with links are compared by cross-validation."""
+_GROSS: Final = 10.0
+"""Mean square that leaving out a posture takes away, relative to the typical posture's, above which its
+readings are wrong."""
 _MOST_COMBINATIONS: Final = 12
 """Number of combinations of link compliances that are tested: those with the largest deflections."""
 
@@ -64,10 +71,21 @@ def join_statements(
     return joined
 
 
+@dataclass(frozen=True)
+class WrongPosture:
+    """Posture whose readings disagree with those of all others."""
+
+    label: str  #: label of the observation
+    p_value: float  #: p-value of the F test, for all postures
+    criterion: float  #: Bayesian information criterion of the fit without this posture
+
+
 class TermTests:
     """Compressed rows of joints, causes, links and base, with the stated and with equal weights.
 
     Attributes:
+        block: the observations.
+        visible: (n,) whether the readings see each joint.
         stated: triangle with the weights stated with the readings.
     """
 
@@ -93,7 +111,7 @@ class TermTests:
         """
         self.fitted = (JOINTS.name, *(term.name for term in always_fitted))
         self.compliance = compliance
-        self._block, self._visible = block, visible
+        self.block, self.visible = block, visible
         self._scattered = scattered
         self._stated_terms = list_stated_terms(block.measurements)
         self._terms = [JOINTS, *always_fitted, *terms, DIAGONAL_LINKS, DIAGONAL_BASE]
@@ -106,8 +124,8 @@ class TermTests:
 
     def _compress_rows(self, build: Callable[..., Rows]) -> Triangle:
         """Return the triangle of all terms, with rows built by `build`."""
-        triangle = Stack.from_blocks([self._block], self._terms, self.compliance, build).triangle()
-        triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
+        triangle = Stack.from_blocks([self.block], self._terms, self.compliance, build).triangle()
+        triangle.span[JOINTS.name] = np.flatnonzero(self.visible)
         return triangle
 
     def _largest_p_values(
@@ -127,7 +145,7 @@ class TermTests:
         """
         p = test(self.stated, names)
         # Readings that share one covariance (3, 3) have equal weights already.
-        if (p < level).any() and self._block.measurements.covariance.ndim > 2:
+        if (p < level).any() and self.block.measurements.covariance.ndim > 2:
             p = np.where(p < level, np.maximum(p, test(self._equally_weighted, names)), p)
         if self._scattered or self._stated_terms:
             for k in np.flatnonzero(p < level).tolist():
@@ -149,7 +167,7 @@ class TermTests:
         own = next((term for term in self._stated_terms if term.name == name), None)
         if own is None:
             return float(test(triangle, [name])[0])
-        common = self._block.measurements.common_uncertainty
+        common = self.block.measurements.common_uncertainty
         uncertainty = np.resize(own.prior(common), len(triangle.span[name]))
         p_value = triangle.statement_p_value(name, fitted, uncertainty)
         return float(test(triangle, [name])[0]) if p_value < STATEMENT_LEVEL else p_value
@@ -159,19 +177,70 @@ class TermTests:
 
         If the residuals show scatter, the rows have the scatter that is most likely with these terms.
         """
-        others = [term for term in self._stated_terms if term.name not in names]
-        terms = [*(term for term in self._terms if term.name in names), *others]
-        block = self._block
-        if self._scattered:
-            stack = Stack.from_blocks([block], terms, self.compliance)
-            seen = np.concatenate([np.flatnonzero(self._visible), *list(stack.span.values())[1:]])
-            scatter, _ = RestrictedLikelihood(block, stack, seen).maximise()
-            block = replace(block, measurements=replace(block.measurements, scatter=scatter))
+        others, terms, block = self._account_for_scatter(names)
         triangle = Stack.from_blocks([block], terms, self.compliance).triangle()
         sigma = block.measurements.sigma or triangle.sigma([term.name for term in terms])
         triangle = join_statements(triangle, others, block.measurements, sigma)
-        triangle.span[JOINTS.name] = np.flatnonzero(self._visible)
+        triangle.span[JOINTS.name] = np.flatnonzero(self.visible)
         return triangle
+
+    def _account_for_scatter(self, names: Sequence[str]) -> tuple[list[Term], list[Term], RegressorBlock]:
+        """Return the other terms with statements, all terms of a fit, and the block with its scatter.
+
+        The scatter is the one that is most likely with the named terms, if the residuals show scatter.
+        """
+        others = [term for term in self._stated_terms if term.name not in names]
+        terms, block = [*(term for term in self._terms if term.name in names), *others], self.block
+        if self._scattered:
+            stack = Stack.from_blocks([block], terms, self.compliance)
+            seen = np.concatenate([np.flatnonzero(self.visible), *list(stack.span.values())[1:]])
+            scatter, _ = RestrictedLikelihood(block, stack, seen).maximise()
+            block = replace(block, measurements=replace(block.measurements, scatter=scatter))
+        return others, terms, block
+
+    def find_wrong_posture(self, unknowns: int) -> WrongPosture | None:
+        """Return the posture whose readings disagree most with all others; None if chance may explain it.
+
+        Leaving out a posture equals a fit in which each of its coordinates is a free unknown. The F test is
+        made for each posture (Bonferroni); the posture must also stand out from the typical posture, because
+        causes that are not fitted move all of them.
+
+        Args:
+            unknowns: number of unknowns that are fitted in addition to the joints.
+        """
+        others, terms, block = self._account_for_scatter(self.fitted)
+        stack = Stack.from_blocks([block], terms, self.compliance)
+        columns = np.concatenate([self.visible.nonzero()[0], *list(stack.span.values())[1:]])
+        flat, count = stack.flat, len(stack)
+        unit, length = unit_columns(flat[:, columns])
+        sigma = block.measurements.sigma or stack.triangle().sigma([term.name for term in terms])
+        # Statements are rows: each unknown over its standard uncertainty is zero.
+        end = width = len(columns)
+        stated = np.zeros((width, width))
+        for term in reversed(others):
+            k = len(stack.span[term.name])
+            uncertainty = np.resize(term.prior(block.measurements.common_uncertainty), k)
+            part = np.arange(end - k, end)
+            stated[part, part] = sigma / np.maximum(uncertainty, 1e-300) / length[part]
+            end -= k
+        basis = orthonormal_basis(np.vstack([unit, np.minimum(stated, 1e9)]))[: len(flat)]
+        residual = flat[:, -1] - basis @ (basis.T @ flat[:, -1])
+        by_posture, Q = residual.reshape(count, -1), basis.reshape(count, -1, basis.shape[1])
+        # Sum of squares that leaving out a posture takes away: rᵀ (I − Q Qᵀ)⁻¹ r.
+        left = np.eye(Q.shape[1]) - Q @ Q.mT
+        taken = np.einsum(
+            "ni,nij,nj->n", by_posture, np.linalg.pinv(left, rcond=DISTINCT, hermitian=True), by_posture
+        )
+        read, squares = np.maximum(stack.read, 1), float(residual @ residual)
+        freedom = int(stack.read.sum()) - basis.shape[1] - read
+        noise = np.maximum(squares - taken, 0.0) / np.maximum(freedom, 1) + RESOLUTION**2
+        p = np.where(freedom > 0, special.fdtrc(read, np.maximum(freedom, 1), taken / read / noise), 1.0)
+        i = int(np.argmin(p))
+        if p[i] * count >= MISTAKE_LEVEL or taken[i] / read[i] < _GROSS * np.median(taken / read):
+            return None
+        ratio = max(1.0 - taken[i] / squares, 1e-300)
+        criterion = self.criterion(self.residual_squares() * ratio, unknowns + int(read[i]) + 1)
+        return WrongPosture(block.measurements.labels[i], float(p[i] * count), criterion)
 
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
         """Return the p-value of each named term added to the joints and to other terms."""
@@ -197,7 +266,7 @@ class TermTests:
     @property
     def _leading_count(self) -> int:
         """Number of combinations of link compliances to test, fewer if there are few readings."""
-        return max(0, min(_MOST_COMBINATIONS, (self.stated.rows - len(self._visible)) // 3))
+        return max(0, min(_MOST_COMBINATIONS, (self.stated.rows - len(self.visible)) // 3))
 
     def residual_squares(self) -> float:
         """Return the sum of squared residuals of the joints and the terms that are fitted in any case."""
@@ -219,3 +288,9 @@ class TermTests:
         leading = orthonormal_basis(links - known @ (known.T @ links), INDEPENDENT)[:, : self._leading_count]
         explained = float(np.square(leading.T @ self.stated.rhs).sum())
         return self.criterion(max(self.residual_squares() - explained, 1e-300), leading.shape[1])
+
+    def base_criterion(self) -> float:
+        """Return the Bayesian information criterion of joints with a base that bends."""
+        fitted = (*self.fitted, DIAGONAL_BASE.name)
+        squares = max(self.stated.residual_squares(fitted), 1e-300)
+        return self.criterion(squares, len(self.stated.span[DIAGONAL_BASE.name]))

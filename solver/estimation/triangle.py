@@ -26,7 +26,7 @@ DISTINCT: Final = 1e-2
 readings can distinguish the load from the joints."""
 _NULL: Final = 1e-9
 """Length of a column, relative to the longest column, up to which the column is rounding."""
-_RESOLUTION: Final = 1e-7
+RESOLUTION: Final = 1e-7
 """Residual [m] of a coordinate below which residuals count as rounding, with nothing to explain."""
 
 
@@ -130,7 +130,7 @@ class Triangle:
         width = counted.sum(axis=1)
         freedom = self.rows - known.shape[1] - width
         testable = (width > 0) & (freedom > 0)
-        noise = np.maximum(d @ d - explained, 0.0) / np.maximum(freedom, 1) + _RESOLUTION**2
+        noise = np.maximum(d @ d - explained, 0.0) / np.maximum(freedom, 1) + RESOLUTION**2
         ratio = explained / np.maximum(width, 1) / noise
         return np.where(testable, special.fdtrc(np.maximum(width, 1), np.maximum(freedom, 1), ratio), 1.0)
 
@@ -186,7 +186,7 @@ class Triangle:
     def sigma(self, names: Sequence[str]) -> float:
         """Return the root mean square residual of a fit of the named terms, per degree of freedom."""
         freedom = self.rows - self.rank(names, INDEPENDENT)
-        return float(np.sqrt(max(self.residual_squares(names), 0.0) / max(freedom, 1))) + _RESOLUTION
+        return float(np.sqrt(max(self.residual_squares(names), 0.0) / max(freedom, 1))) + RESOLUTION
 
     def statement_p_value(self, name: str, fitted: Sequence[str], uncertainty: FloatArray) -> float:
         """Return the p-value of the test that the unknowns of a term are zero, as stated.
@@ -209,7 +209,7 @@ class Triangle:
         freedom = self.rows - known.shape[1] - width
         if not width or freedom < 1:
             return 1.0
-        noise = max(float(d @ d - along.sum()), 0.0) / freedom + _RESOLUTION**2
+        noise = max(float(d @ d - along.sum()), 0.0) / freedom + RESOLUTION**2
         distance = float((along / (np.square(s[seen]) + noise)).sum())
         return float(special.fdtrc(width, freedom, distance / width))
 
