@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, StrictBool
 
-from jointstiff.schemas.fields import Identifier, Message, Name, Vector3
+from jointstiff.schemas.fields import Identifier, Message, Name, Quantity, Vector3
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.schemas.joints import JointKind
@@ -59,16 +59,16 @@ class ImportOptions(Message):
     )
     columns: Annotated[dict[HeaderCell, HeaderCell], Field(max_length=MAX_HEADER_CELLS)] = Field(
         default_factory=dict,
-        description="Meanings of headers: each header as in the preview, and its meaning, such as `J1 "
-        "[deg]`, `P10 loaded x` or `ignore`. A unit in the file must agree.",
+        description="Meanings of headers, such as `J1 [deg]`, `P10 loaded x` or `ignore`, by header. A unit "
+        "in the file must agree.",
         examples=[{"Winkel A1": "J1 [deg]", "shift": "ignore"}],
     )
     layouts: Annotated[
         list[Annotated[list[HeaderCell], Field(max_length=MAX_HEADER_CELLS)]], Field(max_length=64)
     ] = Field(
         default_factory=list,
-        description="Headers of the files of a template, one list per kind of file. If given, a file with "
-        "other headers is refused, and the error names the differences.",
+        description="Headers of the files of a template, one list per kind of file; a file with other "
+        "headers is refused.",
     )
     delimiter: Delimiter | None = Field(
         default=None, description="Delimiter between cells; detected if absent."
@@ -82,7 +82,9 @@ class ImportOptions(Message):
     ignore: Annotated[list[HeaderCell], Field(max_length=MAX_HEADER_CELLS)] = Field(
         default_factory=list, description="Headers of columns to ignore; blanks are collapsed."
     )
-    sheet: str | None = Field(default=None, max_length=100, description="Sheet of an Excel file.")
+    sheet: str | None = Field(
+        default=None, max_length=100, description="Sheets of an Excel file, separated by ;."
+    )
     point_name: Template | None = Field(
         default=None,
         description="Template of point names, of `{label}`, `{target}`, `{state}` and `{any}`.",
@@ -98,8 +100,7 @@ class ImportOptions(Message):
     )
     state: State | None = Field(
         default=None,
-        description="State of the positions where neither headers, columns nor names of points and files "
-        "say whether they are unloaded or loaded.",
+        description="State of the positions where neither headers, columns nor names say it.",
     )
     by_order: StrictBool = Field(
         default=False,
@@ -107,7 +108,13 @@ class ImportOptions(Message):
     )
     allow_missing: StrictBool = Field(
         default=False,
-        description="Skip incomplete readings, and list them, instead of refusing the file.",
+        description="Skip and list incomplete readings instead of refusing the file.",
+    )
+    mean_of_repeats: StrictBool = Field(
+        default=False, description="Use the mean of repeated readings of a point."
+    )
+    joint_tolerance: Annotated[Quantity, Field(gt=0.0)] = Field(
+        default=0.01, description="Greatest difference of a joint between files, in deg or mm."
     )
 
 
@@ -123,8 +130,8 @@ class ColumnMeaning(Message):
     unit: str | None = Field(description="Unit of the numbers; null if there are none.")
     guessed: StrictBool = Field(
         default=False,
-        description="True if the meaning was assumed (from two rows, a comment, a unit without brackets, or "
-        "without a header): check it.",
+        description="True if the meaning was assumed (from two rows, a comment, a unit without brackets, no "
+        "header).",
     )
 
 
@@ -234,8 +241,8 @@ class ImportRequest(ImportOptions):
     )
     accept_unusual: StrictBool = Field(
         default=False,
-        description="True accepts values that look wrong, else refused: over 100 standard deviations from "
-        "their column's median, or a load point over 5 m from the flange.",
+        description="True accepts values over 100 standard deviations from their column's median, and a load "
+        "point over 5 m from the flange.",
     )
     force: Vector3 | None = Field(
         default=None,
@@ -247,8 +254,7 @@ class ImportRequest(ImportOptions):
     )
     show_faults: StrictBool = Field(
         default=False,
-        description="True to answer 200 with `faults` and the preview, instead of 422, if a file is not "
-        "understood.",
+        description="True to answer 200 with `faults` and the preview, not 422.",
     )
 
 
@@ -267,8 +273,7 @@ class ImportAnswer(ImportPreview):
     )
     template: ImportRequest | None = Field(
         default=None,
-        description="Options by which files of the same form are read again, and others are refused; null if "
-        "something is missing.",
+        description="Options that read only files of the same form; null if something is missing.",
     )
     missing: list[str] = Field(description="Missing items of a measurement set; empty if complete.")
     bodies: list[Body] = Field(
@@ -277,9 +282,8 @@ class ImportAnswer(ImportPreview):
     )
     geometry: GeometryRequest | None = Field(
         default=None,
-        description="Unloaded poses, to be posted to /v1/geometries with `robot_id` added, if the files "
-        "have joint angles and unloaded positions only. Noise that was not stated is the root "
-        "mean square of the files'.",
+        description="Unloaded poses, ready for /v1/geometries with `robot_id` added, if the files have only "
+        "joint angles and unloaded positions. Noise not stated is the root mean square of that in the files.",
     )
     leave_out: list[Name] = Field(
         description="Labels of the observations that a column `validation` holds out from the fit, for the "

@@ -129,6 +129,11 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     return Grid(preview, tuple(_pad_row(row, width) for row in rows), tuple(comments))
 
 
+def split_sheets(sheets: str | None) -> list[str | None]:
+    """Return the names of sheets that an option states, with semicolons between; [None] without it."""
+    return [name.strip() for name in sheets.split(";")] if sheets else [None]
+
+
 def _pad_row(row: Row, width: int) -> Row:
     """Return a row with empty cells added at the end, until the row has `width` cells."""
     missing = width - len(row.cells)
@@ -144,7 +149,8 @@ def _find_only_filled_sheet(file: str, sheets: Mapping[str, _Sheet]) -> str:
     filled = [name for name, sheet in sheets.items() if next(sheet.rows(), None)]
     if len(filled) > 1:
         reason = f"several sheets have data: {quote(', '.join(filled))}"
-        raise ImportFileError(Place(file), reason, "give `sheet`", "sheet", tuple(filled))
+        remedy = "give `sheet`, several of them separated by semicolons"
+        raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(filled))
     return (filled or list(sheets))[0]
 
 

@@ -227,6 +227,11 @@ def is_key(text: str) -> bool:
     return fold_word(text) in _TEXT_KIND_OF
 
 
+def is_statistic(text: str) -> bool:
+    """Return whether a text, the first of a row, says that the row has statistics of the other rows."""
+    return fold_word(text).rstrip(":. ") in _WORD_LISTS["statistics"]
+
+
 def is_joint(text: str) -> bool:
     """Return whether a text is a word for a joint without the joint's number."""
     return fold_word(split_unit(text)[0]) in _WORD_LISTS["joints"]
@@ -298,9 +303,6 @@ def _parse_quantity(header: str, base: str, state_words: Mapping[str, State]) ->
         ImportFileError: the header is not understood.
     """
     if joint := _JOINT.fullmatch(base):
-        if not joint[1].strip("0"):
-            reason = f"{quote(header)}: joints are numbered from 1"
-            raise ImportFileError(NOWHERE, reason, "number them 1, 2, …")
         return Meaning(Quantity("joint"), int(joint[1]) - 1)
     if vector := _VECTOR.fullmatch(base):
         kind = _VECTOR_OF[fold_word(vector[1].replace("-", " "))]

@@ -123,10 +123,20 @@ _TYPES_BY_PART: Final = (
 )
 
 
+MATLAB: Final = "a MATLAB file"
+"""Type of a file of arrays that MATLAB wrote up to version 7.2."""
+
+
 def file_type(content: bytes, name: str = "") -> str | None:
     """Return the type of a file in words, such as `a PDF document`; None for text and unknown types."""
     if content.startswith(_ZIP):
         return _archive_type(content)
+    if content.startswith(b"MATLAB 5.0 MAT-file"):
+        return MATLAB
+    if content.startswith((b"MATLAB 7.3 MAT-file", b"\x89HDF\r\n\x1a\n")):
+        return "an HDF5 file"
+    if content.startswith(b"PAR1"):
+        return "a Parquet file"
     if content[4:8] == b"ftyp":
         return "a picture (HEIC) or a film"
     # White space, or a byte order mark of UTF-8 or UTF-16, may come before the first sign of the content.
@@ -378,7 +388,7 @@ def decide_decimal_mark(
         ImportFileError: the file has decimal points and decimal commas, or the mark is ambiguous.
     """
     if grid.preview.format == "xlsx":
-        return "point", None
+        return _decide_mark_of_texts(grid, rows, columns, stated_mark), None
     if stated_mark is not None:
         return stated_mark, None
     first_cells: dict[str, tuple[str, Place]] = {}  # text and place of the first cell with each mark
@@ -400,6 +410,28 @@ def decide_decimal_mark(
     if "," in first_cells:
         return "comma", "the comma was used as the decimal mark"
     return "point", _POINT_ASSUMED if "." in first_cells and "." not in sure_marks else None
+
+
+def _decide_mark_of_texts(
+    grid: Grid, rows: Iterable[Row], columns: Collection[int], stated_mark: DecimalMark | None
+) -> DecimalMark:
+    """Return the decimal mark of numbers that a sheet has as texts; the point if there are none.
+
+    Raises:
+        ImportFileError: the sheet has numbers as texts, and their decimal mark is not stated.
+    """
+    texts = [
+        (row, column)
+        for row in rows
+        for column in columns
+        if row.kinds and row.kinds[column] == "text" and looks_like_a_number(row.cells[column])
+    ]
+    if texts and stated_mark is None:
+        row, column = texts[0]
+        reason = f"{len(texts)} cells have numbers as texts, the first {quote(row.cells[column])}"
+        remedy = "give `decimal_mark`, or format the cells as numbers"
+        raise ImportFileError(grid.place(row, column), reason, remedy, "decimal_mark")
+    return stated_mark if texts and stated_mark else "point"
 
 
 def read_number(text: str, mark: DecimalMark) -> float:

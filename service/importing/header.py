@@ -49,6 +49,13 @@ _AXES_AND_WORDS: Final = re.compile(r"(?<![^\W_])(?:[xyz]|[^\W\d_]{2,})(?![^\W_]
 """Names of axes, and words, in their order."""
 _HEADER_SEPARATORS: Final = (r"\s*[;,\t]\s*", r"\s{2,}", r"\s+(?![\[(])")
 """What may stand between the headers in a comment."""
+_DATE_OR_TIME: Final = re.compile(
+    r"'?(?:\d{1,4}[./-]\d{1,2}[./-]\d{2,4}(?:[ T,]+\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?)?"
+    r"|\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?|[AaPp]\.?[Mm]\.?)(?: ?[AaPp]\.?[Mm]\.?)?'?"
+)
+"""A date, a time of day, or both."""
+_MAX_TIME_COLUMNS: Final = 3
+"""Greatest number of columns of a date, a time and its half of the day."""
 _LONG_BLANK: Final = re.compile(r"\s{3,}")
 """Three or more blanks, which mean as much as two; the patterns of gaps need quadratic time for them."""
 
@@ -149,19 +156,31 @@ def _looks_like_header(comment: Remark, width: int, *, is_last: bool, cell_count
     return is_last and axes != "xyz" and (has_fitting_words or cell_count == width)
 
 
+def _count_time_columns(grid: Grid, width: int) -> int:
+    """Return how many of the last columns have dates and times, as SpatialAnalyzer writes behind points."""
+    count = 0
+    while count < _MAX_TIME_COLUMNS and all(
+        _DATE_OR_TIME.fullmatch(row.cells[width - 1 - count]) for row in grid.rows if len(row.cells) >= width
+    ):
+        count += 1
+    return count
+
+
 def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
     """Return the heading of a list of points without a header, by its number of columns.
 
     Raises:
         ImportFileError: lists of points have another number of columns, or a name looks like a number.
     """
-    headers = ("x", "y", "z") if by_order and width == 3 else _HEADERLESS.get(width)
+    times = _count_time_columns(grid, width)
+    headers = ("x", "y", "z") if by_order and width == 3 else _HEADERLESS.get(width - times)
+    headers = headers and (*headers, *("time",) * times)
     if headers is None:
         reason = f"the rows have {width} cells, and there is no header"
         remedy = "add a header such as `name x y z`, or give `header`"
         raise ImportFileError(grid.place(grid.rows[0]), reason, remedy, "header")
     for row in grid.rows:
-        for column, cell in enumerate(row.cells[: len(headers) - 3]):
+        for column, cell in enumerate(row.cells[: len(headers) - 3 - times]):
             is_number = looks_like_a_number(cell) and (column > 0 or not cell.isdigit())
             if grammar.is_key(cell) or is_number:
                 reason = f"{quote(cell)} is where a point's name must be, because there is no header"
@@ -454,7 +473,17 @@ class ColumnReader:
                     raise ImportFileError(self._heading.place(column), reason, remedy)
             meanings.append(meaning)
         self._report_faults(header_faults.found)
-        return meanings
+        return self._number_joints_from_one(meanings)
+
+    def _number_joints_from_one(self, meanings: list[Meaning]) -> list[Meaning]:
+        """Return the meanings with joints from 1; a joint 0 shows that the file numbers them from 0."""
+        if not any(meaning.kind == "joint" and meaning.axis == -1 for meaning in meanings):
+            return meanings
+        self._notes.append("joints are numbered from 0 in the file: its joint 0 was read as joint 1")
+        return [
+            replace(meaning, axis=(meaning.axis or 0) + 1) if meaning.kind == "joint" else meaning
+            for meaning in meanings
+        ]
 
     def _report_faults(self, faults_found: Sequence[ImportFileError]) -> None:
         """Report faults of headers; many unknown headers share messages, to leave room for other faults."""

@@ -20,6 +20,8 @@ from jointstiff.service.importing.grammar import Vocabulary, collapse_blanks, na
 from jointstiff.service.importing.grid import Grid, Remark, Row, decide_decimal_mark, looks_like_a_number
 from jointstiff.service.importing.header import ColumnReader, Columns, Heading, find_heading
 
+_REMARK: Final = re.compile(r"(?=.*[^\W\d])(?:.*\S\s+\S|[^\W\d]\w*:)")
+"""Text of a remark: two words at least, or a word with a colon."""
 _MANY_DECIMALS: Final = 6
 """Number of decimals after which a further, missing decimal does not matter."""
 
@@ -49,6 +51,7 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
     heading = find_heading(grid, vocabulary, options)
     remarks = sorted([*grid.comments, *_read_titles_above(grid, heading)])
     axes_unit, frame = _read_remarks(grid.file, remarks)
+    grid, notes_on_rows = _drop_rows_without_readings(grid, heading)
     heading, rows = _fit_rows_to_heading(grid, heading, faults)
     headers = ["" if heading.assumed else text for text in heading.texts]
     if options.layouts:
@@ -58,7 +61,7 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
     columns = column_reader.understand(axes_unit, state_in_name=name_has_state)
     _check_units(grid.file, remarks, columns, faults)
     unsure_number = _check_end_of_file(grid, rows, faults)
-    notes = [*grid.preview.assumptions, *heading.notes, *columns.notes]
+    notes = [*grid.preview.assumptions, *heading.notes, *notes_on_rows, *columns.notes]
     rows_are_numbered = options.by_order and "name" not in columns.texts
     if rows_are_numbered:
         notes.append("rows were numbered, the first as observation 1, as `by_order` requires")
@@ -246,6 +249,31 @@ def _fit_rows_to_heading(grid: Grid, heading: Heading, faults: Faults) -> tuple[
             "comma in a comma-separated file, or a blank in a name without quotation marks",
         )
     return replace(heading, texts=texts, notes=notes), tuple(fitted)
+
+
+def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, list[str]]:
+    """Return the table without its rows of statistics and of remarks below the header, and notes on them.
+
+    A row of statistics begins with a word such as `mean`; a row of a remark has only one text, of several
+    words. A row that may be an observation is kept.
+    """
+    statistics, remarks, kept = list[str](), list[str](), list(grid.rows[: heading.start])
+    for row in grid.rows[heading.start :]:
+        filled = [cell for cell in row.cells if cell]
+        if filled and grammar.is_statistic(filled[0]) and not looks_like_a_number(filled[0]):
+            statistics.append(filled[0])
+        elif len(filled) == 1 and len(heading.texts) > 2 and _REMARK.match(filled[0]):
+            remarks.append(filled[0])
+        else:
+            kept.append(row)
+    notes = [
+        f"rows of {what} were left out: {len(found)}, the first {quote(found[0])}"
+        for what, found in (("statistics", statistics), ("remarks", remarks))
+        if found
+    ]
+    if not notes or len(kept) == heading.start:
+        return grid, []
+    return replace(grid, rows=tuple(kept)), notes
 
 
 def _cut_row(row: Row, width: int) -> Row:

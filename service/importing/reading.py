@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from statistics import median, pstdev
+from math import degrees, sqrt
+from statistics import fmean, median, pstdev
 from types import MappingProxyType
 from typing import Final, Literal
 
@@ -25,8 +26,9 @@ from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing import grid
+from jointstiff.service.importing.arrays import read_matlab
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
-from jointstiff.service.importing.excel import read_workbook
+from jointstiff.service.importing.excel import read_workbook, split_sheets
 from jointstiff.service.importing.grammar import (
     POINTS,
     Quantity,
@@ -58,6 +60,8 @@ _MAX_SPREADS: Final = 100.0
 """Distance of a value from its column's median, in spreads, beyond which the user has to confirm it."""
 _MIN_VALUES: Final = 5
 """Fewest values of a column for which a spread is computed."""
+_MAX_REPEAT: Final = 2e-4
+"""Greatest distance [m] of a repeated reading from the mean of all readings of the point."""
 _MAX_LISTED_LABELS: Final = 3
 """Labels named in a message."""
 _STATES: Final[tuple[State, ...]] = ("unloaded", "loaded", "unloaded_after", "deflection")
@@ -165,8 +169,10 @@ class _Reader:
         faults = self._faults
         for file in files:
             with faults.collect():
-                self._read_table(_read_grid(file, self._options))
-        if all(not layout.columns.faulty for layout in self._layouts) and len(self._previews) == len(files):
+                for table in _read_grids(file, self._options):
+                    self._read_table(table)
+        are_read = {each.file for each in self._previews} == {file.name for file in files}
+        if all(not layout.columns.faulty for layout in self._layouts) and are_read:
             if not self._layouts:  # all files were read, and each is a table of masses
                 remedy = "import them together with the readings of the robot"
                 raise ImportFileError(NOWHERE, "the files contain masses, but no readings", remedy)
@@ -179,7 +185,8 @@ class _Reader:
                     names = NameReader(layout, self._options, self._notes)
                     readers.append(RowReader(layout, names, self._times_and_roundings))
         records = (record for reader in readers for record in reader.read_records(faults))
-        observations = _merge_by_label(records, faults)
+        merging = _Merging(self._options, self._units, self._joint_kinds(), faults, self._notes)
+        observations = merging.merge_by_label(records)
         return self.build_answer() if faults.found else self._check_and_assemble(observations)
 
     def _read_table(self, table: Grid) -> None:
@@ -318,8 +325,8 @@ def _has_positions(layout: Layout) -> bool:
     return any(quantity.kind == "position" for quantity in layout.columns.quantities)
 
 
-def _read_grid(file: SourceFile, options: ImportOptions) -> Grid:
-    """Read a workbook or a text file as rows of cells.
+def _read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
+    """Read a workbook, a file of arrays or a text file as rows of cells: a table for each sheet.
 
     Raises:
         ImportFileError: the file is empty, of another type, or cannot be read.
@@ -328,7 +335,10 @@ def _read_grid(file: SourceFile, options: ImportOptions) -> Grid:
         raise ImportFileError(Place(file.name), "the file is empty", "check the export")
     kind = file_type(file.content, file.name)
     if kind == grid.WORKBOOK:
-        return read_workbook(file.name, file.content, options.sheet)
+        sheets = split_sheets(options.sheet)
+        return [read_workbook(file.name, file.content, sheet) for sheet in sheets]
+    if kind == grid.MATLAB:
+        return [read_matlab(file.name, file.content)]
     if kind is not None:
         remedy = "export the readings as CSV, text or .xlsx"
         if kind == grid.JSON:
@@ -339,7 +349,7 @@ def _read_grid(file: SourceFile, options: ImportOptions) -> Grid:
                 raise ImportFileError(Place(file.name), reason, remedy) from None
             remedy = "a campaign needs no import: `jointstiff identify` runs it, `jointstiff post` posts it"
         raise ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)
-    return read_text(file.name, file.content, options.delimiter)
+    return [read_text(file.name, file.content, options.delimiter)]
 
 
 def detect_delimiter(file: SourceFile) -> Delimiter | None:
@@ -355,46 +365,141 @@ def detect_delimiter(file: SourceFile) -> Delimiter | None:
 # ---- records of all files, put together by label
 
 
-def _merge_by_label(records: Iterable[ObservationRecord], faults: Faults) -> list[ObservationRecord]:
-    """Merge the records of each label into one observation; repeated or contradictory values are faults.
+class _Merging:
+    """Merging of the records of each label into one observation."""
 
-    Raises:
-        ImportFileError: there are too many observations.
-    """
-    observations: dict[str, ObservationRecord] = {}
-    first_places: dict[tuple[str | None, str], Place] = {}  # of each label in each file
-    for record in records:
-        first_place = first_places.setdefault((record.place.file, record.label), record.place)
-        observation = observations.setdefault(record.label, record)
-        if record.whole and first_place is not record.place:
-            _report_duplicate(f"the label {quote(record.label)}", record.place, first_place, faults)
-        elif observation is not record:
-            _merge_record(observation, record, faults)
-        if len(observations) > MAX_OBSERVATIONS:
-            reason = f"there are more than {MAX_OBSERVATIONS} observations"
-            raise ImportFileError(record.place, reason, "split the campaign into several sets")
-    return list(observations.values())
+    def __init__(
+        self,
+        options: ImportOptions,
+        units: Mapping[str, str],
+        joint_kinds: Sequence[JointKind],
+        faults: Faults,
+        notes: list[str],
+    ) -> None:
+        """Prepare to merge records; `units` has the units by dimension, assumptions are added to `notes`."""
+        self._options, self._faults, self._notes = options, faults, notes
+        per_degree = degrees(1.0) if units.get("angle") == "rad" else 1.0
+        per_mm = 1e3 if units.get("length") == "m" else 1.0
+        self._joint_tolerances = [  # in the unit of each joint
+            options.joint_tolerance / (per_mm if kind == "prismatic" else per_degree) for kind in joint_kinds
+        ]
+        self._metre = 1.0 if units.get("length") == "m" else 1e3  # one metre in the unit of positions
+        self._joint_difference = 0.0  # greatest difference between two files, relative to the tolerance
+        self._worst_joints: tuple[float, ImportFileError] | None = None
+        self._repeats: dict[tuple[str, Quantity], list[Value]] = {}  # readings of points that are repeated
+
+    def merge_by_label(self, records: Iterable[ObservationRecord]) -> list[ObservationRecord]:
+        """Return one observation for each label; contradictory values are faults.
+
+        Raises:
+            ImportFileError: there are too many observations.
+        """
+        observations: dict[str, ObservationRecord] = {}
+        first_places: dict[tuple[str, str], Place] = {}  # of each label in each file and sheet
+        for record in records:
+            first_place = first_places.setdefault((record.table, record.label), record.place)
+            observation = observations.setdefault(record.label, record)
+            if record.whole and first_place is not record.place:
+                _report_duplicate(f"the label {quote(record.label)}", record.place, first_place, self._faults)
+            elif observation is not record:
+                self._merge_record(observation, record)
+            if len(observations) > MAX_OBSERVATIONS:
+                reason = f"there are more than {MAX_OBSERVATIONS} observations"
+                raise ImportFileError(record.place, reason, "split the campaign into several sets")
+        self._conclude_joints()
+        self._conclude_repeats(observations)
+        return list(observations.values())
+
+    def _merge_record(self, observation: ObservationRecord, record: ObservationRecord) -> None:
+        """Add the values of a record to the observation with its label; values that differ are faults.
+
+        Of joints that differ within the tolerance, those of the record with unloaded positions are kept.
+        """
+        observation.held_out |= record.held_out
+        is_unloaded = {"unloaded"} == {quantity.state for quantity in record.values if quantity.state}
+        for quantity, value in record.values.items():
+            first_value = observation.values.setdefault(quantity, value)
+            if quantity.kind in POINTS and first_value is not value:
+                self._repeats.setdefault((record.label, quantity), [first_value]).append(value)
+            elif first_value.vector == value.vector:
+                continue
+            elif quantity.kind == "joint" and self._are_equal_joints(record.label, first_value, value):
+                if is_unloaded:
+                    observation.values[quantity] = value
+            elif quantity.kind != "joint" or not (first_value.vector and value.vector):
+                reason = (
+                    f"the {quantity.kind} of {quote(record.label)} differs from the value at "
+                    f"{first_value.place}"
+                )
+                remedy = "give each observation a unique label, or correct one of them"
+                self._faults.report(record.place, reason, remedy)
+
+    def _are_equal_joints(self, label: str, first: Value, second: Value) -> bool:
+        """Return whether joints of two files agree within the tolerance; remember the worst that do not."""
+        if not (first.vector and second.vector) or len(first.vector) != len(second.vector):
+            return False
+        both = zip(first.vector, second.vector, self._joint_tolerances, strict=False)
+        relative, difference = max((abs(a - b) / tolerance, abs(a - b)) for a, b, tolerance in both)
+        if relative <= 1.0 + 1e-9:
+            self._joint_difference = max(self._joint_difference, relative)
+            return True
+        if self._worst_joints is None or relative > self._worst_joints[0]:
+            reason = (
+                f"the joint angles of {quote(label)} differ by {difference:.4g} from those at {first.place}"
+            )
+            remedy = "give each observation a unique label, correct one of them, or raise `joint_tolerance`"
+            fault = ImportFileError(second.place, reason, remedy, "joint_tolerance")
+            self._worst_joints = relative, fault
+        return False
+
+    def _conclude_joints(self) -> None:
+        """Report the joints that differ most between files, or note the greatest difference."""
+        if self._worst_joints is not None:
+            self._faults.add(self._worst_joints[1])
+        elif self._joint_difference:
+            greatest = self._joint_difference * self._options.joint_tolerance
+            self._notes.append(
+                f"joints of the same observation differ between files by up to {greatest:.2g} (deg or mm): "
+                "those of the unloaded readings were used"
+            )
+
+    def _conclude_repeats(self, observations: Mapping[str, ObservationRecord]) -> None:
+        """Replace repeated readings by their means if the options say so; else report them."""
+        squares, degrees_of_freedom, greatest = 0.0, 0, 0.0
+        for (label, quantity), values in self._repeats.items():
+            vectors = [value.vector for value in values if value.vector]
+            if not self._options.mean_of_repeats or len(vectors) < len(values):
+                what = f"{quantity.target} {quantity.state} of {quote(label)}"
+                reason = f"{what} occurs twice, first at {values[0].place}"
+                remedy = "rename or remove one of them, or use `mean_of_repeats` for repeated readings"
+                self._faults.report(values[1].place, reason, remedy, "mean_of_repeats")
+                continue
+            mean = tuple(fmean(numbers) for numbers in zip(*vectors, strict=True))
+            errors = [sum((a - b) ** 2 for a, b in zip(each, mean, strict=True)) for each in vectors]
+            if sqrt(max(errors)) > _MAX_REPEAT * self._metre:
+                what = f"{quantity.target} {quantity.state} of {quote(label)}"
+                distance = f"{1e3 * sqrt(max(errors)) / self._metre:.3g} mm from their mean"
+                reason = f"readings of {what} are up to {distance}: they are no repeated readings"
+                self._faults.report(values[1].place, reason, "correct their names, or remove one of them")
+                continue
+            squares, greatest = squares + sum(errors), max(greatest, *errors)
+            degrees_of_freedom += len(mean) * (len(vectors) - 1)
+            observations[label].values[quantity] = replace(values[0], vector=mean)
+        if degrees_of_freedom:
+            deviation, most = (
+                f"{1e6 / self._metre * sqrt(each):.3g} µm"
+                for each in (squares / degrees_of_freedom, greatest)
+            )
+            self._notes.append(
+                f"the mean of repeated readings was used for {len(self._repeats)} points; by their spread, "
+                f"one reading has a standard deviation of {deviation} in each coordinate; the greatest "
+                f"distance from a mean is {most}"
+            )
 
 
 def _report_duplicate(what: str, place: Place, first_place: Place, faults: Faults) -> None:
     """Report that `what` occurs at a place, and occurred before at `first_place`."""
     faults.report(place, f"{what} occurs twice, first at {first_place}", "rename or remove one of them")
-
-
-def _merge_record(observation: ObservationRecord, record: ObservationRecord, faults: Faults) -> None:
-    """Add the values of a record to the observation with its label; values that differ are faults."""
-    observation.held_out |= record.held_out
-    for quantity, value in record.values.items():
-        first_value = observation.values.setdefault(quantity, value)
-        if quantity.kind in POINTS and first_value is not value:
-            what = f"{quantity.target} {quantity.state} of {quote(record.label)}"
-            _report_duplicate(what, value.place, first_value.place, faults)
-        elif first_value.vector != value.vector:
-            reason = (
-                f"the {quantity.kind} of {quote(record.label)} differs from the value at {first_value.place}"
-            )
-            remedy = "give each observation a unique label, or correct one of them"
-            faults.report(record.place, reason, remedy)
 
 
 def _list_targets(observations: Iterable[ObservationRecord]) -> list[str]:

@@ -27,7 +27,7 @@ from jointstiff.service.importing.grammar import (
     contains_state_word,
     find_state,
 )
-from jointstiff.service.importing.grid import Row, read_number
+from jointstiff.service.importing.grid import Row, looks_like_a_number, read_number
 from jointstiff.service.importing.layout import Layout
 
 _FIELD: Final = re.compile(r"\{([^{}]*)\}")
@@ -346,6 +346,7 @@ class ObservationRecord:
     label: str  # label of the observation
     place: Place  # place of the first row with this label
     whole: bool = False  # whether the row claims to be the only one of its observation in this file
+    table: str = ""  # file and sheet of the row
     held_out: bool = False  # whether the column `validation` holds the observation out from the fit
     values: dict[Quantity, Value] = field(default_factory=dict)  # values by quantity; positions have a state
 
@@ -457,7 +458,8 @@ class RowReader:
     def _read_record(self, row: Row, name_parts: NameParts, label: str, faults: Faults) -> ObservationRecord:
         """Return the values of one row as a record with a label; report all faults in the row's cells."""
         whole = self._columns.whole and name_parts.label is not None
-        record = ObservationRecord(label, self._grid.place(row), whole)
+        table = f"{self._grid.file} {self._grid.preview.sheet}"
+        record = ObservationRecord(label, self._grid.place(row), whole, table)
         for quantity, indices in self._columns.quantities.items():
             place = self._grid.place(row, indices[0])
             if quantity.kind == "addition" or quantity.kind in _UNCERTAINTIES:
@@ -596,9 +598,11 @@ class RowReader:
             ImportFileError: the cell does not hold a number.
         """
         text = row.cells[index]
-        if row.kinds is not None and text and row.kinds[index] != "number":
+        mark = "point" if row.kinds is not None and row.kinds[index] == "number" else self._decimal_mark
+        is_text = row.kinds is not None and row.kinds[index] == "text" and looks_like_a_number(text)
+        if row.kinds is not None and text and row.kinds[index] != "number" and not is_text:
             reason = f"a number is needed, but the cell has type {row.kinds[index]}: {quote(text)}"
             remedy = "enter a number, and format the cell as a number; replace a formula without a stored "
             raise ImportFileError(self._grid.place(row, index), reason, f"{remedy}value by its value")
         factor = self._length_factor if self._columns.meanings[index].dimension == "length" else 1.0
-        return factor * read_number(text, self._decimal_mark)
+        return factor * read_number(text, mark)

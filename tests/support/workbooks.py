@@ -3,7 +3,9 @@
 import io
 import zipfile
 
+import numpy as np
 import openpyxl
+from scipy.io import savemat
 from support.importing_samples import CAMPAIGN
 
 SHEET = "xl/worksheets/sheet1.xml"
@@ -21,6 +23,17 @@ def workbook(rows=None, change=lambda _book, _sheet: None):
     change(book, book.active)
     output = io.BytesIO()
     book.save(output)
+    return output.getvalue()
+
+
+def arrays(**variables):
+    """Return a .mat file with matrices, and lists of texts as cell arrays."""
+    output = io.BytesIO()
+    is_list = lambda each: isinstance(each, list) and isinstance(each[0], str)  # noqa: E731
+    savemat(output, {
+        name: np.array(each, dtype=object).reshape(-1, 1) if is_list(each) else each
+        for name, each in variables.items()
+    })  # fmt: skip
     return output.getvalue()
 
 

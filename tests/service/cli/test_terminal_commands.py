@@ -217,8 +217,8 @@ HELP = {
         "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
         "--encoders <motor|secondary> Encoders that close the position loop; never guessed.",
-        "--accept-unusual / --no-accept-unusual True accepts values that look wrong, else refused: over 100 "
-        "standard deviations from their column's median, or a load point over 5 m from the flange.",
+        "--accept-unusual / --no-accept-unusual True accepts values over 100 standard deviations from their "
+        "column's median, and a load point over 5 m from the flange.",
         "--template FILE Template of an earlier import; files of another form are refused.",
     ],
     "measure": [

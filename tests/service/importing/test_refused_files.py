@@ -173,7 +173,7 @@ def test_an_observation_is_read_once():
     ]
     assert refusals(("a.csv", table + row.format("P10"))) == [
         "a.csv:3:7: P10 deflection of 'c01' occurs twice, first at 'a.csv', line 2, column 7; "
-        "rename or remove one of them"
+        "rename or remove one of them, or use `mean_of_repeats` for repeated readings [mean_of_repeats]"
     ]
 
 

@@ -16,7 +16,8 @@ from typing import Any
 
 import pytest
 from support.importing_samples import CAMPAIGN, JOINTS, MM, POINTS, sources_of
-from support.workbooks import SHEET, repacked, workbook
+from support.workbooks import ROWS as SHEET_ROWS
+from support.workbooks import SHEET, arrays, repacked, workbook
 
 from jointstiff.schemas.imports import ImportAnswer, ImportFault, ImportRequest
 from jointstiff.schemas.robot import RobotDocument
@@ -31,6 +32,18 @@ SITES = (*sorted(ROOM.glob("*.py")), ROOM.parent / "resources" / "imports.py")
 EXCLUDED = "the position has no target or no state"
 """Reason that `Names` excludes before: no file causes it."""
 
+POSES = """\
+label;J1 [deg];J2 [deg];P10 unloaded x [mm];P10 unloaded y [mm];P10 unloaded z [mm]
+c01;10.5;-20.25;1245.7134;-310.1127;239.2014
+c02;-15;-35.125;1102.5518;402.9017;318.4406
+"""
+READINGS = arrays(
+    label=["c01", "c02"],
+    q_deg=[[10.0, 20.0], [30.0, 40.0]],
+    force_N=[[0.0, 0.0, -100.0]] * 2,
+    P_deflection_mm=[[0.1, 0.2, 0.3]] * 2,
+)
+"""Joints, forces and deflections as MATLAB saves them."""
 Content = str | bytes
 Files = Mapping[str, Content] | tuple[tuple[str, Content], ...]
 
@@ -163,7 +176,7 @@ COLUMNS = {
     ),
     "unit of a text": mistake("has a unit, but is a column of texts", "label;", "label [mm];"),
     "hung mass in newton": mistake("the unit of a hung mass must be kg", "mass [kg]", "mass [N]", HUNG),
-    "joint zero": mistake("joints are numbered from 1", "J2 [deg]", "J0 [deg]"),
+    "joint zero": mistake("column joint 3 is missing", "J2 [deg]", "J0 [deg]"),
     "two units by header and option": Case(
         "is in deg, but",
         {"a.csv": CAMPAIGN.replace("J1 [deg]", "A1 [deg]")},
@@ -356,6 +369,26 @@ ROWS = {
 NAMES = {
     "name twice": mistake("occurs twice", "c02;", "c01;"),
     "point twice": mistake("occurs twice", "c02_P10_loaded", "c01_P10_loaded", POINTS),
+    "point repeated": option(
+        "occurs twice", POINTS + "c02_P10_loaded;1102.4128;402.8613;316.8891\n", mean_of_repeats=True
+    ),
+    "points far apart as repeated ones": mistake(
+        "they are no repeated readings", "c02_P10_loaded", "c01_P10_loaded", POINTS, mean_of_repeats=True
+    ),
+    "numbers as texts": Case(
+        "cells have numbers as texts",
+        {"a.xlsx": workbook(SHEET_ROWS)},
+        stated={"decimal_mark": "point"},
+    ),
+    "damaged arrays": Case(
+        "is a damaged MATLAB file", {"a.mat": arrays(q_deg=[[1.0]])[:150]}, {"a.mat": READINGS}
+    ),
+    "no arrays": Case("has no arrays of numbers", {"a.mat": arrays(text="a")}, {"a.mat": READINGS}),
+    "joints of two files": Case(
+        "the joint angles of 'c02' differ by 0.02",
+        {"u.csv": POSES, "l.csv": POSES.replace("-35.125", "-35.105").replace("unloaded", "loaded")},
+        stated={"joint_tolerance": 0.05},
+    ),
     "name that is none": mistake("is not a valid name", "c02;", "c\u20282;"),
     "unclear name": mistake("does not show which observation", "c02_P10_loaded", "c02_P10_1_loaded", POINTS),
     "unclear name, template": option(

@@ -323,7 +323,7 @@ def test_quaternions_are_the_rotation_of_a_probe_and_other_numbers_joints():
     assert [
         each.partition(";")[0]
         for each in refusals(rotated("1;0;0;0", "0.1;0.2;0.3;0.4", "0.5;-0.5;0.5;0.5", "0;0;0;1"))
-    ] == ["a.csv:1:5: 'Q0': joints are numbered from 1", "a.csv:1:6: joint 1 has no unit, nor have 2 others"]
+    ] == ["a.csv:1:5: joint 1 has no unit, nor have 3 others"]
     joints = "label;Q1;Q2;Q3;Q4\nc01;0.1;0.2;0.3;0.4\nc02;0.5;-0.5;0.5;-0.5\n"
     assert meanings_of(answered(("a.csv", joints), units=MM))[1:3] == ["joint 1 [deg]", "joint 2 [deg]"]
 

@@ -2,7 +2,7 @@
 
 The shares are printed by
 
-    PYTHONPATH=.dev:tests:. .venv/bin/python -m pytest tests/service/programs/test_forms.py -s
+    PYTHONPATH=.dev:tests:. .venv/bin/python -m pytest tests/service/programs/test_programs_of_people.py -s
 """
 
 import re

@@ -1,0 +1,144 @@
+"""Files as their owners have them: from each file to a set, with three options or answers at most."""
+
+import re
+
+import pytest
+from support.importing_samples import (
+    CAMPAIGN,
+    CAMPAIGN_NUMBERS,
+    JOINTS,
+    MM,
+    POINTS,
+    READ_POINTS,
+    answered,
+    numbers_of,
+    points_of,
+    read,
+    refusals,
+)
+from support.workbooks import ROWS, arrays, rows_of_values, workbook
+
+UNLOADED = """\
+label;J1 [deg];J2 [deg];P10 unloaded x [mm];P10 unloaded y [mm];P10 unloaded z [mm]
+c01;10.5;-20.25;1245.7134;-310.1127;239.2014
+c02;-15;-35.125;1102.5518;402.9017;318.4406
+"""
+LOADED = UNLOADED.replace("unloaded", "loaded").replace("-35.125", "-35.1291").replace("10.5;", "10.4995;")
+
+
+@pytest.mark.parametrize("files", [(UNLOADED, LOADED), (LOADED, UNLOADED)])
+def test_each_state_may_have_joints_of_its_own_and_the_unloaded_ones_count(files):
+    imported = read(*((f"{i}.csv", text) for i, text in enumerate(files)))
+    assert [each.vector("joint") for each in imported.observations] == [(10.5, -20.25), (-15.0, -35.125)]
+    (note,) = [each for each in imported.preview.assumptions if "differ between files" in each]
+    assert "by up to 0.0041 (deg or mm)" in note
+
+
+def test_joints_that_differ_more_are_told_once_with_the_greatest_difference():
+    wrong = UNLOADED.replace("unloaded", "loaded").replace("-35.125", "-35.2").replace("10.5;", "10.55;")
+    assert refusals(("u.csv", UNLOADED), ("l.csv", wrong)) == [
+        "l.csv:3: the joint angles of 'c02' differ by 0.075 from those at 'u.csv', line 3; give "
+        "each observation a unique label, correct one of them, or raise `joint_tolerance` [joint_tolerance]"
+    ]
+
+
+def test_repeated_readings_have_their_mean_and_a_note_says_their_spread():
+    repeated = POINTS + "c01_P10_loaded;1245.6041;-310.1098;237.9853\n"
+    imported = read(("j.csv", JOINTS), ("p.txt", repeated), units=MM, mean_of_repeats=True)
+    found = points_of(imported)
+    assert found["c01", "P10", "loaded"] == pytest.approx((1245.6031, -310.1098, 237.9853))
+    assert {key: value for key, value in found.items() if key != ("c01", "P10", "loaded")} == {
+        key: value for key, value in READ_POINTS.items() if key != ("c01", "P10", "loaded")
+    }
+    (note,) = [each for each in imported.preview.assumptions if "repeated" in each]
+    assert "1 points" in note
+    assert "0.816 µm in each coordinate; the greatest distance from a mean is 1 µm" in note
+
+
+def test_joints_may_be_numbered_from_zero():
+    text = re.sub(r"J(\d) ", lambda match: f"Joint{int(match[1]) - 1} ", CAMPAIGN)
+    assert "Joint0 [deg]" in text
+    assert numbers_of(answered(("a.csv", text))) == CAMPAIGN_NUMBERS
+
+
+REMARKS = ["Bemerkung: Zelle 3, Hallentor offen;;;;;;;;;;;;", "lunch break;;;;;;;;;;;;"]
+STATISTICS = [
+    f"{word};1;2;3;4;5;6;7;8;9;10;11;12" for word in ("mean", "Mittel", "σ", "Std Dev", "Mittelwert:")
+]
+
+
+@pytest.mark.parametrize("row", [*REMARKS, *STATISTICS])
+@pytest.mark.parametrize("place", [3, 5])
+def test_rows_of_remarks_and_of_statistics_are_left_out(row, place):
+    lines = CAMPAIGN.splitlines()
+    answer = answered(("a.csv", "\n".join([*lines[:place], row, *lines[place:]]) + "\n"))
+    assert numbers_of(answer) == CAMPAIGN_NUMBERS
+    assert any("were left out: 1, the first" in note for note in answer.files[0].assumptions)
+
+
+def test_a_row_with_a_label_and_no_numbers_is_no_remark():
+    assert refusals(("a.csv", CAMPAIGN + "c04;;;;;;;;;;;;\n"))
+
+
+@pytest.mark.parametrize("mark", [",", "."])
+def test_numbers_as_texts_of_a_sheet_need_one_answer(mark):
+    rows = [[cell.replace(".", mark) for cell in row] for row in ROWS]
+    rows[0] = ROWS[0]
+    file = "a.xlsx", workbook(rows)
+    (said,) = refusals(file)
+    assert said.endswith("[decimal_mark]")
+    words = "comma" if mark == "," else "point"
+    assert numbers_of(answered(file, decimal_mark=words)) == CAMPAIGN_NUMBERS
+
+
+def test_two_sheets_are_two_tables_of_one_campaign():
+    rows = rows_of_values()
+
+    def divided(book, _sheet):
+        second = book.create_sheet("Punkte")
+        for row in rows:
+            second.append([row[0], *row[7:]])
+
+    file = "a.xlsx", workbook([row[:7] for row in rows], divided)
+    assert numbers_of(answered(file, sheet="Sheet; Punkte")) == CAMPAIGN_NUMBERS
+
+
+TIMES = ["11/20/2026 10:05:33 AM", "20.11.2026 10:05:33", "2026-11-20 10:05:33.120"]
+
+
+@pytest.mark.parametrize("time", TIMES)
+def test_points_of_spatial_analyzer_may_have_a_time_behind(time):
+    lines = [
+        "// AXES = CARTESIAN: X,  Y,  Z (mm)",
+        *(
+            f"A, {name.rpartition('_')[2]}, {'_'.join(name.split('_')[:2])}, {x}, {y}, {z}, {time}"
+            for name, x, y, z in (line.split(";") for line in POINTS.splitlines())
+        ),
+    ]
+    text = "\n".join(lines) + "\n"
+    options = {"point_name": "{any}::{state}::{label}_{target}"}
+    imported = read(("p.txt", text), **options)
+    assert points_of(imported) == READ_POINTS
+
+
+def test_a_file_of_matlab_is_a_table():
+    numbers = [row[1:] for row in rows_of_values()[1:]]
+    content = arrays(
+        label=["c01", "c02", "c03"],
+        J_deg=[row[:3] for row in numbers],
+        force_N=[row[3:6] for row in numbers],
+        P10_unloaded_mm=[row[6:9] for row in numbers],
+        P10_loaded_mm=[row[9:] for row in numbers],
+        note="cell 3",
+    )
+    answer = answered(("a.mat", content))
+    assert numbers_of(answer) == CAMPAIGN_NUMBERS
+    assert answer.files[0].assumptions == ["variables that are no tables were skipped: 'note'"]
+
+
+@pytest.mark.parametrize(
+    ("start", "what"), [(b"\x89HDF\r\n\x1a\n", "an HDF5 file"), (b"PAR1", "a Parquet file")]
+)
+def test_other_files_of_arrays_are_named(start, what):
+    (said,) = refusals(("a.bin", start + b"\0" * 100))
+    assert f"the file is {what}, not a table" in said
