@@ -62,7 +62,7 @@ export function standOf(observation: Observation, units: Units, kinds: readonly 
   return { joints, force: force as unknown as Vector, anchor: null };
 }
 
-const LENGTHS = ["unloaded", "loaded", "deflection", "displacement", "sigma"] as const;
+const LENGTHS = ["unloaded", "loaded", "unloaded_after", "deflection", "displacement", "sigma"] as const;
 
 /** An observation of a file in the units of the set. */
 export function inUnits(observation: Observation, from: Units, to: Units, kinds: readonly JointKind[]): Observation {
