@@ -45,8 +45,8 @@ async def add_observation(
 ) -> Response:
     """Add an observation to an open set, and get what all of them say.
 
-    It is compared with what the others let expect; `readings` says so. The same observation again changes
-    nothing; another one of a label that is taken is refused (409).
+    `readings` compares it with what the others let expect. The same observation again changes nothing;
+    another one of its label is refused (409).
     """
     state = await run_sync(parts.live.observe, set_id, body, by, limiter=request.app.state.work)
     return answers.json_response(state.model_dump_json(), 201)

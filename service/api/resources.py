@@ -111,8 +111,8 @@ def change_robot(
 def get_catalogue() -> Catalogue:
     """Get the nominal arms, each with the source of its figures, and the presets of joint maps.
 
-    Post `{"format": "catalogue", "arm": "NAME"}` as the model of a robot to begin with one. Nominal figures
-    differ from those of a real arm; a geometry finds the latter.
+    Post `{"format": "catalogue", "arm": "NAME"}` as the model of a robot to begin with one; a geometry
+    finds the figures of the real arm.
     """
     return catalogue()
 
@@ -129,7 +129,7 @@ def compute_kinematics(
 ) -> list[Posture]:
     """Compute where joints and flange are in some configurations. Nothing is stored.
 
-    A robot that is not stored is vetted as one that is posted, so that it can be looked at before it is kept.
+    A robot that is not stored is vetted as one that is posted.
     """
     return to_postures(parts.robots.find(body.robot_id, body.robot), body.joints)
 
@@ -200,9 +200,9 @@ def change_measurement_set(
 ) -> MeasurementSetSummary:
     """Change name and metadata of a measurement set, delete it, or restore it.
 
-    Fields that are left out stay; null removes one. Readings, hash and runs stay as they are, whatever
-    changes. A set that a job refers to cannot be deleted; a deleted one
-    can be restored for 30 days. Of an open set, readings are withdrawn or kept, and postures skipped.
+    Fields that are left out stay; null removes one. Readings, hash and runs stay as they are. A set
+    that a job refers to cannot be deleted; a deleted one can be restored for 30 days. Of an open set,
+    readings are withdrawn or kept, and postures skipped.
     """
     if parts.live.is_open(set_id):
         return parts.live.apply_change(set_id, body, by)
