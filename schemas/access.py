@@ -14,7 +14,7 @@ Role = Literal["viewer", "operator", "admin"]
 Access = Literal["loopback", "keys", "none"]
 KeyId = Annotated[str, Field(pattern=r"^[0-9a-f]{10}$")]
 
-_ROLE = "`viewer` reads; `operator` also posts and deletes; `admin` also issues keys and reads the audit."
+_ROLE = "`viewer` reads; `operator` also posts and deletes; `admin` also issues keys, reads the audit."
 
 
 class KeyRequest(Message):
@@ -75,8 +75,8 @@ class Session(Message):
     """Identity and role of the caller."""
 
     access: Access = Field(
-        description="Callers that the service answers. `loopback`: programs of this machine; `keys`: "
-        "holders of a key; `none`: everyone who reaches the address."
+        description="Callers that are answered. `loopback`: programs of its machine; `keys`: holders of a "
+        "key; `none`: everyone."
     )
     key_id: str | None = Field(description="Id of the caller's key; null without a valid key.")
     key_name: str | None = Field(description="Name of that key.")
@@ -113,13 +113,8 @@ class Health(Message):
 
     status: Literal["ok"]
     version: str = Field(description="Version of Jointstiff.")
-    workers: int = Field(
-        description="Number of workers with a sign of life within 30 s; without workers, long jobs wait."
-    )
-    failing_workers: int = Field(
-        description="Number of workers of this service that end soon after each start; its log has the "
-        "reason."
-    )
+    workers: int = Field(description="Number of workers; without them long jobs wait.")
+    failing_workers: int = Field(description="Number of workers that end soon after each start; see the log.")
     database: Literal["sqlite", "postgresql"]
     stored_bytes: int = Field(
         description="Size of the database in bytes, without free pages of a SQLite file."
@@ -129,7 +124,6 @@ class Health(Message):
         "(`--quota`)."
     )
     access: Access = Field(
-        description="Callers that the service answers. `loopback`: programs of the service's own "
-        "machine. `keys`: holders of a key. `none`: everyone who reaches its address "
-        "(`--no-access-control`); a proxy in front must authenticate."
+        description="Callers that are answered. `loopback`: programs of its machine. `keys`: holders of a "
+        "key. `none`: everyone (`--no-access-control`); a proxy must authenticate."
     )

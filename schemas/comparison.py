@@ -11,6 +11,7 @@ from jointstiff.schemas.fields import (
     Confidence,
     Dimensionless,
     Identifier,
+    Interval,
     Message,
     Metres,
     Name,
@@ -67,8 +68,7 @@ class ComparisonRequest(ComparisonOptions):
 
     run_ids: Annotated[list[Identifier], Field(min_length=2, max_length=MAX_COMPARED)] = Field(
         description="Runs to compare. Two sets are compared by the first run of each. If a constraint is "
-        "active, list the run with `positive` false, too: ratios are of estimates without "
-        "constraints."
+        "active, list the run with `positive` false, too: ratios are of these."
     )
 
     @field_validator("run_ids", mode="after")
@@ -130,9 +130,7 @@ class ComparedRun(Message):
     characteristic_length: Metres[float | None] = Field(
         description="Length that was used, if the weighting needs one."
     )
-    positive: StrictBool = Field(
-        description="True if every compliance was constrained to be zero or positive."
-    )
+    positive: StrictBool = Field(description="True if compliances were constrained to be zero or more.")
     error: Problem | None = Field(description="Reason why there are no numbers.")
     joints: list[JointResult] = Field(
         description="Joints, fitted to all configurations; empty if there is an error."
@@ -140,20 +138,19 @@ class ComparedRun(Message):
     assessment: Assessment | None = Field(description="Assessment; null if there is an error.")
     compensation: Dimensionless[float | None] = Field(
         description="Fraction of the mean deflection that the model predicts, 1 - mean‖residual‖ / "
-        "mean‖deflection‖; null if nothing moved, or without degrees of freedom. Dimensionless."
+        "mean‖deflection‖; null if nothing moved, or without degrees of freedom."
     )
     rms_residual: Metres[float | None] = Field(
         description="Root mean square of the residual vectors' lengths."
     )
     condition_number: Dimensionless[float | None] = Field(
-        description="Condition number of the weighted regressor with columns of unit norm, the "
-        "largest of all stages; null if rank-deficient."
+        description="Condition number of the weighted regressor with unit columns, the largest of all "
+        "stages; null if rank-deficient."
     )
     draws: Resampling | None = Field(description="Draws of the resampling, if there was one.")
     resampling: ResamplingResult | None = Field(description="Results of the resampling, if there was one.")
     left: Metres[list[float | None]] = Field(
-        description="Mean length of the residuals in each configuration of the side, over its targets; null "
-        "where the run leaves the configuration out."
+        description="Mean length of the residuals in each configuration; null where the run leaves it out."
     )
 
 
@@ -165,8 +162,8 @@ class ComparedSide(Message):
     run_id: Identifier = Field(description="Run that represents the side in the comparison.")
     configurations: list[Name] = Field(description="Labels of its observations.")
     deflection: Metres[list[float | None]] = Field(
-        description="Mean length of the measured deflection in each configuration, over its targets; null "
-        "where all runs leave the configuration out."
+        description="Mean length of the measured deflection in each configuration; null where all runs "
+        "leave it out."
     )
 
 
@@ -176,22 +173,21 @@ class JointRatio(Message):
     name: Name
     ratio: Dimensionless[float | None] = Field(
         default=None,
-        description="Ratio of the stiffnesses, second side to first, of the estimates without constraints; "
-        "null if one is not positive.",
+        description="Ratio of the unconstrained stiffnesses, second side to first; null if one is not "
+        "positive.",
     )
     ratio_interval: Dimensionless[tuple[float | None, float | None] | None] = Field(
         default=None,
-        description="Fieller's interval of the ratio, cut at zero if compliances are constrained to be "
-        "positive. A null end means no limit; null means unknown.",
+        description="Fieller's interval of the ratio, cut at zero with the constraint. A null end means no "
+        "limit; null means unknown.",
     )
-    ratio_excluded: Dimensionless[tuple[float, float] | None] = Field(
+    ratio_excluded: Dimensionless[Interval | None] = Field(
         default=None,
         description="Lower and upper end of the excluded ratios, if the readings exclude only a range.",
     )
     p_value: Dimensionless[float | None] = Field(
         default=None,
-        description="Two-sided p-value of the hypothesis that the compliance has not changed: small "
-        "if it has.",
+        description="Two-sided p-value of an unchanged compliance.",
     )
     reason: str | None = Field(default=None, description="Reason why there is no ratio.")
 
@@ -203,8 +199,7 @@ class ConfigurationShare(Message):
     side: Literal["first", "second", "both"] = Field(description="Sides that have this observation.")
     measured: Estimate | None = Field(description="Measured share; only if both sides have the observation.")
     predicted: float | None = Field(
-        description="Predicted share from both sides' compliances; null if a joint that deflects here is not "
-        "observable on one side. Dimensionless."
+        description="Predicted share; null if a joint that deflects here is not observable on one side."
     )
 
 
@@ -212,16 +207,12 @@ class AvoidedDeflection(Message):
     """Share of the deflection that the second side avoids: 1 - mean deflection there / on the first side."""
 
     matching: int = Field(
-        description="Number of observations with the same label, posture (1 mrad) and load (0.5 %, 1 mm) on "
-        "both sides."
+        description="Number of observations with equal label, posture (1 mrad) and load (0.5 %, 1 mm)."
     )
     measured: Estimate | None = Field(
-        description="Measured share of the mean deflection of the matching observations; null if there are "
-        "none."
+        description="Measured share, of the matching observations; null without any."
     )
-    predicted: float | None = Field(
-        description="Predicted share of the mean deflection of all observations, matching ones counted once."
-    )
+    predicted: float | None = Field(description="Predicted share, of all observations.")
     configurations: list[ConfigurationShare]
 
 
@@ -238,13 +229,11 @@ class OrderedJoint(Message):
         description="1 / compliance; null if the compliance is zero."
     )
     stiffness_second: Stiffness[float | None]
-    compliance_interval_first: Compliance[tuple[float, float] | None] = Field(
+    compliance_interval_first: Compliance[Interval | None] = Field(
         description="Profile-likelihood interval under all constraints."
     )
-    compliance_interval_second: Compliance[tuple[float, float] | None]
-    equal: StrictBool = Field(
-        description="True if the order makes both compliances equal: separate fits would violate the order."
-    )
+    compliance_interval_second: Compliance[Interval | None]
+    equal: StrictBool = Field(description="True if the order makes both compliances equal.")
 
 
 class OrderedResult(Message):
@@ -252,8 +241,8 @@ class OrderedResult(Message):
 
     joints: list[OrderedJoint]
     chi_square_increase: float = Field(
-        description="Increase of χ² due to the order. If far above the number of `equal` joints, the "
-        "readings contradict the order. Dimensionless."
+        description="Increase of χ² by the order. If far above the number of `equal` joints, the readings "
+        "contradict the order."
     )
     certificate: Certificate = Field(description="Proof of optimality.")
 
@@ -262,17 +251,19 @@ class ComparisonResult(Result):
     """Runs side by side; of two measurement sets also the ratios of the stiffnesses."""
 
     assessment: Assessment = Field(
-        description="Worst verdict with its reasons: of all runs of one set, or of the two runs by which "
-        "two sets are compared."
+        description="Worst verdict with its reasons: of all runs of one set, or of the two runs compared."
     )
     confidence: Dimensionless[float] = Field(description="Confidence level of ratios.")
     sides: list[ComparedSide] = Field(description="One or two measurement sets.")
     entries: list[ComparedRun] = Field(description="Runs in the requested order.")
     joints: list[JointRatio] = Field(description="Ratios of two sides; empty for one.")
     avoided: AvoidedDeflection | None = Field(
-        description="Deflection that the second side avoids; null for one side."
+        description="Share of the deflection that the second side avoids: 1 - mean deflection there / on "
+        "the first side; null for one side."
     )
-    ordered: OrderedResult | None = Field(description="Common fit of both sides, if requested.")
+    ordered: OrderedResult | None = Field(
+        description="Common fit of both sides, if requested: no joint is softer on the second side."
+    )
     warnings: list[Finding] = Field(
         description="Warnings of the sets, of the fits, then of the comparison; with two sides, `where` "
         "begins with the side."

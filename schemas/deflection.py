@@ -10,6 +10,7 @@ from jointstiff.schemas.fields import (
     Confidence,
     Dimensionless,
     Identifier,
+    Interval,
     Kilograms,
     LinearStiffness,
     Message,
@@ -36,7 +37,7 @@ from jointstiff.schemas.robot import MAX_JOINTS
 
 MAX_CASES = 2_000
 
-Interval3 = tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
+Interval3 = tuple[Interval, Interval, Interval]
 """Lower and upper end along x, y and z."""
 
 
@@ -45,8 +46,7 @@ class LoadCase(Message):
 
     label: Name | None = Field(default=None, description="Name of the case; its number if absent.")
     joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Joints without the load, as the controller shows them: angles in units.angle, prismatic "
-        "joints in units.length."
+        description="Joints without the load, as the controller shows them, in units.angle or units.length."
     )
     force: Vector3 = Field(description="Force on the robot, axes of R0, in units.force.")
     moment: Vector3 | None = Field(
@@ -54,17 +54,15 @@ class LoadCase(Message):
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Point where the force acts, flange frame, in units.length; default: the load point of "
-        "all cases.",
+        description="Point where the force acts, flange frame, in units.length; default: that of all cases.",
     )
     place: Vector3 | None = Field(
         default=None,
-        description="Place whose deflection is predicted, flange frame, in units.length; default: the load "
-        "point.",
+        description="Place that is predicted, flange frame, in units.length; default: the load point.",
     )
     direction: Vector3 | None = Field(
         default=None,
-        description="Direction of the requested stiffness, axes of R0; default: the direction of the force.",
+        description="Direction of the stiffness; default: the force's.",
     )
 
 
@@ -83,7 +81,7 @@ class SagOptions(Message):
 
     absolute: StrictBool = Field(
         default=False,
-        description="True for deflections relative to an arm that does not bend: with the sag by own "
+        description="True for deflections relative to an arm that does not bend, with the sag by own "
         "weight. Needs a run with `weight`.",
     )
 
@@ -93,7 +91,7 @@ class PredictionOptions(SagOptions):
 
     masses: Annotated[list[LinkMass], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
-        description="Masses for own weight, which acts along −z of R0; own weight is not included if empty.",
+        description="Masses for own weight, which acts along −z of R0; empty: no own weight.",
     )
     confidence: Confidence = 0.95
 
@@ -108,8 +106,7 @@ class DeflectionOptions(PredictionOptions):
     )
     place: Vector3 | None = Field(
         default=None,
-        description="Place whose deflection is predicted, flange frame, in units.length; default: the load "
-        "point.",
+        description="Place that is predicted, flange frame, in units.length; default: the load point.",
     )
     cases: Annotated[list[LoadCase], Field(min_length=1, max_length=MAX_CASES), FailFast()]
 
@@ -125,16 +122,15 @@ class ModelErrorInterval(Message):
 
     displacement: Metres[Interval3]
     radius: Metres[float] = Field(
-        description="Radius of the ball that contains the true displacement at the confidence level; "
-        "empirical, from held-out postures."
+        description="Radius of the ball that contains the true displacement at this confidence; from "
+        "held-out postures."
     )
     load_ratio: Dimensionless[float] = Field(
-        description="Magnitude of the load relative to the campaign's greatest; above 1.01 the load is "
-        "extrapolated."
+        description="Load relative to the campaign's greatest; above 1.01 it is extrapolated."
     )
     leverage_ratio: Dimensionless[float] = Field(
         description="Standard uncertainty per load relative to the campaign's worst target; above 1.01 the "
-        "posture or place is extrapolated."
+        "case is extrapolated."
     )
 
 
@@ -178,10 +174,7 @@ class CartesianCompliance(Message):
     translation_by_moment: TranslationPerMoment[Square3]
     rotation_by_force: RotationPerForce[Square3]
     rotation_by_moment: RotationalCompliance[Square3]
-    symmetric: StrictBool = Field(
-        description="True if the matrices are symmetric; a moment of constant "
-        "direction makes them asymmetric."
-    )
+    symmetric: StrictBool = Field(description="True if the matrices are symmetric; not with a moment.")
     along: DirectionalStiffness | None = Field(
         description="Stiffness along the direction; null without a force and a direction."
     )
@@ -210,8 +203,8 @@ class CaseResult(Message):
     )
     rotation: Radians[Point | None] = Field(description="Rotation vector of the flange, axes of R0.")
     readings_only: Metres[Interval3 | None] = Field(
-        description="Interval of each component by the errors of the readings and the stated errors of the "
-        "force; null if unknown."
+        description="Interval by the errors of the readings and the stated errors of the force; null if "
+        "unknown."
     )
     rotation_interval: Radians[Interval3 | None] = Field(description="Interval of the rotation.")
     with_model_error: ModelErrorInterval | None = Field(
@@ -220,8 +213,8 @@ class CaseResult(Message):
     compliance: CartesianCompliance | None
     budget: DeflectionBudget | None = Field(
         default=None,
-        description="Uncertainty budget; null without a displacement, with elastic links or coupling, or if "
-        "the uncertainty is unknown.",
+        description="Uncertainty budget of the length, with an exact load; null without a displacement, "
+        "with elastic links or coupling, or if unknown.",
     )
     remarks: list[str] = Field(
         description="Extrapolations, and reasons why a number or an interval is missing."
@@ -232,10 +225,8 @@ class DeflectionResult(FromRun):
     """Deflections of all cases, in SI units."""
 
     confidence: Dimensionless[float]
-    model_error_postures: int = Field(
-        description="Number of postures that the bound of the model error is based on."
-    )
-    remarks: list[str] = Field(description="Remarks that apply to all cases: own weight, K_c in the fit.")
+    model_error_postures: int = Field(description="Number of postures behind the model error's bound.")
+    remarks: list[str] = Field(description="Remarks on all cases.")
     cases: list[CaseResult]
 
 
@@ -254,8 +245,8 @@ class MapOptions(AcceptingOptions, SagOptions):
     name: Name | None = None
     area: Metres[Box]
     grid: tuple[_Count, _Count, _Count] = Field(
-        description="Number of places along x, y and z, including the faces of the box; a single one is in "
-        "the middle."
+        description="Number of places along x, y and z, with the faces of the box; a single one is in the "
+        "middle."
     )
     place: Metres[Vector3] = Field(
         description="Tool position in the flange frame; this point is brought to each place."
@@ -272,7 +263,7 @@ class MapOptions(AcceptingOptions, SagOptions):
     turns: Annotated[int, Field(strict=True, ge=1, le=360)] = Field(
         default=1,
         description="Number of angles about the tool's axis over a full turn. At the first, the flange's x "
-        "axis, seen along the tool, points along x of R0 (along y if the tool points along x).",
+        "axis points along x of R0 (or y if the tool points along x).",
     )
     force: Newtons[Vector3] = Field(description="Force of the process on the robot.")
     moment: Torque[Vector3 | None] = Field(
@@ -283,16 +274,16 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     direction: Dimensionless[Vector3 | None] = Field(
         default=None,
-        description="Direction along and across which compliance is computed; default: that of the force.",
+        description="Direction of compliance along and across; default: the force's.",
     )
     limits: Positions[dict[Name, tuple[Quantity, Quantity]]] = Field(
         default_factory=dict,
-        description="Additional joint limits, as the controller shows the joints, by joint name.",
+        description="Additional joint limits by joint name.",
     )
     near: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
         default=None,
-        description="Posture as the controller shows it: each place gets the nearest posture to it; "
-        "default: the stiffest. Needed for prismatic joints, which keep these positions.",
+        description="Posture as the controller shows it, to which each place gets the nearest; default: "
+        "the stiffest. Needed for prismatic joints, which keep it.",
     )
     confidence: Dimensionless[Confidence] = 0.95
 
@@ -316,23 +307,21 @@ class MapPlace(Message):
     tool_direction: Dimensionless[Point] = Field(description="Direction in which the tool's axis points.")
     displacement: Metres[Point] = Field(description="Displacement, loaded minus unloaded, axes of R0.")
     deflection: Metres[float] = Field(description="Length of the displacement.")
-    readings_only: Metres[tuple[float, float] | None] = Field(
-        description="Interval of `deflection` from the readings alone; null if the uncertainty is unknown."
+    readings_only: Metres[Interval | None] = Field(
+        description="Interval of `deflection` from the readings alone; null if unknown."
     )
-    with_model_error: Metres[tuple[float, float] | None] = Field(
+    with_model_error: Metres[Interval | None] = Field(
         description="Interval that includes the model error; null without a bound."
     )
     compliance_along: TranslationalCompliance[float | None] = Field(
-        description="Compliance along the direction; null if a joint that the readings do not determine "
-        "contributes."
+        description="Compliance along the direction; null with joints that are not determined."
     )
     compliance_across: TranslationalCompliance[float | None] = Field(
-        description="Greatest compliance across the direction; null if a joint that the readings do not "
-        "determine contributes."
+        description="Greatest compliance across the direction; null as `compliance_along`."
     )
     extrapolation: Dimensionless[float | None] = Field(
-        description="Load, or uncertainty per load, relative to the campaign's greatest: above 1.01 the "
-        "model extrapolates. Null without a bound."
+        description="Load, or uncertainty per load, relative to the campaign's greatest; above 1.01 "
+        "extrapolated. Null without a bound."
     )
 
 
@@ -342,27 +331,18 @@ class MapResult(FromRun):
     places: int
     counts: dict[PlaceStatus, int] = Field(
         description="Number of places by status. `reached`: with values. `out_of_reach`: no posture reaches "
-        "the place. `joint_limits`: all postures are beyond the limits. `unseen_joint`: the "
-        "load twists a joint that the readings do not determine. `overloaded`: the load halves "
-        "a joint's stiffness, or turns it by 0.25 rad. `not_followed`: too near a singularity "
-        "for `near`."
+        "it. `joint_limits`: all postures are beyond the limits. `unseen_joint`: the load twists a joint "
+        "that the readings do not determine. `overloaded`: the load halves a joint's stiffness, or turns it "
+        "by 0.25 rad. `not_followed`: too near a singularity for `near`."
     )
     percentiles: Metres[dict[str, float]] = Field(
         description="Deflection that this percentage of the reached places does not exceed: `0`, `5`, `25`, "
-        "`50`, `75`, `95`, `100`; empty if no place is reached."
+        "`50`, `75`, `95`, `100`."
     )
-    worst: MapPlace | None = Field(
-        description="Place with the largest deflection; null if no place is reached."
-    )
-    stiffest: MapPlace | None = Field(
-        description="Place with the smallest deflection; null if no place is reached."
-    )
-    extrapolated: int = Field(
-        description="Number of reached places whose load or posture is beyond the campaign's."
-    )
-    model_error_postures: int = Field(
-        description="Number of postures that the bound of the model error is based on."
-    )
+    worst: MapPlace | None = Field(description="Place with the largest deflection, if any is reached.")
+    stiffest: MapPlace | None = Field(description="Place with the smallest deflection, if any is reached.")
+    extrapolated: int = Field(description="Number of reached places beyond the campaign.")
+    model_error_postures: int = Field(description="Number of postures behind the model error's bound.")
     remarks: list[str] = Field(description="Remarks that apply to all places.")
 
 
@@ -373,4 +353,4 @@ class Map(Job):
 
     kind: Literal["map"] = "map"
     request: MapRequest
-    result: MapResult | None = Field(description="Result; present if the job has succeeded.")
+    result: MapResult | None = Field(description="Present if the job has succeeded.")

@@ -84,8 +84,15 @@ Point = TypeAliasType(
 )
 """Three components of a result."""
 
-Square3 = tuple[Point, Point, Point]
-"""A matrix of a result, row by row."""
+Square3 = TypeAliasType(
+    "Square3", Annotated[tuple[Point, Point, Point], Field(description="Square matrix, row by row.")]
+)
+"""A matrix of a result."""
+
+Interval = TypeAliasType(
+    "Interval", Annotated[tuple[float, float], Field(description="Lower and upper end.")]
+)
+"""An interval of a result, with both ends."""
 
 Value = TypeVar("Value")
 
@@ -118,7 +125,8 @@ Compliance = Annotated[
 ]
 """A value of joints: of a prismatic joint it has the other unit."""
 
-Timestamp = Annotated[datetime, Field(description="Time in UTC.")]
+Timestamp = datetime
+"""A time in UTC; in JSON it ends with `Z`."""
 
 Item = TypeVar("Item", bound=Message)
 
@@ -126,21 +134,19 @@ Item = TypeVar("Item", bound=Message)
 class ResourceChange(Message):
     """Changes of a resource that is no job. Omitted fields remain unchanged."""
 
-    name: Name | None = Field(default=None, description="New name; null or absent: unchanged.")
+    name: Name | None = Field(default=None, description="New name; null: unchanged.")
     deleted: StrictBool | None = Field(
         default=None,
-        description="True to delete it, false to restore it within 30 days; null or absent: unchanged.",
+        description="True to delete, false to restore within 30 days; null: unchanged.",
     )
 
 
 class Page(Message, Generic[Item]):
     """One page of a listing."""
 
-    items: list[Item] = Field(description="The resources on this page.")
-    next: str | None = Field(description="`cursor` of the following page; null on the last page.")
-    total: int | None = Field(
-        default=None, description="Number of resources on all pages; null after the first page."
-    )
+    items: list[Item]
+    next: str | None = Field(description="`cursor` of the next page; null on the last.")
+    total: int | None = Field(default=None, description="Number on all pages; null after the first page.")
 
 
 def validate_list(kind: type[Item], documents: Sequence[dict[str, Any]]) -> list[Item]:

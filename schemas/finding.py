@@ -61,13 +61,13 @@ class NamedCause(Message):
     """Something that moved the targets, too, such as a load point elsewhere or play in gears."""
 
     name: Name = Field(
-        description="Name: `load_point`, `constant_force` (axes of R0), `load_zero` (a force along the "
-        "flange's axes), `load_scale` (of each distinct load, or before and after), `play`, "
-        "`curved_springs`, `shift` or `turn` (with a shift) of all positions read under load."
+        description="`load_point`, `constant_force` (axes of R0), `load_zero` (a force along the flange's "
+        "axes), `load_scale` (of each distinct load, or before and after), `play`, `curved_springs`, `shift` "
+        "or `turn` (with a shift) of all positions under load."
     )
     first: Name | None = Field(
         default=None,
-        description="Label of the first observation that the cause concerns; null for all.",
+        description="Label of the first observation concerned; null for all.",
     )
 
     @property
@@ -80,10 +80,9 @@ class Action(Message):
     """Action that a program can offer; it changes only the named options or readings."""
 
     kind: ActionKind = Field(
-        description="Action. `fit_causes`: fit `causes` with the joints. `convert_units`: declare `unit`, "
-        "keep the numbers. `exchange_readings`: exchange unloaded and loaded readings. "
-        "`choose_model`: let the readings choose elasticity and loss. `choose_robot`: identify "
-        "the same readings with `robot`."
+        description="`fit_causes`: fit `causes` with the joints. `convert_units`: declare `unit`, keep the "
+        "numbers. `exchange_readings`: exchange unloaded and loaded. `choose_model`: let the readings "
+        "choose elasticity and loss. `choose_robot`: identify with `robot`."
     )
     observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
@@ -240,8 +239,8 @@ class Finding(Message):
 
     code: FindingCode = Field(description="Kind of the finding.")
     weight: Verdict = Field(
-        description="Best verdict that the finding allows. `do_not_use`: almost certainly a mistake, to be "
-        "corrected. `use_with_care`: to be checked. `use`: a remark."
+        description="Best verdict that the finding allows. `do_not_use`: almost certainly a mistake. "
+        "`use_with_care`: to be checked. `use`: a remark."
     )
     where: str | None = Field(
         default=None,
@@ -273,8 +272,8 @@ class Assessment(Message):
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     headline: str | None = Field(
         default=None,
-        description="Verdict in one line with its subject, for results made from a run: prediction, map, "
-        "program, plan, comparison. Null for runs and geometries.",
+        description="Verdict in one line with its subject, for what is made from a run. Null for runs and "
+        "geometries.",
     )
     notes: list[str] = Field(
         default_factory=list,
@@ -289,7 +288,7 @@ class AcceptingOptions(Message):
         Literal["do_not_use"] | None, Terminal("--despite-verdict", flag="do_not_use")
     ] = Field(
         default=None,
-        description="`do_not_use` accepts a run with this verdict, else refused.",
+        description="`do_not_use` accepts a run with this verdict.",
     )
 
 
@@ -298,21 +297,21 @@ class ResultSummary(Message):
 
     verdict: Verdict | None = Field(
         default=None,
-        description="Verdict of the result; the worst one of several fits.",
+        description="Verdict; the worst one of several fits.",
     )
     compensation: Dimensionless[float | None] = Field(
         default=None,
-        description="Share of the mean deflection that the model predicts; the greatest of a comparison, "
-        "the smaller of its two sides.",
+        description="Share of the mean deflection that the model predicts; the greatest of a comparison's "
+        "runs, the smaller of two sides.",
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Number of joints with an upper end of the stiffness; the largest of a comparison's "
-        "runs, the smaller of two sides; null for geometries.",
+        description="Joints with an upper end of the stiffness; the most of a comparison's runs, the fewer "
+        "of two sides; null for geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     warning_count: int | None = Field(
-        default=None, description="Number of warnings; for geometries of findings except notes."
+        default=None, description="Number of warnings; of a geometry, of findings except notes."
     )
 
 

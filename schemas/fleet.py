@@ -63,9 +63,7 @@ class FleetRow(Message):
 class FleetResult(Message):
     """Outcome of a fleet."""
 
-    counts: dict[FleetOutcome, int] = Field(
-        description="Number of sets by verdict, and of those that failed."
-    )
+    counts: dict[FleetOutcome, int] = Field(description="Number of sets by verdict, and of failed ones.")
     rows: list[FleetRow] = Field(description="Row of each set, in the order of the request.")
 
 
@@ -76,7 +74,7 @@ class Fleet(Job):
 
     kind: Literal["fleet"] = "fleet"
     request: FleetRequest
-    result: FleetResult | None = Field(description="Result; present if the job has succeeded.")
+    result: FleetResult | None = Field(description="Present if the job has succeeded.")
 
     @property
     def failed_parts(self) -> int:

@@ -42,12 +42,11 @@ class IdentifiedAxis(Message):
         description="Unit vector along the axis; positive rotation by the right-hand rule."
     )
     position_uncertainty: Metres[float | None] = Field(
-        description="Largest standard uncertainty across the axis at `point`, without that of R0; null if "
-        "not determined."
+        description="Largest standard uncertainty across the axis at `point`, without R0's; null if not "
+        "determined."
     )
     direction_uncertainty: Radians[float | None] = Field(
-        description="Largest standard uncertainty of the direction, without that of R0; null if not "
-        "determined."
+        description="Largest standard uncertainty of the direction, without R0's; null if not determined."
     )
 
 
@@ -59,22 +58,20 @@ class SweepEvidence(Message):
     positions: int
     arc: Radians[float] = Field(description="Arc covered by the readings.")
     radial_rms: Metres[dict[Name, float | None]] = Field(
-        description="Root mean square of the radial residuals by target; in a sweep that turns two axes, of "
-        "the residuals across the axis. Null without a reading."
+        description="Root mean square of the radial residuals by target; in a sweep that turns two axes, "
+        "across the axis. Null without a reading."
     )
     axial_rms: Metres[dict[Name, float | None]] = Field(
-        description="Root mean square of the residuals along the axis by target; null without a reading."
+        description="Root mean square of the residuals along the axis by target."
     )
     angle_scale: float = Field(
-        description="Measured rotation of the joint over that of controller and joint map. Dimensionless."
+        description="Measured rotation of the joint over that of controller and joint map."
     )
     angle_deviation: Radians[float | None] = Field(
-        description="Root mean square difference between the angles from the readings and the controller's; "
-        "null if the controller's are used."
+        description="Root mean square difference of these angles from the controller's; null if the latter "
+        "are used."
     )
-    variance_factor: float = Field(
-        description="χ²/dof of this sweep: 1 on average if sigma is right. Dimensionless."
-    )
+    variance_factor: float = Field(description="χ²/dof of this sweep: 1 on average if sigma is right.")
 
 
 class PoseEvidence(Message):
@@ -84,12 +81,12 @@ class PoseEvidence(Message):
     unknowns: int = Field(description="Number of unknowns: four per axis and three per target.")
     determined: int = Field(description="Number of independent combinations that the poses determine.")
     only_together: list[list[str]] = Field(
-        description="Unknowns of each combination that is not determined; they keep their nominal values."
+        description="Unknowns of each combination that is not determined, and stays nominal."
     )
     rms_residual: Metres[float] = Field(description="Root mean square residual of a coordinate.")
     held_out_rms: Metres[float | None] = Field(
-        description="Root mean square error of a coordinate of held-out poses, by five-fold "
-        "cross-validation; null if the other poses do not determine the geometry."
+        description="Root mean square error of a coordinate of held-out poses (five-fold); null if the "
+        "other poses do not determine the geometry."
     )
 
 
@@ -121,16 +118,14 @@ class WristResult(Message):
     estimates: list[WristCentre]
     combined: WristCentre = Field(description="Weighted mean of the estimates, weights by their information.")
     distances: list[WristDistance]
-    posture: Radians[list[float]] = Field(
-        description="Model angles at which the centre is given; the angles of the wrist joints do not matter."
-    )
+    posture: Radians[list[float]] = Field(description="Model angles at which the centre is given.")
     miss_distance: Metres[float] = Field(
         description="Largest distance of one of the three axes from the point nearest to them."
     )
     miss_uncertainty: Metres[float]
     miss_probability: float = Field(description="p-value of the hypothesis that the axes intersect.")
     decoupled_method: StrictBool = Field(
-        description="True if the decoupled method applies: the axes miss each other by no more than 0.5 mm."
+        description="True if the decoupled method applies: the axes miss each other by at most 0.5 mm."
     )
 
 
@@ -168,8 +163,8 @@ class IdentifiedDh(Message):
     base: Rigid = Field(description="Transform from frame 0 to R0.")
     tool: Rigid = Field(description="Transform from the flange frame to frame n.")
     deviation: Metres[float] = Field(
-        description="Largest distance between the table's flange and the identified model's, over 200 random "
-        "postures: the effect of treating axes as parallel."
+        description="Largest distance between the table's flange and the identified model's, over 200 "
+        "random postures."
     )
 
 
@@ -197,32 +192,30 @@ class GeometryResult(Result):
     axes: list[IdentifiedAxis]
     sweeps: list[SweepEvidence] = Field(description="Sweeps; empty for poses.")
     fit: Literal["one_by_one", "together"] | None = Field(
-        description="Fit that gave the axes from sweeps: one_by_one also if `together` was requested and the "
-        "sweeps disagree (finding `sweeps_disagree`). Null for poses."
+        description="Fit that gave the axes; one_by_one if the sweeps disagree (finding "
+        "`sweeps_disagree`). Null for poses."
     )
     poses: PoseEvidence | None = Field(description="Calibration from poses; null for sweeps.")
     sigma: Metres[float] = Field(
-        description="Standard uncertainty of a coordinate, from which all other uncertainties follow; for "
-        "an instrument, the root mean square over the readings."
+        description="Standard uncertainty of a coordinate, from which all others follow; for an instrument, "
+        "root mean square over the readings."
     )
     sigma_source: Literal["stated", "residuals"]
     degrees_of_freedom: int
     variance_factor: float = Field(
-        description="χ²/dof: 1 on average if the stated sigma is right; 1 if sigma comes from the residuals. "
-        "Dimensionless."
+        description="χ²/dof: 1 on average if the stated sigma is right; 1 if sigma is estimated."
     )
     agreement_probability: float | None = Field(
-        description="p-value of one robot model for all sweeps. If it is small, fit the sweeps one by one."
+        description="p-value of one model for all sweeps. If it is small, fit them one by one."
     )
     controller_probability: float | None = Field(
-        description="p-value of the controller's angles. If it is not small, `angles` = `controller` gives "
-        "the better estimate."
+        description="p-value of the controller's angles. If it is not small, use `angles` = `controller`."
     )
     base: Literal["nominal", "axes"] = Field(description="Definition of R0.")
     transform_tracker_to_base: Rigid
     transform_covariance: MixedSquares[Square6 | None] = Field(
-        description="Covariance of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``: "
-        "translation, then rotation; null if not determined."
+        description="Covariance of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``; null if "
+        "not determined."
     )
     wrist: WristResult | None = Field(description="Wrist centre; null if there is none, see `no_wrist`.")
     no_wrist: str | None = Field(description="Reason why there is no wrist centre.")
@@ -292,8 +285,7 @@ class JointSweep(Message):
     """One joint of the controller turned alone."""
 
     joint: Name = Field(
-        description="Name of the joint that turns: the robot's name of it, or joint_1, joint_2, … if no "
-        "robot is given.",
+        description="Joint that turns: the robot's name of it, or joint_1, joint_2, … without a robot.",
         examples=["joint_1"],
     )
     observations: Annotated[
@@ -327,18 +319,18 @@ class GeometryRequest(Message):
     )
     poses: _Poses | None = Field(
         default=None,
-        description="Unloaded poses to calibrate a nominal model, instead of `sweeps`; needs `robot_id` or "
+        description="Unloaded poses, instead of `sweeps`, to calibrate a nominal model: `robot_id` or "
         "`robot`.",
     )
     fit: Literal["one_by_one", "together"] = Field(
         default="together",
-        description="Fit of the sweeps: one by one, which trusts the controller least, or all "
-        "together, which assumes that resting joints are at the controller's angles.",
+        description="Fit of the sweeps: one by one, which trusts the controller least, or all together, with "
+        "resting joints at the controller's angles.",
     )
     angles: Literal["free", "controller"] = Field(
         default="free",
-        description="Angles of the joint that turns: from the readings, or from the controller. The result "
-        "tests if the controller's are accurate enough.",
+        description="Angles of the joint that turns: from the readings, or from the controller, which the "
+        "result tests.",
     )
     base: Literal["nominal", "axes"] | None = Field(
         default=None,
@@ -348,29 +340,29 @@ class GeometryRequest(Message):
     )
     base_height: Quantity = Field(
         default=0.0,
-        description="Height of the common perpendicular of axes 1 and 2 above R0, in units.length, if "
-        "`base` is `axes`.",
+        description="Height of the common perpendicular of axes 1 and 2 above R0, in units.length, for "
+        "`base` = `axes`.",
     )
     flange: Literal["nominal", "axes", "targets"] | None = Field(
         default=None,
-        description="Flange frame, which no axis determines. `nominal`: as in the nominal model. `axes`: z "
-        "along the last axis, origin nearest to the axis before, the centre of a spherical "
-        "wrist. `targets`: by `flange_targets`. Default: `nominal`, or `axes` without a model.",
+        description="Flange frame, which no axis determines. `nominal`: as in the model. `axes`: z along "
+        "the last axis, origin nearest to the axis before, the centre of a spherical wrist. `targets`: by "
+        "`flange_targets`. Default: `nominal`, or `axes` without a model.",
     )
     flange_targets: tuple[Name, Name, Name] | None = Field(
         default=None,
-        description="Three targets, if `flange` is `targets`: origin at the first, x towards the second, y "
+        description="Three targets for `flange` = `targets`: origin at the first, x towards the second, y "
         "towards the third.",
     )
     base_targets_before: BasePositions | None = Field(
         default=None,
         description="Targets on the robot's base, read before the other readings; tracker's frame, in "
-        "units.length. Later readings show whether tracker and robot moved.",
+        "units.length. They show if tracker or robot moved.",
     )
     base_targets_after: BasePositions | None = Field(
         default=None,
-        description="The same targets after the other readings. If absent, later readings, such as those of "
-        "a set in this frame, are compared with `base_targets_before`.",
+        description="The same targets after the other readings. Absent: later readings in this frame are "
+        "compared with `base_targets_before`.",
     )
 
     @model_validator(mode="after")
@@ -440,4 +432,4 @@ class Geometry(Job):
     kind: Literal["geometry"] = "geometry"
     name: Name
     request: GeometryRequest
-    result: GeometryResult | None = Field(description="Result; present if the job has succeeded.")
+    result: GeometryResult | None = Field(description="Present if the job has succeeded.")

@@ -59,16 +59,16 @@ class ImportOptions(Message):
     )
     columns: Annotated[dict[HeaderCell, HeaderCell], Field(max_length=MAX_HEADER_CELLS)] = Field(
         default_factory=dict,
-        description="Meanings of headers, such as `J1 [deg]`, `P10 loaded x` or `ignore`, by header. A unit "
-        "in the file must agree.",
+        description="Meanings of headers, such as `J1 [deg]`, `P10 loaded x` or `ignore`. A unit in the "
+        "file must agree.",
         examples=[{"Winkel A1": "J1 [deg]", "shift": "ignore"}],
     )
     layouts: Annotated[
         list[Annotated[list[HeaderCell], Field(max_length=MAX_HEADER_CELLS)]], Field(max_length=64)
     ] = Field(
         default_factory=list,
-        description="Headers of the files of a template, one list per kind of file; a file with other "
-        "headers is refused.",
+        description="Headers of the files of a template, one list per kind of file. A file with other "
+        "headers is refused with the differences.",
     )
     delimiter: Delimiter | None = Field(
         default=None, description="Delimiter between cells; detected if absent."
@@ -100,11 +100,12 @@ class ImportOptions(Message):
     )
     state: State | None = Field(
         default=None,
-        description="State of the positions where neither headers, columns nor names say it.",
+        description="State of the positions where neither headers, columns nor names say if they are "
+        "unloaded or loaded.",
     )
     by_order: StrictBool = Field(
         default=False,
-        description="Number the rows of files without names: the first row of each file is observation 1.",
+        description="Number the rows of files without names: each first row is observation 1.",
     )
     allow_missing: StrictBool = Field(
         default=False,
@@ -124,14 +125,14 @@ class ColumnMeaning(Message):
     column: int = Field(description="Number of the column, from 1.")
     header: str = Field(description="Header as it is in the file; empty without a header.")
     meaning: str = Field(
-        description="Meaning, in words that `columns` accepts; `unknown` if it was not understood.",
+        description="Meaning, as `columns` accepts it; `unknown` if not understood.",
         examples=["P10 unloaded x", "joint 1", "ignored"],
     )
     unit: str | None = Field(description="Unit of the numbers; null if there are none.")
     guessed: StrictBool = Field(
         default=False,
-        description="True if the meaning was assumed (from two rows, a comment, a unit without brackets, no "
-        "header).",
+        description="True if the meaning was assumed (from two rows, a comment, a unit without brackets): "
+        "check it.",
     )
 
 
@@ -180,7 +181,7 @@ class ImportFault(Message):
     )
     words: list[str] = Field(
         default_factory=list,
-        description="Words in the files that the option concerns, such as two that may be states.",
+        description="Words in the files that the option concerns.",
         examples=[["pre", "post"]],
     )
 
@@ -198,7 +199,7 @@ class ImportPreview(Message):
     )
     joint_kinds: list[JointKind] = Field(
         default_factory=list,
-        description="Kinds of the joints by the units of their columns: one in a unit of length slides.",
+        description="Kinds of the joints by the units of their columns.",
     )
     targets: list[str] = Field(
         default_factory=list, description="Names of the targets, in order of appearance."
@@ -212,7 +213,7 @@ class ImportPreview(Message):
     )
     uncertainty: Literal["coordinate", "point"] | None = Field(
         default=None,
-        description="Uncertainty that the files state: U(95) of each coordinate or of each point.",
+        description="Uncertainty that the files state.",
     )
 
 
@@ -228,33 +229,31 @@ class ImportRequest(ImportOptions):
     noise: Noise | None = Field(default=None, description="Noise of the readings, as in a measurement set.")
     flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict,
-        description="Targets in the flange frame, in the files' unit of length; needed for deflections.",
+        description="Targets in the flange frame, in the files' unit; needed for deflections.",
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Load point in the flange frame, in the files' unit of length, unless a column has it.",
+        description="Load point in the flange frame, in the files' unit of length.",
     )
     length_unit: LengthUnit | None = Field(
         default=None,
-        description="Unit of `load_point`, `flange_targets` and the lengths in `noise`; the files' unit of "
-        "length if absent.",
+        description="Unit of `load_point`, `flange_targets` and lengths in `noise`; default: the files'.",
     )
     accept_unusual: StrictBool = Field(
         default=False,
-        description="True accepts values over 100 standard deviations from their column's median, and a load "
-        "point over 5 m from the flange.",
+        description="True accepts unusual values: over 100 standard deviations from the column's median, or "
+        "a load point over 5 m from the flange.",
     )
     force: Vector3 | None = Field(
         default=None,
-        description="Force on the robot in every observation, axes of R0, in units.force, unless columns "
-        "have it.",
+        description="Force on the robot in every observation, axes of R0, in units.force.",
     )
     robot_id: Identifier | None = Field(
         default=None, description="Id of the measured robot; with it the answer has the integrity findings."
     )
     show_faults: StrictBool = Field(
         default=False,
-        description="True to answer 200 with `faults` and the preview, not 422.",
+        description="True for `faults` and the preview, instead of 422, if a file is not understood.",
     )
 
 
@@ -269,11 +268,12 @@ class ImportAnswer(ImportPreview):
     )
     findings: list[Finding] | None = Field(
         default=None,
-        description="Integrity findings of the measurement set with the robot `robot_id`; null without it.",
+        description="Integrity findings with the robot `robot_id`; null without it.",
     )
     template: ImportRequest | None = Field(
         default=None,
-        description="Options that read only files of the same form; null if something is missing.",
+        description="Options by which files of this form are read again, and others refused; null if "
+        "something is missing.",
     )
     missing: list[str] = Field(description="Missing items of a measurement set; empty if complete.")
     bodies: list[Body] = Field(
@@ -282,15 +282,11 @@ class ImportAnswer(ImportPreview):
     )
     geometry: GeometryRequest | None = Field(
         default=None,
-        description="Unloaded poses, ready for /v1/geometries with `robot_id` added, if the files have only "
-        "joint angles and unloaded positions. Noise not stated is the root mean square of that in the files.",
+        description="Unloaded poses, to be posted to /v1/geometries with `robot_id`, if the files have "
+        "joint angles and unloaded positions only.",
     )
-    leave_out: list[Name] = Field(
-        description="Labels of the observations that a column `validation` holds out from the fit, for the "
-        "run of this set."
-    )
+    leave_out: list[Name] = Field(description="Labels that a column `validation` holds out from the fit.")
     measurement_set: MeasurementSetDocument | None = Field(
-        description="Measurement set, to be posted with `robot_id` added; null if something is missing. "
-        "Unloaded positions make a set for the own weight if the robot or a table of the files "
-        "has masses."
+        description="Measurement set, to be posted with `robot_id`; null if something is missing. Unloaded "
+        "positions make a set for the own weight if robot or files have masses."
     )

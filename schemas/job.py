@@ -51,9 +51,7 @@ class Result(Message):
 class FromRun(Result):
     """Result that is made from a run."""
 
-    assessment: Assessment = Field(
-        description="Assessment of this result, with its own reasons and those of its run."
-    )
+    assessment: Assessment = Field(description="Assessment, with the reasons of the run, too.")
 
 
 class Job(Message):
@@ -66,11 +64,11 @@ class Job(Message):
     state: JobState = Field(description="While `queued` or `running`, poll its address or follow its events.")
     progress: Progress | None = Field(default=None, description="Progress; null if computed at once.")
     request: Message
-    result: Message | None = Field(description="Result; present if the job has succeeded.")
+    result: Message | None = Field(description="Present if the job has succeeded.")
     error: Problem | None = Field(description="Present if the job has failed.")
     provenance: Provenance
     key_id: str | None = Field(default=None, description="Id of the requester's key; null without a key.")
-    key_name: str | None = Field(default=None, description="Name of this key.")
+    key_name: str | None = None
 
     @classmethod
     def kind_name(cls) -> str:
@@ -95,32 +93,30 @@ class JobSummary(ResultSummary):
     )
     robot_id: Identifier | None = Field(
         default=None,
-        description="Robot; for a comparison, that of the first side; for a geometry, the nominal robot.",
+        description="Robot; of a comparison, the first side's; of a geometry, the nominal one.",
     )
     measurement_set_id: Identifier | None = Field(
         default=None,
-        description="Measurement set of a run or plan; for a comparison, that of the first side.",
+        description="Set of a run or plan; of a comparison, the first side's.",
     )
-    second_set_id: Identifier | None = Field(
-        default=None, description="Measurement set of the second side of a comparison."
-    )
-    robot_name: Name | None = Field(default=None, description="Name of the robot.")
-    measurement_set_name: Name | None = Field(default=None, description="Name of the measurement set.")
+    second_set_id: Identifier | None = Field(default=None, description="Set of a comparison's second side.")
+    robot_name: Name | None = None
+    measurement_set_name: Name | None = None
     serial_number: str | None = Field(
-        default=None, description="Serial number of the robot that the measurement set states."
+        default=None, description="Serial number that the measurement set states."
     )
     run_id: Identifier | None = Field(default=None, description="Run of a map or a program.")
     method: Method | None = None
     weighting: Weighting | None = None
     positive: StrictBool | None = Field(
-        default=None, description="True if every compliance was constrained to be zero or positive."
+        default=None, description="True if compliances were constrained to be zero or more."
     )
     elasticity: Elasticity | None = Field(default=None, description="Parts that bend.")
     leave_out: list[Name] = Field(default_factory=list, description="Omitted observations.")
     variant_of: Identifier | None = Field(default=None, description="Run that a run tries to improve.")
     outputs: list[str] = Field(
         default_factory=list,
-        description="SHA-256 of each corrected file of a program; these files are refused as input.",
+        description="SHA-256 of each corrected file of a program, which is refused as input.",
     )
 
 
@@ -132,5 +128,5 @@ class JobChange(Message):
     )
     deleted: StrictBool | None = Field(
         default=None,
-        description="True to delete the job, false to restore it within 30 days; null or absent: unchanged.",
+        description="True to delete, false to restore within 30 days; null: unchanged.",
     )

@@ -35,7 +35,7 @@ class LiveOptions(ReadingOptions):
     goal: Goal
     candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
         default=1_000,
-        description="Postures drawn within the joints' limits, from which the next posture is chosen.",
+        description="Number of postures drawn within the joints' limits to choose from.",
     )
     plan_id: Identifier | None = Field(
         default=None, description="Plan whose robot, loads, targets and surroundings are used."
@@ -50,7 +50,7 @@ class LiveReading(Message):
     reason: str | None = Field(default=None, description="Reason why the reading was withdrawn.")
     p_value: Dimensionless[float | None] = Field(
         description="Probability that a good reading deviates at least as far from its prediction by the "
-        "other readings; null if they do not predict it."
+        "others; null without one."
     )
     distance: Metres[float | None] = Field(
         description="Greatest distance of a target from its predicted position."
@@ -62,8 +62,8 @@ class LiveReading(Message):
     message: str | None = Field(description="Comparison with the other readings in words.")
     ball_ratio: Dimensionless[float | None] = Field(
         default=None,
-        description="Distance from the prediction over the radius of its 90 % ball: at most 1 in the "
-        "ball; null if the reading was not held out.",
+        description="Distance from the prediction over the radius of its 90 % ball; null if the reading "
+        "was not held out.",
     )
 
 
@@ -77,8 +77,7 @@ class LiveJoint(Message):
         description="95 % interval of the stiffness, with the model error where the postures show it."
     )
     relative: Dimensionless[float | None] = Field(
-        description="Half-width of the compliance's interval divided by the compliance, without assumed "
-        "errors, which readings do not reduce."
+        description="Half-width of the compliance's interval, relative, without assumed errors."
     )
     relative_with_assumed: Dimensionless[float | None] = Field(
         default=None, description="`relative` with the assumed errors of load point and force."
@@ -86,8 +85,8 @@ class LiveJoint(Message):
     reason: str | None = Field(default=None, description="Reason for which the joint will have no number.")
     prior: Literal["waits", "counts", "deviates"] | None = Field(
         default=None,
-        description="Prior of the joint: it `waits` until readings determine the joint as well, "
-        "`counts`, or is ignored because it `deviates` from them. Null: no prior.",
+        description="Prior of the joint: `waits` until readings determine the joint as well, `counts`, or is "
+        "ignored because it `deviates`. Null: none.",
     )
 
 
@@ -96,14 +95,13 @@ class LiveState(Message):
 
     revision: int = Field(description="Number of entries in the record; every change adds one.")
     state: Literal["measuring", "reached", "cannot", "closed"] = Field(
-        description="`reached`: the goal is met, and a held-out reading agrees with its prediction. "
-        "`cannot`: the goal will not be met; see `message`. `closed`: an ordinary set."
+        description="`reached`: the goal is met, and a held-out reading agrees. `cannot`: the goal will not "
+        "be met; see `message`. `closed`: an ordinary set."
     )
     message: str = Field(description="State in words.")
     goal: str = Field(description="Declared goal in words.")
     share: Dimensionless[float | None] = Field(
-        description="Uncertainty divided by that of the goal, which is met at 1 and below; null "
-        "while unknown."
+        description="Uncertainty relative to the goal's; null while unknown."
     )
     still_needed: int | None = Field(
         description="Number of readings still needed, including the held-out reading; null if unknown."

@@ -101,14 +101,14 @@ class ForceUncertainty(_Uncertain):
 
     scale: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] | None = Field(
         default=None,
-        description="Relative standard uncertainty of all forces and moments, and so of every stiffness: "
-        "0.01 is one per cent, and is assumed if absent.",
+        description="Relative standard uncertainty of all forces and moments, and so of all stiffnesses; "
+        "0.01 if absent.",
         examples=[0.005],
     )
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.0,
-        description="Standard uncertainty of a rotation of all forces and moments about each axis of R0, in "
-        "rad whatever the set's unit of angle.",
+        description="Standard uncertainty of a rotation of all forces and moments about each axis of R0, "
+        "in rad.",
         examples=[0.002],
     )
 
@@ -122,14 +122,13 @@ class AxisUncertainty(_Uncertain):
 
     position: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
         default=0.0,
-        description="Standard uncertainty of an axis's position in each direction across it, in the set's "
-        "unit of length.",
+        description="Standard uncertainty of an axis's position in each direction across it, in "
+        "units.length.",
         examples=[1e-4],
     )
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.0,
-        description="Standard uncertainty of an axis's direction about each direction across it, in rad "
-        "whatever the set's unit of angle.",
+        description="Standard uncertainty of an axis's direction about each direction across it, in rad.",
         examples=[1e-4],
     )
 
@@ -142,20 +141,19 @@ class Noise(Message):
 
     sigma: Sigma | None = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of one position reading, in the set's unit of "
-        "length; of a deflection, a difference, √2 times that.",
+        description="Standard uncertainty of one coordinate of one position, in units.length; of a "
+        "deflection √2 times that.",
         examples=[2e-5],
     )
     encoder_sigma: Annotated[float, Field(strict=True, ge=1e-10, le=10.0)] | None = Field(
         default=None,
-        description="Standard uncertainty of one reading of a secondary encoder, in the set's unit of "
-        "angle; needed with encoder readings.",
+        description="Standard uncertainty of one reading of a secondary encoder, in units.angle.",
         examples=[5e-6],
     )
     repeatability: Annotated[float, Field(strict=True, ge=0.0, le=1.0)] | None = Field(
         default=None,
-        description="Standard deviation of a joint's angle from posture to posture, in the set's unit of "
-        "angle. If absent, it is estimated from the residuals.",
+        description="Standard deviation of a joint's angle from posture to posture, in units.angle; "
+        "absent: estimated.",
         examples=[2e-5],
     )
     instrument: Instrument | None = Field(
@@ -163,21 +161,18 @@ class Noise(Message):
     )
     force: ForceUncertainty | None = Field(
         default=None,
-        description="Uncertainty of the load; if absent, 1 % of its size is assumed, with a note in the "
-        "assessment.",
+        description="Uncertainty of the load; absent: 1 % of its size is assumed, with a note.",
     )
     load_point: Place | None = Field(
         default=None,
-        description="Standard uncertainty of each coordinate of the load point, in the set's unit of "
-        "length; one error for all observations. If absent, 10 mm is assumed, with a note in "
-        "the assessment.",
+        description="Standard uncertainty of each coordinate of the load point, in units.length; one error "
+        "for all observations. Absent: 10 mm is assumed, with a note.",
         examples=[5e-4],
     )
     target_places: Place | None = Field(
         default=None,
-        description="Standard uncertainty of each coordinate of each target in the flange frame, in the "
-        "set's unit of length; one error for all observations. If absent, these positions count "
-        "as exact.",
+        description="Standard uncertainty of each coordinate of each target in the flange frame, in "
+        "units.length; one error for all observations. Absent: exact.",
         examples=[5e-4],
     )
 
@@ -188,9 +183,8 @@ class Noise(Message):
     refuted: StrictBool = Field(
         default=False,
         strict=True,
-        description="True if the residuals refuted the stated noise of the tracker. The statement stays on "
-        "record, sigma is estimated from the residuals, and the verdict is at most *use with "
-        "care*.",
+        description="True if the residuals refuted the stated noise of the tracker: sigma is estimated from "
+        "them, and the verdict is at most *use with care*.",
     )
 
     @model_validator(mode="after")
@@ -241,12 +235,11 @@ class Frame(Message):
     base_targets: Annotated[dict[Name, Vector3], Field(min_length=3, max_length=16)] | None = Field(
         default=None,
         description="Base targets of the geometry (needs `geometry_id`), read with this set, in "
-        "units.length. A motion between tracker and robot is corrected, with a warning.",
+        "units.length: to correct a motion of tracker or robot, with a warning.",
     )
     forces: Literal["base", "tracker"] = Field(
         default="base",
-        description="Frame of forces and moments: R0, or the tracker's frame, for instance if a weight pulls "
-        "along the vertical of a levelled tracker.",
+        description="Frame of forces and moments: R0, or the tracker's frame.",
     )
 
     @model_validator(mode="after")
@@ -267,7 +260,7 @@ class Frame(Message):
 class Rigid(Message):
     """Transform of coordinates x to another frame: ``rotation x + translation``."""
 
-    rotation: Dimensionless[Square3] = Field(description="Rotation matrix, row by row. Dimensionless.")
+    rotation: Dimensionless[Square3] = Field(description="Rotation matrix, row by row.")
     translation: Metres[Point]
 
 
@@ -359,8 +352,7 @@ class SetChange(ResourceChange, SetMetadata):
 
     withdrawn: Annotated[dict[Name, Notes], Field(max_length=MAX_OBSERVATIONS)] = Field(
         default_factory=dict,
-        description="Labels of readings that do not count any more, each with the reason. They stay in the "
-        "record.",
+        description="Labels of readings that do not count any more, each with the reason.",
         examples=[{"m04": "target P11 was blocked"}],
     )
     kept: Annotated[list[Name], Field(max_length=MAX_OBSERVATIONS)] = Field(
@@ -368,8 +360,7 @@ class SetChange(ResourceChange, SetMetadata):
     )
     skipped: Name | None = Field(
         default=None,
-        description="Label of the next reading, to skip a posture that the robot cannot take; "
-        "another is chosen.",
+        description="Label of the next reading, to skip a posture that the robot cannot take.",
     )
 
     @property
@@ -393,13 +384,12 @@ class Units(Message):
     )
     angle: AngleUnit = Field(description="Unit of joint angles, encoder readings and encoder_sigma.")
     force: ForceUnit = Field(
-        description="Unit of forces; 1 kgf = 9.80665 N, 1 lbf = 4.44822 N. `kg` states a load by its hung "
-        "mass, whose weight is as many kgf: 150 kg pull with `[0, 0, -150]`."
+        description="Unit of forces; 1 kgf = 9.80665 N, 1 lbf = 4.44822 N. `kg`: a load by its hung mass, "
+        "as many kgf: 150 kg pull with `[0, 0, -150]`."
     )
     moment: MomentUnit | None = Field(
         default=None,
-        description="Unit of moments. Optional if there is no moment, or if lengths are in m: then it is the "
-        "unit of force times m.",
+        description="Unit of moments; default if lengths are in m: unit of force times m.",
     )
 
 
@@ -416,8 +406,7 @@ class Reading(Message):
     target: Name = Field(description="Name of the target (reflector).", examples=["P10"])
     unloaded: Vector3 | None = Field(
         default=None,
-        description="Position in R0 without load, in units.length. Alone, only for runs with `weight`, "
-        "whose load is the robot's own weight.",
+        description="Position in R0 without load, in units.length; alone only for runs with `weight`.",
     )
     loaded: Vector3 | None = Field(default=None, description="Position in R0 under load, in units.length.")
     unloaded_after: Vector3 | None = Field(
@@ -430,8 +419,8 @@ class Reading(Message):
     )
     displacement: Quantity | None = Field(
         default=None,
-        description="Loaded minus unloaded reading of a dial gauge or 1-D laser, positive along `direction` "
-        "or `flange_direction`, in units.length. Needs `flange_targets`.",
+        description="Loaded minus unloaded reading of a dial gauge or 1-D laser, along `direction` or "
+        "`flange_direction`, in units.length. Needs `flange_targets`.",
     )
     direction: Vector3 | None = Field(
         default=None,
@@ -444,14 +433,14 @@ class Reading(Message):
     )
     sigma: Sigma | None = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of either position, or of the gauge before and "
-        "under load, in units.length. Either all tracker readings state theirs, or `noise` "
-        "does; a reading along a direction always may.",
+        description="Standard uncertainty of one coordinate of either position, or of the gauge, in "
+        "units.length. All tracker readings state theirs, or `noise` does; a reading along a direction "
+        "always may.",
     )
     unloaded_covariance: Matrix3 | None = Field(
         default=None,
         description="Covariance of the unloaded position, axes of R0, in units.length squared, instead of "
-        "`sigma`. A deflection needs both covariances.",
+        "`sigma`.",
     )
     loaded_covariance: Matrix3 | None = Field(
         default=None, description="Covariance of the position under load."
@@ -496,8 +485,8 @@ class EncoderReading(Message):
 
     joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
     unloaded: Quantity = Field(
-        description="Unloaded angle of the model's joint, in units.angle: with the sign of its axis, after "
-        "the joint map. A constant offset does not matter."
+        description="Unloaded angle of the model's joint, in units.angle, after the joint map; a constant "
+        "offset does not matter."
     )
     loaded: Quantity = Field(description="Angle under load, in units.angle.")
 
@@ -510,8 +499,7 @@ class Observation(Message):
 
     label: Name = Field(description="Label, unique in the set.", examples=["c01"])
     joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Joints as displayed by the controller: angles in units.angle, prismatic joints in "
-        "units.length."
+        description="Joints as the controller shows them, in units.angle or units.length."
     )
     force: Vector3 = Field(description="Force on the robot, axes of R0, in units.force.")
     moment: Vector3 | None = Field(
@@ -527,8 +515,8 @@ class Observation(Message):
     )
     encoder_readings: _EncoderReadings | None = Field(
         default=None,
-        description="Readings of secondary encoders, at most one per joint. Omit them if these encoders "
-        "close the loop, because they then show no deflection.",
+        description="Readings of secondary encoders, at most one per joint; not if these encoders close "
+        "the loop.",
     )
 
 
@@ -538,13 +526,12 @@ class MeasurementSetHeader(SetMetadata):
     name: Name = Field(examples=["cell 3, dead weight, 2026-11-20"])
     units: Units
     encoders: Literal["motor", "secondary"] = Field(
-        description="Encoders that close the position loop: those of the motors, or secondary encoders "
-        "behind the gearboxes."
+        description="Encoders that close the position loop: the motors', or secondary ones behind the "
+        "gearboxes."
     )
     noise: Noise | None = Field(
         default=None,
-        description="Noise of the readings; if absent, and no reading states its own, sigma is estimated "
-        "from the residuals.",
+        description="Noise of the readings; if neither set nor readings state it, sigma is estimated.",
     )
     frame: Frame | None = Field(
         default=None,
@@ -560,8 +547,7 @@ class MeasurementSetHeader(SetMetadata):
     )
     joint_kinds: Annotated[list[JointKind], Field(max_length=MAX_JOINTS)] | None = Field(
         default=None,
-        description="Kinds of the joints by the source of the readings, such as a table's headers; "
-        "they must equal the robot's kinds.",
+        description="Kinds of the joints by the source of the readings; they must equal the robot's.",
     )
 
 
@@ -576,17 +562,16 @@ class MeasurementSetDocument(MeasurementSetHeader):
 class MeasurementSetRequest(MeasurementSetDocument):
     """A measurement set as it is posted."""
 
-    robot_id: Identifier = Field(description="Id of the robot that was measured.")
+    robot_id: Identifier
 
 
 class StoredSet(SetMetadata):
     """Fields of a stored measurement set that its listing shows, too."""
 
     id: Identifier
-    robot_id: Identifier = Field(description="Id of the robot that was measured.")
+    robot_id: Identifier
     content_hash: str | None = Field(
-        description="SHA-256 of the readings with their units, noise and frame; not of name and metadata. "
-        "Null while the set is open."
+        description="SHA-256 of the readings with units, noise and frame. Null while the set is open."
     )
     created_at: Timestamp
 
@@ -610,8 +595,7 @@ class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
     )
     geometry_targets: Metres[dict[Name, Vector3]] = Field(
         default_factory=dict,
-        description="Targets of the geometry of `frame` in the flange frame, used for targets that the set "
-        "does not place; empty if the geometry has another flange frame.",
+        description="Targets of the geometry of `frame` in the flange frame, if the set does not place them.",
     )
     warnings: list[Finding]
 

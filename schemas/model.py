@@ -148,12 +148,11 @@ class ElasticCompliance(Message):
     """Compliance of a link, or of the base below joint 1, about the origin and in the axes of its frame."""
 
     joint: Name | None = Field(
-        description="Joint whose frame moves with the near end of the link; null for the base, whose frame "
-        "is R0."
+        description="Joint whose frame moves with the link's near end; null for the base, whose frame is R0."
     )
     matrix: Matrix = Field(
-        description="Compliance, 6 x 6, symmetric and positive semidefinite: displacement and rotation by "
-        "force and moment. Units by block of three: m/N, rad/N; m/(N.m), rad/(N.m).",
+        description="Compliance, 6 x 6, positive semidefinite: displacement and rotation by force and "
+        "moment. Units by block of three: m/N, rad/N; m/(N.m), rad/(N.m).",
     )
     translation: TranslationalCompliance[list[PrincipalCompliance]] = Field(
         description="Principal translational compliances, largest first."
@@ -162,8 +161,7 @@ class ElasticCompliance(Message):
         description="Principal rotational compliances, largest first."
     )
     effective_freedom: Dimensionless[float] = Field(
-        description="Effective number of parameters that the readings determine; the penalty determines the "
-        "others."
+        description="Effective number of parameters that the readings, not the penalty, determine."
     )
     parameters: int = Field(description="Number of parameters.")
 
@@ -176,8 +174,8 @@ class ElementShare(Message):
         description="Joint, or joint that carries the link; null for coupling and base."
     )
     share: Dimensionless[float] = Field(
-        description="Fraction of the measured deflections that this element explains, by projection. All "
-        "fractions and the unexplained rest sum to 1."
+        description="Fraction of the measured deflections that this element explains, by projection; with "
+        "the rest the sum is 1."
     )
     by_observation: Dimensionless[list[float]] = Field(
         description="Shares in each observation, in the order of the set."
@@ -188,33 +186,27 @@ class LinkCertificate(Message):
     """Proof of optimality, recomputed from the data at the returned numbers."""
 
     least_eigenvalue: float = Field(
-        description="Least eigenvalue of all matrices and joint compliances, in the SI unit of its matrix; "
-        "never negative."
+        description="Least eigenvalue of all matrices, in their SI units; never negative."
     )
     dual: Dimensionless[float] = Field(
-        description="Distance of the slack matrices from positive semidefinite, relative to the penalty."
+        description="Distance of the slack matrices from semidefinite, relative to the penalty."
     )
     gap: Dimensionless[float] = Field(
-        description="Gap, in units of `scale`. Loss `squared`: bound of the distance of the weighted fitted "
-        "readings from the optimum's. Else: bound of the objective's excess, as mean length of "
-        "a residual."
+        description="Gap, in units of `scale`: for the loss `squared`, bound of the distance of the fitted "
+        "readings from the optimum's; else of the objective's excess."
     )
-    scale: Metres[float] = Field(
-        description="Scale: sigma if given, otherwise the residual scale of the joint model."
-    )
+    scale: Metres[float] = Field(description="Sigma if given, else the residual scale of the joint model.")
 
 
 class LinksResult(Message):
     """Compliances of the elements that deflect besides the joints."""
 
-    loss_source: Source = Field(
-        description="Source of the loss in `choice`; `given` also if the options allow only one."
-    )
+    loss_source: Source = Field(description="Source of the loss; `given` also if the options allow only one.")
     penalty: Dimensionless[float] = Field(description="Weight of the penalty.")
     penalty_source: Source
     coupled_joints: Compliance[Matrix | None] = Field(
-        description="Full joint compliance, positive semidefinite, for elasticity `coupled_joints`; zero for "
-        "joints that are not observable."
+        description="Joint compliance for elasticity `coupled_joints`; zero for joints that are not "
+        "observable."
     )
     links: list[ElasticCompliance] = Field(description="Compliances of the elastic links.")
     base: ElasticCompliance | None = Field(
@@ -222,24 +214,22 @@ class LinksResult(Message):
     )
     elements: list[ElementShare] = Field(description="Contribution of each joint and link.")
     unexplained: Dimensionless[float] = Field(
-        description="Share of the measured deflection that no element explains, by squares as the shares of "
-        "the elements; `compensation` compares lengths."
+        description="Share of the measured deflection that no element explains, by squares; `compensation` "
+        "compares lengths."
     )
     effective_freedom: Dimensionless[float] = Field(
-        description="Effective number of parameters of the whole model that the readings determine."
+        description="Effective number of parameters that the readings determine."
     )
     parameters: int = Field(description="Number of parameters of the whole model.")
     certificate: LinkCertificate
 
 
 class ScoredModel(Message):
-    """Prediction of held-out configurations by a model that is fitted with one loss."""
+    """Prediction of held-out configurations by a model with one loss."""
 
     model: ElasticModel
     loss: Loss
-    penalty: Dimensionless[float | None] = Field(
-        description="Penalty that was chosen for this model and loss, or given; null for joints alone."
-    )
+    penalty: Dimensionless[float | None] = Field(description="Penalty; null for joints alone.")
     compensation: Dimensionless[float] = Field(
         description="Compensation of held-out configurations, mean over the folds."
     )

@@ -41,12 +41,11 @@ class CrossValidation(Message):
     """Settings of the cross-validation, which chooses the penalty of the links and compares the models."""
 
     folds: Annotated[int, Field(strict=True, ge=2, le=20)] = Field(
-        default=5, description="Number of folds, each held out once; fewer if there are fewer postures."
+        default=5, description="Number of folds; fewer if there are fewer postures."
     )
     draws: Annotated[int, Field(strict=True, ge=1, le=20)] = Field(
         default=4,
-        description="Number of times that the configurations are assigned to folds anew; once if "
-        "`link_penalty` is given.",
+        description="Number of assignments to folds; once if `link_penalty` is given.",
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
         default=0, description="Random seed of the assignment of configurations to folds."
@@ -54,7 +53,7 @@ class CrossValidation(Message):
     rule: Literal["best", "one_standard_error"] = Field(
         default="best",
         description="`best`: least held-out residual (mean length; beyond 500 targets root mean square). "
-        "`one_standard_error`: the largest penalty within one standard error of the best.",
+        "`one_standard_error`: largest penalty within one standard error of the best.",
     )
 
 
@@ -73,7 +72,7 @@ class Resampling(Message):
         default=1000, description="Number of draws."
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
-        default=0, description="Random seed: the same seed gives the same numbers on any machine."
+        default=0, description="Random seed, with equal numbers on any machine."
     )
     replacement: Annotated[bool, Field(strict=True)] = Field(
         default=False, description="True if a configuration may be drawn more than once (bootstrap)."
@@ -114,12 +113,11 @@ class OwnWeight(Message):
     )
     estimate_gravity: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="True to estimate the direction of gravity, as for a tracker that is not levelled.",
+        description="True to estimate the direction of gravity.",
     )
     rigid_base: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="True to take the base below the first joint as rigid; else its tilt under the weight is "
-        "estimated.",
+        description="True for a rigid base; else its tilt under the weight is estimated.",
     )
     balancers: Annotated[list[Balancer], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list, description="Spring balancers, whose bounds are stated."
@@ -154,8 +152,7 @@ class StiffnessPrior(Message):
 
     stiffness: Stiffness[PositiveStiffness]
     standard_uncertainty: Stiffness[PositiveStiffness] = Field(
-        description="Standard uncertainty of the stiffness; at most half of it, because the prior is "
-        "Gaussian in compliance."
+        description="Standard uncertainty of the stiffness; at most half of it."
     )
 
     @field_validator("standard_uncertainty", mode="after")
@@ -176,15 +173,14 @@ class MethodOptions(Message):
 
     method: Method = Field(
         default="partial_pose",
-        description="Method. `complete_pose`: six rows per configuration, from three targets or more. "
-        "`partial_pose`: three rows per target. `decoupled_partial_pose`: the arm from the "
-        "wrist centre, then the wrist; needs three targets and a spherical wrist.",
+        description="`complete_pose`: six rows per configuration, from three targets or more. "
+        "`partial_pose`: three rows per target. `decoupled_partial_pose`: the arm from the wrist centre, "
+        "then the wrist; needs three targets and a spherical wrist.",
     )
     weighting: Weighting = Field(
         default="covariance",
-        description="Weighting of rows. `covariance`: by the uncertainty of the readings. "
-        "`characteristic_length`: translations divided by a length (complete pose only). "
-        "`uniform`: equal in SI units.",
+        description="`covariance`: by the uncertainty of the readings. `characteristic_length`: translations "
+        "divided by a length (complete pose only). `uniform`: equal in SI units.",
     )
     characteristic_length: Metres[Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None] = Field(
         default=None,
@@ -224,8 +220,7 @@ class RunOptions(MethodOptions):
     )
     stiffness_bounds: Stiffness[Annotated[dict[Name, StiffnessBound], Field(max_length=MAX_JOINTS)]] = Field(
         default_factory=dict,
-        description="Minimum and maximum stiffness by joint name, null for none. A bounded joint is always "
-        "positive.",
+        description="Minimum and maximum stiffness by joint, null for none. A bounded joint is positive.",
         examples=[{"joint_2": [1e6, None]}],
     )
     loss: Annotated[
@@ -233,10 +228,9 @@ class RunOptions(MethodOptions):
     ] = Field(
         default="automatic",
         description="Loss of the norm of each target's whitened residual. `huber`: linear beyond a "
-        "threshold, against bumped targets. `absolute`: the norm itself; not with elasticity "
-        "`joints`. `automatic`: `squared` for joints alone and with `link_penalty`, else by "
-        "cross-validation. With links or coupling, `huber` and `absolute` accept at most 500 "
-        "targets in all.",
+        "threshold, against bumped targets. `absolute`: the norm; not with elasticity `joints`. "
+        "`automatic`: `squared` for joints alone and with `link_penalty`, else by cross-validation. With "
+        "links or coupling, `huber` and `absolute` accept at most 500 targets.",
     )
     huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
         default=None,
@@ -246,7 +240,7 @@ class RunOptions(MethodOptions):
     complementary_stiffness: Literal["neglected", "included"] = Field(
         default="included",
         description="Include or neglect the change of the load's joint torques with the deflection (Chen & "
-        "Kao, K_c); neglected with elastic links or coupling.",
+        "Kao, K_c); neglected with links or coupling.",
     )
     causes: Causes = Field(
         default_factory=list,
@@ -259,8 +253,7 @@ class RunOptions(MethodOptions):
         Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", parse_prior, "dict"),
     ] = Field(
         default_factory=dict,
-        description="Priors by joint name: stiffness and standard uncertainty known beforehand, for example "
-        "from a data sheet.",
+        description="Priors by joint name, for example from a data sheet.",
         examples=[{"joint_5": {"stiffness": 4e5, "standard_uncertainty": 4e4}}],
     )
     stiffness_order: Annotated[
@@ -278,11 +271,11 @@ class RunOptions(MethodOptions):
         validate_default=True,
         description="Parts that bend. `coupled_joints`: a full joint compliance. `diagonal_links`: joints, "
         "six compliances per link. `joints_and_links`: joints, a 6 x 6 compliance per link. "
-        "`joints_and_base`: joints, a 6 x 6 compliance of the base. `links_and_base`: all of "
-        "them. `automatic`: joints only, unless a test shows that more bends; then the simplest "
-        "model within one standard error of the best on held-out postures. All but `joints` "
-        "need method `partial_pose` and weighting `covariance`, without bounds, priors, order, "
-        "encoder readings or resampling; with one of these, `automatic` uses joints alone.",
+        "`joints_and_base`: joints, a 6 x 6 compliance of the base. `links_and_base`: all of them. "
+        "`automatic`: joints only, unless a test shows that more bends; then the simplest model within one "
+        "standard error of the best. All but `joints` need method `partial_pose` and weighting "
+        "`covariance`, without bounds, priors, order, encoder readings or resampling, else `automatic` uses "
+        "joints alone.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
@@ -291,8 +284,8 @@ class RunOptions(MethodOptions):
     )
     link_penalty: Annotated[float, Field(strict=True, ge=1e-9, le=1e3)] | None = Field(
         default=None,
-        description="Penalty on links and coupling; default: chosen with the loss by "
-        "cross-validation, which may take long. Dimensionless.",
+        description="Penalty on links and coupling; default: chosen by cross-validation, which may take "
+        "long.",
     )
     cross_validation: CrossValidation = Field(
         default=CrossValidation(), description="Cross-validation, for all elasticities but `joints`."
@@ -308,8 +301,8 @@ class RunOptions(MethodOptions):
     weight: OwnWeight | None = Field(
         default=None,
         description="Robot's own weight as load, with known loads of the set; the geometry is estimated, "
-        "too. Needs `bodies` of the robot, and default method, weighting, loss and elasticity, "
-        "without bounds, priors, order or resampling.",
+        "too. Needs `bodies` of the robot, default method, weighting, loss and elasticity; no bounds, "
+        "priors, order or resampling.",
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,

@@ -6,6 +6,7 @@ import re
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 from pydantic import Field, StrictBool
+from typing_extensions import TypeAliasType
 
 from jointstiff.schemas.fields import (
     Compliance,
@@ -55,13 +56,13 @@ class DeflectionGoal(Message):
 
     kind: Literal["deflection"]
     uncertainty: Metres[_Length] = Field(
-        description="Upper limit of the expanded uncertainty (95 %) of a coordinate of the deflection, as "
-        "root mean square over places of the work area and forces along the axes of R0."
+        description="Greatest expanded uncertainty (95 %) of a coordinate, root mean square over places of "
+        "the work area and forces along the axes of R0."
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
-        description="Force in the work area, axes of R0; default: the force of the load, down if it is a "
-        "weight, else along each axis.",
+        description="Force in the work area, axes of R0; default: the load's, down if it is a weight, else "
+        "along each axis.",
     )
 
 
@@ -70,13 +71,13 @@ class DecisionGoal(Message):
 
     kind: Literal["decision"]
     limit: Metres[_Length] = Field(
-        description="Greatest length of the deflection in the work area, by a force along an axis of R0. "
-        "Decided once the 95 % interval of the greatest deflection does not contain the limit."
+        description="Greatest deflection in the work area, by a force along an axis of R0. Decided once the "
+        "95 % interval of the greatest deflection does not contain it."
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
-        description="Force in the work area, axes of R0; default: the force of the load, down if it is a "
-        "weight, else along each axis.",
+        description="Force in the work area, axes of R0; default: the load's, down if it is a weight, else "
+        "along each axis.",
     )
 
 
@@ -120,7 +121,9 @@ MAX_BOXES = 32
 
 Force = Annotated[float, Field(strict=True, gt=0.0, le=1e6)]
 _Angle = Annotated[float, Field(strict=True, ge=0.0, le=3.2)]
-Box = Annotated[tuple[Vector3, Vector3], Field(description="Least and greatest corner, in R0.")]
+Box = TypeAliasType(
+    "Box", Annotated[tuple[Vector3, Vector3], Field(description="Least and greatest corner, in R0.")]
+)
 
 
 class DeadWeight(Message):
@@ -145,8 +148,7 @@ class AnyDirection(Message):
 
     kind: Literal["any_direction"]
     force: Newtons[Force] = Field(
-        description="Magnitude of the force; less in postures where it would exceed a torque limit in some "
-        "direction."
+        description="Magnitude of the force; less where it would exceed a torque limit."
     )
 
 
@@ -198,8 +200,7 @@ class ReadingOptions(Message):
     )
     load: Annotated[PlannedLoad | None, Terminal("", "KIND:NEWTONS", parse_planned_load)] = Field(
         default=None,
-        description="Load to apply; default with a campaign: its strongest force, or the own weight if it "
-        "has none.",
+        description="Load to apply; default: the campaign's strongest force, or the own weight.",
     )
     targets: Annotated[
         Metres[Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)]],
@@ -212,8 +213,8 @@ class ReadingOptions(Message):
         Terminal("--direction", "X,Y,Z", parse_numbers, "list"),
     ] = Field(
         default_factory=list,
-        description="Directions in R0 that a dial gauge or 1-D laser can take: each reading is along one of "
-        "them. If empty, all three coordinates are read.",
+        description="Directions in R0 that a dial gauge or 1-D laser can take, one per reading; empty: all "
+        "three coordinates are read.",
     )
     load_point: Metres[Vector3 | None] = Field(
         default=None,
@@ -221,13 +222,13 @@ class ReadingOptions(Message):
     )
     sigma: Metres[Annotated[float, Field(strict=True, ge=1e-9, le=1.0)] | None] = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of one reading; default: that of the campaign, "
-        "or 20 µm.",
+        description="Standard uncertainty of one coordinate of one reading; default: the campaign's, or 20 "
+        "µm.",
     )
     repeatability: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.01)] | None] = Field(
         default=None,
-        description="Standard deviation of each joint from one posture to the next; default: that of the "
-        "campaign, or 0.",
+        description="Standard deviation of each joint from posture to posture; default: the campaign's, or "
+        "0.",
     )
     tracker: Instrument | None = Field(
         default=None, description="Tracker in R0, in SI units; its errors replace `sigma`."
@@ -238,8 +239,8 @@ class ReadingOptions(Message):
     )
     stiffness: Stiffness[dict[Name, Annotated[float, Field(strict=True, gt=0.0, le=1e15)]]] = Field(
         default_factory=dict,
-        description="Expected stiffnesses, to which relative uncertainties refer; default: those of the "
-        "campaign, or values by which all joints move the targets equally.",
+        description="Expected stiffnesses, to which relative uncertainties refer; default: the campaign's, "
+        "or such that all joints move the targets equally.",
     )
     priors: Annotated[
         dict[Name, StiffnessPrior],
@@ -251,7 +252,7 @@ class ReadingOptions(Message):
     )
     candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
         default=5_000,
-        description="Postures drawn within the joints' limits, in whole degrees and millimetres.",
+        description="Number of postures drawn within the joints' limits, in whole degrees and millimetres.",
     )
     postures: Positions[
         Annotated[
@@ -265,13 +266,12 @@ class ReadingOptions(Message):
     surroundings: Surroundings = Field(default_factory=Surroundings)
     distinct_angle: Radians[_Angle] = Field(
         default=0.17453292519943295,
-        description="Least difference between two postures in the angle of a joint, or in metres in the "
-        "position of a prismatic one; 0 allows repeated postures.",
+        description="Least difference of two postures in a joint's angle, or position in metres; 0 allows "
+        "repeated postures.",
     )
     elastic_links: StrictBool | None = Field(
         default=None,
-        description="True to allow for elastic links as nuisance parameters; default: true if the campaign "
-        "shows lack of fit.",
+        description="True to allow for elastic links; default: true if the campaign shows lack of fit.",
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**32 - 1)] = Field(
         default=0, description="Random seed of the postures; the same seed gives the same plan."
@@ -295,25 +295,23 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
         ),
     ] = Field(
         default=None,
-        description="Goal in place of `readings`: the plan has as few readings as meet the goal with their "
-        "noise (95 %). A goal for joints is relative to `stiffness`.",
+        description="Goal in place of `readings`: as few readings as meet it with their noise (95 %). A "
+        "goal for joints is relative to `stiffness`.",
     )
     criterion: PlanCriterion | None = Field(
         default=None,
-        description="Criterion. `work_area`: least mean variance of predicted deflections in the work area, "
-        "the default if an area is stated. `relative_a`: least mean variance of the relative "
-        "compliances, else the default. `d`, `e`: volume and longest axis of their uncertainty "
-        "ellipsoid. `worst_place`: greatest variance in the work area.",
+        description="Criterion. `work_area`: least mean variance of deflections in the work area, the "
+        "default if one is stated. `relative_a`: least mean variance of the relative compliances, else the "
+        "default. `d`, `e`: volume, longest axis of their ellipsoid. `worst_place`: greatest variance in "
+        "the work area.",
     )
     causes: Causes = Field(
         default_factory=list,
-        description="Causes to fit with the joints to the readings so far; from Python and the terminal "
-        "those of its run.",
+        description="Causes to fit with the joints to the readings so far.",
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,
-        description="Labels of observations of the campaign so far to omit; from Python and the terminal "
-        "those that its run omits.",
+        description="Labels of observations of the campaign to omit.",
     )
     validation: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.2, description="Share of the readings that are held out from the fit."
@@ -342,13 +340,12 @@ class PlannedReading(Message):
         default=None, description="Direction in R0 along which to read; null if all coordinates are read."
     )
     held_out: StrictBool = Field(
-        description="True if held out: in a plan from the fit; in a live campaign the reading may be the "
-        "last, and is compared with its prediction before it counts."
+        description="True if held out: in a plan from the fit; in a live campaign it is compared with its "
+        "prediction before it counts."
     )
     block: int = Field(
         default=1,
-        description="Block of a plan, counted from 1; each is a good plan by itself, so you may stop after "
-        "any.",
+        description="Block of a plan, from 1; you may stop after any.",
     )
     reason: str | None = Field(default=None, description="Reason for the next reading of a live campaign.")
 
@@ -383,8 +380,8 @@ class PlanResult(Result):
     )
 
     readings: list[PlannedReading] = Field(
-        description="Readings in blocks of four, each ordered for short travel; with several anchors "
-        "ordered for few load changes."
+        description="Readings in blocks of four, ordered for short travel; with several anchors for few "
+        "load changes."
     )
     targets: Metres[dict[Name, Point]] = Field(description="Targets to measure, in the flange frame.")
     load_point: Metres[Point] = Field(description="Load point of the plan, in the flange frame.")
@@ -396,12 +393,12 @@ class PlanResult(Result):
     elastic_links: StrictBool = Field(description="True if elastic links were unknowns, too.")
     efficiency: Dimensionless[float] = Field(
         description="Certified: the list has at least this fraction of the information of the best list of "
-        "its length from these candidates, over all directions of force if free."
+        "its length from these candidates."
     )
     efficiencies: Dimensionless[dict[str, float]] = Field(description="Efficiency by other criteria.")
     goal_share: Dimensionless[float | None] = Field(
         default=None,
-        description="Expanded uncertainty divided by that of the goal; null without a goal.",
+        description="Expanded uncertainty relative to the goal's; null without one.",
     )
     weights_gap: Dimensionless[float] = Field(description="1 − certified efficiency of the optimal weights.")
     random_efficiency: Dimensionless[float] = Field(
@@ -411,11 +408,11 @@ class PlanResult(Result):
         description="Efficiency of taking the best next reading each time, relative to this plan."
     )
     deflection_uncertainty: Metres[float | None] = Field(
-        description="Standard uncertainty of a predicted deflection in the work area under this load, "
-        "over all directions: root mean square."
+        description="Standard uncertainty of a deflection in the work area under this load, over all "
+        "directions: root mean square."
     )
     worst_deflection_uncertainty: Metres[float | None] = Field(
-        description="Standard uncertainty of a predicted deflection at the worst place of the work area."
+        description="Standard uncertainty of a deflection at the worst place."
     )
     considered: int = Field(description="Number of readings that were considered.")
     feasible: int = Field(description="Number of feasible readings.")
@@ -429,4 +426,4 @@ class Plan(Job):
 
     kind: Literal["plan"] = "plan"
     request: PlanRequest
-    result: PlanResult | None = Field(description="Result; present if the job has succeeded.")
+    result: PlanResult | None = Field(description="Present if the job has succeeded.")

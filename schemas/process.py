@@ -9,17 +9,18 @@ from pydantic import Field, StrictBool, model_validator
 from jointstiff.schemas.fields import (
     Dimensionless,
     Identifier,
+    Interval,
     Message,
     Metres,
     Point,
     Quantity,
     Radians,
     Terminal,
-    Vector3,
     parse_box,
     require_exactly_one,
 )
 from jointstiff.schemas.job import Job
+from jointstiff.schemas.plan import Box
 from jointstiff.schemas.program import (
     MAX_FILES,
     ProgramFile,
@@ -33,7 +34,6 @@ MAX_PROCESS_PLACES = 4_000
 MAX_BEST_PLACES = 5
 
 _Count = Annotated[int, Field(strict=True, ge=1, le=100)]
-_Box = tuple[Vector3, Vector3]
 
 
 def parse_turn(text: str) -> str | list[float]:
@@ -63,16 +63,16 @@ class ProcessOptions(ProgramOptions):
         Terminal("--turn", "free|keep|LEAST,GREATEST[deg]", parse_turn, unit="deg"),
     ] = Field(
         default="free",
-        description="Turn about the spindle: `free`, `keep` (as programmed), or the least and the greatest "
-        "turn from the program's, in units.angle.",
+        description="Turn about the spindle: `free`, `keep` (as programmed), or its least and greatest "
+        "value from there, in units.angle.",
     )
     turns: Annotated[int, Field(strict=True, ge=1, le=MAX_TURNS)] = Field(
         default=36, description="Number of turns that are tried in a full turn."
     )
     branches: Literal["keep", "free"] = Field(
         default="keep",
-        description="Branch of the inverse kinematics: that of the program, or `free`; then the controller "
-        "must be sent the joints in turns.csv, and the program is not written.",
+        description="Branch of the inverse kinematics: the program's, or `free`: the controller must be "
+        "sent the joints of turns.csv, and no program is written.",
     )
     step: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="deg")] = Field(
         default=None,
@@ -80,7 +80,7 @@ class ProcessOptions(ProgramOptions):
     )
     clearance: Annotated[Quantity, Field(ge=0.0)] = Field(
         default=0.04,
-        description="Distance from singularities: least singular value of the flange's Jacobian, in m, rad.",
+        description="Least allowed singular value of the flange's Jacobian, in m, rad.",
     )
     smoothness: Dimensionless[Annotated[Quantity, Field(ge=0.0)]] = Field(
         default=0.05,
@@ -90,13 +90,13 @@ class ProcessOptions(ProgramOptions):
         default="rms",
         description="Deflection along the path that is minimised: root mean square, or greatest.",
     )
-    place: Annotated[_Box | None, Terminal("--place", "X,Y,Z,X,Y,Z[mm]", parse_box, unit="m")] = Field(
+    place: Annotated[Box | None, Terminal("--place", "X,Y,Z,X,Y,Z[mm]", parse_box, unit="m")] = Field(
         default=None,
-        description="Box in R0 in which the path's centre (the middle of its own box) may be, as two "
-        "corners, in units.length; default: the workpiece stays.",
+        description="Box in which the path's centre (the middle of its own box) may be, in units.length; "
+        "default: the workpiece stays.",
     )
     grid: Annotated[tuple[_Count, _Count, _Count], Terminal("--grid", "N,N,N", parse_counts)] = Field(
-        default=(4, 4, 3), description="Number of positions along x, y and z that are tried in the box."
+        default=(4, 4, 3), description="Number of positions along x, y and z in the box."
     )
     place_turns: Annotated[int, Field(strict=True, ge=1, le=MAX_TURNS)] = Field(
         default=8, description="Number of turns of the workpiece about z, evenly over a full turn."
@@ -129,12 +129,12 @@ class ProcessRequest(ProcessOptions):
     run_id: Identifier | None = Field(default=None, description="Id of the run whose model is used.")
     robot_id: Identifier | None = Field(
         default=None,
-        description="Id of a robot that was not measured, instead of `run_id`: its stiffness is a prior from "
-        "payload and reach, within a factor of two.",
+        description="Robot that was not measured, instead of `run_id`: its stiffness is a prior within a "
+        "factor of two.",
     )
     files: Annotated[list[ProgramFile], Field(max_length=MAX_FILES)] = Field(
         default_factory=list,
-        description="Program or table of poses, and the table of loads; post them as the form's `files`.",
+        description="Program or table of poses, and the table of loads; post as the form's `files`.",
     )
 
     _one_source: Any = require_exactly_one("run_id", "robot_id")
@@ -149,10 +149,10 @@ class DeflectionBand(Message):
     """A deflection along a path, or a difference of two, with its intervals."""
 
     value: Metres[float]
-    readings: Metres[tuple[float, float] | None] = Field(
+    readings: Metres[Interval | None] = Field(
         description="Interval by the errors of readings and forces; null if unknown."
     )
-    with_model_error: Metres[tuple[float, float] | None] = Field(
+    with_model_error: Metres[Interval | None] = Field(
         description="Interval with the model error; null without a bound."
     )
 
@@ -164,21 +164,17 @@ class ProcessPlace(Message):
     shift: Metres[Point] = Field(description="Displacement of the centre from where it is.")
     turn: Radians[float] = Field(description="Turn of the workpiece about z through its centre.")
     deflection: DeflectionBand
-    behind_best: DeflectionBand | None = Field(
-        description="Difference from the best place; null for the best place."
-    )
-    is_worse: StrictBool = Field(
-        description="True if the interval of the difference excludes zero; else no order is stated."
-    )
+    behind_best: DeflectionBand | None = Field(description="Difference from the best place; null for it.")
+    is_worse: StrictBool = Field(description="True if the interval of the difference excludes zero.")
 
 
 class ProcessResult(ProgramResult):
-    """Deflection before, after turning and after correction; the program and tables have own addresses."""
+    """Deflection before, after turning and after correction."""
 
     objective: Literal["rms", "greatest"]
     gain: Literal["less", "no_order", "no_gain"] = Field(
-        description="Comparison with the path as sent: `less` deflection, if the interval of the difference "
-        "excludes zero; `no_order`, if not; `no_gain`, if no turn makes a difference."
+        description="Order of choice and program: `less`, if the interval of the difference excludes zero; "
+        "else `no_order`; `no_gain`, if no turn makes a difference."
     )
     before: DeflectionBand = Field(description="Deflection along the path as it was sent.")
     turned: DeflectionBand = Field(description="Deflection along the path as chosen.")
@@ -189,12 +185,12 @@ class ProcessResult(ProgramResult):
         description="Deflection with each of these turns; null where limits or step exclude it."
     )
     places: Annotated[list[ProcessPlace], Field(max_length=MAX_BEST_PLACES)] = Field(
-        description="Best places of the workpiece, the best first; empty without a search."
+        description="Best places of the workpiece, best first."
     )
     places_tried: int = Field(description="Number of places that were tried.")
     places_reached: int = Field(description="Number of places from which the robot follows the path.")
     flat_low: Metres[Point | None] = Field(
-        description="Least coordinates of the places within 5 % of the best; null without a search."
+        description="Least coordinates of the places within 5 % of the best, if any."
     )
     flat_high: Metres[Point | None] = Field(description="Greatest coordinates of these places.")
     flat_places: int = Field(description="Number of these places.")
@@ -211,7 +207,7 @@ class Process(Job):
 
     kind: Literal["process"] = "process"
     request: ProcessRequest
-    result: ProcessResult | None = Field(description="Result; present if the job has succeeded.")
+    result: ProcessResult | None = Field(description="Present if the job has succeeded.")
 
     @property
     def outputs(self) -> list[str]:

@@ -10,6 +10,7 @@ from jointstiff.schemas.deflection import PredictionOptions
 from jointstiff.schemas.fields import (
     Dimensionless,
     Identifier,
+    Interval,
     Message,
     Metres,
     Name,
@@ -42,8 +43,7 @@ _FrameNumbers = Annotated[
         min_length=6,
         max_length=7,
         description="Numbers as in the program: KUKA X, Y, Z, A, B, C, FANUC X, Y, Z, W, P, R: mm and °; "
-        "ABB X, Y, Z in mm, q1 ... q4; UR x, y, z, rx, ry, rz: m and rad; CSV as its columns, or as "
-        "KUKA.",
+        "ABB X, Y, Z in mm, q1 ... q4; UR x, y, z, rx, ry, rz: m and rad; CSV as its columns or KUKA.",
     ),
 ]
 _Line = Annotated[int, Field(strict=True, ge=1, le=MAX_LINE)]
@@ -54,8 +54,8 @@ class ProgramFrame(Message):
 
     name: Name | None = Field(
         default=None,
-        description="Name in the program, such as `BASE_DATA[2]`, `UT 3` or `tMill`; default: every frame "
-        "without numbers.",
+        description="Name in the program, such as `BASE_DATA[2]`, `UT 3` or `tMill`; default: all without "
+        "numbers.",
     )
     values: _FrameNumbers
 
@@ -90,14 +90,14 @@ CutMaterial = Literal[
 
 
 class Cut(Message):
-    """A milling cut, whose mean force is computed by Kienzle's specific cutting force, in SI units."""
+    """A milling cut; its mean force follows from Kienzle's specific cutting force, in SI units."""
 
     material: CutMaterial | None = Field(
         default=None, description="Material, for `pressure` and `exponent`; or state both."
     )
     pressure: Annotated[
         Annotated[Quantity, Field(gt=0.0)] | None, Field(json_schema_extra={"unit": "Pa"})
-    ] = Field(default=None, description="k_c1.1: cutting force of a chip 1 mm wide and thick, per area.")
+    ] = Field(default=None, description="k_c1.1: force of a chip 1 mm wide and thick, per area.")
     exponent: Dimensionless[Annotated[Quantity, Field(ge=0.0, lt=1.0)] | None] = Field(
         default=None, description="m_c: exponent of the chip's thickness."
     )
@@ -122,8 +122,10 @@ class Cut(Message):
     axial: Dimensionless[Quantity] = Field(
         default=0.0, description="Force from tip to spindle relative to the cutting force."
     )
-    first_line: _Line | None = Field(default=None, description="First line of the cut; default: first line.")
-    last_line: _Line | None = Field(default=None, description="Last line of the cut; default: last line.")
+    first_line: _Line | None = Field(
+        default=None, description="First line of the cut; default: the program's."
+    )
+    last_line: _Line | None = Field(default=None, description="Last line of the cut; default: the program's.")
 
     @model_validator(mode="after")
     def _require_material(self) -> Cut:
@@ -141,9 +143,8 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
 
     units: Units = Field(description="Units of the numbers in this request; the program has its own.")
     accuracy_option: Literal["off", "same_as_measured", "compensates_load"] = Field(
-        description="Accuracy option of the controller while the program runs: `off`; on, "
-        "`same_as_measured` in the campaign; or `compensates_load`, which is refused: the load "
-        "would be compensated twice."
+        description="Accuracy option of the controller: `off`; on, `same_as_measured` in the campaign; or "
+        "`compensates_load`, which is refused: the load would be compensated twice."
     )
     load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", parse_force, unit="N")] = Field(
         default=None, description="One load, for all moves unless it states lines; other moves have no load."
@@ -153,17 +154,16 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     loads: Name | None = Field(
         default=None,
-        description="Name of the sent file with the load at each point, instead of `load` and `segments`: "
-        "CSV with `point` (number along the path, as in points.csv), `Fx [N]`, `Fy [N]`, `Fz "
-        "[N]`, perhaps `Mx [N.m]` ... Other points have no load.",
+        description="Name of the sent file with the load at each point, instead of `load`: CSV with `point` "
+        "(as in points.csv), `Fx [N]`, `Fy [N]`, `Fz [N]`, perhaps `Mx [N.m]` ... Other points have no load.",
     )
     cut: Annotated[Cut | None, Terminal(hidden=True)] = Field(
         default=None, description="Milling cut that gives the force, instead of `load`, in SI units."
     )
     axes: Literal["robot", "tool", "base", "feed"] = Field(
         default="robot",
-        description="Axes of forces and moments: those of R0, of the tool, of the program's base; or `feed`: "
-        "feed, normal (to the right, seen from the spindle) and spindle axis.",
+        description="Axes of forces: of R0, of the tool, of the program's base; or `feed`: feed, normal (to "
+        "the right, seen from the spindle) and spindle.",
     )
     spindle: Annotated[Vector3 | None, Terminal("--spindle", "X,Y,Z", parse_numbers)] = Field(
         default=None,
@@ -195,17 +195,17 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     tool_x: Vector3 | None = Field(
         default=None,
-        description="Direction of the tool's x axis in the base, made perpendicular to the tool's axis; "
-        "for programs that state only the tool's axis or a position.",
+        description="Direction of the tool's x axis in the base, for programs that state only the tool's "
+        "axis or a position.",
     )
     start: Annotated[
         Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None,
         Terminal("", "NUMBERS[deg]", parse_numbers, unit="deg"),
     ] = Field(
         default=None,
-        description="Joints near the first cartesian target, as the controller shows them, in units.angle; "
-        "prismatic joints in units.length. Needed if the program does not state the arm's "
-        "configuration, or for prismatic joints, which stay there.",
+        description="Joints near the first cartesian target, as the controller shows them, in units.angle or "
+        "units.length. Needed if the program does not state the configuration, or for prismatic "
+        "joints, which stay there.",
     )
     max_displacement: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="m")] = Field(
         default=None, description="Greatest displacement of a correction, in units.length; default: 5 mm."
@@ -215,8 +215,7 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     ramp_length: Annotated[Quantity, Field(ge=0.0), Terminal(unit="m")] = Field(
         default=0.0,
-        description="Length of path over which corrections increase and decrease with the load, in "
-        "units.length.",
+        description="Length of path over which corrections rise and fall with the load, in units.length.",
     )
     leave_alone: Annotated[list[Name], Field(max_length=1_000)] = Field(
         default_factory=list,
@@ -228,21 +227,21 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     leave_others: StrictBool = Field(
         default=False,
-        description="True to leave moves uncorrected whose target, base or tool is not certain; else a "
-        "program with such moves is refused with their list.",
+        description="True to leave moves uncorrected whose target, base or tool is not certain; else the "
+        "program is refused.",
     )
     external_axes: Literal["carry_nothing"] | None = Field(
         default=None,
-        description="`carry_nothing` if external axes and other groups carry neither arm nor part; else "
-        "moves with such an axis away from zero are not corrected.",
+        description="`carry_nothing` if external axes carry neither arm nor part; else moves with one away "
+        "from zero are not corrected.",
     )
     format: ProgramFormat | None = Field(
         default=None, description="Format of the program; default: by the file's name."
     )
     mark: StrictBool = Field(
         default=True,
-        description="True to write run, verdict and date as a comment into the program. A marked program is "
-        "not corrected again. With the verdict do_not_use the mark is always written.",
+        description="True to write run, verdict and date as a comment; always with the verdict do_not_use. A "
+        "marked program is not corrected again.",
     )
 
     @model_validator(mode="after")
@@ -263,9 +262,7 @@ class ProgramFile(Message):
 
     name: Name
     bytes: int = Field(description="Size of the file.", json_schema_extra={"unit": "byte"})
-    content: str | None = Field(
-        default=None, description="Content; null in answers, because files have separate addresses."
-    )
+    content: str | None = Field(default=None, description="Content; null in answers: get the file.")
     sha256: str | None = Field(default=None, description="SHA-256 of its bytes, hexadecimal.")
 
 
@@ -275,8 +272,8 @@ class ProgramRequest(ProgramOptions):
     run_id: Identifier = Field(description="Id of the run whose model is used.")
     files: Annotated[list[ProgramFile], Field(max_length=MAX_FILES)] = Field(
         default_factory=list,
-        description="Files: one program, or a .src with its .dat and $config.dat; and the table of loads. "
-        "Post them as the form's `files`.",
+        description="Program, or a .src with its .dat and $config.dat; and the table of loads. Post them "
+        "as the form's `files`.",
     )
 
     @property
@@ -286,7 +283,7 @@ class ProgramRequest(ProgramOptions):
 
 
 class Spread(Message):
-    """Median, 95 % quantile and greatest value over the points under load."""
+    """Median, 95 % quantile and maximum under load."""
 
     median: float
     p95: float
@@ -307,19 +304,14 @@ class ProgramPoint(Message):
     correction: Metres[float] = Field(description="Distance from the programmed to the commanded position.")
     correction_rotation: Radians[float]
     standard_uncertainty: Metres[float | None] = Field(
-        description="Standard uncertainty of the length, from the errors of the readings; null if unknown."
+        description="Standard uncertainty of the length; null if unknown."
     )
-    interval: Metres[tuple[float, float] | None] = Field(
-        description="Interval of the deflection, by the errors of the readings only."
-    )
-    interval_with_model_error: Metres[tuple[float, float] | None] = Field(
+    interval: Metres[Interval | None] = Field(description="Interval by the errors of the readings.")
+    interval_with_model_error: Metres[Interval | None] = Field(
         default=None,
-        description="Interval of the deflection with model error, by the residuals of postures omitted from "
-        "the fit; null without a bound.",
+        description="Interval of the deflection with model error; null without a bound.",
     )
-    residual: Metres[float] = Field(
-        description="Distance of the loaded tool from its target, predicted for the program as it is written."
-    )
+    residual: Metres[float] = Field(description="Predicted distance of the loaded tool from its target.")
     residual_rotation: Radians[float]
     rounding: Metres[float] = Field(
         description="Part of `residual` due to the rounding of numbers in the program."
@@ -329,14 +321,14 @@ class ProgramPoint(Message):
 
 
 class ProgramResult(FromRun):
-    """Counts, spreads and the worst points; the program and all points have separate addresses."""
+    """Counts, spreads and the worst points; the files have all of them."""
 
     format: ProgramFormat
     points: int = Field(description="Number of targets of the program.")
     moves: int = Field(description="Number of moves of the program.")
     moves_left: int = Field(
         default=0,
-        description="Number of moves that are not corrected because target, base or tool is not certain.",
+        description="Number of moves left uncorrected as not certain.",
     )
     corrected: int = Field(description="Number of corrected targets.")
     capped: int = Field(description="Number of targets whose correction is reduced by the limits.")
@@ -354,7 +346,7 @@ class ProgramResult(FromRun):
         description="Points with the greatest deflections without a correction, greatest first."
     )
     remarks: list[str] = Field(description="Remarks on unchanged lines and on the prediction.")
-    files: list[ProgramFile] = Field(description="Compensated program; null in answers: GET …/program.")
+    files: list[ProgramFile] = Field(description="Compensated program; null in answers: its file `program`.")
     table: ProgramFile = Field(description="All points; null in answers: its file `points.csv`.")
 
 
@@ -365,7 +357,7 @@ class Program(Job):
 
     kind: Literal["program"] = "program"
     request: ProgramRequest
-    result: ProgramResult | None = Field(description="Result; present if the job has succeeded.")
+    result: ProgramResult | None = Field(description="Present if the job has succeeded.")
 
     @property
     def outputs(self) -> list[str]:

@@ -35,13 +35,13 @@ class ListQuery(PageQuery):
 
     q: ExactName | None = Field(
         default=None,
-        description="Words; each must be part of a name that the list shows (of the resource, its robot or "
-        "its set, or a serial number), in upper or lower case.",
+        description="Words, each part of a name that the list shows (of the resource, its robot or set, or "
+        "a serial number), in any case.",
     )
     sort: Literal["created_at", "-created_at", "name", "-name"] = Field(
         default="-created_at",
-        description="Order by time or by name; `-` reverses the order: the newest come first. Runs are "
-        "sorted by the name of their set.",
+        description="Order by time or by name; `-`: descending, the newest first. Runs are sorted by the "
+        "name of their set.",
     )
     deleted: bool = Field(
         default=False,
@@ -103,9 +103,7 @@ class RobotQuery(ListQuery):
     """Filters of robots."""
 
     name: ExactName | None = Field(default=None, description="Filter by name (exact).")
-    content_hash: Reference | None = Field(
-        default=None, description="Filter by `content_hash`: robots of the same kinematics, limits and map."
-    )
+    content_hash: Reference | None = Field(default=None, description="Filter by `content_hash`.")
 
 
 class OpenSetQuery(ListQuery):
@@ -132,15 +130,13 @@ class SetQuery(OpenSetQuery):
     serial_number: ExactName | None = Field(default=None, description="Filter by the robot's serial number.")
     operator: ExactName | None = Field(default=None, description="Filter by operator (exact).")
     instrument: ExactName | None = Field(default=None, description="Filter by instrument (exact).")
-    content_hash: Reference | None = Field(
-        default=None, description="Filter by `content_hash`: sets of the same readings."
-    )
+    content_hash: Reference | None = Field(default=None, description="Filter by `content_hash`.")
     measured_from: Moment | None = Field(
         default=None,
-        description="Filter by time of measurement: at this time or later, ISO 8601 with its zone.",
+        description="Filter by time of measurement: from this time on, with its zone.",
     )
     measured_to: Moment | None = Field(
-        default=None, description="Filter by time of measurement: before this time, ISO 8601 with its zone."
+        default=None, description="Filter by time of measurement: before this time, with its zone."
     )
 
     @model_validator(mode="after")

@@ -52,7 +52,7 @@ class DhModel(Message):
     )
     rows: Annotated[list[DhRow], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
         description="Rows from base to flange, one per joint. A revolute joint adds its angle to theta, a "
-        "prismatic one its length to d. The flange frame is the last frame of the table."
+        "prismatic one its length to d. The last frame is the flange's."
     )
 
 
@@ -112,12 +112,11 @@ class Body(Message):
     mass: Kilograms[Annotated[float, Field(strict=True, gt=0.0, le=1e6)]] = Field(description="Mass.")
     mass_uncertainty: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, lt=1.0)]] = Field(
         default=0.2,
-        description="Half-width of the bounds of the mass, relative to the mass: 0.1 is ± 10 %. These are "
-        "bounds, not a standard uncertainty.",
+        description="Relative half-width of the bounds of the mass: 0.1 is ± 10 %.",
     )
     centre: Metres[Vector3] = Field(
-        description="Centre of mass in the frame that moves with the joint: in a URDF that of the joint's "
-        "child link, in a DH table the joint's axis is z and its origin that of the row's theta."
+        description="Centre of mass in the frame that moves with the joint: in a URDF that of the child "
+        "link, in a DH table with z along the axis and the origin of the row's theta."
     )
     centre_uncertainty: Metres[Annotated[float, Field(strict=True, ge=0.0, le=10.0)]] = Field(
         default=0.0, description="Radius of the ball that contains the centre of mass."
@@ -130,21 +129,21 @@ Payload = Kilograms[Annotated[float, Field(strict=True, ge=0.1, le=1e4)]]
 class RobotDocument(Message):
     """A robot: a description, a stored geometry, or an arm of the catalogue."""
 
-    name: Name = Field(description="Name of the robot.", examples=["KR 240 cell 3"])
+    name: Name = Field(examples=["KR 240 cell 3"])
     model: PostedModel
     joint_map: JointMap | None = Field(
         default=None,
-        description="Joint map for coupled axes and flipped signs; default: identity, or that of the arm of "
-        "the catalogue. A geometry has its own.",
+        description="Joint map; default: identity, or that of the arm of the catalogue. A geometry has its "
+        "own.",
     )
     bodies: Annotated[list[Body], Field(min_length=1, max_length=2 * MAX_JOINTS)] | None = Field(
         default=None,
-        description="Bodies with masses, for runs with `weight`; default: the inertials of the URDF on the "
-        "chain, if it has such, each within ± 20 %.",
+        description="Bodies with masses, for `weight`; default: the inertials of the URDF, each within ± "
+        "20 %.",
     )
     payload: Payload | None = Field(
         default=None,
-        description="Payload by the maker: checks the unit of forces. Default: the catalogue's.",
+        description="Payload by the maker, to check the unit of forces; default: the catalogue's.",
     )
 
     @model_validator(mode="after")
@@ -184,12 +183,12 @@ class LastCampaign(Message):
     """The latest campaign of a robot, whatever its verdict and options, and what its trends say."""
 
     run_id: Identifier
-    at: Timestamp = Field(description="Time of the measurement, or of storing if the set does not state it.")
+    at: Timestamp = Field(description="Time of the measurement, else of storing.")
     serial_number: str | None = Field(description="Serial number that its set states.")
     verdict: Verdict = Field(description="Verdict on its newest run.")
     changed: list[ChangedJoint] = Field(
-        description="Joints that changed in the trend of any serial number and any options, each once for "
-        "its serial number; empty if none changed."
+        description="Joints that changed in the trend of any serial number and options, each once for its "
+        "serial number."
     )
 
 
@@ -201,13 +200,13 @@ class RobotSummary(Message):
     joints: list[Joint]
     nominal_arm: Name | None = Field(
         default=None,
-        description="Arm of the catalogue whose nominal values the model has, if it was posted as one.",
+        description="Arm of the catalogue that gave the model.",
     )
     content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map; not of the name.")
     created_at: Timestamp
     last_campaign: LastCampaign | None = Field(
         default=None,
-        description="Latest campaign of the robot, and which joints changed; null before the first run.",
+        description="Latest campaign, whatever its verdict and options; null before the first run.",
     )
 
 
@@ -219,8 +218,7 @@ class Robot(RobotDocument, RobotSummary):
         description="True if the last three axes meet in one point, as the decoupled method needs."
     )
     wrist_miss_distance: Metres[float | None] = Field(
-        description="Distance of the last three axes from their nearest common point; null if there is no "
-        "such point."
+        description="Distance of the last three axes from their nearest common point, if any."
     )
     geometry_id: Identifier | None = Field(
         default=None, description="Geometry of the model, if it was posted as one."
@@ -255,7 +253,7 @@ class Arm(Message):
     reach: Metres[float] = Field(description="Reach by the maker.")
     reach_of: Literal["wrist_centre", "flange", "stated"] = Field(
         description="Point whose largest distance from axis 1 is the reach; `stated`: the maker does not "
-        "state the point, and the table was compared with a second publication."
+        "name it."
     )
     payload: Kilograms[float | None] = Field(default=None, description="Payload by the maker.")
     sources: list[str] = Field(description="Source of the values.")
@@ -297,11 +295,7 @@ class Posture(Message):
     joint_origins: Metres[list[Point]] = Field(
         description="Origins of the joints' frames, from base to flange."
     )
-    joint_axes: Dimensionless[list[Point]] = Field(
-        description="Unit vectors along the joints' axes. Dimensionless."
-    )
+    joint_axes: Dimensionless[list[Point]] = Field(description="Unit vectors along the joints' axes.")
     joint_kinds: list[JointKind] = Field(description="Kinds of the joints: about or along these axes.")
     flange_origin: Metres[Point]
-    flange_axes: Dimensionless[Square3] = Field(
-        description="Unit vectors of the flange's x, y and z axes. Dimensionless."
-    )
+    flange_axes: Dimensionless[Square3] = Field(description="Unit vectors of the flange's x, y and z axes.")

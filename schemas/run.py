@@ -12,6 +12,7 @@ from jointstiff.schemas.fields import (
     Compliance,
     Dimensionless,
     Identifier,
+    Interval,
     Message,
     Metres,
     Name,
@@ -42,36 +43,31 @@ class JointResult(Message):
     name: Name
     kind: StatedKind = "revolute"
     status: Literal["identified", "uncertain", "at_bound", "not_observable"]
-    verdict: Verdict = Field(
-        description="Verdict on the use of the stiffness, limited by its status and by the reasons about it "
-        "or the whole result."
-    )
+    verdict: Verdict = Field(description="Verdict on the stiffness, limited by its status and the reasons.")
     compliance: Compliance[float | None]
     stiffness: Stiffness[float | None] = Field(
         description="Stiffness, 1 / compliance; null if the compliance is zero."
     )
     standard_uncertainty: Compliance[float | None] = Field(
-        description="Standard uncertainty of the compliance, from the covariance of the "
-        "unconstrained estimate."
+        description="Standard uncertainty of the unconstrained estimate."
     )
-    compliance_interval: Compliance[tuple[float, float] | None] = Field(
-        description="Profile-likelihood interval of the compliance under the constraints, at the run's "
-        "confidence level."
+    compliance_interval: Compliance[Interval | None] = Field(
+        description="Profile-likelihood interval under the constraints, at the run's confidence."
     )
     stiffness_interval: Stiffness[tuple[float, float | None] | None] = Field(
         description="Interval of the stiffness; an upper end of null means no upper limit."
     )
     stiffness_at_least: Stiffness[float | None] = Field(
         default=None,
-        description="One-sided lower bound at the run's confidence level, above the lower end of the "
-        "two-sided interval; null if the compliance may be negative.",
+        description="One-sided lower bound at the run's confidence, above the lower end of the interval; "
+        "null if the compliance may be negative.",
     )
     prior_to_data: float | None = Field(
         default=None,
-        description="Ratio of information, prior to readings, on this compliance; above 1 the prior "
-        "dominates. Null without a prior. Dimensionless.",
+        description="Information of the prior relative to that of the readings; above 1 the prior "
+        "dominates. Null without a prior.",
     )
-    reason: str | None = Field(description="Reason why there is no number, or why the joint is at a bound.")
+    reason: str | None = Field(description="Reason for no number, or for a joint at its bound.")
 
 
 class _Joint(Protocol):
@@ -106,16 +102,15 @@ def count_identified_joints(joints: Iterable[_Joint]) -> int:
 BudgetSource = Annotated[
     str,
     Field(
-        description="Source of uncertainty: `readings`, the name of a stated error (`force_scale`, "
-        "`force_direction`, `load_point`, `target_places`, `axes`), `assumed_load_point`, "
-        "`assumed_force_scale`, `fitted_causes`, "
+        description="Source: `readings`, a stated error (`force_scale`, `force_direction`, `load_point`, "
+        "`target_places`, `axes`), `assumed_load_point`, `assumed_force_scale`, `fitted_causes`, "
         "`model_error` or `complementary_stiffness`."
     ),
 ]
 BudgetGap = Literal["model_error", "lack_of_fit"]
 Evaluation = Annotated[
     Literal["A", "B"],
-    Field(description="Type of evaluation: A by statistics of these readings, B as stated with them."),
+    Field(description="A: by statistics of these readings; B: as stated."),
 ]
 
 
@@ -125,17 +120,17 @@ class BudgetComponent(Message):
     source: BudgetSource
     evaluation: Evaluation
     included: StrictBool = Field(
-        description="True if part of the joints' standard uncertainty: model error only if joints alone do "
-        "not fit; a neglected complementary stiffness never."
+        description="True if part of the standard uncertainty: model error only if joints alone do not "
+        "fit; a neglected K_c never."
     )
     degrees_of_freedom: Dimensionless[float | None] = Field(
-        description="Degrees of freedom of an evaluation of type A; null for infinitely many."
+        description="Degrees of freedom of type A; null for infinitely many."
     )
     contributions: Compliance[list[float]] = Field(
-        description="Contribution to the standard uncertainty of each joint of the budget."
+        description="Contribution to the standard uncertainty of each joint."
     )
     correlation: Dimensionless[list[list[float]]] = Field(
-        description="Correlation coefficients between the joints from this source; 0 if a contribution is 0."
+        description="Correlation between the joints from this source."
     )
 
 
@@ -145,26 +140,25 @@ class Budget(Message):
     joints: list[Name] = Field(description="Joints with an estimate, in the order of all numbers here.")
     components: list[BudgetComponent]
     standard_uncertainty: Compliance[list[float]] = Field(
-        description="Combined standard uncertainty: the root of the sum of the included squares."
+        description="Combined standard uncertainty of the included components."
     )
     correlation: Dimensionless[list[list[float]]] = Field(
-        description="Correlation coefficients of the combined uncertainty between the joints."
+        description="Correlation of the combined uncertainty between the joints."
     )
     probability: Dimensionless[float] = Field(description="Coverage probability.")
     coverage_factor: Dimensionless[float] = Field(
-        description="Factor for that probability: normal, or Student's if sigma comes from the residuals or "
-        "the model error is included."
+        description="Factor for that probability: normal, or Student's if sigma is estimated or the model "
+        "error included."
     )
     expanded_uncertainty: Compliance[list[float]] = Field(
-        description="Expanded uncertainty: factor times the combined standard uncertainty."
+        description="Expanded uncertainty: factor times standard uncertainty."
     )
     expanded_with_model_error: Compliance[list[float]] = Field(
-        description="Expanded uncertainty of all components, including those not in the intervals."
+        description="Expanded uncertainty of all components."
     )
     missing: list[BudgetGap] = Field(
-        description="Sources without a component: an expanded uncertainty is then partial. `model_error`: "
-        "too few postures for a bound. `lack_of_fit`: a lack of fit, or a mistake that forbids "
-        "the numbers."
+        description="Sources without a component. `model_error`: too few postures for a bound. "
+        "`lack_of_fit`: also a mistake that forbids the numbers."
     )
 
     def contributions_to(self, joint: str) -> dict[str, float]:
@@ -185,16 +179,11 @@ class Budget(Message):
 class StageIdentifiability(Message):
     """Observability in one stage of a method, over the joints of that stage."""
 
-    rank: int = Field(
-        description="Rank: number of compliances, or combinations, that the readings determine."
-    )
+    rank: int = Field(description="Rank: number of determined compliances or combinations.")
     condition_number: float | None = Field(
-        description="Condition number of the weighted regressor with columns of unit norm; null if "
-        "rank-deficient. Dimensionless."
+        description="Condition number of the weighted regressor with unit columns; null if rank-deficient."
     )
-    singular_values: list[float] = Field(
-        description="Singular values of the same matrix, largest first. Dimensionless."
-    )
+    singular_values: list[float] = Field(description="Singular values of this matrix, largest first.")
 
 
 ObservabilityIndex = Literal["o1", "o2", "o3", "o4", "o5"]
@@ -204,23 +193,22 @@ class Advice(Message):
     """A measurement that would reduce a joint's uncertainty."""
 
     joint: Name
-    message: str = Field(description="Advice in words: posture, load, and the expected gain.")
+    message: str = Field(description="Advice in words.")
     joints: Positions[list[float]] = Field(description="Joints as displayed by the controller.")
     observation: Name | None = Field(
         description="Label of the observation with this posture, if there is one."
     )
     force: Newtons[Point] = Field(
-        description="Force on the robot, axes of R0, as large as the set's largest, at the load "
-        "point of that observation, or for a new posture at that of the largest force."
+        description="Force on the robot, axes of R0, as large as the set's largest, at that observation's "
+        "load point."
     )
     uncertainty_ratio: float | None = Field(
-        description="Standard uncertainty of the compliance after one such reading of all targets, divided "
-        "by the present one, by partial pose without constraints and priors. Null if not "
-        "determined so far. Dimensionless."
+        description="Standard uncertainty of the compliance after one such reading of all targets, "
+        "relative to the present one; null if not determined so far."
     )
     standard_uncertainty: Compliance[float | None] = Field(
         default=None,
-        description="Standard uncertainty of the compliance after that reading; null if sigma is unknown.",
+        description="Standard uncertainty after that reading; null if sigma is unknown.",
     )
 
 
@@ -228,32 +216,28 @@ class Identifiability(Message):
     """Observability of the parameters of the joint model."""
 
     parameters: int = Field(description="Number of joints of the robot.")
-    rank: int = Field(
-        description="Rank: number of compliances, or combinations, that the readings determine."
-    )
+    rank: int = Field(description="Rank: number of determined compliances or combinations.")
     condition_number: float | None = Field(
-        description="Condition number, the largest of all stages; null if rank-deficient. Dimensionless."
+        description="Condition number, the largest of all stages; null if rank-deficient."
     )
     combinations: list[list[Name]] = Field(
         description="Groups of joints whose combinations alone are observable."
     )
     observability: Dimensionless[dict[ObservabilityIndex, float] | None] = Field(
         default=None,
-        description="Observability indices (Sun & Hollerbach 2008) of the observable joints; null if "
-        "rank-deficient. Of the singular values s of the scaled regressor: `o1` geometric mean, `o2` least "
-        "over greatest, `o3` least, `o4` least squared over greatest, `o5` 1 / sum of 1/s. Larger is better; "
-        "none exceeds 1.",
+        description="Observability indices (Sun & Hollerbach 2008); null if rank-deficient. Of the singular "
+        "values s: `o1` geometric mean, `o2` least over greatest, `o3` least, `o4` least squared over "
+        "greatest, `o5` 1 / sum of 1/s. Larger is better; none exceeds 1.",
     )
     advice: list[Advice] = Field(
         default_factory=list,
-        description="Advice on the next measurements, for at most three joints without a number, at zero "
-        "compliance, or with an uncertainty above 10 %; at most two pieces per joint, the "
-        "better first.",
+        description="Advice on the next measurements, for at most three joints with an uncertainty above "
+        "10 %; at most two per joint, the better first.",
     )
     weakest: list[str] = Field(
         default_factory=list,
         description="Messages for each stage with a condition number above 100: joints that are hard to "
-        "distinguish, and in which proportion.",
+        "distinguish, in which proportion.",
     )
     stages: list[StageIdentifiability] = Field(
         description="Stages of the method: two for the decoupled one, arm then wrist."
@@ -267,7 +251,7 @@ class ResampledJoint(Message):
     kind: StatedKind = "revolute"
     compliance_mean: Compliance[float | None]
     compliance_deviation: Compliance[float | None] = Field(description="Standard deviation of one draw.")
-    compliance_interval: Compliance[tuple[float, float] | None] = Field(
+    compliance_interval: Compliance[Interval | None] = Field(
         description="Percentile interval at the run's confidence."
     )
     stiffness_mean: Stiffness[float | None] = Field(
@@ -297,7 +281,7 @@ class ResamplingResult(Message):
     compensation_deviation: Dimensionless[float | None] = Field(
         description="Standard deviation of the compensation of one draw."
     )
-    compensation_interval: Dimensionless[tuple[float, float] | None] = Field(
+    compensation_interval: Dimensionless[Interval | None] = Field(
         description="Percentile interval of the compensation."
     )
 
@@ -306,15 +290,12 @@ class WeightShare(Message):
     """Causes of the width of a joint's interval."""
 
     joint: Name
-    torque: Torque[tuple[float, float]] = Field(
-        description="Least and greatest torque of weights and loads about the joint over the observations."
-    )
+    torque: Torque[Interval] = Field(description="Least and greatest torque of the loads about the joint.")
     largest_sag: Radians[float | None] = Field(
         description="Greatest sag of the joint; null without a number."
     )
     readings: Dimensionless[float | None] = Field(
-        description="Share of the width of the compliance's interval that exact masses would leave; null "
-        "without a number."
+        description="Share of the interval's width that exact masses would leave; null without a number."
     )
     masses: Dimensionless[float | None] = Field(
         description="Share of the interval's width due to the uncertain masses; null without a number."
@@ -327,7 +308,7 @@ class WeightResult(Message):
     joints: list[WeightShare]
     gravity: Point = Field(description="Acceleration of gravity in R0, in m/s², stated or estimated.")
     rms_without_sag: Metres[float] = Field(
-        description="Root mean square of a coordinate's residual for the best geometry without sag."
+        description="Root mean square of a coordinate's residual without sag."
     )
     rms_residual: Metres[float] = Field(description="Root mean square of a coordinate's residual with sag.")
     steps: int = Field(description="Number of Gauss-Newton steps.")
@@ -339,7 +320,7 @@ class RunRequest(RunOptions):
     measurement_set_id: Identifier
     variant_of: Identifier | None = Field(
         default=None,
-        description="Earlier run that this run is to improve, for listings; it changes no number.",
+        description="Run that this run is to improve, for listings.",
     )
 
 
@@ -353,8 +334,7 @@ class Certificate(Message):
     dual: float = Field(description="Largest gradient of the wrong sign.")
     complementarity: float = Field(description="Largest min(slack, multiplier).")
     solved_by: list[SupportFinder] = Field(
-        description="Algorithms that found the active bounds, for the robust loss if there is one, then for "
-        "each stage of the method."
+        description="Algorithms of the robust loss, if any, then of each stage."
     )
 
 
@@ -362,28 +342,27 @@ class Goodness(Message):
     """Chi-square of the residuals, in units of sigma."""
 
     chi_square: float = Field(
-        description="Sum of squared whitened residuals; with the robust loss each is cut at the threshold, "
-        "and the sum scaled to the same expectation. Dimensionless."
+        description="Sum of squared whitened residuals; with the robust loss cut at the threshold and "
+        "scaled to the same expectation."
     )
     degrees_of_freedom: float
     sigma_source: Literal["given", "residuals"] = Field(
-        description="Source of sigma: stated with the set, or estimated from these residuals."
+        description="Source of sigma: stated, or estimated from these residuals."
     )
     p_value: Dimensionless[float | None] = Field(
         default=None,
-        description="p-value of the two-sided chi-square test of a stated sigma; null without residual "
-        "degrees of freedom.",
+        description="p-value of the two-sided chi-square test of a stated sigma; null without degrees of "
+        "freedom.",
     )
     test: Literal["consistent", "residuals_too_large", "residuals_too_small"] | None = Field(
-        default=None, description="Result of that test at a significance level of 1 %."
+        default=None, description="Result of the test at the level of 1 %."
     )
     repeatability: Radians[float | None] = Field(
         default=None,
-        description="Standard deviation of a joint's angle from posture to posture; null if the residuals "
-        "show none.",
+        description="Standard deviation of a joint's angle from posture to posture; null if none shows.",
     )
     repeatability_at_targets: Metres[float | None] = Field(
-        default=None, description="Root mean square motion of the targets by that scatter of all joints."
+        default=None, description="Root mean square motion of the targets by it."
     )
     repeatability_source: Literal["given", "residuals"] | None = None
 
@@ -393,10 +372,10 @@ class ComplementaryStiffness(Message):
 
     included: StrictBool
     iterations: int = Field(description="Number of fits until the iteration converged; 0 if neglected.")
-    largest_ratio: float = Field(description="Largest |K_c,ij| / k_i over the set. Dimensionless.")
+    largest_ratio: float = Field(description="Largest |K_c,ij| / k_i over the set.")
     largest_shift: float | None = Field(
-        description="Largest change of a compliance between neglecting and including it, in units of its "
-        "standard uncertainty; null if that is unknown. Dimensionless."
+        description="Largest change of a compliance by including it, in units of its standard uncertainty; "
+        "null if that is unknown."
     )
 
 
@@ -405,10 +384,8 @@ class SuspiciousReading(Message):
 
     observation: Name
     target: Name
-    weight: float = Field(description="Weight of the reading, 1 for a good one. Dimensionless.")
-    residual_norm: float = Field(
-        description="Norm of the whitened residual, in units of sigma. Dimensionless."
-    )
+    weight: float = Field(description="Weight of the reading, 1 for a good one.")
+    residual_norm: float = Field(description="Norm of the whitened residual, in units of sigma.")
 
 
 class Residual(Message):
@@ -426,14 +403,12 @@ class Contribution(Message):
 
     joint: Name
     share: Dimensionless[float] = Field(
-        description="Contribution to the mean length of the predicted deflections; all contributions "
-        "sum to 1. Zero for a joint without a number."
+        description="Contribution to the mean length of the predicted deflections; the sum is 1. Zero for "
+        "a joint without a number."
     )
-    mean: Metres[float] = Field(
-        description="Contribution of the joint, mean over all readings of the targets."
-    )
+    mean: Metres[float] = Field(description="Mean contribution over all readings.")
     by_observation: Metres[list[float]] = Field(
-        description="Contributions in each observation, means over its targets, in the order of the set."
+        description="Contributions in each observation, means over its targets."
     )
 
 
@@ -453,18 +428,16 @@ class ModelChoice(Message):
     elasticity: ElasticModel
     loss: Loss
     source: Literal["given", "screening", "cross_validation", "options"] = Field(
-        description="`given`: named in the request. `screening`: no test shows that something besides "
-        "joints bends. `cross_validation`: compared on held-out postures. `options`: other options allow "
-        "only joints."
+        description="`given`: by the request. `screening`: no test shows that more than joints bends. "
+        "`cross_validation`: compared on held-out postures. `options`: other options allow only joints."
     )
     links_p_value: Dimensionless[float | None] = Field(
-        description="p-value of the F test of links added to the joints; null if it was not made."
+        description="p-value of the F test of links; null if it was not made."
     )
     message: str = Field(description="Choice in a sentence, with its figures.")
     models: list[ScoredModel] = Field(
         default_factory=list,
-        description="Scores of each model with each loss on held-out postures, from simple to rich; empty if "
-        "none were compared.",
+        description="Scores of each model with each loss, from simple to rich; empty if none were compared.",
     )
     losses: dict[ElasticModel, Loss] = Field(
         default_factory=dict, description="For each model, the loss with the least held-out residual."
@@ -474,33 +447,30 @@ class ModelChoice(Message):
     )
     simplest: ElasticModel | None = Field(
         default=None,
-        description="Simplest model within one standard error of the best, paired by posture (joints alone: "
-        "within two): the recommended model.",
+        description="Simplest model within one standard error of the best (joints alone: two), which is "
+        "recommended.",
     )
 
 
 class CauseTest(Message):
-    """Test of something that may have moved the targets in addition to the joints."""
+    """Test of a cause that may have moved the targets."""
 
     name: Name = Field(description="Name of the cause, as in the `causes` of a run.")
-    first: Name | None = Field(
-        description="Label of the first observation that the cause concerns; null for all."
-    )
+    first: Name | None = Field(description="Label of the first observation concerned; null for all.")
     p_value: Dimensionless[float] = Field(
-        description="p-value of the F test of the cause added to the joints: the larger of those with "
-        "stated and with equal weights."
+        description="p-value of the F test of the cause: the larger of those with stated and with equal "
+        "weights."
     )
     least_found: float | None = Field(
         default=None,
-        description="Least mistake that this test finds in 80 % of campaigns, in `unit`; of the turn for "
-        "`turn`. Null with `first`, or if a cause or links were found.",
+        description="Least mistake found in 80 % of campaigns, in `unit`. Null with `first`, or if a cause "
+        "or links were found.",
     )
     unit: Literal["m", "rad", "N", "1"] | None = Field(default=None, description="Unit of `least_found`.")
     joint: Name | None = Field(default=None, description="Joint that this mistake moves most.")
     moves: Dimensionless[float | None] = Field(
         default=None,
-        description="Change of this joint's compliance by this mistake, in units of its standard "
-        "uncertainty.",
+        description="Change of this joint's compliance in standard uncertainties.",
     )
 
 
@@ -515,12 +485,12 @@ class RunResult(Result):
     joints: list[JointResult]
     compensation: float | None = Field(
         description="Fraction of the mean deflection that the model predicts, 1 - mean‖residual‖ / "
-        "mean‖deflection‖; null if nothing moved, or without degrees of freedom. Dimensionless."
+        "mean‖deflection‖; null if nothing moved, or without degrees of freedom."
     )
     rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
     sigma: Metres[float | None] = Field(
-        description="Standard uncertainty of one coordinate of one reading; null if not given and there are "
-        "no residual degrees of freedom."
+        description="Standard uncertainty of one coordinate of one reading; null if neither given nor "
+        "estimated."
     )
     goodness: Goodness
     identifiability: Identifiability
@@ -537,7 +507,9 @@ class RunResult(Result):
         default=None, description="Threshold of the Huber loss in units of sigma; null for other losses."
     )
     suspicious: list[SuspiciousReading] = Field(
-        default_factory=list, description="Readings to which the Huber loss gives less weight, worst first."
+        default_factory=list,
+        description="Readings to which the Huber loss gives less weight, worst "
+        "first; one good reading in a thousand is like them.",
     )
     suspicious_count: int = Field(
         default=0, description="Number of such readings; `suspicious` lists at most 100."
@@ -547,9 +519,9 @@ class RunResult(Result):
     )
     links: LinksResult | None = Field(
         default=None,
-        description="Elastic links or coupling, if requested. The joints' numbers are then effective: with "
-        "the link's rotation about the joint's axis. Their intervals contain all values that "
-        "fit with 0.3 times the best penalty; null if `link_penalty` is given.",
+        description="Elastic links or coupling. The joints' numbers are then effective: with the link's "
+        "rotation about the joint's axis. Their intervals contain all values that fit with 0.3 times the "
+        "best penalty; null if `link_penalty` is given.",
     )
     choice: ModelChoice | None = Field(
         default=None,
@@ -557,32 +529,30 @@ class RunResult(Result):
     )
     causes: list[CauseTest] = Field(
         default_factory=list,
-        description="Causes that were tested with the joints, the most significant first; empty if none "
-        "could be tested.",
+        description="Causes that were tested, the most significant first.",
     )
     residuals: list[Residual]
     contributions: list[Contribution] = Field(
         default_factory=list,
-        description="Contribution of each joint to the predicted deflection; empty if links or coupling are "
-        "elastic, or if no joint is identified.",
+        description="Contribution of each joint to the predicted deflection, projected on it; empty if "
+        "links or coupling are elastic.",
     )
     encoder_residuals: list[EncoderResidual] = Field(
         default_factory=list, description="Fit of the secondary encoders, if they were read."
     )
     model: Annotated[IdentifiedModel | None, WithJsonSchema(_NO_PROMISE)] = Field(
         default=None,
-        description="Numbers from which the service predicts; their form is not part of the API. Null if no "
-        "joint is determined by own weight.",
+        description="Numbers for predictions, not part of the API. Null if own weight determines no joint.",
     )
     budget: Budget | None = Field(
         default=None,
-        description="Uncertainty budget of the compliances; null with elastic links or coupling, or if the "
-        "uncertainty of the readings is unknown.",
+        description="Uncertainty budget of the compliances; null with elastic links or coupling, or if it "
+        "is unknown.",
     )
     weight: WeightResult | None = Field(
         default=None,
-        description="Result of a run with `weight`: deflections are relative to an arm without sag, "
-        "intervals are outer bounds over all masses; null for other runs.",
+        description="Result with `weight`: deflections are relative to an arm without sag, intervals are "
+        "outer bounds over all masses; else null.",
     )
     warnings: list[Finding] = Field(description="Warnings of the measurement set, then of the fit.")
 
@@ -612,7 +582,7 @@ class Run(Job):
 
     kind: Literal["run"] = "run"
     request: RunRequest
-    result: RunResult | None = Field(description="Result; present if the run has succeeded.")
+    result: RunResult | None = Field(description="Present if the run has succeeded.")
 
     @property
     def elasticity(self) -> Elasticity:

@@ -46,10 +46,10 @@ class TrendCampaign(Message):
 
     run_id: Identifier
     measurement_set_id: Identifier
-    name: Name = Field(description="Name of the measurement set.")
+    name: Name
     at: Timestamp
     time_source: Literal["measured_at", "created_at"] = Field(
-        description="Source of `at`: time of the measurement, or, if the set does not state it, of storing."
+        description="Source of `at`: time of the measurement, else of storing."
     )
     assessment: Assessment = Field(description="Assessment of the run.")
 
@@ -62,7 +62,7 @@ class TrendPoint(Message):
     )
     interval: Stiffness[tuple[float, float | None] | None] = Field(
         default=None,
-        description="Interval of the stiffness at the run's confidence; null at its end: no upper limit.",
+        description="Interval at the run's confidence; an end of null: no upper limit.",
     )
     reason: str | None = Field(description="Reason why the point is not compared; null if it is.")
 
@@ -75,12 +75,9 @@ class TrendJoint(Message):
     points: list[TrendPoint] = Field(description="Points of the joint, one for each of `campaigns`.")
     change: Estimate | None = Field(
         description="Relative change of stiffness from the first to the latest point without a `reason` "
-        "(-0.1: 10 % softer), uncertain by what the two campaigns do not share. Null with fewer "
-        "than two points."
+        "(-0.1: 10 % softer). Null with fewer than two points."
     )
-    p_value: Dimensionless[float | None] = Field(
-        description="Probability of a change at least as large if the stiffness is the same (two-sided)."
-    )
+    p_value: Dimensionless[float | None] = Field(description="Two-sided p-value of an unchanged stiffness.")
     changed: StrictBool = Field(
         description="True if `p_value` is below `level` divided by the number of tested joints."
     )
@@ -102,8 +99,6 @@ class Trend(Message):
     serial_numbers: list[str] = Field(description="Serial numbers that the robot's sets state.")
     campaigns: list[TrendCampaign] = Field(description="Oldest first.")
     joints: list[TrendJoint]
-    level: Dimensionless[float] = Field(
-        description="Greatest probability that a joint is reported as changed although none has."
-    )
+    level: Dimensionless[float] = Field(description="Greatest probability of a false report of a change.")
     left_out: list[LeftOut] = Field(description="Campaigns that are not compared, with the reason.")
     note: str | None = Field(description="Remarks on what the test cannot say, or what to check first.")

@@ -103,8 +103,8 @@ def describe_post_responses(message: type[BaseModel]) -> dict[int | str, dict[st
 
     `message` is the class of the job in the answer.
     """
-    later = "Not finished: poll its address."
-    return LOCATION | {202: {"description": later, "headers": _ADDRESS, "model": message}}
+    answer = {"description": "Stored; if not finished (202), poll its address.", "headers": _ADDRESS}
+    return {201: answer, 202: answer | {"model": message}}
 
 
 def install_error_handlers(app: FastAPI) -> None:

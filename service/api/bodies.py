@@ -106,9 +106,8 @@ KeyText = Annotated[
     Header(
         min_length=1,
         max_length=MAX_KEY_LENGTH,
-        description="Any text of your choice, for safe retries: posting the same body again with the same "
-        "key "
-        "returns the resource that the first post created.",
+        description="Any text, for safe retries: the same body with the same key returns the resource that "
+        "the first post created.",
     ),
 ]
 """Text of an idempotency key."""

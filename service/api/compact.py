@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -14,6 +15,7 @@ from jointstiff.schemas.job import Job
 from jointstiff.schemas.measurement import MeasurementSetHeader, SetMetadata
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.plan import ReadingOptions
+from jointstiff.schemas.program import ProgramOptions, ProgramResult
 from jointstiff.schemas.robot import RobotSummary
 
 Node = dict[str, Any]
@@ -23,6 +25,8 @@ _SHARED: Final[tuple[type[Message], ...]] = (
     Job,
     RobotSummary,
     ReadingOptions,
+    ProgramOptions,
+    ProgramResult,
     RunOptions,
     SetMetadata,
     MeasurementSetHeader,
@@ -38,6 +42,10 @@ _PARTS: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
     }
 )
 """Names for fields that many messages have: a message and its field that has the schema."""
+_VALUES: Final[Mapping[str, tuple[str, str]]] = MappingProxyType({"Quantity": ("DhRow", "a")})
+"""Names for types of values without words of their own: a message, and its field of this type."""
+_WORDS: Final = frozenset({"description", "unit"})
+"""Keywords that say what a value means, not which values are allowed."""
 _BOUNDS: Final = frozenset(
     {"minLength", "maxLength", "pattern", "minItems", "maxItems", "propertyNames", "maxProperties", "default"}
 )
@@ -180,6 +188,31 @@ def _drop_bounds(node: Any, *, names: bool = False) -> Any:  # noqa: ANN401 - an
     }
 
 
+def drop_implied_bounds(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
+    """Return a part of a document without bounds of numbers and lengths that other keywords imply."""
+    if isinstance(node, list):
+        return [drop_implied_bounds(each) for each in node]
+    if not isinstance(node, dict):
+        return node
+    implied = set()
+    if isinstance(least := node.get("exclusiveMinimum"), float) and node.get("minimum", math.inf) <= least:
+        implied.add("minimum")
+    if isinstance(most := node.get("exclusiveMaximum"), float) and node.get("maximum", -math.inf) >= most:
+        implied.add("maximum")
+    if node.get("minLength") == 1 and str(node.get("pattern")).endswith("]+$"):
+        implied.add("minLength")
+    return {key: drop_implied_bounds(value) for key, value in node.items() if key not in implied}
+
+
+def shorten_numbers(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
+    """Return a part of a document with whole numbers as integers, which JSON does not tell apart."""
+    if isinstance(node, list):
+        return [shorten_numbers(each) for each in node]
+    if isinstance(node, dict):
+        return {key: shorten_numbers(value) for key, value in node.items()}
+    return int(node) if isinstance(node, float) and node.is_integer() else node
+
+
 def require_discriminators(document: Node) -> None:
     """Mark the fields that tell the alternatives of a union apart as required, as generators demand."""
     schemas = document["components"]["schemas"]
@@ -202,9 +235,12 @@ def _iterate_discriminators(node: Any) -> Iterator[Node]:  # noqa: ANN401 - any 
 
 
 def name_parts(document: Node) -> Node:
-    """Return the document with a named schema for each field of `_PARTS`, and references to it."""
+    """Return the document with a named schema for each of `_PARTS` and `_VALUES`, and references to it."""
     schemas = document["components"]["schemas"]
     parts = {name: schemas[message]["properties"][field] for name, (message, field) in _PARTS.items()}
+    for name, (message, field) in _VALUES.items():
+        described = schemas[message]["properties"][field]
+        parts[name] = {key: value for key, value in described.items() if key not in _WORDS}
     (jobs,) = (
         answer["content"]["application/json"]["schema"]
         for answer in document["paths"]["/v1/jobs/{job_id}"]["get"]["responses"].values()
@@ -260,14 +296,29 @@ def inline_small_answers(document: Node) -> None:
     document["components"]["schemas"] = _replace_references(schemas, inlined)
 
 
-def _replace_references(node: Any, inlined: dict[str, Node]) -> Any:  # noqa: ANN401 - any part of a document
-    """Return a part of a document with the schemas themselves in place of the references to them."""
+def _replace_references(
+    node: Any,  # noqa: ANN401 - any part of a document
+    inlined: dict[str, Node],
+    *,
+    described: bool = False,
+) -> Any:  # noqa: ANN401 - any part of a document
+    """Return a part of a document with the schemas themselves in place of the references to them.
+
+    With `described`, the field that has this part is described; then its message needs no description.
+    """
     if isinstance(node, list):
-        return [_replace_references(each, inlined) for each in node]
+        return [_replace_references(each, inlined, described=described) for each in node]
     if not isinstance(node, dict):
         return node
     name = str(node.get("$ref", "")).removeprefix(_REFERENCE)
     if name in inlined:
+        message = {
+            key: value for key, value in inlined[name].items() if key != "description" or not described
+        }
         others = {key: value for key, value in node.items() if key != "$ref"}
-        return _replace_references({**inlined[name], **others}, inlined)
-    return {key: _replace_references(value, inlined) for key, value in node.items()}
+        return _replace_references({**message, **others}, inlined)
+    described = described or isinstance(node.get("description"), str)
+    return {
+        key: _replace_references(value, inlined, described=described and key in {"items", "anyOf"})
+        for key, value in node.items()
+    }

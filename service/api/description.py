@@ -13,6 +13,7 @@ from fastapi import FastAPI
 from jointstiff.schemas.fields import Page
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.api.compact import (
+    drop_implied_bounds,
     find_answer_schemas,
     find_used_schemas,
     inline_small_answers,
@@ -20,6 +21,7 @@ from jointstiff.service.api.compact import (
     open_answers,
     require_discriminators,
     share_fields,
+    shorten_numbers,
 )
 from jointstiff.service.api.examples import ANSWERS
 
@@ -55,6 +57,7 @@ class DescribedApplication(FastAPI):
             document = _drop_titles(super().openapi())
             for path, method, operation in _iterate_operations(document):
                 _summarise_operation(operation)
+                _shorten_successes(operation)
                 _add_problem_responses(path, method, operation)
                 _describe_events_as_text(operation)
                 # An empty requirement `{}` describes the key as optional; operations of admins need a key.
@@ -70,9 +73,9 @@ class DescribedApplication(FastAPI):
             share_fields(document)
             open_answers(document)
             _share_components(document)
-            document = _shorten_nullable_types(document)
+            document = drop_implied_bounds(_shorten_nullable_types(document))
             inline_small_answers(document)
-            self.openapi_schema = name_parts(document)
+            self.openapi_schema = shorten_numbers(name_parts(document))
         return self.openapi_schema
 
 
@@ -120,6 +123,13 @@ def _summarise_operation(operation: Node) -> None:
         del operation["description"]
 
 
+def _shorten_successes(operation: Node) -> None:
+    """Replace the words with which FastAPI describes the answers of an operation that describes none."""
+    for answer in operation["responses"].values():
+        if answer["description"] == "Successful Response":
+            answer["description"] = "Success."
+
+
 def _add_problem_responses(path: str, method: str, operation: Node) -> None:
     """Add to an operation the error responses that follow from its address, its method and its body."""
     statuses: set[int | str] = set(_STATUSES_OF_ALL_ROUTES)
@@ -156,6 +166,7 @@ def _inline_pages(document: Node) -> None:
             name = json_content.get("schema", {}).get("$ref", "").rpartition("/")[2]
             if name.startswith(_PAGE):
                 json_content["schema"] = schemas.pop(name)
+                json_content["schema"].pop("additionalProperties", None)  # as in other answers
 
 
 def _shorten_nullable_types(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
@@ -197,7 +208,7 @@ def _require_all_answer_fields(document: Node) -> None:
 
 
 def _share_components(document: Node) -> None:
-    """Move parameters that several operations use, headers and error responses to the shared components.
+    """Move parameters and answers that several operations have, headers and errors to the shared components.
 
     In the operations, references (`$ref`) replace these responses and parameters.
     """
@@ -211,7 +222,25 @@ def _share_components(document: Node) -> None:
             name = f"Problem{status.title()}"
             shared["responses"][name] = operation["responses"][status]
             operation["responses"][status] = {"$ref": f"#/components/responses/{name}"}
+    shared["responses"] |= _share_answers(document)
     document["components"] |= {kind: dict(sorted(components.items())) for kind, components in shared.items()}
+
+
+def _share_answers(document: Node) -> Node:
+    """Move answers with a message that several operations have out of them; return the answers by name."""
+    shared: Node = {}
+    answers = [
+        (operation["responses"], status, answer)
+        for *_, operation in _iterate_operations(document)
+        for status, answer in operation["responses"].items()
+        if "$ref" in answer.get("content", {}).get("application/json", {}).get("schema", {})
+    ]
+    uses = Counter(json.dumps(answer, sort_keys=True) for *_, answer in answers)
+    for responses, status, answer in answers:
+        name = answer["content"]["application/json"]["schema"]["$ref"].rpartition("/")[2]
+        if uses[json.dumps(answer, sort_keys=True)] > 1 and shared.setdefault(name, answer) == answer:
+            responses[status] = {"$ref": f"#/components/responses/{name}"}
+    return shared
 
 
 def _share_parameters(document: Node) -> Node:

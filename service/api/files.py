@@ -281,24 +281,30 @@ def _describe_media_types() -> dict[str, Any]:
 
 def _write_description() -> str:
     """Return the description of the operation `get_job_file`, with the files of each kind of job."""
-    name_lines = [f"* {kind.name}: {', '.join(f'`{name}`' for name in file_names(kind))}" for kind in KINDS]
-    file_lines = [
-        f"* `{file.name}` of a {kind.name}: {file.description}" for kind in KINDS for file in kind.files
-    ]
-    return "\n".join([_FILES_TEXT, "", *name_lines, "", *file_lines])
+    tables = {kind: {file.name: file.description for file in kind.files} for kind in KINDS}
+    lines = [f"* {kind.name}: {_list_files(file_names(kind), tables[kind])}" for kind in KINDS]
+    return "\n".join([_FILES_TEXT, "", *lines])
+
+
+def _list_files(names: list[str], tables: dict[str, str]) -> str:
+    """Return the names of files as one text; the names of tables with their descriptions."""
+    plain = [f"`{name}`" for name in names if name not in tables and name != "tables.json"]
+    described = [f"`{name}` ({text})" for name, text in tables.items()]
+    return ", ".join((*plain, *described))
 
 
 _FILES_TEXT: Final = """Get a file of a job that has succeeded. Its names are:
 
-* `tables.json`: the tables of the terminal (title, caption, head, rows, indices of text columns), its lines,
-  and the `assessment`
+* `tables.json` of any job: the tables of the terminal (title, caption, head, rows, indices of text columns),
+  its lines, and the `assessment`
 * `report.pdf`, `report.html`: request, tables, versions, hash of the input; of a run after ISO/IEC 17025,
   with lines to sign, PDF/A-3b with the run attached
 * `report.xml` of a run: a digital calibration certificate, DCC 3.3.0; needs `measured_at` of the set, and
   `country` and `responsible` of the laboratory's settings
 * `model.…` of a run: tables with intervals (csv, xlsx), or MJCF with a spring for each joint that has one;
   refused for the verdict `do_not_use` without `accept_verdict`
-* `program` of a program or process: a compensated file (`file`); only numbers of its targets differ"""
+* `program` of a program or process: a compensated file (`file`); only numbers of its targets differ
+* tables, by the kind of the job; their headers have the units"""
 
 
 FILES_DESCRIPTION: Final = _write_description()

@@ -327,7 +327,7 @@ def change_job(
 ) -> Response:
     """Cancel, delete or restore a job of any kind, and get it.
 
-    The workers of a cancelled job stop at their next step; a job that has ended stays as it is. A deleted job
+    A cancelled job stops at its next step; one that has ended stays as it is. A deleted job
     can be restored for 30 days; resources made from it are kept. Cancel an unfinished job before deletion.
     """
     jobs = parts.jobs_of(job_id)

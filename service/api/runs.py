@@ -92,7 +92,7 @@ _PROGRAM: Final = PROGRAM.examples["milling"]
 _Program = Annotated[
     list[UploadFile],
     File(
-        description="The program, each file with its name; and the table of loads, if `loads` names one.",
+        description="The program, each file with its name; and the table of loads, if any.",
         min_length=1,
         max_length=MAX_PROGRAM_FILES,
         examples=[_PROGRAM["files"]],

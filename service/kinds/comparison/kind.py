@@ -563,7 +563,7 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest](
     files=tuple(
         File(
             name=f"{name}.csv",
-            description=f"{words}; units in the headers",
+            description=words,
             sheet=sheet,
             made_of="result",
         )
@@ -580,7 +580,6 @@ COMPARISON: Final = Kind[Comparison, ComparisonRequest](
     description="""Compare stored runs of one measurement set, or of two; nothing is identified again.
 
 Runs of one set are shown side by side. Of two sets (encoders, before and after, two units) the answer also
-has the ratio of each joint's stiffnesses with Fieller's interval, whether it changed, and the fraction of
-the deflection that the second side avoids. With `ordered`, both sides are also identified in one problem in
-which no joint is softer on the second side.""",
+has the ratio of each joint's stiffnesses with its interval, whether it changed, and the fraction of the
+deflection that the second side avoids.""",
 )

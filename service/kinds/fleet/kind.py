@@ -155,14 +155,13 @@ FLEET: Final = Kind[Fleet, FleetRequest](
     files=(
         File(
             name="table.csv",
-            description="one row for each set and joint: stiffness with its interval, verdict; or the "
-            "error of the set.",
+            description="one row per set and joint: stiffness with its interval, verdict; or the set's error",
             sheet=sets_sheet,
             made_of="result",
         ),
     ),
     description="""Identify the measurement sets of many robots in one job, such as after an update.
 
-Each set is identified as by a run with the same options, with the same numbers. A set that cannot be
+Each set is identified as by a run with the same options. A set that cannot be
 identified is a row with its `error`, not the end of the job. No runs are stored.""",
 )

@@ -415,8 +415,7 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     files=(
         File(
             name="axes.csv",
-            description="one row for each axis: a point and the direction in R0 at model angle zero, "
-            "uncertainties.",
+            description="each axis: a point and the direction in R0 at model angle zero, uncertainties",
             sheet=axes_sheet,
             made_of="result",
         ),
@@ -427,7 +426,7 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     examples=_EXAMPLES,
     description="""Identify a robot's geometry from sweeps of single joints, or from unloaded poses.
 
-Axes, base frame, wrist centre and targets have uncertainties. Post the identified model as the model of a
-robot: `{"format": "geometry", …}`. Suspicious readings (a bumped tracker, a short arc, a wrong joint map,
-…) are findings; readings that do not determine the geometry are refused.""",
+Post the identified model as the model of a robot: `{"format": "geometry", …}`. Suspicious readings (a bumped
+tracker, a short arc, a wrong joint map, …) are findings; readings that do not determine the geometry are
+refused.""",
 )

@@ -174,21 +174,20 @@ MAP: Final = Kind[Map, MapRequest](
     files=(
         File(
             name="map.csv",
-            description="all places as a table: status, place, posture, deflection, intervals, compliance; "
-            "units in headers. It is computed again from the map's run, which never changes: keep the run as "
-            "long as the map.",
+            description="all places: status, place, posture, deflection, intervals, compliance; keep the run "
+            "as long as the map: they are computed again",
             sheet=_places_sheet,
             made_of="work",
         ),
         File(
             name="map.npz",
-            description="all places as numpy's npz, with all digits.",
+            description="all places, with all digits",
             sheet=_places_sheet,
             made_of="work",
         ),
         File(
             name="map.json",
-            description="the table as JSON, column by column, with units.",
+            description="the table, column by column, with units",
             sheet=_places_sheet,
             made_of="work",
         ),

@@ -346,7 +346,7 @@ PLAN: Final = Kind[Plan, PlanRequest](
     files=(
         File(
             name="readings.csv",
-            description="the readings of a plan in their order, units in the headers.",
+            description="the readings in their order",
             sheet=readings_sheet,
             made_of="result",
         ),
@@ -354,6 +354,5 @@ PLAN: Final = Kind[Plan, PlanRequest](
     description="""Plan which postures and loads to measure, to begin or continue a campaign.
 
 The list has a certificate: its least fraction of the best list's information. The answer has the expected
-uncertainty of each joint, the efficiency of random and one-at-a-time plans, and the number of infeasible
-readings by reason. An impossible plan is refused with a remedy.""",
+uncertainty of each joint. An impossible plan is refused with a remedy.""",
 )

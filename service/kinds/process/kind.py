@@ -225,19 +225,19 @@ PROCESS: Final = Kind[Process, ProcessRequest](
     files=(
         File(
             name="points.csv",
-            description="all points as of a compensated program.",
+            description="all points",
             sheet=make_points_sheet,
             made_of="result",
         ),
         File(
             name="turns.csv",
-            description="turn, deflection before and after, and joints of each point.",
+            description="turn, deflection before and after, and joints of each point",
             sheet=_choice_sheet("turns"),
             made_of="result",
         ),
         File(
             name="places.csv",
-            description="all places that were tried, with their deflection.",
+            description="all places that were tried, with their deflection",
             sheet=_choice_sheet("places"),
             made_of="result",
         ),
@@ -245,7 +245,7 @@ PROCESS: Final = Kind[Process, ProcessRequest](
     examples=_EXAMPLES,
     description="""Find the least deflection along a path: turns about the spindle, and the workpiece's place.
 
-Send the program or a table of poses as `files` of a form, and the rest as `options`, as for a compensated
-program. The result has the deflection before, after turning and after correction, with intervals of their
-difference; `program` is the program with new orientations, `turns.csv` and `places.csv` are tables.""",
+Send a form as for a compensated program; the program may be a table of poses. The result has the deflection
+before, after turning and after correction, and the interval of the difference; `program` has the new
+orientations.""",
 )

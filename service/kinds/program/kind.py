@@ -165,14 +165,13 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     files=(
         File(
             name="points.csv",
-            description="all points as a table: deflection, correction, interval, residual, and reason "
-            "if not corrected.",
+            description="all points: deflection, correction, interval, residual, and reason if not corrected",
             sheet=make_points_sheet,
             made_of="result",
         ),
         File(
             name="points.json",
-            description="the table as JSON, column by column, with units.",
+            description="the table, column by column, with units",
             sheet=make_points_sheet,
             made_of="result",
         ),

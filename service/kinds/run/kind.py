@@ -670,15 +670,13 @@ RUN: Final = Kind[Run, RunRequest](
     files=(
         File(
             name="joints.csv",
-            description="one row for each joint: stiffness, compliance, uncertainty, intervals, verdict, "
-            "reason.",
+            description="one row per joint: stiffness, compliance, uncertainty, intervals, verdict, reason",
             sheet=joints_sheet,
             made_of="result",
         ),
         File(
             name="residuals.csv",
-            description="one row for each target and observation: measured deflection, and residual of the "
-            "model.",
+            description="measured deflection and residual of each target and observation",
             sheet=residuals_sheet,
             made_of="result",
         ),

@@ -207,6 +207,34 @@ def test_a_value_that_may_be_null_names_null_in_its_type(openapi):
     assert (length["type"], length["minimum"]) == (["number", "null"], 0.001)
 
 
+def test_no_bound_is_implied_by_another(openapi):
+    for each in parts(openapi["components"]["schemas"]):
+        assert not isinstance(each.get("exclusiveMinimum"), int) or "minimum" not in each
+        assert not isinstance(each.get("maximum"), float) or not each["maximum"].is_integer()
+    assert openapi["components"]["schemas"]["Quantity"] == {
+        "type": "number",
+        "minimum": -1_000_000_000_000,
+        "maximum": 1_000_000_000_000,
+    }
+    cut = openapi["components"]["schemas"]["Cut"]["properties"]
+    assert (cut["diameter"]["exclusiveMinimum"], cut["exponent"]["minimum"]) == (0, 0)
+
+
+def test_a_message_within_a_field_that_is_described_has_no_second_description(openapi):
+    result = openapi["components"]["schemas"]["ProcessResult"]["allOf"][-1]["properties"]
+    assert result["places"]["items"]["title"] == "ProcessPlace"
+    assert "description" in result["places"]
+    assert "description" not in result["places"]["items"]
+
+
+def test_an_answer_of_several_statuses_is_stated_once(openapi):
+    answers = openapi["paths"]["/v1/plans"]["post"]["responses"]
+    assert answers["201"] == answers["202"] == {"$ref": "#/components/responses/Plan"}
+    stated = openapi["components"]["responses"]["Plan"]
+    assert stated["content"]["application/json"]["schema"]["$ref"].endswith("/Plan")
+    assert stated["headers"].keys() == {"Location"}
+
+
 def test_a_page_is_stated_where_it_is_answered(openapi):
     answered = [
         answer.get("content", {}).get("application/json", {}).get("schema", {})

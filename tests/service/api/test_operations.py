@@ -14,6 +14,7 @@ from jointstiff.schemas.query import JobQuery
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
 from jointstiff.service.api.examples import EXAMPLES
+from jointstiff.service.api.files import file_names
 from jointstiff.service.kinds.registry import KINDS
 
 TABLE = (Path(__file__).parent / "operations.txt").read_text(encoding="utf-8").splitlines()
@@ -91,18 +92,10 @@ FILES = """\
 * `report.xml` of a run: a digital calibration certificate, DCC 3.3.0; needs `measured_at` of the set, and
   refused for the verdict `do_not_use` without `accept_verdict`
 * `program` of a program or process: a compensated file (`file`); only numbers of its targets differ
-* run: `tables.json`, `report.pdf`, `report.html`, `report.xml`, `model.csv`, `model.xlsx`, `model.mjcf`, `joints.csv`, `residuals.csv`
-* comparison: `tables.json`, `report.pdf`, `report.html`, `table.csv`, `ratios.csv`, `configurations.csv`
-* geometry: `tables.json`, `axes.csv`
-* plan: `tables.json`, `report.pdf`, `report.html`, `readings.csv`
-* map: `tables.json`, `report.pdf`, `report.html`, `map.csv`, `map.npz`, `map.json`
-* fleet: `tables.json`, `report.pdf`, `report.html`, `table.csv`
-* program: `tables.json`, `report.pdf`, `report.html`, `program`, `points.csv`, `points.json`
-* process: `tables.json`, `report.pdf`, `report.html`, `program`, `points.csv`, `turns.csv`, `places.csv`
-* `joints.csv` of a run: one row for each joint: stiffness, compliance, uncertainty, intervals, verdict, reason.
-* `axes.csv` of a geometry: one row for each axis: a point and the direction in R0 at model angle zero, uncertainties.
-* `table.csv` of a fleet: one row for each set and joint: stiffness with its interval, verdict; or the error of the set.
-* `map.npz` of a map: all places as numpy's npz, with all digits.
+* tables, by the kind of the job; their headers have the units
+* geometry: `axes.csv` (each axis: a point and the direction in R0 at model angle zero, uncertainties)
+* plan: `report.pdf`, `report.html`, `readings.csv` (the readings in their order)
+* fleet: `report.pdf`, `report.html`, `table.csv` (one row per set and joint: stiffness with its interval, verdict; or the set's error)
 """  # noqa: E501 - lines of the description
 
 
@@ -110,6 +103,15 @@ FILES = """\
 def test_the_description_names_each_file_of_each_kind(line, openapi):
     said = openapi["paths"]["/v1/jobs/{job_id}/files/{name}"]["get"]["description"]
     assert line in said.splitlines()
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_the_description_names_each_file_once(kind, openapi):
+    said = openapi["paths"]["/v1/jobs/{job_id}/files/{name}"]["get"]["description"].splitlines()
+    (line,) = [each for each in said if each.startswith(f"* {kind.name}: ")]
+    names = [name for name in file_names(kind) if name != "tables.json"]
+    assert all(line.count(f"`{name}`") == 1 for name in names)
+    assert sum("`tables.json`" in each for each in said) == 1
 
 
 UNITS = {

@@ -201,9 +201,9 @@ HELP = {
     ],
     "map": [
         "Map deflection and compliance over a work area.",
-        "--absolute / --no-absolute True for deflections relative to an arm that does not bend: "
+        "--absolute / --no-absolute True for deflections relative to an arm that does not bend, "
         "with the sag by own weight. Needs a run with `weight`.",
-        "--despite-verdict `do_not_use` accepts a run with this verdict, else refused.",
+        "--despite-verdict `do_not_use` accepts a run with this verdict.",
         "--load-point X,Y,Z[mm] Point where the force acts, flange frame; default: the tool's position.",
         "--turns <int> Number of angles about the tool's axis over a full turn.",
         "--moment X,Y,Z[N.m] Moment of the process on the robot, about the load point.",
@@ -217,8 +217,8 @@ HELP = {
         "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
         "--encoders <motor|secondary> Encoders that close the position loop; never guessed.",
-        "--accept-unusual / --no-accept-unusual True accepts values over 100 standard deviations from their "
-        "column's median, and a load point over 5 m from the flange.",
+        "--accept-unusual / --no-accept-unusual True accepts unusual values: over 100 standard "
+        "deviations from the column's median, or a load point over 5 m from the flange.",
         "--template FILE Template of an earlier import; files of another form are refused.",
     ],
     "measure": [
@@ -236,29 +236,29 @@ HELP = {
         "--load KIND:NEWTONS Load to apply, such as dead_weight:1500, dead_weight:150kg or "
         "any_direction:1500; default: the strongest force of the campaign, a weight if all of its forces "
         "pull down.",
-        "--sigma NUMBER[mm] Standard uncertainty of one coordinate of one reading; default: that of the "
-        "campaign, or 20 µm.",
+        "--sigma NUMBER[mm] Standard uncertainty of one coordinate of one reading; default: the "
+        "campaign's, or 20 µm.",
         "--seed <int> Random seed of the postures; the same seed gives the same plan.",
     ],
     "compensate": [
         "Compensate a program for the deflection under load.",
         "PROGRAM <list[Path]> Robot program; a KUKA program is a .src file and its .dat file. [required]",
-        "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller while "
-        "the program runs: `off`; on, `same_as_measured` in the campaign; or `compensates_load`, which is "
+        "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller: "
+        "`off`; on, `same_as_measured` in the campaign; or `compensates_load`, which is "
         "refused: the load would be compensated twice.",
         "--max-displacement NUMBER[mm] Greatest displacement of a correction, in units.length; default: 5 "
         "mm.",
         "--max-rotation NUMBER[deg] Greatest rotation of a correction, in units.angle; default: 10 mrad.",
         "--trust-routines / --no-trust-routines True if no unknown routine moves the robot, frames or "
         "points.",
-        "--mark / --no-mark True to write run, verdict and date as a comment into the program. A "
-        "marked program is not corrected again. With the verdict do_not_use the mark is always written.",
+        "--mark / --no-mark True to write run, verdict and date as a comment; always with the verdict "
+        "do_not_use. A marked program is not corrected again.",
         "--explain Only print target, base and tool of each move, and why it is not corrected.",
     ],
     "geometry": [
         "Identify the geometry of a robot from sweeps or poses.",
         "--fit <one_by_one|together> Fit of the sweeps: one by one, which trusts the controller least, or "
-        "all together, which assumes that resting joints are at the controller's angles.",
+        "all together, with resting joints at the controller's angles.",
         "--base <nominal|axes> Frame R0. `nominal`: as in the nominal model. `axes`: z along axis "
         "1, x towards axis 2 along the common perpendicular at model angle zero. Default: "
         "`nominal`, or `axes` without a model.",
