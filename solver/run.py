@@ -24,6 +24,7 @@ from jointstiff.solver.errors import JointstiffError
 from jointstiff.solver.estimation.fitted_causes import fit_causes
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Loss, Settings
+from jointstiff.solver.estimation.refuted import list_refuted
 from jointstiff.solver.estimation.resampling import Draws
 from jointstiff.solver.links.competition import Competition, Winner, find_obstacle_to_elastic_links
 from jointstiff.solver.mechanics.measurements import Measurements
@@ -89,7 +90,8 @@ class Identification:
         self.long: Draws | Competition | None = None
         if options.weight is None:  # a run by the robot's own weight has no long part
             causes = [cause.name_and_first_label for cause in options.causes]
-            self._measurements = fit_causes(robot, measurements.require_loads(), causes)
+            refuted = list_refuted(measurements, self._noticed)
+            self._measurements = fit_causes(robot, measurements.require_loads(), causes, refuted)
             self._settings = Settings.from_options(options, robot)
             self.long = self._competition
             if self.long is None and options.resampling is not None:

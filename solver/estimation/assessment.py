@@ -161,6 +161,8 @@ def assess(
     findings: Sequence[Finding] = joints.noticed
     unloading = compare_unloaded_positions(robot, measurements, joints.estimate.compliance)
     notes = tuple(_list_notes(measurements, estimate, unloading))
+    if joints.refuted:
+        notes += (f"The stiffnesses are identified without the refuted {_name_postures(joints.refuted)}.",)
     root_mistakes = _group_by_code([each for each in findings if each.code in ROOT_MISTAKES], "do_not_use")
     if root_mistakes:  # after such a mistake no other check means anything
         reasons: list[Finding] = []
@@ -198,7 +200,14 @@ def assess(
         if gross or better is not None
         else inspect_force_unit(robot, measurements, joints.estimate.joints),
         find_reading_problems(
-            robot, measurements, settings, prediction, findings, wrong=wrong, cause_found=bool(causes)
+            robot,
+            measurements,
+            settings,
+            prediction,
+            findings,
+            labels=joints.labels,
+            wrong=wrong,
+            cause_found=bool(causes),
         ),
         [report_remaining_deflection(unloading)] if unloading is not None and unloading.remains else (),
         find_fit_problems(
@@ -473,6 +482,7 @@ def find_reading_problems(
     prediction: Prediction,
     findings: Sequence[Finding],
     *,
+    labels: tuple[str, ...],
     wrong: Sequence[str] = (),
     cause_found: bool = False,
 ) -> Iterator[Finding]:
@@ -487,17 +497,17 @@ def find_reading_problems(
         settings: settings of the fit.
         prediction: prediction of these measurements.
         findings: findings of the integrity checks.
+        labels: labels of all observations, with those that were refuted and left out.
         wrong: labels of single postures whose readings disagree with all others.
         cause_found: whether a cause explains the readings, and the finding about it names these postures.
     """
-    labels = measurements.labels
     yield from _report_load_at_target(robot, measurements)
     outliers = [finding for finding in findings if finding.code == "residual_outlier"]
     others = [finding for finding in findings if finding.code != "residual_outlier"]
     errors = _group_by_code(others, "do_not_use")
     errors.sort(key=lambda group: group[0].observation is not None)
     for group in errors:
-        first, observations = group[0], _list_observations(measurements, group)
+        first, observations = group[0], _list_observations(labels, group)
         if first.code == "target_moved" and first.observation is not None:
             row = labels.index(first.observation)
             # The target moved for good: leave out the observations before or after, whichever are fewer.
@@ -507,7 +517,7 @@ def find_reading_problems(
             group, Action.of("leave_out_readings", observations) if only_few else first.action
         )
     for group in _group_by_code(others, "use_with_care"):
-        observations = _list_observations(measurements, group)
+        observations = _list_observations(labels, group)
         yield _summarise_findings(group, Action.of("show_posture", observations) if observations else None)
     if cause_found:  # a robust loss is no mend for a cause that moves many postures
         left = [finding for finding in outliers if finding.observation not in wrong]
@@ -568,7 +578,7 @@ def _report_outlying(
     if prediction.contributions is None or fitted_errors(measurements).terms:  # links, base or causes
         beyond = {measurements.labels[i] for i in np.flatnonzero(norm > OUTLYING * np.median(norm))}
         outliers = [f for f in outliers if f.observation is None or f.observation in beyond]
-    observations = _list_observations(measurements, outliers)
+    observations = _list_observations(measurements.labels, outliers)
     if not observations:
         return
     # Count all observations with residuals as large as those of the outliers.
@@ -595,10 +605,10 @@ def _group_by_code(findings: Sequence[Finding], weight: Verdict) -> list[list[Fi
     return [[finding for finding in of_weight if finding.code == code] for code in codes]
 
 
-def _list_observations(measurements: Measurements, group: Sequence[Finding]) -> tuple[str, ...]:
+def _list_observations(labels: Sequence[str], group: Sequence[Finding]) -> tuple[str, ...]:
     """Return the labels of the observations that the findings name, in the order of the set."""
     named = {finding.observation for finding in group}
-    return tuple(label for label in measurements.labels if label in named)
+    return tuple(label for label in labels if label in named)
 
 
 def _summarise_findings(group: Sequence[Finding], action: Action | None) -> Finding:

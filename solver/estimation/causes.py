@@ -125,16 +125,19 @@ def screen_estimate(
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return Screening(1.0, (), ())
     selection = select_causes(robot, measurements, tested, compliances, start, scattered=scattered)
-    start = selection.start
+    # Links and base must show with and without the postures that were left out.
+    whole, start = start, selection.start
+    links_p_value = max(whole.links_p_value, start.links_p_value)
+    base_p_value = max(whole.base_p_value, start.base_p_value)
     ordered = sorted(start.p_values.items(), key=lambda each: each[1])
     screening = Screening(
-        start.links_p_value,
+        links_p_value,
         tuple(CauseTest(name=each.name, first=each.first, p_value=p) for each, p in ordered),
         selection.causes,
         wrong=selection.wrong,
-        base_p_value=start.base_p_value,
+        base_p_value=base_p_value,
     )
-    if start.base_p_value >= MISTAKE_LEVEL:
+    if base_p_value >= MISTAKE_LEVEL:
         return screening
     tests = start.tests
     known = fitted_errors(measurements).terms

@@ -11,6 +11,7 @@ import numpy as np
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.errors import RequestError, SolverError
 from jointstiff.solver.estimation.observability import Excitation
+from jointstiff.solver.estimation.refuted import leave_out
 from jointstiff.solver.estimation.scatter import (
     LARGEST_REPEATABILITY,
     SCATTER_LEVEL,
@@ -45,7 +46,10 @@ _STEP_TOLERANCE: Final = 1e-3
 
 
 def fit_causes(
-    robot: Robot, measurements: Measurements, named: Sequence[tuple[str, str | None]]
+    robot: Robot,
+    measurements: Measurements,
+    named: Sequence[tuple[str, str | None]],
+    refuted: Sequence[str] = (),
 ) -> Measurements:
     """Return the measurements with the motion by named causes subtracted, and the causes' uncertainty added.
 
@@ -55,6 +59,7 @@ def fit_causes(
         robot: n joints.
         measurements: N observations.
         named: name of each cause, and label of the first observation that the cause concerns; None for all.
+        refuted: labels of observations that the fit does not use.
 
     Raises:
         RequestError: the readings do not show a cause, or a cause implies loads without a balance.
@@ -62,14 +67,17 @@ def fit_causes(
     if not named:
         return measurements
     try:
-        return _subtract_named_causes(robot, measurements, named)
+        return _subtract_named_causes(robot, measurements, named, refuted)
     except SolverError as error:
         remedy = "omit the cause, and check the units of force and length"
         raise RequestError(error.reason, where="causes", remedy=remedy) from error
 
 
 def _subtract_named_causes(
-    robot: Robot, measurements: Measurements, named: Sequence[tuple[str, str | None]]
+    robot: Robot,
+    measurements: Measurements,
+    named: Sequence[tuple[str, str | None]],
+    refuted: Sequence[str],
 ) -> Measurements:
     """Return the measurements with the motion by named causes subtracted, and the causes' uncertainty added.
 
@@ -77,7 +85,7 @@ def _subtract_named_causes(
         RequestError: the readings do not show a named cause.
         SolverError: a cause implies loads without a balance.
     """
-    part = measurements.select_evenly(MOST_TESTED_OBSERVATIONS)
+    part = leave_out(measurements, refuted).select_evenly(MOST_TESTED_OBSERVATIONS)
     block = next(regressor_blocks(robot, part))
     rows = Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).flat
     compliance, _ = solve_nonnegative(rows[:, :-1], rows[:, -1])

@@ -12,6 +12,7 @@ from jointstiff.solver.estimation.causes import Screening, screen_estimate
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import identify_with_fallback
 from jointstiff.solver.estimation.method import Loss, Settings
+from jointstiff.solver.estimation.refuted import leave_out, list_refuted
 from jointstiff.solver.estimation.scatter import find_scatter
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
@@ -22,7 +23,9 @@ class JointsAlone:
 
     Attributes:
         robot: n joints.
-        given: N observations, with the scatter that was stated.
+        labels: labels of all observations, before any were left out.
+        refuted: labels of single observations that the findings forbid to use, and that no fit uses.
+        given: N observations without the refuted ones, with the scatter that was stated.
         stated: settings as the user gave them.
         noticed: findings of the integrity checks of the measurements.
     """
@@ -31,15 +34,17 @@ class JointsAlone:
         self, robot: Robot, measurements: Measurements, stated: Settings, noticed: Sequence[Finding] = ()
     ) -> None:
         """Keep the data of the identification; nothing is computed yet."""
-        self.robot, self.given, self.stated = robot, measurements, stated
-        self.noticed = tuple(noticed)
+        self.robot, self.stated = robot, stated
+        self.noticed, self.labels = tuple(noticed), measurements.labels
+        self.refuted = list_refuted(measurements, noticed)
+        self.given, self._whole = leave_out(measurements, self.refuted), measurements
         self._by_loss: dict[Loss, JointsAlone] = {stated.loss: self}
 
     def with_loss(self, loss: Loss) -> JointsAlone:
         """Return the identification of the same measurements with a loss; this object for its own loss."""
         if loss not in self._by_loss:
             stated = replace(self.stated, loss=loss)
-            self._by_loss[loss] = JointsAlone(self.robot, self.given, stated, self.noticed)
+            self._by_loss[loss] = JointsAlone(self.robot, self._whole, stated, self.noticed)
         return self._by_loss[loss]
 
     @cached_property

@@ -93,7 +93,7 @@ class Step:
         suspects = list_suspects(measurements, block, compliance, known)
         terms = [suspect.term for suspect in suspects]
         tests = TermTests(block, compliance, visible, known, terms, scattered=scattered)
-        found = tests.p_values([term.name for term in terms])
+        found = tests.p_values([term.name for term in terms]) if terms else []
         # A cause sought by its onset is tested once for each onset that was tried (Bonferroni).
         return cls(
             {s: min(1.0, s.tried * max(s.least_p, p)) for s, p in zip(suspects, found, strict=True)}, tests

@@ -29,6 +29,7 @@ from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.comparison.campaigns import FreeEstimate, Side, compare_sides, models_differ
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.fitted_causes import fit_causes
+from jointstiff.solver.estimation.refuted import leave_out, list_refuted
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.models import JointModel
@@ -267,7 +268,9 @@ def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[Measu
         set_id = run.request.measurement_set_id
         prepared = inputs.measured(set_id, "run_ids", run.request.leave_out)
     causes = [cause.name_and_first_label for cause in run.request.causes]
-    measurements = fit_causes(prepared.robot, prepared.measurements, causes)
+    refuted = list_refuted(prepared.measurements, prepared.warnings)
+    trusted = leave_out(prepared.measurements, refuted)
+    measurements = fit_causes(prepared.robot, trusted, causes)
     k_c = run.result.complementary_stiffness if run.result else None
     model = _rebuild_joint_model(run, prepared.robot)
     return Side(

@@ -34,6 +34,7 @@ from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.estimation.fitted_causes import fit_causes
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.refuted import list_refuted
 from jointstiff.solver.mechanics.block import targets_in_flange
 from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
 from jointstiff.solver.mechanics.robot import Robot
@@ -90,7 +91,9 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
         by_weight = isinstance(request.load, OwnWeight)
         if not by_weight:
             causes = [cause.name_and_first_label for cause in request.causes]
-            readings = fit_causes(prepared.robot, prepared.measurements.require_loads(), causes)
+            measurements = prepared.measurements.require_loads()
+            refuted = list_refuted(measurements, prepared.warnings)
+            readings = fit_causes(prepared.robot, measurements, causes, refuted)
             prepared = replace(prepared, measurements=readings)
         plan_input = PlanInput(prepared.robot, prepared.robot_id, prepared.content, prepared)
     options = request.model_dump_json(exclude={"robot_id", "measurement_set_id"})
@@ -136,7 +139,7 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
                 nominal[j] = joint.compliance
         prediction = predict(
             robot,
-            prepared.measurements,
+            joints.measurements,
             estimate.compliance,
             balanced=estimate.balanced,
             statements=estimate.statements,

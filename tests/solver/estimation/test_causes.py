@@ -4,17 +4,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.campaigns import estimate
+from support.campaigns import estimate, prepare
 from support.springs import SIGMA, SpringCampaign, robot_of
 
+from jointstiff.schemas.finding import Finding
+from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.campaign import TARGETS, plan_experiment, torques
+from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_campaign
 from jointstiff.solver.estimation.assessment import report_causes
 from jointstiff.solver.estimation.causes import screen_estimate
 from jointstiff.solver.estimation.fitted_causes import fit_causes
+from jointstiff.solver.estimation.refuted import leave_out, list_refuted
 from jointstiff.solver.estimation.suspects import Suspect, group_distinct_loads
+from jointstiff.solver.integrity import inspect_measurements
 from jointstiff.solver.mechanics.block import Motion, Term, fitted_errors, whole_block
-from jointstiff.solver.mechanics.terms import PLAY, TERMS
+from jointstiff.solver.mechanics.terms import PLAY, SHIFT, TERMS
+from jointstiff.solver.run import run
 
 ARM = default_arm()
 ROBOT = robot_of(ARM)
@@ -152,3 +158,152 @@ def test_the_torque_that_takes_up_play_is_uncertain_from_zero_to_what_makers_sta
     scatter = np.abs(np.diagonal(spread, axis1=1, axis2=2)) / play
     np.testing.assert_allclose(scatter, turn.std(axis=0), atol=5e-3)
     assert (scatter > 0.05).any()
+
+
+def judged(measurements, **options):
+    """Inspect and identify, and return the result of the run."""
+    findings = tuple(inspect_measurements(ROBOT, measurements, degrees=False))
+    return run(ROBOT, measurements, RunOptions(**options), findings)
+
+
+def errors_of(result):
+    """Return the error of each joint's compliance, in standard uncertainties."""
+    u = np.array([joint.standard_uncertainty for joint in result.joints])
+    return np.abs(np.array([joint.compliance for joint in result.joints]) - ARM.compliances) / u
+
+
+def bumped(measurements, row, moved=(4e-4, -2e-4, 3e-4)):
+    """Return readings of which all targets of one posture are read elsewhere under the load."""
+    deflection = measurements.deflection.copy()
+    deflection[row] += moved
+    return replace(measurements, deflection=deflection)
+
+
+class TestSeveralMistakes:
+    """One finding names what happened, and one action mends it."""
+
+    def test_two_causes_are_named_together_and_fitted_at_once(self):
+        measurements = pulls(6, configurations=30)
+        wrong = replace(measurements, load_point=measurements.load_point + np.array([0.06, -0.04, 0.03]))
+        later = np.arange(30)[:, None, None] >= 14
+        wrong = replace(wrong, deflection=wrong.deflection + np.where(later, [1e-4, 0.0, -5e-5], 0.0))
+        result = judged(wrong)
+        assert result.assessment.verdict == "do_not_use"
+        (finding,) = (each for each in result.assessment.reasons if each.action)
+        assert finding.message.startswith("with every load point moved by (")
+        assert ", and with a shift of all readings under load by (" in finding.message
+        assert {each.name for each in finding.action.causes} == {"load_point", "shift"}
+        assert finding.action.observations == []
+        mended = judged(wrong, causes=finding.action.causes)
+        assert mended.assessment.verdict == "use_with_care"
+        assert (errors_of(mended) < 3.0).all()
+        assert errors_of(result).max() > 10.0
+        assert {each.code for each in mended.assessment.reasons} == {"cause_fitted"}
+
+    def test_a_wrong_posture_and_a_cause_are_named_together(self):
+        """Huber's loss is offered for neither: it is no mend for a cause that moves all postures."""
+        measurements = pulls(7, configurations=30)
+        wrong = bumped(replace(measurements, force=measurements.force - np.array([150.0, 0.0, -90.0])), 11)
+        result = judged(wrong)
+        (finding,) = (each for each in result.assessment.reasons if each.action)
+        assert finding.action.kind == "fit_causes"
+        assert [each.name for each in finding.action.causes] == ["constant_force"]
+        assert finding.action.observations == ["12"]
+        assert finding.message.startswith("without '12', and with a constant force of (")
+        assert finding.remedy.endswith("; repeat the readings of '12'")
+        mended = judged(leave_out(wrong, ["12"]), causes=finding.action.causes)
+        assert (errors_of(mended) < 3.0).all()
+
+    def test_a_wrong_posture_alone_is_no_cause(self):
+        """One of 30 postures, which Huber's loss mends."""
+        wrong = bumped(pulls(8, configurations=30), 4)
+        screening = screened(wrong)
+        assert screening.wrong == ("5",)
+        assert not screening.causes
+        assert not screening.links_need_validation
+        result = judged(wrong)
+        (outlier,) = (each for each in result.assessment.reasons if each.code == "residual_outlier")
+        assert outlier.observation == "5"
+        assert outlier.action.kind == "use_huber"
+        mended = judged(wrong, loss="huber")
+        assert (errors_of(mended) < 3.0).all()
+
+    def test_many_wrong_postures_are_not_single_mistakes(self):
+        """A quarter of the postures have something in common, so that none is left out."""
+        wrong = pulls(9, configurations=24)
+        generator = np.random.default_rng(4)
+        for row in range(0, 24, 4):
+            wrong = bumped(wrong, row, 5e-4 * generator.standard_normal(3))
+        assert screened(wrong).wrong == ()
+
+    def test_links_that_bend_are_no_wrong_postures(self):
+        for seed in (0, 2, 3):
+            elastic = beam_arm(ARM)
+            soft = ElasticArm(elastic.arm, 0.1 * elastic.links)
+            robot, measurements = prepare(elastic_campaign(soft, seed=seed, configurations=30))
+            found = estimate(robot, measurements, complementary_stiffness="included")
+            screening = screen_estimate(robot, measurements, found)
+            assert screening.wrong == ()
+            assert not screening.causes
+            assert screening.links_need_validation
+
+    def test_clean_readings_have_no_wrong_posture(self):
+        for seed in range(20, 26):
+            screening = screened(pulls(seed, configurations=20))
+            assert (screening.wrong, screening.causes) == ((), ())
+
+    def test_what_a_run_cannot_fit_is_not_proposed(self):
+        """A run fits four causes at most: the best of each step come first."""
+        measurements = pulls(3, configurations=30)
+        wrong = replace(measurements, load_point=measurements.load_point + 0.05)
+        found = estimate(ROBOT, wrong, complementary_stiffness="included")
+        (cause,) = screen_estimate(ROBOT, wrong, found).causes
+        tie = replace(cause, suspect=Suspect("play", PLAY))
+        last = replace(cause, suspect=Suspect("shift", SHIFT), step=1)
+        for most, names in ((3, ["load_point", "shift", "play"]), (2, ["load_point", "shift"])):
+            action = report_causes([cause, tie, last], found, most=most).action
+            assert [each.name for each in action.causes] == names
+        assert report_causes([cause], found, most=0).action is None
+
+
+class TestRefutedReadings:
+    """A single reading that is refuted does not shape the number; the verdict stays."""
+
+    def test_the_posture_of_another_reading_in_one_of_twenty(self):
+        clean = pulls(10, configurations=20)
+        angles = clean.joints.copy()
+        angles[7] = angles[3]
+        results = [judged(each) for each in (clean, replace(clean, joints=angles))]
+        assert [each.assessment.verdict for each in results] == ["use", "do_not_use"]
+        right, refuted = (np.array([joint.compliance for joint in each.joints]) for each in results)
+        assert np.abs(refuted / right - 1.0).max() < 0.05
+        assert (errors_of(results[1]) < 3.0).all()
+        (reason,) = results[1].assessment.reasons
+        assert reason.action.kind == "leave_out_readings"
+        assert reason.action.observations == ["8"]
+        assert "The stiffnesses are identified without the refuted '8'." in results[1].assessment.notes
+        assert {residual.observation for residual in results[1].residuals} == set(clean.labels) - {"8"}
+
+    def test_the_number_is_that_without_the_reading(self):
+        clean = pulls(11, configurations=20)
+        angles = clean.joints.copy()
+        angles[2] = angles[9]
+        refuted = judged(replace(clean, joints=angles))
+        without = judged(leave_out(clean, ["3"]))
+        for one, other in zip(refuted.joints, without.joints, strict=True):
+            assert one.compliance == pytest.approx(other.compliance, rel=1e-9)
+
+    @pytest.mark.parametrize(("count", "refuted"), [(2, 2), (3, 0)])
+    def test_many_refuted_readings_put_the_whole_set_in_doubt(self, count, refuted):
+        measurements = pulls(12, configurations=20)
+        findings = [
+            Finding(code="targets_swapped", weight="do_not_use", observation=label, message="m", remedy="r")
+            for label in measurements.labels[:count]
+        ]
+        assert len(list_refuted(measurements, findings)) == refuted
+
+    def test_a_target_that_moved_for_good_is_no_single_mistake(self):
+        measurements = pulls(12, configurations=20)
+        finding = Finding(code="target_moved", weight="do_not_use", observation="5", message="m", remedy="r")
+        assert list_refuted(measurements, [finding]) == ()
+        assert leave_out(measurements, ()) is measurements
