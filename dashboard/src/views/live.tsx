@@ -33,6 +33,7 @@ import { position, labelOf, inUnit } from "../lib/stiffness";
 import { type Vector, norm, times } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
 import { useAction, go, link, toast } from "../state/action";
+import { keepPage } from "../state/device";
 import { recalled, remember } from "../state/kept";
 import { useKinematics } from "../state/kinematics";
 import { draftKey, keptIn, useFollowed } from "../state/live";
@@ -72,6 +73,7 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
   const taken = new Set(
     [...state.readings, ...waiting.map(({ observation }) => observation)].map(({ label }) => label),
   );
+  useEffect(() => void keepPage().catch(() => undefined), []);
   const planned = usePlanned(set);
   const ahead = planned.filter((one) => !taken.has(one.label));
   // Away from the service the plan goes on, if there is one.
