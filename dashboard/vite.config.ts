@@ -21,7 +21,14 @@ const packed: Plugin = {
   apply: "build",
   closeBundle() {
     const folder = new URL("../service/static/assets/", import.meta.url);
-    for (const name of readdirSync(folder)) {
+    const names = readdirSync(folder);
+    const worker = new URL("../worker.js", folder); // what a device keeps that measures without a network
+    const list = `const ASSETS = ${JSON.stringify(names.map((name) => `assets/${name}`))}`;
+    writeFileSync(
+      worker,
+      readFileSync(worker, "utf-8").replace("const ASSETS = []", () => list),
+    );
+    for (const name of names) {
       const content = readFileSync(new URL(name, folder));
       if (content.length > 1024) writeFileSync(new URL(`${name}.gz`, folder), gzipSync(content, { level: 9 }));
     }

@@ -116,7 +116,11 @@ def install_page(app: FastAPI, bundle: Path = BUNDLE, docs: Path = DOCS) -> None
     def send_notices() -> Response:
         return FileResponse(bundle / "notices.txt", headers=SECURITY_HEADERS)
 
+    def send_worker() -> Response:
+        return FileResponse(bundle / "worker.js", headers=SECURITY_HEADERS | {"Cache-Control": "no-cache"})
+
     _add_public_route(app, "/", send_page)
+    _add_public_route(app, "/worker.js", send_worker)
     _add_public_route(app, "/notices.txt", send_notices)
     _add_public_route(app, "/favicon.svg", send_icon)
     app.mount("/assets", _Assets(bundle / "assets"), name="assets")

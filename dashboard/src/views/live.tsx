@@ -16,11 +16,13 @@ import {
   ProblemNote,
   Prose,
   Show,
+  usePhone,
   Warnings,
 } from "../components/basics";
 import { Rows } from "../components/list";
 import { DropZone, understood } from "../components/schema_form";
 import { Select, TextField } from "../components/fields";
+import { VectorBoxes } from "../components/vector_boxes";
 import { understand } from "../lib/campaign";
 import { fixed, percent, significant } from "../lib/format";
 import * as live from "../lib/live";
@@ -31,11 +33,12 @@ import { position, labelOf, inUnit } from "../lib/stiffness";
 import { type Vector, norm, times } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
 import { useAction, go, link, toast } from "../state/action";
+import { keepPage } from "../state/device";
 import { recalled, remember } from "../state/kept";
 import { useKinematics } from "../state/kinematics";
 import { draftKey, keptIn, useFollowed } from "../state/live";
 import { mistakeIn } from "../state/opening";
-import { useQuery } from "../state/query";
+import { client, onDevice, useQuery } from "../state/query";
 import { discardReading, putState, sendReadings, useWaiting, type Waits as Waited } from "../state/readings";
 import { useSettings } from "../state/session";
 import { type DecimalMark, type Left, type Pasting, usePasting } from "../state/pasting";
@@ -70,7 +73,12 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
   const taken = new Set(
     [...state.readings, ...waiting.map(({ observation }) => observation)].map(({ label }) => label),
   );
-  const suggested = state.next && !taken.has(state.next.label) ? state.next : null;
+  useEffect(() => void keepPage().catch(() => undefined), []);
+  const planned = usePlanned(set);
+  const ahead = planned.filter((one) => !taken.has(one.label));
+  // Away from the service the plan goes on, if there is one.
+  const suggested = state.next && !taken.has(state.next.label) ? state.next : away ? (ahead[0] ?? null) : null;
+  useAhead(robot.id, ahead);
   const stand = own ?? (suggested as live.Stand | null);
   const label = live.freeLabel(suggested?.label ?? `m${String(taken.size + 1).padStart(2, "0")}`, taken);
   const change = useAction(async (body: Parameters<typeof api.openSets.change>[1]) => {
@@ -89,6 +97,8 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
     putState(set.id, closed);
     if (closed.run_id) go(link(["runs", closed.run_id]));
   });
+  const phone = usePhone(); // its one screen has the posture, the readings and the joints
+  const simulated = set.instrument === live.SIMULATED && <p class="note">{words.simulated}</p>;
   const doubts = state.readings.filter((one) => one.state === "doubtful" && state.state !== "closed");
   const reached = state.state === "reached";
   const closing = (big: boolean) => (
@@ -115,9 +125,9 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
             </span>
           </>
         }
-        first={state.state !== "closed" && !(reached && !own) && closing(false)}
+        first={!phone && state.state !== "closed" && !(reached && !own) && closing(false)}
       />
-      {set.instrument === live.SIMULATED && <p class="note">{words.simulated}</p>}
+      {!phone && simulated}
       <Waits {...{ ...waits, away, taken }} set={set.id} />
       {change.problem && <ProblemNote problem={change.problem} />}
       {doubts.map(({ label: doubted, message, causes }) => (
@@ -185,7 +195,12 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
             <Others {...{ set, robot, stand, send, taken }} use={setOwn} />
           </div>
           <div class="sticky">
-            <SoFar state={state} goal={set.open.goal.kind === "joints" ? set.open.goal.relative : null}>
+            <SoFar
+              state={state}
+              goal={set.open.goal.kind === "joints" ? set.open.goal.relative : null}
+              asks={stand !== null && (doubts.length === 0 || own !== null)}
+            >
+              {phone && closing(false)}
               {keptIn(state).named.map((kept) => (
                 <Button acts disabled={change.busy} onClick={() => void again(kept)}>
                   {words.againOf(kept)}
@@ -197,11 +212,29 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
               withdraw={(withdrawn, reason) => change.run({ withdrawn: { [withdrawn]: reason } })}
             />
             <Code id={set.id} />
+            {phone && simulated}
           </div>
         </div>
       )}
     </>
   );
+}
+
+/** The postures of the plan of a set; none without one. */
+function usePlanned({ open: { plan_id: id } }: OpenSet): live.Planned[] {
+  const { data } = useQuery({ ...queries.plan(id ?? ""), enabled: id != null, persister: onDevice.persisterFn });
+  return data?.result?.readings ?? [];
+}
+
+/** How many postures of a plan are fetched ahead. */
+const AHEAD = 2;
+
+/** Fetch the next postures of a plan before they are needed, so that they are drawn without a network, too. */
+function useAhead(robot: string, ahead: live.Planned[]): void {
+  const next = ahead.slice(0, AHEAD).map(({ joints }) => joints);
+  useEffect(() => {
+    for (const joints of next) void client.prefetchQuery(queries.kinematics({ robot_id: robot }, [joints]) as never);
+  }, [JSON.stringify(next)]);
 }
 
 /** Readings that are not with the service yet, and why. */
@@ -291,11 +324,10 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
     remember(draftKey(set.id), null);
   };
   const next = !isOwn && state.next;
-  return (
-    <section class="card live-posture" aria-labelledby="posture">
-      <h2 id="posture">
-        {words.next(label)} {isOwn && <small class="soft">{isOwn}</small>}
-      </h2>
+  const phone = usePhone();
+  const why = next && <p class="soft">{next.held_out ? words.heldOut : words.why(next.reason ?? "")}</p>;
+  const picture = (
+    <>
       {(posture || !problem) && (
         <ArmView
           posture={posture}
@@ -306,6 +338,16 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
         />
       )}
       {problem && <p class="soft">{problem.title}</p>}
+    </>
+  );
+  const [looks, look] = useState(false);
+  return (
+    <section class="card live-posture" aria-labelledby="posture">
+      <h2 id="posture">
+        {words.next(label)} {isOwn && <small class="soft">{isOwn}</small>}
+        {phone && <small class="soft"> {words.progress(readIn(state), state.still_needed)}</small>}
+      </h2>
+      {!phone && picture}
       <p class="angles big">
         {stand.joints.map((angle, i) => (
           <span>
@@ -319,7 +361,7 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
           <span class="soft">({words.weight(fixed(norm(stand.force) / 9.80665, 1))})</span>
         )}
       </p>
-      {next && <p class="soft">{next.held_out ? words.heldOut : words.why(next.reason ?? "")}</p>}
+      {!phone && why}
       <ReadingsTable {...{ rows, change, unloadedOnly, pasting }} />
       {set.instrument === live.SIMULATED && (
         <div class="row">
@@ -346,6 +388,20 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
           </Button>
         )}
       </div>
+      {phone && state.joints.length > 0 && (
+        <Joints
+          state={state}
+          goal={set.open.goal.kind === "joints" ? set.open.goal.relative : null}
+          read={readIn(state)}
+        />
+      )}
+      {phone && (
+        <details onToggle={(event) => look(event.currentTarget.open)}>
+          <summary>{words.picture}</summary>
+          {looks && picture}
+          {why}
+        </details>
+      )}
     </section>
   );
 }
@@ -383,28 +439,24 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
         <b>{words.readings}</b> <small class="soft">{words.readingsHint}</small>
       </legend>
       <div class={unloadedOnly ? "grid one" : "grid"}>
-        <span class="soft" aria-hidden="true" />
-        {columns.map((column) => (
-          <small class="soft" aria-hidden="true">
-            {words.columns[column]}
-          </small>
-        ))}
         {Object.entries(rows).map(([target, typed]) => (
           <>
             <b>
               <Name>{target}</Name>
             </b>
             {columns.map((column) => (
-              <input
-                type="text"
-                inputMode="text"
-                autocomplete="off"
-                placeholder={`${words.columns[column]}: x y z`}
-                aria-label={words.at(target, words.columns[column])}
-                value={typed[column]}
-                onPaste={paste(target, column)}
-                onInput={(event) => put(target, { [column]: event.currentTarget.value })}
-              />
+              <>
+                <small class="soft side" aria-hidden="true">
+                  {words.columns[column]}
+                </small>
+                <VectorBoxes
+                  label={words.at(target, words.columns[column])}
+                  corner={words.columns[column]}
+                  value={typed[column]}
+                  change={(value) => put(target, { [column]: value })}
+                  paste={paste(target, column)}
+                />
+              </>
             ))}
             {columns.map((column) => {
               const meant = understood(OF_VECTOR, typed[column], text.units.mm);
@@ -506,9 +558,7 @@ function Others({ set, robot, stand, use, send, taken }: OthersProps) {
     setForce(stand.force.map((part) => Number(part.toFixed(2))).join(" "));
   }, [JSON.stringify(stand)]);
   const typed = live.standTyped(joints, force, kinds);
-  const planId = set.open.plan_id;
-  const { data: plan } = useQuery({ ...queries.plan(planId ?? ""), enabled: planId != null });
-  const planned = plan?.result?.readings ?? [];
+  const planned = usePlanned(set);
   const take = useAction(async (file: File) => {
     setFault(null);
     const read = await readingsOf(await filled(file), { encoders: set.encoders });
@@ -582,9 +632,20 @@ const filled = async (file: File): Promise<File> =>
     ? new File([live.filledRows(await file.text())], file.name, { type: file.type })
     : file;
 
+const readIn = ({ readings }: LiveState): number => readings.filter((one) => one.state !== "withdrawn").length;
+
+interface SoFarProps {
+  state: LiveState;
+  goal: number | null;
+  /** Whether a posture is shown, beneath which a phone has the joints. */
+  asks: boolean;
+  children: ComponentChildren;
+}
+
 /** How near the goal is, and the joints so far. */
-function SoFar({ state, goal, children }: { state: LiveState; goal: number | null; children: ComponentChildren }) {
-  const read = state.readings.filter((one) => one.state !== "withdrawn").length;
+function SoFar({ state, goal, asks, children }: SoFarProps) {
+  const read = readIn(state);
+  const phone = usePhone();
   const progress = words.progress(read, state.still_needed);
   const doubtful = state.readings.some((one) => one.state === "doubtful");
   return (
@@ -611,7 +672,7 @@ function SoFar({ state, goal, children }: { state: LiveState; goal: number | nul
           {state.assessment && <Badge verdict={state.assessment.verdict} />}
         </p>
       )}
-      {state.joints.length > 0 && <Joints state={state} goal={goal} read={read} />}
+      {!(phone && asks) && state.joints.length > 0 && <Joints state={state} goal={goal} read={read} />}
       {!doubtful && state.warnings.length > 0 && <Warnings warnings={state.warnings} />}
     </section>
   );

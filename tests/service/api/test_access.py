@@ -82,7 +82,7 @@ def test_each_role_may_do_what_is_declared_and_no_more(openapi, client, subtests
                     assert status != 401
 
 
-@pytest.mark.parametrize("path", ["/", "/favicon.svg", "/docs", "/docs/", "/live"])
+@pytest.mark.parametrize("path", ["/", "/favicon.svg", "/worker.js", "/docs", "/docs/", "/live"])
 def test_the_page_and_life_need_none(path, shared):
     assert shared.get(path).status_code not in {401, 403}
 

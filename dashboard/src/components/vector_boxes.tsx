@@ -1,0 +1,69 @@
+/** A vector in three boxes, for a keyboard of numbers. */
+import { useEffect, useState } from "preact/hooks";
+import { later } from "../i18n/later";
+
+const AXES = ["x", "y", "z"] as const;
+/** What a blank box is in the text of a vector that is begun; it is read as no number. */
+const BLANK = "·";
+
+const partsOf = (text: string): string[] => {
+  const parts = text.split(/[\s;]+/).filter(Boolean);
+  return AXES.map((_, i) => (parts[i] === BLANK ? "" : (parts[i] ?? "")));
+};
+
+/** The text of three boxes; blank if all of them are. */
+export const joined = (parts: readonly string[]): string =>
+  parts.every((part) => part.trim() === "") ? "" : parts.map((part) => part.trim() || BLANK).join(" ");
+
+const opposite = (part: string): string => (/^\s*[-\u2212]/.test(part) ? part.replace(/[-\u2212]/, "") : `-${part}`);
+
+interface VectorBoxesProps {
+  label: string;
+  /** What the boxes say in their corners, where they have no label beside them. */
+  corner: string;
+  /** The numbers, separated by spaces. */
+  value: string;
+  change: (value: string) => void;
+  paste: (event: ClipboardEvent) => void;
+}
+
+export function VectorBoxes({ label, corner, value, change, paste }: VectorBoxesProps) {
+  const [parts, setParts] = useState(() => partsOf(value));
+  useEffect(() => {
+    if (value !== joined(parts)) setParts(partsOf(value));
+  }, [value]);
+  const put = (next: string[]) => {
+    setParts(next);
+    change(joined(next));
+  };
+  const type = (i: number, typed: string) => {
+    const several = typed.split(/[\s;]+/).filter(Boolean);
+    put(several.length === AXES.length ? several : parts.with(i, typed));
+  };
+  return (
+    <span class="vector">
+      {AXES.map((axis, i) => (
+        <span>
+          <button
+            type="button"
+            tabIndex={-1}
+            aria-label={later.measure.sign(axis)}
+            title={later.measure.sign(axis)}
+            onClick={() => put(parts.with(i, opposite(parts[i] ?? "")))}
+          >
+            <span class="corner">{corner} </span>±{axis}
+          </button>
+          <input
+            type="text"
+            inputMode="decimal"
+            autocomplete="off"
+            aria-label={`${label} ${axis}`}
+            value={parts[i]}
+            onPaste={paste}
+            onInput={(event) => type(i, event.currentTarget.value)}
+          />
+        </span>
+      ))}
+    </span>
+  );
+}
