@@ -50,9 +50,11 @@ class DhModel(Message):
         description="`standard`: rotate by theta, move d, move a, rotate alpha. "
         "`modified` (Craig): rotate alpha, move a, rotate theta, move d."
     )
+    length_unit: Literal["m", "mm"] = "m"
+    angle_unit: Literal["rad", "deg"] = "rad"
     rows: Annotated[list[DhRow], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Rows from base to flange, one per joint. A revolute joint adds its angle to theta, a "
-        "prismatic one its length to d. The flange frame is the last frame of the table."
+        description="Rows from base to flange, one per joint; stored in m and rad. A revolute joint adds its "
+        "angle to theta, a prismatic one its length to d. The flange is the last frame."
     )
 
 
@@ -112,8 +114,7 @@ class Body(Message):
     mass: Kilograms[Annotated[float, Field(strict=True, gt=0.0, le=1e6)]] = Field(description="Mass.")
     mass_uncertainty: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, lt=1.0)]] = Field(
         default=0.2,
-        description="Half-width of the bounds of the mass, relative to the mass: 0.1 is ± 10 %. These are "
-        "bounds, not a standard uncertainty.",
+        description="Half-width of the bounds of the mass, relative to the mass: 0.1 is ± 10 %.",
     )
     centre: Metres[Vector3] = Field(
         description="Centre of mass in the frame that moves with the joint: in a URDF that of the joint's "
@@ -186,10 +187,10 @@ class LastCampaign(Message):
     run_id: Identifier
     at: Timestamp = Field(description="Time of the measurement, or of storing if the set does not state it.")
     serial_number: str | None = Field(description="Serial number that its set states.")
-    verdict: Verdict = Field(description="Verdict on its newest run.")
+    verdict: Verdict = Field(description="Newest verdict.")
     changed: list[ChangedJoint] = Field(
-        description="Joints that changed in the trend of any serial number and any options, each once for "
-        "its serial number; empty if none changed."
+        description="Joints that changed in the trend of any serial number and options, each once for its "
+        "serial number."
     )
 
 
@@ -203,11 +204,11 @@ class RobotSummary(Message):
         default=None,
         description="Arm of the catalogue whose nominal values the model has, if it was posted as one.",
     )
-    content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map; not of the name.")
+    content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map.")
     created_at: Timestamp
     last_campaign: LastCampaign | None = Field(
         default=None,
-        description="Latest campaign of the robot, and which joints changed; null before the first run.",
+        description="Latest campaign, and which joints changed; null before the first run.",
     )
 
 
@@ -244,7 +245,7 @@ class JointMapPreset(Message):
 
 
 class Arm(Message):
-    """Nominal arm by published values. A real arm differs from it by some tenths of a millimetre."""
+    """Nominal arm by published values; a real arm differs by some tenths of a millimetre."""
 
     name: Name = Field(description="Maker and model.", examples=["KUKA KR 210 R2700 extra"])
     maker: Name
