@@ -50,9 +50,11 @@ class DhModel(Message):
         description="`standard`: rotate by theta, move d, move a, rotate alpha. "
         "`modified` (Craig): rotate alpha, move a, rotate theta, move d."
     )
+    length_unit: Literal["m", "mm"] = "m"
+    angle_unit: Literal["rad", "deg"] = "rad"
     rows: Annotated[list[DhRow], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="Rows from base to flange, one per joint. A revolute joint adds its angle to theta, a "
-        "prismatic one its length to d. The last frame is the flange's."
+        description="Rows from base to flange, one per joint; stored in m and rad. A revolute joint adds its "
+        "angle to theta, a prismatic one its length to d. The last frame is the flange's."
     )
 
 
@@ -185,7 +187,7 @@ class LastCampaign(Message):
     run_id: Identifier
     at: Timestamp = Field(description="Time of the measurement, else of storing.")
     serial_number: str | None = Field(description="Serial number that its set states.")
-    verdict: Verdict = Field(description="Verdict on its newest run.")
+    verdict: Verdict = Field(description="Newest verdict.")
     changed: list[ChangedJoint] = Field(
         description="Joints that changed in the trend of any serial number and options, each once for its "
         "serial number."
@@ -202,7 +204,7 @@ class RobotSummary(Message):
         default=None,
         description="Arm of the catalogue that gave the model.",
     )
-    content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map; not of the name.")
+    content_hash: str = Field(description="SHA-256 of kinematics, limits and joint map.")
     created_at: Timestamp
     last_campaign: LastCampaign | None = Field(
         default=None,
@@ -242,7 +244,7 @@ class JointMapPreset(Message):
 
 
 class Arm(Message):
-    """Nominal arm by published values. A real arm differs from it by some tenths of a millimetre."""
+    """Nominal arm by published values; a real arm differs by some tenths of a millimetre."""
 
     name: Name = Field(description="Maker and model.", examples=["KUKA KR 210 R2700 extra"])
     maker: Name

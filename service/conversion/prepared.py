@@ -35,7 +35,7 @@ from jointstiff.service.conversion.readings import (
     to_measurements,
 )
 from jointstiff.service.conversion.robots import build_chain_robot, build_dh_chain, to_bodies
-from jointstiff.service.conversion.units import LENGTH, to_instrument
+from jointstiff.service.conversion.units import ANGLE, LENGTH, to_instrument
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, RequestError, RobotError
 from jointstiff.solver.integrity import inspect_measurements
@@ -253,6 +253,8 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
         joint_map = document.joint_map or arm.joint_map
         payload = arm.payload if document.payload is None else document.payload
         document = document.model_copy(update={"model": model, "joint_map": joint_map, "payload": payload})
+    if isinstance(model, DhModel):
+        document = document.model_copy(update={"model": _to_si_table(model)})
     if isinstance(model, UrdfModel):
         chain = _read_uploaded_urdf(model)
         bodies = document.bodies or to_bodies(read_inertials(model.urdf, chain), chain)
@@ -260,9 +262,34 @@ def prepare_robot(document: RobotDocument) -> PreparedRobot:
         document = document.model_copy(update={"model": model, "bodies": bodies})
     robot = build_robot(document)
     # Robots were hashed before joints had kinds: without prismatic joints, the hash has to stay what it was.
-    kinds = {} if robot.prismatic.any() else {"model": {"rows": {"__all__": {"kind"}}}}
-    content = document.model_dump_json(exclude={"name": True, "bodies": True, "payload": True, **kinds})
+    # The units of a table are m and rad here.
+    omitted: dict[str, Any] = {"length_unit": True, "angle_unit": True}
+    omitted |= {} if robot.prismatic.any() else {"rows": {"__all__": {"kind"}}}
+    content = document.model_dump_json(
+        exclude={"name": True, "bodies": True, "payload": True, "model": omitted}
+    )
     return PreparedRobot(document, robot, hash_texts(content))
+
+
+def _to_si_table(model: DhModel) -> DhModel:
+    """Return a Denavit-Hartenberg table in m and rad; its units say in which ones its numbers are."""
+    length, angle = LENGTH[model.length_unit], ANGLE[model.angle_unit]
+    if length == angle == 1.0:
+        return model
+    rows = []
+    for row in model.rows:
+        position = length if row.kind == "prismatic" else angle
+        factors = {
+            "a": length,
+            "d": length,
+            "alpha": angle,
+            "theta": angle,
+            "lower": position,
+            "upper": position,
+        }
+        stated = {name: getattr(row, name) for name in factors if getattr(row, name) is not None}
+        rows.append(row.model_copy(update={name: factors[name] * number for name, number in stated.items()}))
+    return model.model_copy(update={"rows": rows, "length_unit": "m", "angle_unit": "rad"})
 
 
 def build_robot(document: RobotDocument) -> Robot:

@@ -113,14 +113,42 @@ def robot(
 
 def _read_robot_fields(text: str, base: str | None, flange: str | None) -> dict[str, Any]:
     """Return the fields of a robot: from a URDF (its text or file), a robot file, or the name of an arm."""
-    if not text.lstrip().startswith("<") and Path(text).suffix.lower() not in {".urdf", ".xml"}:
+    if not text.lstrip().startswith("<") and Path(text).suffix.lower() not in {".urdf", ".xml", ".xacro"}:
         return plain_fields(read_robot(text))
     from jointstiff.service.conversion.arrays import convert_urdf
 
     is_text = text.lstrip().startswith("<")
-    urdf = text if is_text else Path(text).read_text(encoding="utf-8-sig")
+    if Path(text).suffix.lower() == ".xacro" and not is_text:
+        urdf = _expand_xacro(Path(text))
+    else:
+        urdf = text if is_text else Path(text).read_text(encoding="utf-8-sig")
     with as_campaign_error("robot"):
         return {"name": "robot" if is_text else Path(text).stem, "model": convert_urdf(urdf, base, flange)}
+
+
+def _expand_xacro(path: Path) -> str:
+    """Return the URDF of a xacro file, by the package `xacro`.
+
+    Raises:
+        CampaignError: the package is not installed, or the file cannot be expanded.
+    """
+    from jointstiff.solver.errors import RobotError
+
+    with as_campaign_error("robot"):
+        try:
+            import xacro
+        except ImportError:
+            raise RobotError(
+                "a xacro file needs the package xacro, which is not installed",
+                where="robot",
+                remedy="pip install xacro, or expand it first: xacro robot.urdf.xacro > robot.urdf",
+            ) from None
+        try:
+            return str(xacro.process_file(str(path)).toxml())
+        except Exception as error:
+            reason = f"the xacro file cannot be expanded: {error}"
+            remedy = "check it with the program xacro, which needs the packages that it includes"
+            raise RobotError(reason, where="robot", remedy=remedy) from error
 
 
 def _make_robot_fields(

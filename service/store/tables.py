@@ -241,7 +241,7 @@ class RecordPage(Generic[Row]):
     total: int | None  # number of records on all pages; None if they were not counted
 
 
-LAYOUT: Final = "0014_repeatability"
+LAYOUT: Final = "0015_units_of_tables"
 """Version of the tables and of the content of their documents; it gets a new name with each change.
 
 Before the first release only this layout is created and read; databases of other layouts are refused.

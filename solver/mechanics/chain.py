@@ -15,6 +15,8 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import mul
 from typing import Final, Literal
 
 import numpy as np
@@ -41,6 +43,9 @@ Convention = Literal["standard", "modified"]
 
 LARGEST_LENGTH = 100.0
 """Largest a or d of a Denavit-Hartenberg table [m]."""
+
+LARGEST_OFFSET = 1e4
+"""Largest d of a table [m]: calibrated parallel axes have large offsets that cancel one another."""
 
 LARGEST_ANGLE = 1e3
 """Largest limit of a revolute joint of a table [rad]."""
@@ -90,11 +95,13 @@ class ChainJoint:
             )
         lower, upper = self.limits or (0.0, 0.0)
         finite = math.isfinite(lower) and math.isfinite(upper)
-        if not finite or lower > upper or lower >= UNLIMITED or upper <= -UNLIMITED:
+        is_locked = self.limits is not None and lower == upper
+        if not finite or is_locked or lower > upper or lower >= UNLIMITED or upper <= -UNLIMITED:
             unit = "" if self.kind == "fixed" else f" {JOINT_UNITS[self.kind].position}"
             raise RobotError(
                 f"the joint limits {lower:g} and {upper:g}{unit} leave no range",
-                remedy="give a finite lower limit that does not exceed the upper one, or no limits",
+                remedy="give a finite lower limit below the upper one, or no limits; "
+                "make a joint that cannot move a fixed one",
                 where=f"{place} limits",
             )
 
@@ -270,6 +277,13 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
         joint, link = f"joint_{index + 1}", f"link_{index + 1}"
         joints.append(ChainJoint(joint, row.kind, place.rotation, place.translation, z, limits, link))
     joints.append(ChainJoint("joint_flange", "fixed", before.rotation, before.translation, z, None, "flange"))
+    reach = float(np.linalg.norm(reduce(mul, (joint.placement for joint in joints)).translation))
+    if reach > LARGEST_LENGTH:
+        raise RobotError(
+            f"the flange is {reach:g} m from the base if all joints are at zero",
+            remedy=f"check lengths and their unit: a robot is believed to reach {LARGEST_LENGTH:g} m at most",
+            where="model.rows",
+        )
     return KinematicChain(name=name, base="base", flange="flange", joints=tuple(joints))
 
 
@@ -288,7 +302,7 @@ def _read_limits(row: DhRow, where: str) -> tuple[float, float] | None:
     for field, unit, largest in (
         ("a", "m", LARGEST_LENGTH),
         ("alpha", "rad", LARGEST_TWIST),
-        ("d", "m", LARGEST_LENGTH),
+        ("d", "m", LARGEST_OFFSET),
         ("theta", "rad", LARGEST_TWIST),
         ("lower", *position),
         ("upper", *position),
@@ -297,7 +311,8 @@ def _read_limits(row: DhRow, where: str) -> tuple[float, float] | None:
         if value is not None and not (math.isfinite(value) and abs(value) <= largest):
             raise RobotError(
                 f"{value:g} {unit} is not a finite number within ±{largest:g} {unit}",
-                remedy="check the number; lengths are in m, angles in rad, not in degrees",
+                remedy="check the number and its unit: lengths are in m, angles in rad, unless `length_unit` "
+                "and `angle_unit` of the table say mm and deg",
                 where=f"{where}.{field}",
             )
     if row.lower is None and row.upper is None:

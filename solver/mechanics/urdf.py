@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -53,9 +53,13 @@ _CHAIN_KINDS: Final[Mapping[str, JointKind | Literal["fixed"]]] = {
     "fixed": "fixed",
 }
 _ORIGIN = {"xyz": 100.0, "rpy": 1e3}  # largest magnitudes [m], [rad]
-_AXIS = {"xyz": 1e6}  # the norm is checked on the chain only: exporters leave odd axes on fixed joints
+# Largest magnitudes. The norm of an axis is checked on the chain only: exporters leave odd axes on fixed joints.
+# An axis that is turned once more (rpy) is no URDF.
+_AXIS = {"xyz": 1e6, "rpy": 1e-9}
 _LARGEST_LIMIT = 1e300  # some documents write ±1e16 for no limit
 _LARGEST_MASS = 1e6  # [kg]
+_MANY_JOINTS = 3  # fewest revolute joints whose limits show that they are in degrees
+_TEN_TURNS = 3600.0  # [°]
 _ZERO = (0.0, 0.0, 0.0)
 _DEFAULT_AXIS = (1.0, 0.0, 0.0)  # of the URDF standard
 _SHOWN = 8  # names listed in a message
@@ -65,7 +69,8 @@ def read_urdf(text: str, base: str, flange: str) -> KinematicChain:
     """Read the kinematic chain from the base link to the flange link of a URDF.
 
     An axis is normalised if its norm is within `AXIS_TOLERANCE` of 1. A `continuous` joint becomes a
-    revolute joint without limits, as does a joint with limits of ±`UNLIMITED` or beyond.
+    revolute joint without limits, as does a joint with limits of ±`UNLIMITED` or beyond. If the limits of all
+    revolute joints are beyond two turns, they are taken as degrees.
 
     Args:
         text: the document, xacro expanded.
@@ -86,7 +91,28 @@ def read_urdf(text: str, base: str, flange: str) -> KinematicChain:
     elements = _collect_named(robot, "joint", MAX_DOCUMENT_JOINTS)
     joints = [UrdfJoint.read(element, name) for name, element in elements.items()]
     chain = tuple(joint.to_chain_joint() for joint in _find_path_down(links, joints, base, flange))
-    return KinematicChain(name=robot.attributes["name"], base=base, flange=flange, joints=chain)
+    chain = _read_limits_in_degrees(chain)
+    return KinematicChain(
+        name=robot.attributes.get("name") or "robot", base=base, flange=flange, joints=chain
+    )
+
+
+def _read_limits_in_degrees(chain: tuple[ChainJoint, ...]) -> tuple[ChainJoint, ...]:
+    """Return the joints with limits in rad if those of all revolute joints are in degrees.
+
+    Limits are in degrees if each revolute joint has one beyond two turns in rad, and none is beyond ten
+    turns in degrees: no arm turns each of its joints by more than two turns.
+    """
+    limited = [joint for joint in chain if joint.kind == "revolute" and joint.limits]
+    greatest = [max(map(abs, joint.limits or ())) for joint in limited]
+    if len(limited) < _MANY_JOINTS or not all(4.0 * np.pi < each <= _TEN_TURNS for each in greatest):
+        return chain
+    in_rad = {
+        joint.name: (float(np.radians(joint.limits[0])), float(np.radians(joint.limits[1])))
+        for joint in limited
+        if joint.limits
+    }
+    return tuple(replace(joint, limits=in_rad.get(joint.name, joint.limits)) for joint in chain)
 
 
 def write_urdf(chain: KinematicChain) -> str:
@@ -281,7 +307,7 @@ def _check_root(robot: XmlElement) -> None:
     if nested := robot.find_children("robot"):
         reason, remedy = "there is a second <robot> within the first", "send one robot per document"
         raise RobotError(reason, remedy=remedy, where=f"line {nested[0].line}")
-    check_name(robot.attributes.get("name", ""), "<robot>")
+    check_name(robot.attributes.get("name") or "robot", "<robot>")
 
 
 def _collect_named(robot: XmlElement, tag: str, most: int) -> dict[str, XmlElement]:

@@ -251,6 +251,8 @@ export const later = {
       texts: {
         delimiter: "Between cells",
         allow_missing: "Omit incomplete readings",
+        mean_of_repeats: "Use the mean of repeated readings of a point",
+        joint_tolerance: "Greatest difference of a joint between files, in ° or mm",
         by_order: "Number the rows of files without names",
         point_name: "Names of points, for example {label}_{target}_{state}",
         file_name: "Names of files, for example {target}_{state}, without the extension",

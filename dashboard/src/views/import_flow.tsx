@@ -201,7 +201,10 @@ function ImportReading({ answer: { faults }, files, options, change }: ImportPro
   const terms: Terms = {
     labels: readingWords.texts,
     choices: {
-      sheet: ["", ...sheets].map((name) => ({ value: name, label: name || readingWords.pickSheet })),
+      sheet: ["", ...sheets, ...(sheets.length > 1 ? [sheets.join("; ")] : [])].map((name) => ({
+        value: name,
+        label: name || readingWords.pickSheet,
+      })),
     },
   };
   return (
@@ -246,7 +249,17 @@ function ImportReading({ answer: { faults }, files, options, change }: ImportPro
 }
 
 /** Options of how files are read that are asked for where a fault names them. */
-const READING = ["decimal_mark", "delimiter", "allow_missing", "by_order", "sheet", "point_name", "file_name"] as const;
+const READING = [
+  "decimal_mark",
+  "delimiter",
+  "allow_missing",
+  "mean_of_repeats",
+  "joint_tolerance",
+  "by_order",
+  "sheet",
+  "point_name",
+  "file_name",
+] as const;
 
 /** A header by which no column is used yet: the table is shown, and each is given its meaning there. */
 const unnamed = (content: string): string[] => Array.from({ length: widthOf(content) }, () => "ignore");

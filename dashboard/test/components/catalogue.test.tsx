@@ -11,7 +11,7 @@ const row = { a: 0.35, alpha: -Math.PI / 2, d: 0, theta: 0, lower: -Math.PI, upp
 const arm = (name: string): NominalArm => ({
   name,
   maker: name.split(" ")[0] ?? "",
-  model: { format: "dh", convention: "modified", rows: [row] },
+  model: { format: "dh", convention: "modified", length_unit: "m", angle_unit: "rad", rows: [row] },
   joint_map: { matrix: [[-1]], offset: [0] },
   joint_map_preset: "kuka",
   base: "on axis 1, at the floor",

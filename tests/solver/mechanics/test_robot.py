@@ -71,7 +71,7 @@ def chains(draw):
     joints = []
     for index, child in enumerate(names[1:]):
         angle = draw(ANGLES)
-        limits = st.none() | st.tuples(st.floats(-9.0, 0.0), st.floats(0.0, 9.0))
+        limits = st.none() | st.tuples(st.floats(-9.0, -0.001), st.floats(0.0, 9.0))
         joints.append(
             joint(
                 names[index],  # joints may be named as links are

@@ -1,0 +1,118 @@
+"""Robots as their owners have them: units of papers, calibrated tables, URDFs with odd attributes."""
+
+import math
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import jointstiff as js
+from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.conversion.prepared import prepare_robot
+from jointstiff.service.problems import CampaignError
+from jointstiff.solver.errors import RobotError
+from jointstiff.solver.mechanics.urdf import read_urdf
+
+PAPER = [  # a [mm], alpha [°], d [mm], theta [°], lower [°], upper [°]
+    [350.0, -90.0, 675.0, 0.0, -185.0, 185.0],
+    [1150.0, 0.0, 0.0, -90.0, -140.0, -5.0],
+    [41.0, -90.0, 0.0, 0.0, -120.0, 155.0],
+    [0.0, 90.0, 1200.0, 0.0, -350.0, 350.0],
+    [0.0, -90.0, 0.0, 0.0, -122.5, 122.5],
+    [0.0, 0.0, 215.0, 0.0, -350.0, 350.0],
+]
+NAMES = ("a", "alpha", "d", "theta", "lower", "upper")
+
+
+def document(rows, **units):
+    table = [dict(zip(NAMES, row, strict=True)) for row in rows]
+    model = {"format": "dh", "convention": "standard", "rows": table, **units}
+    return RobotDocument.model_validate({"name": "paper", "model": model})
+
+
+def test_a_table_may_be_in_mm_and_degrees_as_papers_print_it():
+    mm, deg = 1e-3, math.pi / 180
+    in_si = [[row[0] * mm, row[1] * deg, row[2] * mm, *(each * deg for each in row[3:])] for row in PAPER]
+    stated = prepare_robot(document(PAPER, length_unit="mm", angle_unit="deg"))
+    plain = prepare_robot(document(in_si))
+    assert stated.document.model == plain.document.model
+    assert stated.content_hash == plain.content_hash
+    np.testing.assert_allclose(stated.robot.limits, np.radians([row[4:] for row in PAPER]), rtol=1e-15)
+
+
+def test_a_table_in_mm_without_units_is_refused_with_the_fields_that_say_them():
+    with pytest.raises(RobotError, match="350 m is not a finite number") as refused:
+        prepare_robot(document(PAPER))
+    assert "`length_unit` and `angle_unit`" in refused.value.remedy
+
+
+def test_offsets_of_calibrated_parallel_axes_may_be_large_if_they_cancel():
+    """d of the two axes that are nearly parallel grow without bound as they become parallel."""
+    half = math.pi / 2
+    rows = [
+        [0.0, half, 0.089, 0.0],
+        [-0.425, 0.0, 512.25, 0.0],
+        [-0.392, 0.0, -512.14, 0.0],
+        [0.0, half, 0.0, 0.0],
+        [0.0, -half, 0.095, 0.0],
+        [0.0, 0.0, 0.082, 0.0],
+    ]
+    robot = js.robot(rows, convention="standard")
+    assert prepare_robot(robot).robot.n == 6
+    rows[2][2] = 0.1
+    with pytest.raises(RobotError, match="the flange is 512") as refused:
+        prepare_robot(js.robot(rows, convention="standard"))
+    assert "100 m at most" in refused.value.remedy
+
+
+def urdf(limits, name=' name="arm"', axis='<axis xyz="0 0 1"/>'):
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/>'
+        f'<origin xyz="0 0 0.5"/>{axis}<limit lower="{lower}" upper="{upper}"/></joint>'
+        for i, (lower, upper) in enumerate(limits)
+    )
+    links = "".join(f'<link name="l{i}"/>' for i in range(len(limits) + 1))
+    return f"<robot{name}>{links}{joints}</robot>"
+
+
+DEGREES = [(-185, 185), (-140, -5), (-120, 155), (-350, 350), (-122.5, 122.5), (-350, 350)]
+
+
+def test_limits_of_a_urdf_in_degrees_are_recognised():
+    chain = read_urdf(urdf(DEGREES), "l0", "l6")
+    assert [joint.limits for joint in chain.joints] == [pytest.approx(np.radians(each)) for each in DEGREES]
+
+
+@pytest.mark.parametrize(
+    "limits", [[(-6.28319, 6.28319)] * 6, [(-3.1, 3.1), (-2, 2), (-30, 30)], [(-180, 180)] * 2]
+)
+def test_limits_that_may_be_in_rad_stay(limits):
+    chain = read_urdf(urdf(limits), "l0", f"l{len(limits)}")
+    assert [joint.limits for joint in chain.joints] == limits
+
+
+def test_a_robot_without_a_name_and_an_axis_with_a_rotation_of_zero_are_read():
+    chain = read_urdf(urdf(DEGREES, name="", axis='<axis xyz="0 0 1" rpy="0 0 0"/>'), "l0", "l6")
+    assert chain.name == "robot"
+    assert all((joint.axis == [0, 0, 1]).all() for joint in chain.joints)
+    with pytest.raises(RobotError, match="is outside"):
+        read_urdf(urdf(DEGREES, axis='<axis xyz="0 0 1" rpy="0 0 1.57"/>'), "l0", "l6")
+
+
+def test_xacro_is_expanded_by_its_package_or_refused_in_one_sentence(tmp_path, monkeypatch):
+    path = tmp_path / "arm.urdf.xacro"
+    path.write_text("<robot/>")
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    with pytest.raises(CampaignError, match="needs the package xacro"):
+        js.robot(path)
+    expanded = SimpleNamespace(process_file=lambda _: SimpleNamespace(toxml=lambda: urdf(DEGREES)))
+    monkeypatch.setitem(sys.modules, "xacro", expanded)
+    assert prepare_robot(js.robot(path)).robot.n == 6
+
+
+def test_a_joint_that_cannot_move_is_named():
+    with pytest.raises(RobotError, match="the joint limits 0 and 0 rad leave no range") as refused:
+        read_urdf(urdf([(-1, 1), (0, 0)]), "l0", "l2")
+    assert refused.value.where == "joint 'j1' limits"
+    assert "make a joint that cannot move a fixed one" in refused.value.remedy
