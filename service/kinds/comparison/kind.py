@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -385,34 +386,31 @@ def _failure_lines(entries: Sequence[ComparedRun]) -> list[Line]:
 
 
 def make_charts(result: ComparisonResult) -> list[Chart]:
-    """Return charts of each configuration's deflection and, for each method, of its residual.
+    """Return charts of each configuration's deflection and, for each method, of what is left over.
 
-    These charts correspond to figures 7 and 8 of the paper.
+    The numbers are means over the targets. Each side has a pair of charts: figures 7 and 8 of the paper.
     """
     drawn: list[Chart] = []
+    common, several = _common_configurations(result), len(result.sides) > 1
+    if common:
+        measured = {
+            f"{side.side} side": [_deflection_by_label(side)[label] for label in common]
+            for side in result.sides
+        }
+        drawn.append(Chart("Measured deflection, both sides", common, measured, 1e3, "mm"))
     for side in result.sides:
         entries = [entry for entry in result.entries if entry.side == side.side and entry.left]
         # If a method has a run with the constraint and a run without, the constrained run is drawn: it is
         # sorted last.
         by_method = {_short_name(entry): entry for entry in sorted(entries, key=lambda each: each.positive)}
-        drawn.append(
-            Chart(
-                f"Deflection of each configuration and what is left after compensation, mean over the targets"
-                f"{f', {side.side} side' * (len(result.sides) > 1)}",
-                side.configurations,
-                {"measured": side.deflection, **{name: entry.left for name, entry in by_method.items()}},
-                1e3,
-                "mm",
-            )
-        )
-    if common := _common_configurations(result):
-        series = {
-            f"{side.side} side": [_deflection_by_label(side)[label] for label in common]
-            for side in result.sides
-        }
-        title = "Deflection of each configuration that both sides have, mean over the targets"
-        drawn.insert(0, Chart(title, common, series, 1e3, "mm"))
-    return drawn
+        place, configurations = f", {side.side} side" * several, side.configurations
+        if list(configurations) != common:
+            series = {"measured": side.deflection}
+            drawn.append(Chart(f"Measured deflection{place}", configurations, series, 1e3, "mm"))
+        # What is left over is a hundredth of the deflection: the methods differ on an axis of their own.
+        left = {name: entry.left for name, entry in by_method.items()}
+        drawn.append(Chart(f"Left over after compensation{place}", configurations, left, 1e6, "µm"))
+    return [replace(chart, quantity="residual" if chart.unit == "µm" else "deflection") for chart in drawn]
 
 
 def _deflection_by_label(side: ComparedSide) -> dict[str, float | None]:
