@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.results import TabledRun
     from jointstiff.service.tables.table import Part
 
-_FORMATS: Final = (".csv", ".xlsx", ".mjcf", ".xml")
+_FORMATS: Final = (".csv", ".xlsx", ".mjcf")
 _REPORTS: Final = (".pdf", ".html", ".xml")
 
 
@@ -25,7 +25,7 @@ def export(
     file: cli.CampaignFile,
     *,
     output: Annotated[
-        Path, cli.output_option("File to write the model to: .csv, .xlsx, .mjcf or .xml (MJCF).")
+        Path, cli.output_option("File to write the model to: .csv, .xlsx or .mjcf (MuJoCo).")
     ],
     run: cli.RunFile = None,
     despite_verdict: Annotated[

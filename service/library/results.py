@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 _WIDTH = 100
 _REPORTS = {"pdf", "html"}
-_MODELS = {"csv", "xlsx", "mjcf", "xml"}
+_MODELS = {"csv", "xlsx", "mjcf"}
 
 
 class Door(verb.Door, Protocol):
@@ -190,8 +190,9 @@ class Presented(ABC):
         Args:
             path: ends in `.json` (the whole result, read by `jointstiff.load` and by every verb), `.csv` (the
                 first table), `.xlsx` (all tables), `.svg` or `.png` (the plot); of jobs `.pdf` or `.html`
-                (the report); of a map `.npz`; of a run `.mjcf` or `.xml` (the model); of a program as the
-                program itself (the corrected file, with its .dat next to it).
+                (the report); of a map `.npz`; of a run `.mjcf` (the model) and `.xml` (the
+                certificate); of a program as the program itself (the corrected file, with its .dat next to
+                it).
 
         Raises:
             ValueError: the result has no file with this ending.
@@ -511,21 +512,23 @@ class TabledRun(PresentedJob, Run):
         """Write the identified model to a table or a file for simulators.
 
         Args:
-            path: file to write, ending in `.csv`, `.xlsx`, `.mjcf`, or `.xml` (MJCF).
+            path: file to write, ending in `.csv`, `.xlsx` or `.mjcf` (MuJoCo).
             accept_verdict: `do_not_use` to export a run with that verdict.
 
         Raises:
             CampaignError: the run has no model for this format, or its verdict is `do_not_use`.
             RefusedError: the service refuses the request.
         """
-        suffix = _require_suffix(path, _MODELS).replace("xml", "mjcf")
+        suffix = _require_suffix(path, _MODELS)
         query = {} if accept_verdict is None else {"accept_verdict": accept_verdict}
         Path(path).write_bytes(self._require_origin().file(self, f"model.{suffix}", query))
 
     def _save_other(self, path: Path, suffix: str) -> None:
-        """Write a model file for simulators, or a file that every kind of job has."""
-        if suffix in _MODELS - {"csv", "xlsx"}:
+        """Write a model for simulators, a certificate, or a file that every kind of job has."""
+        if suffix == "mjcf":
             self.export(path)
+        elif suffix == "xml":
+            self.report(path)
         else:
             super()._save_other(path, suffix)
 

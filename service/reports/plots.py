@@ -38,7 +38,7 @@ _MARKERS: Final = "os^Dv<>P"
 
 @dataclass(frozen=True)
 class PlotStyle:
-    """What the caller of `plot` chooses."""
+    """Choices of the caller of `plot`."""
 
     axes: AnyAxes | None = None  # axes of the caller; None for a new figure
     title: str | None = None  # title above all panels; None for no title
