@@ -588,6 +588,29 @@ def _write_robot(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # 
     return job
 
 
+def _write_paper(job: Any, values: _Values, _sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Comparison
+    """Write the tables and figures of the paper to the file of --paper, if that is given; return the job."""
+    path: Path | None = values["paper"]
+    if path is None:
+        return job
+    from jointstiff.service.reports.paper import build_paper
+    from jointstiff.service.reports.rendering import render_html, render_pdf
+
+    if path.suffix in {".csv", ".svg"}:
+        job.save(path)
+    else:
+        document = build_paper(job)
+        path.write_bytes(render_pdf(document) if path.suffix == ".pdf" else render_html(document))
+    return job
+
+
+def _check_paper(values: _Values, _sources: Sequence[Any]) -> Sequence[Path | None]:
+    """Return the path of the file of --paper; refuse another ending."""
+    if values["paper"] is not None:
+        cli.check_ending(values["paper"], [".pdf", ".html", ".svg", ".csv"])
+    return [values["paper"]]
+
+
 def _write_campaign_to_fill_in(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Plan
     """Write a campaign with empty readings to the file of --campaign, if it is given; return the job."""
     from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in
@@ -699,6 +722,18 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
         },
         finish=_apply_action,
         list_paths=lambda values, _: [_choose_corrected_path(values)],
+    ),
+    "comparison": _FileOptions(
+        options={
+            "paper": _make_optional_parameter(
+                cli.path_option(
+                    "File to write the paper's Tables I and II and figures 7 and 8 to: .pdf or .html; .svg "
+                    "has the figures, .csv Table II.",
+                )
+            )
+        },
+        finish=_write_paper,
+        list_paths=_check_paper,
     ),
     "geometry": _FileOptions(
         options={

@@ -17,16 +17,14 @@ if TYPE_CHECKING:
     from jointstiff.service.library.results import TabledRun
     from jointstiff.service.tables.table import Part
 
-_FORMATS: Final = (".csv", ".xlsx", ".mjcf", ".xml")
+_FORMATS: Final = (".csv", ".xlsx", ".mjcf")
 _REPORTS: Final = (".pdf", ".html", ".xml")
 
 
 def export(
     file: cli.CampaignFile,
     *,
-    output: Annotated[
-        Path, cli.output_option("File to write the model to: .csv, .xlsx, .mjcf or .xml (MJCF).")
-    ],
+    output: Annotated[Path, cli.output_option("File to write the model to: .csv, .xlsx or .mjcf (MuJoCo).")],
     run: cli.RunFile = None,
     despite_verdict: Annotated[
         bool,

@@ -33,7 +33,6 @@ from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, presented_class
-from jointstiff.service.library.saved import use_saved
 from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import AwayError, RefusedError, as_campaign_error, http_problem
 from jointstiff.service.resources.documents import (
@@ -277,7 +276,7 @@ class Client(Verbs):
         Args:
             source: run of this service, or a campaign, which is posted first unless it was posted before.
         """
-        source = self._replace_foreign_run(use_saved(source))
+        source = self._replace_foreign_run(source)
         if isinstance(source, Run):
             return source.request.measurement_set_id, extract_run_options(source)
         campaign = read_campaign(source)
@@ -285,15 +284,19 @@ class Client(Verbs):
 
     def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401, ARG002
         """Return the id of a run in the service; if `source` is a campaign, post and identify it first."""
-        source = self._replace_foreign_run(use_saved(source))
+        source = self._replace_foreign_run(source)
         run: Run = source if isinstance(source, Run) else self.identify(source)
         return run.id
 
     def _replace_foreign_run(self, source: Any) -> Any:  # noqa: ANN401 - a run, or a campaign
-        """Return the campaign of a run that another service or process computed; return any other `source`.
+        """Return the campaign of a run that another service, process or file has; return any other `source`.
 
         The campaign gets the options of the run.
         """
+        if isinstance(source, str | PathLike):
+            from jointstiff.service.library.saved import use_saved
+
+            source = use_saved(source)
         if not isinstance(source, TabledRun) or source.was_done_by(self):
             return source
         return source.campaign.model_copy(update={"run": extract_run_options(source)})

@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import PredictFields
     from jointstiff.service.reports.exports import ExportedModel
+    from jointstiff.service.reports.plots import PlotStyle
 
 
 AnyRun = TypeVar("AnyRun", bound=Run)
@@ -356,7 +357,7 @@ class ImportedReadings(Presented, ImportAnswer):
         }
         return Sheet(rows, frozenset(rows))
 
-    def _draw_figure(self) -> Figure:
+    def _draw_figure(self, style: PlotStyle) -> Figure:  # noqa: ARG002 - nothing is drawn
         """Refuse: readings have no plot before they are identified."""
         raise ValueError("readings have no plot: identify them, and plot the run")
 

@@ -37,6 +37,7 @@ from jointstiff.solver.text import figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from jointstiff.service.reports.plots import PlotStyle
     from jointstiff.solver.arrays import FloatArray
 
 _USUAL_SIGMA: Final = 20e-6
@@ -114,7 +115,7 @@ class Rehearsal(Presented, RehearsalResult):
             Sheet(columns, frozenset({"joint"})), [joint.kind for joint in self.joints]
         )
 
-    def _draw_figure(self) -> Figure:
+    def _draw_figure(self, style: PlotStyle) -> Figure:
         """Draw planted and found stiffnesses with their intervals."""
         from jointstiff.service.reports.plots import draw_figure
 
@@ -126,7 +127,8 @@ class Rehearsal(Presented, RehearsalResult):
         ends = {"found": [joint.interval for joint in self.joints]}
         names = [joint.name for joint in self.joints]
         title = "Planted and found stiffness"
-        return draw_figure(title, [Chart(title, names, series, unit.factor, unit.label, "joint", ends, True)])
+        chart = Chart(title, names, series, unit.factor, unit.label, "joints", ends, True, "stiffness")
+        return draw_figure([chart], style=style)
 
 
 def _is_open(joint: RehearsedJoint) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from io import StringIO
 from os import PathLike
@@ -38,12 +38,13 @@ if TYPE_CHECKING:
     from jointstiff.schemas.process import Process
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import AnyPostures, PredictFields
+    from jointstiff.service.reports.plots import AnyAxes, PlotStyle
     from jointstiff.solver.arrays import FloatArray
     from jointstiff.solver.mechanics.robot import Robot
 
 _WIDTH = 100
 _REPORTS = {"pdf", "html"}
-_MODELS = {"csv", "xlsx", "mjcf", "xml"}
+_MODELS = {"csv", "xlsx", "mjcf"}
 
 
 class Door(verb.Door, Protocol):
@@ -92,7 +93,7 @@ class Presented(ABC):
         """Return, by the name of each table, a function that makes the table; the main table is first."""
 
     @abstractmethod
-    def _draw_figure(self) -> Figure:
+    def _draw_figure(self, style: PlotStyle) -> Figure:
         """Draw the result as a figure of matplotlib."""
 
     @property
@@ -157,14 +158,32 @@ class Presented(ABC):
         """
         return make_data_frame(self._sheet(name))
 
-    def plot(self) -> Figure:
+    def plot(
+        self,
+        ax: AnyAxes | None = None,
+        *,
+        title: str | None = None,
+        joints: Iterable[str] | None = None,
+        figsize: tuple[float, float] | None = None,
+    ) -> Figure:
         """Draw the result with matplotlib; notebooks display the figure, and `.savefig(path)` writes it.
+
+        A new figure has a panel for each quantity, one below the other, and is as wide as a column of a paper
+        (88 mm). The figure belongs to no window of pyplot.
+
+        Args:
+            ax: axes to draw on, one for each panel; None for a new figure.
+            title: title of the figure; None for no title.
+            joints: names of the joints to draw; None for all.
+            figsize: width and height of a new figure [inch].
 
         Raises:
             MissingExtraError: matplotlib is not installed.
-            ValueError: the result has nothing to draw.
+            ValueError: the result has nothing to draw, another number of panels than `ax`, or no such joint.
         """
-        return self._draw_figure()
+        from jointstiff.service.reports.plots import PlotStyle
+
+        return self._draw_figure(PlotStyle(ax, title, joints, figsize))
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the result to a file, in the format of the file's ending.
@@ -172,8 +191,9 @@ class Presented(ABC):
         Args:
             path: ends in `.json` (the whole result, read by `jointstiff.load` and by every verb), `.csv` (the
                 first table), `.xlsx` (all tables), `.svg` or `.png` (the plot); of jobs `.pdf` or `.html`
-                (the report); of a map `.npz`; of a run `.mjcf` or `.xml` (the model); of a program as the
-                program itself (the corrected file, with its .dat next to it).
+                (the report); of a map `.npz`; of a run `.mjcf` (the model) and `.xml` (the
+                certificate); of a program as the program itself (the corrected file, with its .dat next to
+                it).
 
         Raises:
             ValueError: the result has no file with this ending.
@@ -183,7 +203,7 @@ class Presented(ABC):
         target = Path(path)
         suffix = target.suffix.removeprefix(".").lower()
         if suffix in {"svg", "png"}:
-            self._draw_figure().savefig(target)
+            self.plot().savefig(target)
         elif suffix == "json":
             from jointstiff.service.library.saved import to_document
 
@@ -263,7 +283,7 @@ class PresentedJob(Presented):
 
         return build_job_sheet(file, job, lambda: cast("Any", None))
 
-    def _draw_figure(self) -> Figure:
+    def _draw_figure(self, style: PlotStyle) -> Figure:
         """Draw the map of the work area, if this kind of job has one, and below it the charts of the result.
 
         Raises:
@@ -276,7 +296,7 @@ class PresentedJob(Presented):
             raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
         first_table = None  # name of the table with all places
         areas = [] if kind.make_area_map is None else [kind.make_area_map(self._sheet(first_table))]
-        return draw_figure(f"{kind.title}: {self._first_line()}", list(kind.make_charts(job.result)), areas)
+        return draw_figure(list(kind.make_charts(job.result)), areas, style)
 
     def table(self, suffix: str) -> bytes:
         """Return the content of the job's main table as a file: `csv`, and for maps also `npz` and `json`.
@@ -502,21 +522,23 @@ class TabledRun(PresentedJob, Run):
         """Write the identified model to a table or a file for simulators.
 
         Args:
-            path: file to write, ending in `.csv`, `.xlsx`, `.mjcf`, or `.xml` (MJCF).
+            path: file to write, ending in `.csv`, `.xlsx` or `.mjcf` (MuJoCo).
             accept_verdict: `do_not_use` to export a run with that verdict.
 
         Raises:
             CampaignError: the run has no model for this format, or its verdict is `do_not_use`.
             RefusedError: the service refuses the request.
         """
-        suffix = _require_suffix(path, _MODELS).replace("xml", "mjcf")
+        suffix = _require_suffix(path, _MODELS)
         query = {} if accept_verdict is None else {"accept_verdict": accept_verdict}
         Path(path).write_bytes(self._require_origin().file(self, f"model.{suffix}", query))
 
     def _save_other(self, path: Path, suffix: str) -> None:
-        """Write a model file for simulators, or a file that every kind of job has."""
-        if suffix in _MODELS - {"csv", "xlsx"}:
+        """Write a model for simulators, a certificate, or a file that every kind of job has."""
+        if suffix == "mjcf":
             self.export(path)
+        elif suffix == "xml":
+            self.report(path)
         else:
             super()._save_other(path, suffix)
 
@@ -568,12 +590,12 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
         return {"cases": lambda: prediction_sheet(self)}
 
-    def _draw_figure(self) -> Figure:
+    def _draw_figure(self, style: PlotStyle) -> Figure:
         """Draw the predicted deflections of all load cases."""
         from jointstiff.service.reports.plots import draw_figure
         from jointstiff.service.runs.deflection import prediction_charts
 
-        return draw_figure(f"Predicted deflection: {self._first_line()}", prediction_charts(self))
+        return draw_figure(prediction_charts(self), style=style)
 
 
 class RobotTrend(Presented, Trend):
@@ -644,7 +666,7 @@ class RobotTrend(Presented, Trend):
         sheet = Sheet(columns, frozenset(["joint", "campaign", "at"]))
         return Sheet.with_joint_kinds(sheet, [joint.kind for joint, _, _ in pairs])
 
-    def _draw_figure(self) -> Figure:
+    def _draw_figure(self, style: PlotStyle) -> Figure:
         """Draw a figure with a chart for each joint: its stiffness over the campaigns."""
         from jointstiff.service.reports.plots import draw_figure
 
@@ -655,8 +677,10 @@ class RobotTrend(Presented, Trend):
             series = {"stiffness": [point.stiffness for point in joint.points]}
             ends = {"stiffness": [point.interval for point in joint.points]}
             title = f"{joint.name}: changed" if joint.changed else joint.name
-            charts.append(Chart(title, names, series, unit.factor, unit.label, "campaigns", ends, True))
-        return draw_figure(f"Trend: {self._first_line()}", charts)
+            charts.append(
+                Chart(title, names, series, unit.factor, unit.label, "campaigns", ends, True, "stiffness")
+            )
+        return draw_figure(charts, style=style)
 
 
 @cache

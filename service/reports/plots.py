@@ -1,11 +1,15 @@
-"""Charts and areas of results, drawn by matplotlib (`pip install "jointstiff[plot]"`)."""
+"""Charts and areas of results for a column of a paper, by matplotlib (`pip install "jointstiff[plot]"`)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from math import nan
-from textwrap import fill
-from typing import TYPE_CHECKING, Any
+import io
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from math import isnan, nan
+from typing import TYPE_CHECKING, Any, Final, cast
+
+import numpy as np
 
 from jointstiff.service.problems import explain_missing_library
 from jointstiff.service.tables.table import Area, Chart
@@ -14,40 +18,129 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MOST_NAMES = 40
+    AnyAxes = Axes | Sequence[Axes] | np.ndarray[Any, Any]
+
+COLUMN_WIDTH: Final = 88.0 / 25.4
+"""Width of a column of a journal, the default width of a figure [inch]."""
+_CHART_HEIGHT: Final = 1.9
+_AREA_HEIGHT: Final = 2.9
+_MOST_NAMES: Final = 40
 """Greatest number of places with names below the axis; with more places the axis shows numbers."""
-_TITLE_WIDTH = 90
-"""Greatest number of characters in a line of the title."""
+_MOST_LEVEL_NAMES: Final = 6  # with more places their names are turned
+_MOST_LEGEND_COLUMNS: Final = 5
+_LEVELS: Final = 12  # of the contours of an area
+_RESOLUTION: Final = 200  # of pictures in notebooks [dots per inch]
+_COLOURS: Final = ("#1b3a5c", "#e08a2e", "#8fc1e3", "#5a8f5a", "#c9c9c9", "#a04545", "#8a5a8f", "#222222")
+"""Colours of series; neighbours differ in lightness, so that they differ in grey, too."""
+_HATCHES: Final = ("", "", "////", "....", "", "xxxx", "\\\\\\\\", "")
+_MARKERS: Final = "os^Dv<>P"
 
 
-def draw_figure(title: str, charts: Sequence[Chart], areas: Sequence[Area] = ()) -> Figure:
+@dataclass(frozen=True)
+class PlotStyle:
+    """Choices of the caller of `plot`."""
+
+    axes: AnyAxes | None = None  # axes of the caller; None for a new figure
+    title: str | None = None  # title above all panels; None for no title
+    joints: Iterable[str] | None = None  # names of the joints to draw; None for all
+    size: tuple[float, float] | None = None  # width and height of a new figure [inch]
+
+
+_DEFAULT: Final = PlotStyle()
+
+
+def draw_figure(charts: Sequence[Chart], areas: Sequence[Area] = (), style: PlotStyle = _DEFAULT) -> Figure:
     """Draw areas and charts, one below the other, and return the figure of matplotlib.
+
+    A new figure is as wide as a column of a paper (88 mm), belongs to no window, and is shown by notebooks.
 
     Raises:
         MissingExtraError: matplotlib is not installed.
-        ValueError: there is nothing to draw.
+        ValueError: there is nothing to draw, there are fewer axes than panels, or no joint has a given name.
     """
     try:
-        import matplotlib.pyplot as plt
+        import matplotlib as mpl
     except ImportError as error:
         raise explain_missing_library("plot", error) from None
-
+    charts = [_choose_joints(chart, style.joints) for chart in charts]
     count = len(charts) + len(areas)
     if not count:
         raise ValueError("the result has no numbers to draw: print it")
-    figure: Figure
-    figure, grid = plt.subplots(count, 1, figsize=(8.0, 3.2 * count), layout="constrained", squeeze=False)
-    figure.suptitle(fill(title, _TITLE_WIDTH), fontsize="medium")
-    axes = list(grid[:, 0])
-    for axis, area in zip(axes, areas, strict=False):
-        _draw_area(figure, axis, area)
-    for axis, chart in zip(axes[len(areas) :], charts, strict=True):
-        _draw_chart(axis, chart)
+    # Fonts of a paper, whatever the user's settings are; the axes of the user keep theirs.
+    fonts = (
+        {} if style.axes is not None else {"font.size": 7.0, "axes.linewidth": 0.6, "hatch.linewidth": 0.5}
+    )
+    with mpl.rc_context(fonts):
+        axes = _make_axes(len(areas), len(charts), style)
+        for axis, area in zip(axes, areas, strict=False):
+            _draw_area(axis, area)
+        for axis, chart in zip(axes[len(areas) :], charts, strict=False):
+            _draw_chart(axis, chart)
+        figure = cast("Figure", axes[0].get_figure(root=True))
+        if style.title is not None:
+            if style.axes is None:
+                figure.suptitle(style.title, fontsize="medium")
+            else:
+                axes[0].set_title(style.title)
     return figure
+
+
+def _choose_joints(chart: Chart, names: Iterable[str] | None) -> Chart:
+    """Return a chart of joints with the joints of these names only; other charts are unchanged.
+
+    Raises:
+        ValueError: the chart has no joint of a name.
+    """
+    if names is None or chart.axis != "joints":
+        return chart
+    wanted = [names] if isinstance(names, str) else list(names)
+    unknown = [name for name in wanted if name not in chart.names]
+    if unknown:
+        raise ValueError(f"there is no joint {', '.join(unknown)}: the joints are {', '.join(chart.names)}")
+    kept = [list(chart.names).index(name) for name in wanted]
+    return replace(
+        chart,
+        names=[chart.names[i] for i in kept],
+        series={name: [values[i] for i in kept] for name, values in chart.series.items()},
+        intervals={name: [ends[i] for i in kept] for name, ends in chart.intervals.items()},
+    )
+
+
+def _make_axes(area_count: int, chart_count: int, style: PlotStyle) -> list[Axes]:
+    """Return an axis for each panel: those of the caller, or of a new figure."""
+    count = area_count + chart_count
+    if style.axes is not None:
+        given: list[Axes] = list(np.ravel(np.array(style.axes, dtype=object)))
+        if len(given) != count:
+            raise ValueError(f"the result has {count} panels: give as many axes, not {len(given)}")
+        return given
+    height = _AREA_HEIGHT * area_count + _CHART_HEIGHT * chart_count
+    figure = _figure_class()(figsize=style.size or (COLUMN_WIDTH, height), layout="constrained")
+    ratios = [_AREA_HEIGHT] * area_count + [_CHART_HEIGHT] * chart_count
+    return list(figure.subplots(count, 1, squeeze=False, height_ratios=ratios)[:, 0])
+
+
+@cache
+def _figure_class() -> type[Figure]:
+    """Return a class of figures that notebooks show without pyplot."""
+    from matplotlib.figure import Figure as PlainFigure
+
+    class ResultFigure(PlainFigure):
+        """Figure without a window, which notebooks show as a picture."""
+
+        def _repr_png_(self) -> bytes:
+            """Return the figure as PNG."""
+            picture = io.BytesIO()
+            self.savefig(picture, format="png", dpi=_RESOLUTION)
+            return picture.getvalue()
+
+    return ResultFigure
 
 
 def _draw_chart(axis: Axes, chart: Chart) -> None:
     """Draw a chart as bars side by side, or as dots on a logarithmic axis, with its intervals if any."""
+    from matplotlib.ticker import LogLocator
+
     count, series = len(chart.names), chart.series
     places, bar_width = range(count), 0.8 / max(len(series), 1)
     for number, (name, values) in enumerate(series.items()):
@@ -56,19 +149,55 @@ def _draw_chart(axis: Axes, chart: Chart) -> None:
         heights = [nan if value is None else chart.factor * value for value in values]
         intervals = chart.intervals.get(name)
         error_bars = None if intervals is None else _error_bar_lengths(heights, intervals, chart.factor)
+        look: dict[str, Any] = {"yerr": error_bars, "label": name, "color": _COLOURS[number % len(_COLOURS)]}
         if chart.logarithmic:
-            axis.errorbar(positions, heights, yerr=error_bars, fmt="o", capsize=3, label=name)
+            marker = _MARKERS[number % len(_MARKERS)]
+            look |= {"fmt": marker, "markersize": 2.2, "elinewidth": 0.8, "capsize": 4.0, "capthick": 0.8}
+            axis.errorbar(positions, heights, **look)
         else:
-            axis.bar(positions, heights, bar_width, yerr=error_bars, capsize=3, label=name)
+            look |= {"hatch": _HATCHES[number % len(_HATCHES)], "edgecolor": "0.2", "linewidth": 0.3}
+            whiskers = {"elinewidth": 0.8, "capthick": 0.8, "ecolor": "0.2"}
+            axis.bar(positions, heights, bar_width, capsize=1.5, error_kw=whiskers, **look)
+        _mark_open_ends(axis, positions, heights, intervals or ())
     if chart.logarithmic:
         axis.set_yscale("log")
+        axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter("")
+    _mark_missing(axis, chart)
     if count <= _MOST_NAMES:
-        axis.set_xticks(list(places), chart.names, rotation=90 if count > 8 else 0, fontsize="small")
+        axis.set_xticks(list(places), chart.names, rotation=90 if count > _MOST_LEVEL_NAMES else 0)
+    axis.set_xlim(-0.6, count - 0.4)
     axis.set_xlabel(chart.axis)
-    axis.set_ylabel(chart.unit)
-    axis.set_title(chart.title, fontsize="medium")
-    if len(series) > 1:
-        axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")  # at the side of the bars
+    axis.set_ylabel(f"{chart.quantity} [{chart.unit}]" if chart.quantity else chart.unit)
+    has_legend = len(series) > 1
+    axis.set_title(chart.title, fontsize="medium", pad=17.0 if has_legend else 5.0)
+    axis.grid(axis="y", linewidth=0.3, color="0.85")
+    axis.set_axisbelow(True)
+    if has_legend:  # between the panel and its title, where it hides no number
+        look = {"fontsize": "small", "handlelength": 1.2, "columnspacing": 1.0, "frameon": False}
+        columns = min(len(series), _MOST_LEGEND_COLUMNS)
+        axis.legend(loc="lower center", bbox_to_anchor=(0.5, 0.97), ncols=columns, **look)
+
+
+def _mark_open_ends(
+    axis: Axes, positions: Sequence[float], heights: Sequence[float], intervals: Sequence[Any]
+) -> None:
+    """Draw an arrow upwards from each number whose interval has no upper end."""
+    for position, height, interval in zip(positions, heights, intervals, strict=False):
+        if interval is not None and interval[1] is None and not isnan(height):
+            arrow = {"arrowstyle": "<-", "linewidth": 0.8}  # the head is at the end of the text
+            axis.annotate("", (position, height), (0, 14), "data", "offset points", arrow)
+
+
+def _mark_missing(axis: Axes, chart: Chart) -> None:
+    """Write *no number* at places, such as joints, where no series has a number."""
+    for place in range(len(chart.names)):
+        if all(values[place] is None for values in chart.series.values()):
+            where = axis.get_xaxis_transform()  # x in data, y as a fraction of the axis
+            axis.text(
+                place, 0.04, "no number", rotation=90, ha="center", va="bottom", transform=where, color="0.4"
+            )
 
 
 def _error_bar_lengths(
@@ -87,16 +216,25 @@ def _error_bar_lengths(
     return [below, above]
 
 
-def _draw_area(figure: Figure, axis: Axes, area: Area) -> None:
-    """Draw an area seen from above: a square for each place, coloured by value; a cross where it is NaN."""
-    values = [area.factor * value for value in area.values]
-    known = [i for i, value in enumerate(values) if value == value]  # NaN is not equal to NaN
-    unknown = [i for i, value in enumerate(values) if value != value]
-    dots = axis.scatter(
-        [area.x[i] for i in known], [area.y[i] for i in known], c=[values[i] for i in known], marker="s"
-    )
-    axis.scatter([area.x[i] for i in unknown], [area.y[i] for i in unknown], c="0.7", marker="x")
-    figure.colorbar(dots, ax=axis, label=area.names[2])
+def _draw_area(axis: Axes, area: Area) -> None:
+    """Draw an area seen from above as filled contours with a colour bar; crosses where there is no number.
+
+    Places that are no grid of two rows and columns at least are drawn as squares.
+    """
+    x, y = np.array(area.x, dtype=float), np.array(area.y, dtype=float)
+    values = area.factor * np.array(area.values, dtype=float)
+    known = ~np.isnan(values)
+    columns, rows = np.unique(x), np.unique(y)
+    if min(len(columns), len(rows)) >= 2 and len(columns) * len(rows) == len(values) and known.any():
+        grid = np.full((len(rows), len(columns)), nan)
+        grid[np.searchsorted(rows, y), np.searchsorted(columns, x)] = values
+        drawn: Any = axis.contourf(columns, rows, np.ma.masked_invalid(grid), _LEVELS, cmap="viridis")
+        axis.contour(columns, rows, np.ma.masked_invalid(grid), _LEVELS, colors="white", linewidths=0.3)
+    else:
+        drawn = axis.scatter(x[known], y[known], c=values[known], marker="s", cmap="viridis")
+    if not known.all():
+        axis.scatter(x[~known], y[~known], c="0.4", marker="x", s=10, linewidths=0.6)
+    axis.figure.colorbar(drawn, ax=axis, label=area.names[2])
     axis.set_xlabel(area.names[0])
     axis.set_ylabel(area.names[1])
     axis.set_title(area.title, fontsize="medium")

@@ -418,7 +418,8 @@ def prediction_charts(result: DeflectionResult) -> list[Chart]:
         for i, axis in enumerate("xyz")
     }
     names = [case.label for case in result.cases]
-    return [Chart("Displacement, axes of R0", names, series, 1e3, "mm", "cases", intervals)]
+    title = "Displacement, axes of R0"
+    return [Chart(title, names, series, 1e3, "mm", "cases", intervals, quantity="displacement")]
 
 
 def prediction_csv(result: DeflectionResult) -> str:

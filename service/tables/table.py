@@ -133,6 +133,7 @@ class Chart:
     # name of a series → interval at each place; None for no interval, an end of None for no limit
     intervals: Mapping[str, Sequence[tuple[float | None, float | None] | None]] = field(default_factory=dict)
     logarithmic: bool = False  # whether the axis is logarithmic, for numbers of different magnitudes
+    quantity: str = ""  # quantity of the numbers, such as "stiffness"
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -182,11 +183,16 @@ def _list_method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]
             f", mean & standard deviation of\n{resampling.repetitions} fits of {resampling.size} "
             f"configurations drawn at random (seed {resampling.seed})"
         )
-    legend = _legend(shown, hides_constrained=hides_constrained, resampled=resampling is not None)
-    parts: list[Part] = [*_joint_tables(shown, title, format_cell, legend)]
+    legend = _legend(
+        shown,
+        hides_constrained=hides_constrained,
+        resampled=resampling is not None,
+        repeats=view.details,
+    )
+    parts: list[Part] = [*_joint_tables(shown, title, format_cell, legend, repeats=view.details)]
     if resampling is not None:
-        parts += _shares_tables(entries)
-    return [*parts, _fits_table(shown)]
+        parts += _shares_tables(entries, view)
+    return [*parts, _fits_table(shown, repeats=view.details)]
 
 
 def _constraints_change_nothing(entries: Sequence[ComparedRun], format_cell: Cell) -> bool:
@@ -201,7 +207,7 @@ def _constraints_change_nothing(entries: Sequence[ComparedRun], format_cell: Cel
 
 
 def _joint_tables(
-    entries: Sequence[ComparedRun], title: str, format_cell: Cell, caption: str = ""
+    entries: Sequence[ComparedRun], title: str, format_cell: Cell, caption: str = "", *, repeats: bool
 ) -> list[Table]:
     """Return tables of the joints, each with at most `_METHODS_PER_TABLE` methods as columns.
 
@@ -218,12 +224,13 @@ def _joint_tables(
             f"{title}, continued" if start else title,
             format_cell,
             "" if start else caption,
+            repeats=repeats,
         )
         for start in range(0, len(methods), _METHODS_PER_TABLE)
     ]
 
 
-def _shares_tables(entries: Sequence[ComparedRun]) -> list[Part]:
+def _shares_tables(entries: Sequence[ComparedRun], view: View) -> list[Part]:
     """Return tables of the share of resampled fits in which a joint is negative, rigid or undetermined.
 
     If all shares are zero, return a line that says so.
@@ -238,20 +245,44 @@ def _shares_tables(entries: Sequence[ComparedRun]) -> list[Part]:
         joint.share_negative or joint.share_infinite or joint.share_undetermined for joint in resampled_joints
     ):
         return [Line("No fit gave a joint a negative, infinite or undetermined stiffness.")]
-    return [*_joint_tables(entries, "Share of fits negative / rigid / undetermined, in %", _shares_cell)]
+    title = "Fits negative / rigid / undetermined, in %"
+    return [*_joint_tables(entries, title, _shares_cell, repeats=view.details)]
 
 
-def _joint_table(entries: Sequence[ComparedRun], title: str, format_cell: Cell, caption: str) -> Table:
-    """Return a table with a row for each joint, side and constraint, and a column for each method."""
-    # Row of a joint (side, constraint) → method → run
+def _repeats_free_row(
+    by_row: Mapping[tuple[SideName, bool], Mapping[str, ComparedRun]],
+    row: tuple[SideName, bool],
+    j: int,
+    format_cell: Cell,
+) -> bool:
+    """Return whether a constrained row of joint `j` has the numbers of the free row: no constraint acts."""
+    side, positive = row
+    free, constrained = by_row.get((side, False)), by_row[row]
+    if not positive or free is None or free.keys() != constrained.keys():
+        return False
+    return all(str(format_cell(free[name], j)) == str(format_cell(constrained[name], j)) for name in free)
+
+
+def _joint_table(
+    entries: Sequence[ComparedRun], title: str, format_cell: Cell, caption: str, *, repeats: bool
+) -> Table:
+    """Return a table with a row for each joint, side and constraint, and a column for each method.
+
+    Without `repeats`, a joint has no row for a constraint that changes none of its numbers.
+    """
     by_row: dict[tuple[SideName, bool], dict[str, ComparedRun]] = {}
     for entry in sorted(entries, key=lambda each: (each.side, each.positive)):
         by_row.setdefault((entry.side, entry.positive), {}).setdefault(_method_abbreviation(entry), entry)
     methods = list(dict.fromkeys(map(_method_abbreviation, entries)))
     has_two_sides = len({entry.side for entry in entries}) > 1
-    # Rows of the table: index of the joint, the joint, and the row of the joint
-    lines = [(j, joint, row) for j, joint in enumerate(entries[0].joints) for row in by_row]
-    first_row = next(iter(by_row))  # only the first row of a joint has the joint's name
+    lines = [
+        (j, joint, row)
+        for j, joint in enumerate(entries[0].joints)
+        for row in by_row
+        if repeats or not _repeats_free_row(by_row, row, j, format_cell)
+    ]
+    # Only the first row of a joint has the joint's name.
+    first_lines = {j: number for number, (j, _, _) in reversed(list(enumerate(lines)))}
 
     def make_column(method: str) -> Column:
         cells = [
@@ -263,7 +294,10 @@ def _joint_table(entries: Sequence[ComparedRun], title: str, format_cell: Cell, 
         [
             Column(
                 "joint",
-                [joint.name if row == first_row else "" for _, joint, row in lines],
+                [
+                    joint.name if first_lines[j] == number else ""
+                    for number, (j, joint, _) in enumerate(lines)
+                ],
                 text=True,
                 widest=_LONGEST_NAME,
             ),
@@ -331,8 +365,23 @@ def _resampled_joint(entry: ComparedRun, j: int) -> ResampledJoint | None:
     return entry.resampling.joints[j] if entry.resampling else None
 
 
-def _fits_table(entries: Sequence[ComparedRun]) -> Table:
-    """Return a table with a row for each fit: explained deflection, residual, condition number."""
+def _fits_table(entries: Sequence[ComparedRun], *, repeats: bool) -> Table:
+    """Return a table with a row for each fit: explained deflection, residual, condition number.
+
+    Without `repeats`, a constrained fit with the numbers of the free fit has no row.
+    """
+    free = {
+        (entry.side, _method_abbreviation(entry)): _fit_cells(entry)
+        for entry in entries
+        if not entry.positive
+    }
+    entries = [
+        entry
+        for entry in entries
+        if repeats
+        or not entry.positive
+        or free.get((entry.side, _method_abbreviation(entry))) != _fit_cells(entry)
+    ]
     has_two_sides = len({entry.side for entry in entries}) > 1
     names = [
         f"{_method_abbreviation(entry)} {_row_name(entry.side, entry.positive, with_side=has_two_sides)}"
@@ -351,6 +400,13 @@ def _fits_table(entries: Sequence[ComparedRun]) -> Table:
     return Table(columns, title="Fits as a whole", plain=True)
 
 
+def _fit_cells(entry: ComparedRun) -> tuple[object, ...]:
+    """Return the numbers of a fit as its row shows them."""
+    explained, drawn = format_percent(entry.compensation), _resampled_cells(entry.resampling)
+    residual = entry.rms_residual
+    return explained, None if residual is None else f"{1e6 * residual:.0f}", drawn
+
+
 def _resampled_cells(resampling: ResamplingResult | None) -> tuple[str, str]:
     """Format two cells: deflection that resampled fits explain, and share of fits with negative stiffness."""
     if resampling is None:
@@ -362,10 +418,13 @@ def _resampled_cells(resampling: ResamplingResult | None) -> tuple[str, str]:
     )
 
 
-def _legend(entries: Sequence[ComparedRun], *, hides_constrained: bool, resampled: bool) -> str:
+def _legend(
+    entries: Sequence[ComparedRun], *, hides_constrained: bool, resampled: bool, repeats: bool
+) -> str:
     """Return a caption that explains the abbreviations used in the tables.
 
-    `hides_constrained` is true if runs with a constraint are not shown, because no constraint is active.
+    `hides_constrained` is true if runs with a constraint are not shown, because no constraint is active;
+    `repeats` if rows with the numbers of free fits are shown.
     """
     methods = {_METHOD_ABBREVIATIONS[entry.method]: METHOD_NAMES[entry.method] for entry in entries}
     lengths = {f"{entry.characteristic_length:.3g}" for entry in entries if entry.characteristic_length}
@@ -380,7 +439,9 @@ def _legend(entries: Sequence[ComparedRun], *, hides_constrained: bool, resample
         *(weights[weighting] for weighting in weightings if weighting in weights),
         "1, 2: first and second side" if len({entry.side for entry in entries}) > 1 else "",
         "free: unconstrained",
-        "≥ 0: compliances zero or positive" if any(entry.positive for entry in entries) else "",
+        f"≥ 0: compliances zero or positive{'' if repeats else ', where the constraint acts'}"
+        if any(entry.positive for entry in entries)
+        else "",
         "drawn: explained share of all configurations, mean & standard deviation over the drawn fits"
         if resampled
         else "3.188(17): 3.188 with standard uncertainty 0.017",
@@ -401,11 +462,18 @@ def _failure_lines(entries: Sequence[ComparedRun]) -> list[Line]:
 
 
 def make_charts(result: ComparisonResult) -> list[Chart]:
-    """Return charts of each configuration's deflection and, for each method, of its residual.
+    """Return charts of each configuration's deflection and, for each method, of what is left over.
 
-    These charts correspond to figures 7 and 8 of the paper.
+    The numbers are means over the targets. Each side has a pair of charts: figures 7 and 8 of the paper.
     """
-    charts: list[Chart] = []
+    drawn: list[Chart] = []
+    common, several = _common_configurations(result), len(result.sides) > 1
+    if common:
+        measured = {
+            f"{side.side} side": [_deflection_by_label(side)[label] for label in common]
+            for side in result.sides
+        }
+        drawn.append(Chart("Measured deflection, both sides", common, measured, 1e3, "mm"))
     for side in result.sides:
         entries = [entry for entry in result.entries if entry.side == side.side and entry.left]
         # If a method has a run with the constraint and a run without, the constrained run is drawn: it is
@@ -413,24 +481,14 @@ def make_charts(result: ComparisonResult) -> list[Chart]:
         by_method = {
             _method_abbreviation(entry): entry for entry in sorted(entries, key=lambda each: each.positive)
         }
-        charts.append(
-            Chart(
-                f"Deflection of each configuration and what is left after compensation, mean over the targets"
-                f"{f', {side.side} side' * (len(result.sides) > 1)}",
-                side.configurations,
-                {"measured": side.deflection, **{name: entry.left for name, entry in by_method.items()}},
-                1e3,
-                "mm",
-            )
-        )
-    if common := _common_configurations(result):
-        series = {
-            f"{side.side} side": [_deflection_by_label(side)[label] for label in common]
-            for side in result.sides
-        }
-        title = "Deflection of each configuration that both sides have, mean over the targets"
-        charts.insert(0, Chart(title, common, series, 1e3, "mm"))
-    return charts
+        place, configurations = f", {side.side} side" * several, side.configurations
+        if list(configurations) != common:
+            series = {"measured": side.deflection}
+            drawn.append(Chart(f"Measured deflection{place}", configurations, series, 1e3, "mm"))
+        # What is left over is a hundredth of the deflection: the methods differ on an axis of their own.
+        left = {name: entry.left for name, entry in by_method.items()}
+        drawn.append(Chart(f"Left over after compensation{place}", configurations, left, 1e6, "µm"))
+    return [replace(chart, quantity="residual" if chart.unit == "µm" else "deflection") for chart in drawn]
 
 
 def _deflection_by_label(side: ComparedSide) -> dict[str, float | None]:

@@ -281,7 +281,8 @@ def make_charts(result: GeometryResult) -> list[Chart]:
     """Return a chart of each axis's standard uncertainty of position, across the axis."""
     names = [axis.name for axis in result.axes]
     series = {"position": [axis.position_uncertainty for axis in result.axes]}
-    return [Chart("Standard uncertainty across each axis", names, series, _MICRO, "µm", "axes")]
+    title = "Standard uncertainty across each axis"
+    return [Chart(title, names, series, _MICRO, "µm", "axes", quantity="uncertainty")]
 
 
 def axes_sheet(geometry: Geometry) -> Sheet:

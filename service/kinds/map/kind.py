@@ -133,8 +133,9 @@ def make_charts(result: MapResult) -> list[Chart]:
     """Return a chart of the quantiles of the deflection over the places; none if no place is reached."""
     names = [f"{percent} %" for percent in result.percentiles]
     series = {"deflection": [*result.percentiles.values()]}
-    title = "Deflection that this share of the places does not exceed"
-    return [Chart(title, names, series, 1e6, "µm", "quantiles")] if names else []
+    title = "Deflection that a fraction of the places does not exceed"
+    chart = Chart(title, names, series, 1e6, "µm", "fraction of the places", quantity="deflection")
+    return [chart] if names else []
 
 
 def make_area_map(sheet: Sheet) -> Area:

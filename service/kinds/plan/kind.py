@@ -304,7 +304,9 @@ def make_charts(result: PlanResult) -> list[Chart]:
     }
     quantity, factor, unit = ("stiffness", 1e2, "%") if all_known else ("compliance", 1e9, "10⁻⁹ rad/(N·m)")
     title, names = f"Standard uncertainty of each {quantity}", [joint.name for joint in joints]
-    return [Chart(title, names, known_series, factor, unit, "joints", logarithmic=True)]
+    return [
+        Chart(title, names, known_series, factor, unit, "joints", logarithmic=True, quantity="uncertainty")
+    ]
 
 
 _EXAMPLES: Final[dict[str, Any]] = {

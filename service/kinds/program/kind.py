@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.program import (
@@ -139,14 +140,15 @@ def _residual_cell(point: ProgramPoint) -> str:
 def make_charts(result: ProgramResult) -> list[Chart]:
     """Return a chart of the worst points: distance of the tool from its target, corrected and uncorrected."""
     points = result.worst
-    series = {
-        "without correction": [point.deflection for point in points],
-        "as written": [point.residual for point in points],
-    }
+    before = {"without correction": [point.deflection for point in points]}
+    after = {"as written": [point.residual for point in points]}
     intervals = {"without correction": [point.interval for point in points]}
     names = [point.name or str(point.number) for point in points]
-    title = "Distance of the loaded tool from its target, worst points"
-    return [Chart(title, names, series, 1e3, "mm", "points", intervals)] if points else []
+    charts = [
+        Chart("Without correction, worst points", names, before, 1e3, "mm", "points", intervals),
+        Chart("As written, the same points", names, after, 1e6, "µm", "points"),
+    ]
+    return [replace(chart, quantity="distance to target") for chart in charts] if points else []
 
 
 PROGRAM: Final = Kind[Program, ProgramRequest](

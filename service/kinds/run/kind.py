@@ -588,25 +588,27 @@ def mean_and_deviation(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[floa
 
 
 def make_charts(result: RunResult) -> list[Chart]:
-    """Return charts: stiffnesses, the joints' shares of the deflection, measured and residual deflection."""
+    """Return charts: stiffnesses, contributions of the joints, measured deflection, and residual."""
     drawn: list[Chart] = []
     for kind, factor, unit in (("revolute", 1e-6, "10⁶ N·m/rad"), ("prismatic", 1e-6, "N/µm")):
         joints = [joint for joint in result.joints if joint.kind == kind]
         if any(joint.stiffness is not None for joint in joints):
             series = {"stiffness": [joint.stiffness for joint in joints]}
             ends = {"stiffness": [joint.stiffness_interval for joint in joints]}
-            names = [joint.name for joint in joints]
-            drawn.append(
-                Chart("Stiffness with its interval", names, series, factor, unit, "joints", ends, True)
-            )
+            names, title = [joint.name for joint in joints], "Stiffness with its interval"
+            drawn.append(Chart(title, names, series, factor, unit, "joints", ends, True, "stiffness"))
     if result.contributions:
-        shares = {"share": [each.share for each in result.contributions]}
-        names = [each.joint for each in result.contributions]
-        drawn.append(Chart("Share of the predicted deflection", names, shares, 1e2, "%", "joints"))
-    measured, residual = result.mean_lengths("deflection"), result.mean_lengths("residual")
-    series = {"measured": [*measured.values()], "residual": [*residual.values()]}
-    title = "Deflection of each configuration, mean length over the targets"
-    return [*drawn, Chart(title, [*measured], series, 1e3, "mm")]
+        shares = {"contribution": [each.share for each in result.contributions]}
+        names, title = [each.joint for each in result.contributions], "Contribution to the deflection"
+        drawn.append(Chart(title, names, shares, 1e2, "%", "joints", quantity="contribution"))
+    # Residuals are a hundredth of the deflections: each of them has its own axis.
+    measured, left = result.mean_lengths("deflection"), result.mean_lengths("residual")
+    series, left_series = {"measured": [*measured.values()]}, {"left over": [*left.values()]}
+    return [
+        *drawn,
+        Chart("Measured deflection", [*measured], series, 1e3, "mm", quantity="deflection"),
+        Chart("Left over by the model", [*left], left_series, 1e6, "µm", quantity="residual"),
+    ]
 
 
 def joints_sheet(run: Run) -> Sheet:

@@ -186,7 +186,7 @@ def test_a_trend_is_shown_as_a_table_a_picture_and_a_file(client, long, tmp_path
         ["joint_5", "", "-1.9 ± 3.7 %", "0.62"],
         ["joint_6", "", "-11 ± 11 %", "0.37"],
     ]
-    assert [len(axes.lines) for axes in shown._draw_figure().axes] == [3] * 6
+    assert [len(axes.lines) for axes in shown.plot().axes] == [3] * 6
     shown.save(tmp_path / "trend.csv")
     head, *lines = csv.reader((tmp_path / "trend.csv").read_text(encoding="utf-8").splitlines())
     assert head == [

@@ -26,7 +26,7 @@ def campaign(tmp_path_factory):
         ("compare", [], ".pdf", "must end in .csv; `jointstiff report` writes reports"),
         ("plan", [], ".docx", "must end in .csv"),
         ("predict", POINTS, ".pdf", "must end in .csv"),
-        ("export", [], ".pdf", "must end in .csv, .xlsx, .mjcf or .xml; `jointstiff report` writes reports"),
+        ("export", [], ".pdf", "must end in .csv, .xlsx or .mjcf; `jointstiff report` writes reports"),
         ("report", [], ".csv", "must end in .pdf, .html or .xml"),
         ("identify", [], ".pdf", "`jointstiff export` writes tables, `jointstiff report` writes reports"),
         ("identify", ["--apply", "use_huber"], ".pdf", "must end in .json"),

@@ -446,7 +446,8 @@ def test_each_kind_has_a_plot(results):
     for name, result in results.items():
         figure = result.plot()
         assert all(axes.has_data() for axes in figure.axes), name
-        mpl.pyplot.close(figure)
+        assert figure.get_figwidth() == pytest.approx(88 / 25.4), "a column of a paper"
+        assert all(axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes[:1]), name
 
 
 def test_only_a_run_has_a_certificate_and_a_single_program_the_name_that_it_is_given(results, tmp_path):

@@ -542,7 +542,7 @@ def test_places_without_a_number_are_crosses_in_a_map():
     mpl.use("Agg")
     values = [1e-3, math.nan, 3e-3, math.nan, 5e-3]
     area = Area("deflection", range(5), [2.0] * 5, values, ("x", "y", "mm"), 1e3)
-    axis = draw_figure("map", (), (area,)).axes[0]
+    axis = draw_figure((), (area,)).axes[0]
     dots, crosses = axis.collections
     assert dots.get_offsets()[:, 0].tolist() == [0.0, 2.0, 4.0]
     assert dots.get_array().tolist() == pytest.approx([1.0, 3.0, 5.0])
@@ -614,7 +614,7 @@ def test_bars_have_the_heights_of_their_numbers_on_the_axis(greatest):
 def test_bars_of_a_plot_stand_around_their_place_from_left_to_right():
     mpl.use("Agg")
     series = {"one": [1.0, 2.0], "two": [3.0, 4.0], "three": [5.0, 6.0]}
-    axis = draw_figure("bars", (Chart("t", ["a", "b"], series, 2.0, "mm"),)).axes[0]
+    axis = draw_figure((Chart("t", ["a", "b"], series, 2.0, "mm"),)).axes[0]
     assert [each.get_text() for each in axis.get_xticklabels()] == ["a", "b"]
     middles = [[bar.get_x() + bar.get_width() / 2 for bar in group] for group in axis.containers]
     assert [[bar.get_height() for bar in group] for group in axis.containers] == [[2, 4], [6, 8], [10, 12]]

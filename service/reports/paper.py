@@ -1,0 +1,70 @@
+"""Tables and figures of the paper for a comparison: Ambiehl, Garnier, Subrin, Furet, IROS 2017."""
+
+from __future__ import annotations
+
+from jointstiff.schemas.comparison import Comparison, ComparisonResult
+from jointstiff.schemas.finding import Problem
+from jointstiff.service.kinds.comparison.kind import COMPARISON, make_charts
+from jointstiff.service.problems import CampaignError, http_problem
+from jointstiff.service.reports.document import Document, Letterhead, Section, format_percent, list_versions
+from jointstiff.service.reports.job import job_parts
+from jointstiff.service.reports.pictures import draw_bars
+from jointstiff.service.tables.report import View
+from jointstiff.service.tables.table import NO_NUMBER, Line, Table, text_table
+
+_TITLE = "Stiffness by three methods, as in Ambiehl et al. (IROS 2017)"
+
+
+def build_paper(job: Comparison, view: View | None = None) -> Document:
+    """Build a document of a comparison with the tables and figures of the paper.
+
+    Table I has both sets and what each method explains, Table II the stiffnesses; figure 7 has the deflection
+    of each configuration, figure 8 what the methods leave over.
+
+    Raises:
+        CampaignError: the comparison has no result.
+    """
+    result = require_result(job)
+    parts = job_parts(COMPARISON, job, view or View())
+    tables = [part for part in parts if isinstance(part, Table)]
+    notes = [part.text.strip() for part in parts if isinstance(part, Line)]
+    return Document(
+        title=_TITLE,
+        number=job.id,
+        letterhead=Letterhead("", []),
+        dated=job.provenance.ended_at or job.provenance.created_at,
+        sections=[
+            Section("Table I: measurement sets and explained deflection", tables=[_make_first_table(result)]),
+            Section("Table II: stiffness", tables=tables, notes=[note for note in notes if note]),
+            Section("Figures 7 and 8", pictures=[draw_bars(chart) for chart in make_charts(result)]),
+            Section("Origin", facts=[("Versions", list_versions(job))]),
+        ],
+        signs=False,
+    )
+
+
+def require_result(job: Comparison) -> ComparisonResult:
+    """Return the result of a comparison; raise CampaignError with its error, if it has none."""
+    if job.result is None:
+        problem: Problem = job.error or http_problem(409, f"the comparison is {job.state}", "compare again")
+        raise CampaignError(problem)
+    return job.result
+
+
+def _make_first_table(result: ComparisonResult) -> Table:
+    """Return a table of both sets: configurations, mean deflection, and what each method explains."""
+    methods: dict[str, dict[str, str]] = {}
+    for entry in result.entries:
+        name = entry.method.replace("_", " ")
+        if entry.weighting != "covariance":
+            name += f", {entry.weighting.replace('_', ' ')}"
+        # Of a method with and without the constraint, the constrained run comes last, and is shown.
+        methods.setdefault(name, {})[entry.side] = format_percent(entry.compensation)
+    rows = []
+    for side in result.sides:
+        lengths = [length for length in side.deflection if length is not None]
+        mean = f"{1e3 * sum(lengths) / len(lengths):.3f}" if lengths else NO_NUMBER
+        shares = [cells.get(side.side, NO_NUMBER) for cells in methods.values()]
+        rows.append([side.side, str(len(side.configurations)), mean, *shares])
+    head = ["set", "configurations", "mean deflection [mm]", *methods]
+    return text_table(head, rows, caption="of each method: fraction of the mean deflection that it explains")
