@@ -176,9 +176,10 @@ class ProcessResult(ProgramResult):
     """Deflection before, after turning and after correction; the program and tables have own addresses."""
 
     objective: Literal["rms", "greatest"]
-    gain: Literal["less", "no_order", "no_gain"] = Field(
-        description="Comparison with the path as sent: `less` deflection, if the interval of the difference "
-        "excludes zero; `no_order`, if not; `no_gain`, if no turn makes a difference."
+    gain: Literal["less", "less_by_readings", "no_order", "no_gain"] = Field(
+        description="Comparison with the path as sent: `less` deflection, if all intervals of the difference "
+        "exclude zero; `less_by_readings`, if only that without model error does; `no_order`, if none does; "
+        "`no_gain`, if no turn makes a difference."
     )
     before: DeflectionBand = Field(description="Deflection along the path as it was sent.")
     turned: DeflectionBand = Field(description="Deflection along the path as chosen.")
