@@ -90,7 +90,7 @@ def test_the_description_names_the_service_and_where_to_begin(openapi, local):
 FILES = """\
 * `report.xml` of a run: a digital calibration certificate, DCC 3.3.0; needs `measured_at` of the set, and
   refused for the verdict `do_not_use` without `accept_verdict`
-* `program` of a program: a compensated file (`file`); only numbers of its targets differ
+* `program` of a program or process: a compensated file (`file`); only numbers of its targets differ
 * run: `tables.json`, `report.pdf`, `report.html`, `report.xml`, `model.csv`, `model.xlsx`, `model.mjcf`, `joints.csv`, `residuals.csv`
 * comparison: `tables.json`, `report.pdf`, `report.html`, `table.csv`, `ratios.csv`, `configurations.csv`
 * geometry: `tables.json`, `axes.csv`
