@@ -76,7 +76,7 @@ class ProcessOptions(ProgramOptions):
     )
     step: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="deg")] = Field(
         default=None,
-        description="Greatest motion of a joint between two points of a line, in units.angle; default: 20°.",
+        description="Greatest motion of a joint between two points of a line, in units.angle; default: 30°.",
     )
     clearance: Annotated[Quantity, Field(ge=0.0)] = Field(
         default=0.04,

@@ -42,7 +42,7 @@ PATHS = 45
 POINTS = 40
 EACH_PLACED = 7
 """One of so many paths is placed, too."""
-TASK = TurnTask.free(36, 0.04, Motion(np.radians(20.0), 0.05))
+TASK = TurnTask.free(36, 0.04, Motion(np.radians(30.0), 0.05))
 REQUIRED = {45: (0.80, 0.68), 90: (0.75, 0.60)}
 """Angle between spindle and last axis [°] → required medians: turned, and placed and turned."""
 SECONDS = 1.0

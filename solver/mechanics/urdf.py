@@ -53,8 +53,8 @@ _CHAIN_KINDS: Final[Mapping[str, JointKind | Literal["fixed"]]] = {
     "fixed": "fixed",
 }
 _ORIGIN = {"xyz": 100.0, "rpy": 1e3}  # largest magnitudes [m], [rad]
-# Largest magnitudes. The norm of an axis is checked on the chain only: exporters leave odd axes on fixed joints.
-# An axis that is turned once more (rpy) is no URDF.
+# Largest magnitudes. The norm of an axis is checked on the chain only: exporters leave odd axes on fixed
+# joints. An axis that is turned once more (rpy) is no URDF.
 _AXIS = {"xyz": 1e6, "rpy": 1e-9}
 _LARGEST_LIMIT = 1e300  # some documents write ±1e16 for no limit
 _LARGEST_MASS = 1e6  # [kg]

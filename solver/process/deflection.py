@@ -45,6 +45,12 @@ class Ranking:
         """Return whether the first way surely has less deflection than the second."""
         return self.is_ordered and self.difference.value < 0.0
 
+    @property
+    def first_is_less_by_readings(self) -> bool:
+        """Return whether the first way has less deflection by the errors of readings and forces alone."""
+        readings = self.difference.readings
+        return readings is not None and readings[1] < 0.0
+
 
 @dataclass(frozen=True, eq=False)
 class PathDeflection:

@@ -34,7 +34,7 @@ MAX_POSES = {"keep": 100_000, "free": 20_000}
 """Greatest number of visited targets times turns, for one branch and for all."""
 MAX_STEP = float(np.radians(90.0))
 """Greatest step that may be stated: a joint that moves farther is not the same motion [rad]."""
-_STEP = float(np.radians(20.0))
+_STEP = float(np.radians(30.0))
 """Greatest motion of a joint between two points of a line, unless the request states another [rad]."""
 
 

@@ -54,7 +54,7 @@ def commanded(result):
 @pytest.mark.parametrize("kind", PROGRAM_FILES)
 def test_the_written_program_reads_back_as_it_was_meant_and_the_loaded_tool_is_on_its_targets(kind):
     result = processed(kind, program(kind))
-    assert result.gain in {"less", "no_order"}
+    assert result.gain in {"less", "less_by_readings", "no_order"}
     assert result.turned.value < result.before.value
     written = read_program([(PROGRAM_FILES[kind], decompress_file(result.files[0]))])
     (notation,) = written.targets.notations

@@ -133,6 +133,7 @@ def test_a_common_error_cancels_in_the_difference_and_equal_ways_have_no_order()
     assert worse.band(0.95).readings[1] - worse.size > 0.49 * worse.size
     again = worse.compare(predicted(p, choice.best_fixed, force_parts=parts), 0.95)
     assert again.is_ordered == ranking.is_ordered
+    assert ranking.first_is_less == ranking.first_is_less_by_readings  # this model has no bound of its error
     assert again.difference.value == ranking.difference.value
 
 
