@@ -9,6 +9,7 @@ from support.programs import ARM, exact_run, loaded_poses, options, path, tool_p
 
 import jointstiff
 from jointstiff.schemas.process import ProcessRequest
+from jointstiff.service.kinds.process.kind import make_area_map
 from jointstiff.service.kinds.process.work import ProcessWork, places_sheet, turns_sheet
 from jointstiff.service.kinds.program.work import compress_file, decompress_file, points_sheet
 from jointstiff.service.programs.formats import read_program
@@ -235,6 +236,10 @@ def test_a_run_places_and_turns_an_array_of_poses(run):
         interval = other.behind_best.with_model_error or other.behind_best.readings
         assert other.is_worse == (interval[0] > 0.0)
     assert "Best places" in str(placed)
+    area = make_area_map(sheet)
+    least = np.nanmin(np.reshape(sheet.columns["deflection [m]"], (9, 4)), axis=1)
+    np.testing.assert_allclose(area.values, least)
+    assert make_area_map(places_sheet(decompress_file(turned_only.result.choice))) is None
 
 
 def test_forces_of_the_points_are_the_force_of_all(run):
