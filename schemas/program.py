@@ -154,8 +154,8 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     loads: Name | None = Field(
         default=None,
         description="Name of the sent file with the load at each point, instead of `load` and `segments`: "
-        "CSV with the columns `point` (number along the path, as in points.csv), `Fx [N]`, `Fy [N]`, `Fz "
-        "[N]`, and `Mx "
+        "CSV with the columns `point` (number along the path, as in points.csv) or `label` (name of the "
+        "target), `Fx [N]`, `Fy [N]`, `Fz [N]`, and `Mx "
         "[N.m]` ... if there are moments. Other points have no load.",
     )
     cut: Annotated[Cut | None, Terminal(hidden=True)] = Field(
