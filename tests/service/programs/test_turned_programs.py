@@ -286,6 +286,22 @@ def test_a_run_that_cannot_rank_says_so_first(run):
     assert weak.result.assessment.reasons[0].code == "no_order"
 
 
+@pytest.mark.parametrize(
+    ("stated", "reason"),
+    [
+        ({"turn": [-1e12, 1e12]}, "more than a full turn"),
+        ({"turn": [0.0, 361.0]}, "more than a full turn"),
+        ({"step": 91.0}, "a step of 91° is more than 90°"),
+        ({"clearance": 10.0}, "too near a singularity"),
+        ({"spindle": [0.0, 0.0, 0.0]}, "spindle axis is the zero vector"),
+        ({"place": [[9e4, 0.0, 0.0], [9e4, 0.0, 0.0]], "grid": [1, 1, 1]}, "from none of 8 places"),
+    ],
+)
+def test_what_cannot_be_chosen_is_refused(stated, reason):
+    with pytest.raises(RequestError, match=reason):
+        processed("krl", program("krl", 3), **stated)
+
+
 def test_a_table_of_positions_cannot_be_turned():
     text = "x [mm],y [mm],z [mm]\n" + "\n".join(
         ",".join(f"{1e3 * each:.3f}" for each in pose[:3, 3]) for pose in tool_poses(path(4))
