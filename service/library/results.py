@@ -294,8 +294,10 @@ class PresentedJob(Presented):
         kind, job = import_kind(self._job.kind), self._job
         if job.result is None:
             raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
-        first_table = None  # name of the table with all places
-        areas = [] if kind.make_area_map is None else [kind.make_area_map(self._sheet(first_table))]
+        areas = []
+        if kind.make_area_map is not None:
+            area = kind.make_area_map(self._sheet(kind.area_table))
+            areas = [] if area is None else [area]
         return draw_figure(list(kind.make_charts(job.result)), areas, style)
 
     def table(self, suffix: str) -> bytes:

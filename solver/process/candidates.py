@@ -18,8 +18,8 @@ from jointstiff.solver.process.path import ProcessPath
 
 _FULL_TURNS: Final = 2.0 * np.pi * np.array([0, 1, -1, 2, -2])
 """Full turns that are added to a joint's angle [rad], the nearest to zero first."""
-_MOST_STATES: Final = 8_000
-"""States of a point of a path from which further full turns of joints are left out."""
+_MOST_VARIANTS: Final = 8
+"""Mean number of postures that differ by full turns; beyond it further joints keep one angle each."""
 _PARALLEL: Final = 1e-2
 """Sine of the angle between axes that count as parallel in all postures."""
 _MOST_TURNING: Final = (5, 3, 0, 4, 2, 1)
@@ -92,7 +92,7 @@ def list_candidates(
         near = Postures(robot, robot.joint_map.model_angles(path.near))
         usable &= find_branches(inverse, postures) == find_branches(inverse, near)[point]
     usable |= turn < 0
-    index, angles = _add_full_turns(inverse, robot, model_angles, usable, turn, len(path))
+    index, angles = _add_full_turns(inverse, robot, model_angles, usable, turn)
     joints = robot.joint_map.controller_angles(angles)
     if path.near is not None:
         apart = np.abs(joints - path.near[point[index]])[:, inverse.revolute].max(axis=1, initial=0.0)
@@ -165,25 +165,24 @@ def _add_full_turns(
     angles: FloatArray,
     usable: BoolArray,
     turn: IndexArray,
-    points: int,
 ) -> tuple[IndexArray, FloatArray]:
     """Return all postures within the limits that differ from usable ones by full turns of joints.
 
-    Given postures (`turn` −1) stay as they are. Full turns of further joints are left out where a point
-    would have more than `_MOST_STATES` postures.
+    Given postures (`turn` −1) stay as they are. Full turns of further joints are left out if each posture
+    would have more than `_MOST_VARIANTS` variants.
 
     Returns:
         (S,) indices of the postures, and (S, n) the model's joints [rad or m].
     """
     fixed = np.flatnonzero(turn < 0)
     index = np.flatnonzero(usable & (turn >= 0))
-    states = angles[index]
+    states, count = angles[index], len(index)
     for j in inverse.revolute[list(_MOST_TURNING)].tolist():
         low, high = robot.limits[j]
         wrapped = states[:, j] - 2.0 * np.pi * np.round(states[:, j] / (2.0 * np.pi))
         shifted = wrapped[:, None] + _FULL_TURNS
         inside = (shifted >= low) & (shifted <= high)
-        if inside.sum() > _MOST_STATES * points:  # keep only the angle nearest to zero
+        if inside.sum() > _MOST_VARIANTS * count:  # keep only the angle nearest to zero
             inside &= np.cumsum(inside, axis=1) == 1
         row, column = np.nonzero(inside)
         states, index = states[row], index[row]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import degrees
+from math import degrees, inf, isfinite, nan
 from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.process import (
@@ -193,14 +193,22 @@ def make_charts(result: ProcessResult) -> list[Chart]:
     return [Chart("Deflection at fixed turns", names, series, 1e6, "µm", "turns")]
 
 
-def make_area_map(sheet: Sheet) -> Area:
-    """Return a map of the deflection over x and y, the least over heights and turns of the workpiece."""
-    columns = {name: [float(each) for each in values] for name, values in sheet.columns.items()}
+_AREA: Final = ("x [m]", "y [m]", "deflection [m]")
+
+
+def make_area_map(sheet: Sheet) -> Area | None:
+    """Return a map of the deflection over x and y, the least over heights and turns of the workpiece.
+
+    None is returned if no places were searched.
+    """
     least: dict[tuple[float, float], float] = {}
-    for x, y, value in zip(columns["x [m]"], columns["y [m]"], columns["deflection [m]"], strict=True):
-        key = 1e3 * x, 1e3 * y
-        least[key] = min(least.get(key, float("inf")), value if value == value else float("inf"))
-    values = [each if each < float("inf") else float("nan") for each in least.values()]
+    for x, y, value in zip(*(sheet.columns[name] for name in _AREA), strict=True):
+        known = value is not None and isfinite(value)
+        place = 1e3 * float(x), 1e3 * float(y)
+        least[place] = min(least.get(place, inf), float(value) if known else inf)
+    if not least:
+        return None
+    values = [each if isfinite(each) else nan for each in least.values()]
     return Area(
         "Least deflection at each position of the path's centre",
         [x for x, _ in least],
@@ -219,6 +227,8 @@ PROCESS: Final = Kind[Process, ProcessRequest](
     make_report=_make_report,
     sources=("run_or_robot", "files"),
     make_charts=make_charts,
+    make_area_map=make_area_map,
+    area_table="places",
     title="Process",
     stepped=True,
     max_bytes=16 * 1024 * 1024,

@@ -116,7 +116,7 @@ def make_turn_task(request: ProcessRequest) -> TurnTask:
     """Return the turns to choose from, and how the robot may move, as the request states.
 
     Raises:
-        RequestError: the step is too large.
+        RequestError: the step or the range of turns is too large.
     """
     angle = ANGLE[request.units.angle]
     step = _STEP if request.step is None else angle * request.step
@@ -132,6 +132,12 @@ def make_turn_task(request: ProcessRequest) -> TurnTask:
     if request.turn == "keep":
         return TurnTask(np.zeros(1), request.clearance, motion)
     low, high = (angle * each for each in request.turn)
+    if max(abs(low), abs(high), high - low) > 2.0 * np.pi * (1.0 + 1e-9):
+        raise RequestError(
+            "the range of turns is more than a full turn, or beyond one",
+            where="turn",
+            remedy="state turns within a full turn, in `units.angle`; or `free`",
+        )
     return TurnTask.within(float(low), float(high), request.turns, request.clearance, motion)
 
 

@@ -285,7 +285,11 @@ class Loads:
 
 
 def collect_loads(
-    options: ProgramOptions, table: bytes | None, lines: IndexArray, points: IndexArray
+    options: ProgramOptions,
+    table: bytes | None,
+    lines: IndexArray,
+    points: IndexArray,
+    names: Sequence[str] = (),
 ) -> Loads:
     """Return the load at each visit of a target, from the table of loads or else from the options.
 
@@ -294,13 +298,14 @@ def collect_loads(
         table: content of the CSV file with a load for each point; None if the loads are in the options.
         lines: (v,) line of the move at each visit.
         points: (v,) number of the point at each visit, from 1.
+        names: names of the points in the program, for a table of labels; empty where a point has none.
 
     Raises:
         RequestError: segments overlap, or the unit of a moment is missing.
         FilesError: the table has a mistake.
     """
     if table is not None:
-        return _read_load_table(table, points)
+        return _read_load_table(table, points, names)
     if options.cut is not None:
         force = convert_cut(options.cut).mean_force()
         return Loads(
@@ -349,8 +354,10 @@ def _find_segments(segments: Sequence[ProcessLoad | schemas.Cut], lines: IndexAr
     return np.where(inside, np.array(order)[segment] + 1, 0)
 
 
-def _read_load_table(content: bytes, points: IndexArray) -> Loads:
+def _read_load_table(content: bytes, points: IndexArray, names: Sequence[str] = ()) -> Loads:
     """Read the CSV file of loads, and return the loads; a point without a row has no load.
+
+    The first column has numbers of points, or labels: names of targets in the program.
 
     Raises:
         FilesError: a line of the file has a mistake; the error has the line.
@@ -370,8 +377,10 @@ def _read_load_table(content: bytes, points: IndexArray) -> Loads:
         raise _table_fault(1, "the file of loads is not a readable CSV table", _REMEDY) from None
     columns = _load_columns(rows[0] if rows else [])
     values, load_of_point = [np.zeros(6)], np.zeros(point_count + 1, dtype=np.intp)
+    point_of_label: dict[str, int] | None = _number_labels(names) if rows[0][0] == "label" else None
     for line, row in enumerate(rows[1:], 2):
         if any(row):
+            row = row if point_of_label is None else [_find_label(line, row[0], point_of_label), *row[1:]]
             point, load = _parse_load_row(line, row, columns)
             if not 1 <= point <= point_count or load_of_point[point]:
                 reason = f"point {point} occurs twice, or is not in the program"
@@ -379,6 +388,27 @@ def _read_load_table(content: bytes, points: IndexArray) -> Loads:
             load_of_point[point] = len(values)
             values.append(load)
     return Loads(np.array(values), load_of_point[points])
+
+
+def _number_labels(names: Sequence[str]) -> dict[str, int]:
+    """Return the number of the point of each name in capitals; 0 for a name that several points have."""
+    numbers = dict[str, int]()
+    for number, name in enumerate(names, 1):
+        numbers[name.upper()] = 0 if name.upper() in numbers else number
+    return numbers
+
+
+def _find_label(line: int, label: str, point_of_label: Mapping[str, int]) -> str:
+    """Return the number of the point with a name in the program, as text.
+
+    Raises:
+        FilesError: no point, or several points, have the name.
+    """
+    number = point_of_label.get(label.upper(), 0) if label else 0
+    if not number:
+        reason = f"the label {quote_text(label)} is not the name of one target of the program"
+        raise _table_fault(line, reason, "write names of targets as in the program, or number the points")
+    return str(number)
 
 
 def _parse_load_row(
@@ -420,7 +450,11 @@ def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
         columns.append((3 * (quantity == "moment") + axis, factor))
     components = [component for component, _ in columns]
     # Moments may be absent, but not forces: components 0, 1 and 2 are Fx, Fy and Fz.
-    if header[:1] != ["point"] or len(set(components)) < len(components) or not {0, 1, 2} <= set(components):
+    if (
+        header[:1] not in (["point"], ["label"])
+        or len(set(components)) < len(components)
+        or not {0, 1, 2} <= set(components)
+    ):
         raise _table_fault(1, "a column is missing, or occurs twice", _REMEDY)
     return columns
 
@@ -635,7 +669,9 @@ class Visits:
         rank = np.empty_like(order)
         rank[order] = np.arange(len(order))
         first, number = first_visit[order], rank[index_in_unique]
-        loads = collect_loads(options, table, program.moves.line[program.moves.move_of_visit], number + 1)
+        names = [program.targets.names[i] for i in unique[order].tolist()] if table is not None else ()
+        lines = program.moves.line[program.moves.move_of_visit]
+        loads = collect_loads(options, table, lines, number + 1, names)
         if not (loads.of_visit.any() or options.absolute):
             raise RequestError(
                 "no move is under load",

@@ -1,9 +1,17 @@
 """Loads of a program by lines and by a table of points: forces, moments, and what is refused."""
 
 import pytest
-from support.programs import FORCE, compensated, compensated_with_table, path, tool_poses
+from support.programs import (
+    FORCE,
+    compensated,
+    compensated_with_table,
+    exact_run,
+    path,
+    request,
+    tool_poses,
+)
 
-from jointstiff.service.kinds.program.work import decompress_file
+from jointstiff.service.kinds.program.work import ProgramWork, compress_file, decompress_file
 from jointstiff.service.problems import FilesError
 from jointstiff.simulator.programs import program_text
 from jointstiff.solver.errors import RequestError
@@ -36,6 +44,23 @@ def test_points_that_a_table_omits_have_no_load():
     result = compensated_with_table(TEXT, f"{HEADER}\n4,300,400,-1400\n\n2,300,400,-1400\n")
     assert moved_lines(result) == [8, 10]
     assert (result.corrected, result.left_alone) == (2, {"no_load": 2})
+
+
+def by_labels(rows):
+    """The result of FANUC's program, whose targets have names, under a table of labels."""
+    asked = request("fanuc", program_text("fanuc", tool_poses(path(4)), 4))
+    files = [*asked.files, compress_file("loads.csv", f"label{HEADER[5:]}\n{rows}".encode())]
+    changed = asked.model_copy(update={"load": None, "loads": "loads.csv", "files": files})
+    robot, run = exact_run()
+    return ProgramWork(robot, "robot", run, changed).conclude(())
+
+
+def test_a_table_may_name_targets_by_their_labels():
+    result = by_labels("p[4],300,400,-1400\nP[2],300,400,-1400\n")
+    assert (result.corrected, result.left_alone) == (2, {"no_load": 2})
+    assert {point.name for point in result.worst} == {"P[2]", "P[4]"}
+    with pytest.raises(FilesError, match=r"loads:2: the label .P\[9\]. is not the name of one target"):
+        by_labels("P[9],300,400,-1400\n")
 
 
 REFUSED = {

@@ -9,6 +9,7 @@ from support.programs import ARM, exact_run, loaded_poses, options, path, tool_p
 
 import jointstiff
 from jointstiff.schemas.process import ProcessRequest
+from jointstiff.service.kinds.process.kind import make_area_map
 from jointstiff.service.kinds.process.work import ProcessWork, places_sheet, turns_sheet
 from jointstiff.service.kinds.program.work import compress_file, decompress_file, points_sheet
 from jointstiff.service.programs.formats import read_program
@@ -235,6 +236,10 @@ def test_a_run_places_and_turns_an_array_of_poses(run):
         interval = other.behind_best.with_model_error or other.behind_best.readings
         assert other.is_worse == (interval[0] > 0.0)
     assert "Best places" in str(placed)
+    area = make_area_map(sheet)
+    least = np.nanmin(np.reshape(sheet.columns["deflection [m]"], (9, 4)), axis=1)
+    np.testing.assert_allclose(area.values, least)
+    assert make_area_map(places_sheet(decompress_file(turned_only.result.choice))) is None
 
 
 def test_forces_of_the_points_are_the_force_of_all(run):
@@ -279,6 +284,22 @@ def test_a_run_that_cannot_rank_says_so_first(run):
     )
     assert weak.result.gain == "no_order"
     assert weak.result.assessment.reasons[0].code == "no_order"
+
+
+@pytest.mark.parametrize(
+    ("stated", "reason"),
+    [
+        ({"turn": [-1e12, 1e12]}, "more than a full turn"),
+        ({"turn": [0.0, 361.0]}, "more than a full turn"),
+        ({"step": 91.0}, "a step of 91° is more than 90°"),
+        ({"clearance": 10.0}, "too near a singularity"),
+        ({"spindle": [0.0, 0.0, 0.0]}, "spindle axis is the zero vector"),
+        ({"place": [[9e4, 0.0, 0.0], [9e4, 0.0, 0.0]], "grid": [1, 1, 1]}, "from none of 8 places"),
+    ],
+)
+def test_what_cannot_be_chosen_is_refused(stated, reason):
+    with pytest.raises(RequestError, match=reason):
+        processed("krl", program("krl", 3), **stated)
 
 
 def test_a_table_of_positions_cannot_be_turned():
