@@ -80,8 +80,8 @@ class Action(Message):
     """Action that a program can offer; it changes only the named options or readings."""
 
     kind: ActionKind = Field(
-        description="Action. `fit_causes` fits `causes` with the joints and leaves the readings as they "
-        "are; `convert_units` declares `unit` and keeps the numbers; `exchange_readings` exchanges unloaded "
+        description="Action. `fit_causes` fits `causes` with the joints, without `observations`; "
+        "`convert_units` declares `unit` and keeps the numbers; `exchange_readings` exchanges unloaded "
         "and loaded readings; `choose_model` lets the readings choose elasticity and loss; `choose_robot` "
         "identifies the same readings with `robot`."
     )

@@ -53,7 +53,7 @@ MENDED = {
     "load_and_target_exchanged": (
         {
             "alternative_explains_better": "fit_causes",
-            "residuals_exceed_sigma": "omit_noise",
+            "residuals_exceed_sigma": None,
             "load_at_target": "exchange_load_and_target",
         },
         "exchange load and target",
