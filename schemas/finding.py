@@ -80,7 +80,7 @@ class Action(Message):
     """Action that a program can offer; it changes only the named options or readings."""
 
     kind: ActionKind = Field(
-        description="`fit_causes`: fit `causes` with the joints. `convert_units`: declare `unit`, keep the "
+        description="`fit_causes`: fit `causes` with the joints, without `observations`. `convert_units`: declare `unit`, keep the "
         "numbers. `exchange_readings`: exchange unloaded and loaded. `choose_model`: let the readings "
         "choose elasticity and loss. `choose_robot`: identify with `robot`."
     )

@@ -108,6 +108,7 @@ _READ_HALF: Final = (
     "not linear: read two postures at half the load; play stays, and a spring that hardens bends by more "
     "than half"
 )
+_FIT_CAUSES_FIRST: Final = "fit the causes that are named first; the residuals show the noise afterwards"
 _CHECK_NOISE: Final = (
     "check frames, joint map, units and noise; if all are correct, something besides the joints deflects: "
     "omit `noise` so that sigma is estimated from the residuals"
@@ -179,7 +180,11 @@ def assess(
     if gross:
         screening = None
     causes: Sequence[Cause] = () if screening is None else screening.causes
-    wrong: Sequence[str] = () if screening is None else screening.wrong
+    # Postures with a mistake that another finding names need no second finding.
+    named = {finding.observation for finding in findings}
+    wrong = (
+        () if screening is None else tuple(each for each in screening.wrong if causes or each not in named)
+    )
     fitted = sum(bool(term.words) for term in fitted_errors(measurements).terms)
     if better is not None:
         # Report either the mistake in the data or the causes: whichever explains the readings better.
@@ -836,7 +841,7 @@ def _report_residuals(
             message=f"the residuals are {figure(ratio, '.3g')} times as large as the stated noise allows, so "
             "the uncertainties are too small; by how much depends on deflections that the model does "
             f"not explain{agreement}",
-            remedy=_CHECK_NOISE,
+            remedy=_FIT_CAUSES_FIRST if cause_found else _CHECK_NOISE,
             action=None if cause_found else Action.of("omit_noise"),
         )
 

@@ -298,7 +298,10 @@ export const en = {
       exchange_columns: ({ joints }) => `Exchange the columns of ${joints.join(" and ")}`,
       apply_joint_map: () => "Use the suggested joint map",
       exchange_load_and_target: ({ target }) => `Exchange load point and ${target ?? "target"}`,
-      fit_causes: ({ causes }) => `Fit ${some(causes.map(({ name }) => causeNames[name] ?? name))} beside the joints`,
+      fit_causes: ({ causes, observations }) => {
+        const omitted = observations.length ? `Omit ${some(observations)}, and fit` : "Fit";
+        return `${omitted} ${some(causes.map(({ name }) => causeNames[name] ?? name))} beside the joints`;
+      },
       convert_units: ({ unit }) => `Read the numbers in ${unit ?? "another unit"} and repeat`,
       exchange_readings: () => "Exchange unloaded and loaded and repeat",
       choose_model: () => "Choose the model by the readings",

@@ -53,7 +53,7 @@ MENDED = {
     "load_and_target_exchanged": (
         {
             "alternative_explains_better": "fit_causes",
-            "residuals_exceed_sigma": "omit_noise",
+            "residuals_exceed_sigma": None,
             "load_at_target": "exchange_load_and_target",
         },
         "exchange load and target",
@@ -285,3 +285,30 @@ def test_the_service_stores_the_mended_set_once_and_keeps_what_was_sent(name, lo
     assert new["id"] != old.json()["id"]
     assert (new["robot_id"] != old.json()["robot_id"]) == (name == "zero_elsewhere")
     assert local.get(address).content == old.content
+
+
+def weight_forgotten_and_target_bumped(measured):
+    """Forget a weight in each posture, and bump all targets of one posture under the load."""
+    mistakes.weight_forgotten(measured)
+    for reading in measured["observations"][6]["readings"]:
+        reading["loaded"] = [place + 5e-4 for place in reading["loaded"]]
+
+
+def test_two_mistakes_are_mended_by_one_action(local):
+    """In process the posture leaves the set; a stored set stays, and the run leaves the posture out."""
+    document = planted(clean_campaign(), weight_forgotten_and_target_bumped)
+    before = js.identify(document)
+    reason = before.result.assessment.reasons[0]
+    assert reason.message.startswith("without 'c07', and with a constant force of (")
+    assert reason.action.observations == ["c07"]
+    after = before.apply("fit_causes")
+    assert len(after.campaign.measurement_set.observations) == 18
+    assert [each.name for each in after.request.causes] == ["constant_force"]
+    assert [each.code for each in after.result.assessment.reasons] == ["cause_fitted"]
+    wrong = posted(local, document)
+    mended = post(local, f"/v1/runs/{wrong['id']}/apply", reason.action.model_dump(mode="json"))
+    assert mended["request"]["leave_out"] == ["c07"]
+    assert [each["name"] for each in mended["request"]["causes"]] == ["constant_force"]
+    assert mended["request"]["measurement_set_id"] == wrong["request"]["measurement_set_id"]
+    for one, other in zip(after.result.joints, mended["result"]["joints"], strict=True):
+        assert one.compliance == pytest.approx(other["compliance"], rel=1e-6)
