@@ -121,7 +121,7 @@ def runs(api, stored, readings):
 def test_a_button_does_what_the_reason_advises(visit, api, runs, button):
     before, options = runs[button], CASES[button][1]
     page = visit("desktop", view=f"#/runs/{before['id']}").page
-    page.get_by_role("region", name="Assessment").get_by_role("button", name=button).first.click()
+    page.get_by_role("region", name="What to do with it").get_by_role("button", name=button).first.click()
     beside = page.get_by_role("region", name="Before and after")
     expect(beside).to_be_visible()
     expect(beside.get_by_role("row").filter(has_text="Verdict")).to_contain_text(re.compile("Use"))
@@ -142,7 +142,9 @@ def test_a_button_does_what_the_reason_advises(visit, api, runs, button):
 def test_a_reason_shows_its_posture_in_3d_and_leads_back(visit, runs):
     run = runs["Repeat with Huber loss"]["id"]
     page = visit("desktop", view=f"#/runs/{run}").page
-    page.get_by_role("region", name="Assessment").get_by_role("link", name="Show c05 in 3D").first.click()
+    page.get_by_role("region", name="What to do with it").get_by_role(
+        "link", name="Show c05 in 3D"
+    ).first.click()
     page.locator("canvas[data-ready=true]").wait_for()
     expect(page.get_by_text("5 of 19")).to_be_visible()
     page.locator(".back").click()

@@ -85,6 +85,11 @@ class Flow:
         self.page.wait_for_load_state("networkidle")  # what still comes would move the page under the finger
         self.first(selector).tap()
 
+    def unfolded(self, selector: str) -> None:
+        """Open what a phone folds away; on a larger screen it is in view."""
+        if self.page.locator(selector).count() > 0:
+            self.first(selector).click()
+
     def picked_up(self, name: str, content: str) -> None:
         """Choose a file by two taps: one for the chooser, one in it."""
         with self.page.expect_file_chooser() as chooser:
@@ -217,6 +222,7 @@ VERBS: dict[str, Callable[..., object]] = {
     "answer": Flow.answered,
     "asked": Flow.was_asked,
     "tap": Flow.tap,
+    "unfold": Flow.unfolded,
     "taps": Flow.has_tapped,
     "choose": Flow.picked_up,
     "type": lambda flow, text: flow.page.keyboard.type(text),

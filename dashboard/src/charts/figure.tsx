@@ -137,7 +137,7 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
         </details>
       ) : (
         <details>
-          <summary>{text.app.further}</summary>
+          <summary>{text.figure.files}</summary>
           <div class="actions">{svg}</div>
         </details>
       )}

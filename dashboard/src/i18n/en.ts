@@ -441,6 +441,7 @@ export const en = {
     identifier: "Run",
   },
   figure: {
+    files: "Drawing as a file",
     table: "Table, CSV, SVG",
     open: "Show in 3D",
     clickToOpen: "Click to show it",
