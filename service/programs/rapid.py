@@ -90,7 +90,7 @@ def _translate_compact_if(line: Line) -> list[Op]:
     """
     begin = line.span("rest")[0]
     end = _END_OF_OPERAND.search(line.text, begin)
-    if end is None:
+    if end is None or line.text.startswith("IF", end.end()):  # no IF within an IF: it would nest without end
         raise Misread(UNKNOWN_STATEMENT)
     statement = Line(line.language, line.text[end.end() :], line.ordinals_in(end.end(), len(line.text)))
     condition = line.read_expression(line.text[begin : end.start()])
