@@ -35,6 +35,7 @@ MAX_REMARKS: Final = 400_000
 """Largest number of remarks on lines that are not corrected."""
 MAX_VALUE: Final = 1e6
 """Magnitude of a number of a target: a kilometre in mm, 2,777 turns in degrees."""
+_OUT_OF_RANGE: Final = f"a number of a target is out of range, beyond {MAX_VALUE:g}"
 OF_ROUTINE: Final = " of routine "
 """Text between the name of a local variable and the name of its routine."""
 _SEARCHED_LENGTH: Final = 1000
@@ -361,7 +362,7 @@ class Columns:
                 common[block] = numbers[:, _AXES_END : _AXES_END + shared_width]
         is_away, is_moved = _find_external_axes(axes, external_axes)
         for faults, reason, remedy in (
-            (is_out_of_range, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
+            (is_out_of_range, _OUT_OF_RANGE, _WRITE_ANEW),
             (is_no_orientation, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
             (
                 _find_changed_numbers(common),

@@ -394,7 +394,7 @@ LANGUAGE: Final = ir.Language(
     is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")),
     # KSS: frames, and the data of inline forms, are active for all programs
     is_reached=lambda name: name.startswith(("$", "FDAT_ACT")),
-    lasting=_MAY_MOVE_TARGETS.pattern,
+    lasting=rf"(?:^|\bDO ){_MAY_MOVE_TARGETS.pattern}[^=]*=(?!=)",
     rules=(
         (
             rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? @{{name}}(?:\((?P<parameters>.*)\))?(?: ?PUBLIC)?",
