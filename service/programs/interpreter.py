@@ -499,7 +499,8 @@ class Machine:
         self._causes.append(cause)
         names = [place.qualify(name) for name in op.names]
         if op.anytime:
-            self._anytime |= dict.fromkeys(names or [UNKNOWN], cause)
+            fields = [each for name in names for each in self._list_name_and_fields(name)]
+            self._anytime |= dict.fromkeys(fields or [UNKNOWN], cause)
         for name in names:
             self._changes[name].append(cause)
 
