@@ -568,7 +568,11 @@ _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
     "force": partial(_ask_vector, "Force on the robot in R0, X,Y,Z", None),
     "by_order": partial(typer.confirm, "Number the rows of files without names?", default=False, err=True),
     "allow_missing": partial(typer.confirm, "Skip incomplete readings?", default=False, err=True),
-    "sheet": partial(typer.prompt, "Sheet", err=True),
+    "mean_of_repeats": partial(typer.confirm, "Use the mean of repeated readings?", default=False, err=True),
+    "joint_tolerance": partial(
+        typer.prompt, "Greatest difference of a joint between files, deg or mm", type=float, err=True
+    ),
+    "sheet": partial(typer.prompt, "Sheet, or several separated by ;", err=True),
     "point_name": partial(
         typer.prompt, "Template of point names, such as {label}_{target}_{state}", err=True
     ),

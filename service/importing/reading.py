@@ -479,8 +479,12 @@ class _Merging:
             if sqrt(max(errors)) > _MAX_REPEAT * self._metre:
                 what = f"{quantity.target} {quantity.state} of {quote(label)}"
                 distance = f"{1e3 * sqrt(max(errors)) / self._metre:.3g} mm from their mean"
-                reason = f"readings of {what} are up to {distance}: they are no repeated readings"
-                self._faults.report(values[1].place, reason, "correct their names, or remove one of them")
+                reason = (
+                    f"readings of {what} are up to {distance}; repeated readings are believed to be within "
+                    f"{1e3 * _MAX_REPEAT:g} mm"
+                )
+                remedy = "correct their names, or give one mean of readings that scatter more"
+                self._faults.report(values[1].place, reason, remedy)
                 continue
             squares, greatest = squares + sum(errors), max(greatest, *errors)
             degrees_of_freedom += len(mean) * (len(vectors) - 1)

@@ -75,6 +75,8 @@ class ImportFields(TypedDict, total=False):
     state: Literal["unloaded", "loaded", "deflection"] | None
     by_order: bool
     allow_missing: bool
+    mean_of_repeats: bool
+    joint_tolerance: float
     name: str | None
     encoders: Literal["motor", "secondary"] | None
     noise: Noise | Mapping[str, Any] | None

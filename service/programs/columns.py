@@ -35,6 +35,7 @@ MAX_REMARKS: Final = 400_000
 """Largest number of remarks on lines that are not corrected."""
 MAX_VALUE: Final = 1e6
 """Magnitude of a number of a target: a kilometre in mm, 2,777 turns in degrees."""
+_OUT_OF_RANGE: Final = f"a number of a target is out of range, beyond {MAX_VALUE:g}"
 OF_ROUTINE: Final = " of routine "
 """Text between the name of a local variable and the name of its routine."""
 _SEARCHED_LENGTH: Final = 1000
@@ -337,7 +338,10 @@ class Columns:
             np.full((count, _VALUES_END), np.nan), np.full((count, _VALUES_END, 2), -1, dtype=np.int32),
         )  # fmt: skip
         is_out_of_range, is_no_orientation = np.zeros((2, count), dtype=np.bool_)
-        axes, common = np.full((count, _MAX_AXES), np.nan), np.full((count, _MAX_COMMON), np.nan)
+        # Only as many columns as some target needs: with all of them, large programs take twice the memory.
+        width = max((min(len(each.external), _MAX_AXES) for each in literals), default=0)
+        shared_width = max((min(len(each.common), _MAX_COMMON) for each in literals), default=0)
+        axes, common = np.full((count, width), np.nan), np.full((count, shared_width), np.nan)
         has_many_axes = np.array([len(each.external) > _MAX_AXES for each in literals], dtype=np.bool_)
         for start in range(0, count, BLOCK):
             for file in np.unique(source[start : start + BLOCK]).tolist():
@@ -353,12 +357,12 @@ class Columns:
                 is_out_of_range[block] = is_too_large[:, :NUMBERS].any(axis=1)
                 for notation, positions in targets.group_by_notation(block):
                     is_no_orientation[block[positions]] = ~notation.is_valid_orientation(numbers[positions])
-                block_axes = numbers[:, _VALUES_END:_AXES_END]
+                block_axes = numbers[:, _VALUES_END : _VALUES_END + width]
                 axes[block] = np.where(block_axes > _NO_AXIS, np.nan, block_axes)
-                common[block] = numbers[:, _AXES_END:]
+                common[block] = numbers[:, _AXES_END : _AXES_END + shared_width]
         is_away, is_moved = _find_external_axes(axes, external_axes)
         for faults, reason, remedy in (
-            (is_out_of_range, f"a number of a target is out of range, beyond {MAX_VALUE:g}", _WRITE_ANEW),
+            (is_out_of_range, _OUT_OF_RANGE, _WRITE_ANEW),
             (is_no_orientation, "a quaternion or an axis is not of unit length", _WRITE_ANEW),
             (
                 _find_changed_numbers(common),

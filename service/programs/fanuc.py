@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from array import array
 from itertools import islice
 from typing import Final, TypeAlias
 
@@ -193,8 +194,7 @@ def _declare_position(line: Line) -> list[Op]:
     name = "P[%s]", number
     try:
         fields, others = _split_groups(line)
-        # Manual, chapter 4: other programs cannot change the positions of this program.
-        ops: list[Op] = [ir.Assign(name, _read_arm_position(fields, others), "variable", private=True)]
+        ops: list[Op] = [ir.Assign(name, _read_arm_position(fields, others), "variable")]
     except Misread as fault:
         return [ir.MakeUnknown(frozenset({name}), fault.reason, fault.remedy)]
     for kind, active in (("UF", "UFRAME_NUM"), ("UT", "UTOOL_NUM")):
@@ -301,7 +301,7 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
         machine.refuse(None, "the file lacks /END: it may have been cut", "send the whole program")
     end = section_ends["END"] - len("/END")
     positions = _find_positions(machine, source, section_ends["POS"], end)
-    machine.add_statements(0, *_spans_to_arrays(positions), translate=_POSITION_LANGUAGE.translate)
+    machine.add_statements(0, *positions, translate=_POSITION_LANGUAGE.translate)
     machine.add_statements(0, *_spans_to_arrays(spans))
 
 
@@ -332,19 +332,20 @@ def _add_instruction(machine: Machine, spans: list[tuple[int, int]], start: int,
         spans.append((start + body, start + len(text)))
 
 
-def _find_positions(machine: Machine, source: Source, place: int, end: int) -> list[tuple[int, int]]:
-    """Return the span (first, last + 1 character) of each position between two indices of the text.
+def _find_positions(machine: Machine, source: Source, place: int, end: int) -> tuple[IndexArray, IndexArray]:
+    """Return the first and the last + 1 character of each position between two indices of the text.
 
     Raises:
         ProgramError: there is a text between positions, or a position has no end.
     """
-    spans = []
+    spans = array("q")
     for match in _POSITION.finditer(source.text, place, end):
         if match[1] is None or not re.match(r"P\s*+\[[^\]{}]*+\]\s*+\{", match[1]):
             reason = f"{quote_text(match[0])} between positions is unknown or has no end"
             machine.refuse(source.find_line(match.start()), reason, _RECORD_AGAIN)
-        spans.append(match.span())
-    return spans
+        spans.extend(match.span())
+    starts, ends = np.asarray(memoryview(spans), dtype=np.intp).reshape(-1, 2).T
+    return starts, ends
 
 
 LANGUAGE: Final = ir.Language(
@@ -369,6 +370,8 @@ LANGUAGE: Final = ir.Language(
     constants={"UF 0": np.eye(4), "UT 0": np.eye(4)},  # the robot's own frames: its base and its flange
     field_endings=(".UF", ".UT"),
     is_frame=lambda name: name.startswith(("UF ", "UT ")),
+    # Manual, chapter 4: other programs cannot change the positions of this program.
+    is_own=lambda name: name.startswith("P["),
     is_reached=lambda name: name in {"UFRAME_NUM", "UTOOL_NUM"},
     lasting="",  # offsets, tracking, soft float: what is not understood may last
     rules=(

@@ -460,11 +460,12 @@ class Machine:
         """Note the initial content of a declared name, and whether other programs may change this content."""
         name = place.qualify(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
-        self._private |= {_get_structure_name(name)} if op.private else set()
+        if op.private and not self._language.is_own(name):
+            self._private.add(_get_structure_name(name))
         content = self._evaluate(place, name, op.value, {})
         if self._initial.setdefault(name, content) != content:
             self._initial[name] = place.make_cause(f"{name} is declared twice")
-        if kind == "constant":
+        if kind == "constant" and not self._language.is_own(name):
             self._constants.add(name)
 
     # changes of names anywhere in the program
@@ -498,7 +499,8 @@ class Machine:
         self._causes.append(cause)
         names = [place.qualify(name) for name in op.names]
         if op.anytime:
-            self._anytime |= dict.fromkeys(names or [UNKNOWN], cause)
+            fields = [each for name in names for each in self._list_name_and_fields(name)]
+            self._anytime |= dict.fromkeys(fields or [UNKNOWN], cause)
         for name in names:
             self._changes[name].append(cause)
 
@@ -756,7 +758,9 @@ class Machine:
         """
         if name in self._constants or name == ir.MODE or OF_ROUTINE in name:
             return True
-        if _get_structure_name(name) in self._private:
+        if self._language.is_own(name) and "." in name:  # frames that a position states
+            return True
+        if self._language.is_own(name) or _get_structure_name(name) in self._private:
             return not self._find_changes(name)
         is_reached = self._language.is_reached
         if is_reached is None or is_reached(name):

@@ -60,7 +60,11 @@ _FIELD: Final = re.compile(r"(\w+)(?:\[\])? ?(\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+
 _SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ ])|(?<=\[)(?=\])")
 _OWN_FRAME: Final = re.compile(rf"\$(BASE|TOOL|IPO_MODE)=(?:STOOL2?|SBASE|SIPO_MODE)\(({_NAME})(?:\.\w+)?\)")
 """A frame of a single move, by the name of its data."""
-_TRIGGER: Final = r"TRIGGER WHEN (?:DISTANCE|PATH)=(.+?)(?: ?ONSTART)? ?\bDELAY=(.+?) ?DO "
+# Each part ends at the first word that may end it: any other division would take the square of the time.
+_TRIGGER: Final = (
+    r"TRIGGER WHEN (?:DISTANCE|PATH)=((?:(?! ?\b(?:ONSTART|DELAY=)).)+)(?: ?ONSTART)? ?\bDELAY="
+    r"((?:(?! ?\bDO ).)+) ?\bDO "
+)
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 
@@ -390,7 +394,7 @@ LANGUAGE: Final = ir.Language(
     is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")),
     # KSS: frames, and the data of inline forms, are active for all programs
     is_reached=lambda name: name.startswith(("$", "FDAT_ACT")),
-    lasting=_MAY_MOVE_TARGETS.pattern,
+    lasting=rf"(?:^|\bDO ){_MAY_MOVE_TARGETS.pattern}[^=]*=(?!=)",
     rules=(
         (
             rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? @{{name}}(?:\((?P<parameters>.*)\))?(?: ?PUBLIC)?",

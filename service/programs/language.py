@@ -241,6 +241,8 @@ class Language:
     # function that tells whether routines of other files may change a name of the controller's active data;
     # None if they may change all names
     is_reached: Callable[[str], bool] | None = None
+    # function that tells whether a name is of this program alone, so that no other program changes it
+    is_own: Callable[[str], bool] = lambda _: False
     # pattern in statements that are not understood: such a statement may change what lasts (`MODE`)
     lasting: str = r"(?!)"
     # endings such as `.BASE`, with which the name of a structure becomes the name of one of its fields

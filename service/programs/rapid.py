@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.service.programs import language as ir
+from jointstiff.service.programs.errors import quote_text
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import UNKNOWN_STATEMENT, Line, Misread, Op, split_outside_brackets
 from jointstiff.service.programs.notation import Notation, Orientation
@@ -90,7 +91,7 @@ def _translate_compact_if(line: Line) -> list[Op]:
     """
     begin = line.span("rest")[0]
     end = _END_OF_OPERAND.search(line.text, begin)
-    if end is None:
+    if end is None or line.text.startswith("IF", end.end()):  # no IF within an IF: it would nest without end
         raise Misread(UNKNOWN_STATEMENT)
     statement = Line(line.language, line.text[end.end() :], line.ordinals_in(end.end(), len(line.text)))
     condition = line.read_expression(line.text[begin : end.start()])
@@ -270,6 +271,9 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
     """Add the statements of a module to a machine.
 
     Further modules of the file are parts of the same program.
+
+    Raises:
+        ProgramError: a routine is LOCAL in one module, and another module uses its name.
     """
     text, place = sources[0].text, 0
     starts, ends = [], []
@@ -281,18 +285,27 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
         place = end
     machine.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
     machine.add_statements(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))
-    machine.forget_anytime(_find_ambiguous_names(text), "it is LOCAL in one of the modules", _ONE_MODULE)
-
-
-def _find_ambiguous_names(text: str) -> frozenset[str]:
-    """Return the names of LOCAL data of one module that another module of the same file uses."""
     begins = [match.start() for match in re.finditer(r"(?im)^[ \t]*+MODULE\b", text)]
-    if len(begins) < 2:
-        return frozenset()
-    modules = [text[start:end].upper() for start, end in zip(begins, [*begins[1:], len(text)], strict=True)]
-    local = [
-        set(re.findall(rf"\bLOCAL\s++(?:CONST|PERS|VAR)\s++\w++\s++({_WORD})", each)) for each in modules
-    ]
+    if len(begins) > 1:
+        modules = [
+            text[start:end].upper() for start, end in zip(begins, [*begins[1:], len(text)], strict=True)
+        ]
+        if routines := _find_ambiguous_names(modules, _LOCAL_ROUTINE):
+            reason = (
+                f"{quote_text(min(routines))} is LOCAL in one of the modules, and another one uses its name"
+            )
+            machine.refuse(sources[0].find_line(begins[1]), reason, _ONE_MODULE)
+        reason = "it is LOCAL in one of the modules"
+        machine.forget_anytime(_find_ambiguous_names(modules, _LOCAL_DATA), reason, _ONE_MODULE)
+
+
+_LOCAL_ROUTINE: Final = rf"\bLOCAL\s++(?:PROC|TRAP|FUNC\s++\w++)\s++({_WORD})"
+_LOCAL_DATA: Final = rf"\bLOCAL\s++(?:CONST|PERS|VAR)\s++\w++\s++({_WORD})"
+
+
+def _find_ambiguous_names(modules: list[str], declaration: str) -> frozenset[str]:
+    """Return the names that a module declares as LOCAL, by a pattern, and another module of the file uses."""
+    local = [set(re.findall(declaration, each)) for each in modules]
     used = [set(re.findall(_WORD, each)) for each in modules]
     return frozenset(
         name

@@ -278,10 +278,11 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
         joints.append(ChainJoint(joint, row.kind, place.rotation, place.translation, z, limits, link))
     joints.append(ChainJoint("joint_flange", "fixed", before.rotation, before.translation, z, None, "flange"))
     reach = float(np.linalg.norm(reduce(mul, (joint.placement for joint in joints)).translation))
-    if reach > LARGEST_LENGTH:
+    if reach > LARGEST_LENGTH and any(abs(row.d) > LARGEST_LENGTH for row in rows):
         raise RobotError(
             f"the flange is {reach:g} m from the base if all joints are at zero",
-            remedy=f"check lengths and their unit: a robot is believed to reach {LARGEST_LENGTH:g} m at most",
+            remedy=f"check d and its unit: offsets above {LARGEST_LENGTH:g} m are believed only if they "
+            f"cancel to {LARGEST_LENGTH:g} m",
             where="model.rows",
         )
     return KinematicChain(name=name, base="base", flange="flange", joints=tuple(joints))

@@ -193,7 +193,8 @@ REMEDIES = {
     "^the robot has 1002 links": "at most 1001 are supported: send only the arm",
     "robot has no link": "add links and joints",
     "needs <limit>": "give the limits in rad, or make the joint continuous",
-    "leave no range": "give a finite lower limit that does not exceed the upper one, or no limits",
+    "leave no range": "give a finite lower limit below the upper one, or no limits; "
+    "make a joint that cannot move a fixed one",
     "there is a (floating|planar) joint": (
         "only revolute, continuous, prismatic and fixed joints are supported between base and flange: "
         "make this joint fixed at its position, or choose another base or flange"

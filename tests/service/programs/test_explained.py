@@ -407,3 +407,21 @@ def test_data_that_are_local_in_one_of_two_modules_are_unknown():
     found = list_moves([("a.mod", (first + second).encode())])
     assert [(each.line, each.corrected) for each in found] == [(4, False), (5, True), (10, False)]
     assert {each.reason for each in found if not each.corrected} == {"it is LOCAL in one of the modules"}
+
+
+def test_a_routine_that_is_local_in_one_of_two_modules_and_used_in_the_other_is_refused():
+    module = "MODULE {0}\n{1}PROC {2}()\nENDPROC\nPROC {0}()\n{2};\nENDPROC\nENDMODULE\n"
+    text = module.format("a", "LOCAL ", "sub") + "MODULE b\nPROC b()\nsub;\nENDPROC\nENDMODULE\n"
+    with pytest.raises(
+        ProgramError, match="'SUB' is LOCAL in one of the modules, and another one uses its name"
+    ):
+        list_moves([("a.mod", text.encode())])
+
+
+def test_local_data_that_get_numbers_in_one_of_two_modules_are_unknown():
+    tool = "[TRUE,[[0,0,9],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]]"
+    move = f"MoveL {ROB},v1,z1,t1;\n"
+    first = f"MODULE a\nLOCAL PERS tooldata t1:={tool};\nPROC a()\nt1:={tool};\nb;\nENDPROC\nENDMODULE\n"
+    second = f"MODULE b\nPROC b()\n{move}ENDPROC\nENDMODULE\n"
+    found = list_moves([("a.mod", (first + second).encode())])
+    assert [each.corrected for each in found] == [False]
