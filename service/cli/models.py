@@ -24,9 +24,7 @@ _REPORTS: Final = (".pdf", ".html", ".xml")
 def export(
     file: cli.CampaignFile,
     *,
-    output: Annotated[
-        Path, cli.output_option("File to write the model to: .csv, .xlsx or .mjcf (MuJoCo).")
-    ],
+    output: Annotated[Path, cli.output_option("File to write the model to: .csv, .xlsx or .mjcf (MuJoCo).")],
     run: cli.RunFile = None,
     despite_verdict: Annotated[
         bool,
