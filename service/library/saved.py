@@ -12,8 +12,11 @@ from base64 import b64decode, b64encode
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Annotated, Any, Final, cast
 
+from pydantic import BeforeValidator, Field
+
+from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.run import Campaign as CampaignMessage
 from jointstiff.schemas.run import Run
@@ -28,6 +31,30 @@ from jointstiff.service.resources.documents import parse_document
 from jointstiff.service.tables.table import Sheet
 
 _MAX_BYTES: Final = 4 * MAX_SET_BYTES  # a run, its campaign, and the places of a map
+
+
+def _decode(text: object) -> bytes:
+    """Return the bytes of a text in base64; raise ValueError for another text."""
+    return b64decode(str(text), validate=True)
+
+
+_Content = Annotated[bytes, BeforeValidator(_decode)]
+
+
+class _SavedTable(Message):
+    """Table of a job of a service: values by header, and the headers of columns of text."""
+
+    columns: dict[str, list[float | int | str | bool | None]]
+    texts: list[str]
+
+
+class _SavedParts(Message):
+    """Parts of a saved job that are not fields of its message."""
+
+    campaign: CampaignMessage | None = None
+    made_from: dict[str, Any] | None = None
+    tables: dict[str, _SavedTable] = Field(default_factory=dict)
+    files: dict[str, _Content] = Field(default_factory=dict)
 
 
 def _list_classes() -> Mapping[str, type[Presented]]:
@@ -77,13 +104,11 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
     Raises:
         CampaignError: the document is no result.
     """
-    fields = dict(document)
-    kind, campaign, run = fields.get("kind"), fields.pop("campaign", None), fields.pop("made_from", None)
-    if campaign is not None:
-        campaign = parse_document(campaign, CampaignMessage)
-    classes = _list_classes()
+    fields, classes = dict(document), _list_classes()
+    kind = str(fields.get("kind"))
     if kind in classes:
-        message = cast("Any", classes[str(fields.pop("kind"))])
+        message = cast("Any", classes[kind])
+        del fields["kind"]
         robot = fields.pop("robot", None)
         result = parse_document(fields, message)
         return result if robot is None else result.with_robot(robot)
@@ -92,17 +117,18 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
         raise CampaignError(
             http_problem(422, f"{name} has the unknown kind '{kind}'", f"load a file of one of: {known}")
         )
-    tables, files = fields.pop("tables", {}), fields.pop("files", {})
-    if campaign is not None:
+    saved = {part: fields.pop(part) for part in _SavedParts.model_fields if part in fields}
+    parts = parse_document(saved, _SavedParts)
+    if parts.campaign is not None and isinstance(fields.get("request"), dict):
         # Options that nobody stated keep their defaults, which other options may change.
-        stated = {"measurement_set_id", "variant_of", *campaign.run.model_fields_set}
+        stated = {"measurement_set_id", "variant_of", *parts.campaign.run.model_fields_set}
         fields["request"] = {name: value for name, value in fields["request"].items() if name in stated}
-    job = parse_document(fields, import_kind(str(kind)).message)
-    here = Here(campaign)
-    if run is not None:
-        here.source = restore(run)
-    here.tables = {name: Sheet(table["columns"], frozenset(table["texts"])) for name, table in tables.items()}
-    here.files = {name: b64decode(content) for name, content in files.items()}
+    job = parse_document(fields, import_kind(kind).message)
+    here = Here(parts.campaign)
+    if parts.made_from is not None and parts.made_from.get("kind") == Run.kind_name():
+        here.source = restore(parts.made_from)
+    here.tables = {name: Sheet(part.columns, frozenset(part.texts)) for name, part in parts.tables.items()}
+    here.files = parts.files
     return results.attach_origin(cast("Job", job), here)
 
 

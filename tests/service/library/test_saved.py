@@ -182,6 +182,25 @@ def test_a_file_without_a_result_is_refused_by_its_name(tmp_path, monkeypatch, i
         js.identify("bare.json")
     in_process["plan"].save("plan.json")
     assert "a result without a campaign" in refused("identify plan.json")
+    for wrong in (
+        {"campaign": 5},
+        {"campaign": {}},
+        {"request": 5},
+        {"result": {"joints": 1}},
+        {"made_from": [1]},
+        {"made_from": {"kind": "run"}},
+        {"tables": {"a": 1}},
+        {"files": {"a": "é"}},
+        {"kind": ["run"]},
+        {"more": 1},
+    ):
+        document = json.loads(Path("bare.json").read_text()) | wrong
+        Path("wrong.json").write_text(json.dumps(document))
+        with pytest.raises(js.CampaignError):
+            js.load("wrong.json")
+    Path("large.json").write_bytes(b" " * (32 * 1024**2 + 1))
+    with pytest.raises(js.CampaignError, match=r"large\.json exceeds 32 MiB"):
+        js.load("large.json")
     Path("broken.json").write_text("[1, 2")
     with pytest.raises(js.CampaignError, match="Invalid JSON"):
         js.load("broken.json")
