@@ -249,6 +249,10 @@ def _share_parameters(document: Node) -> Node:
     lists = [operation.get("parameters", []) for *_, operation in _iterate_operations(document)]
     for parameter in (parameter for parameters in lists for parameter in parameters):
         parameter["schema"].pop("description", None)  # FastAPI writes it with the parameter, too
+        match parameter["schema"].get("anyOf"):
+            case [dict(schema), {"type": "null"}]:  # null cannot be sent in an address or a header
+                del parameter["schema"]["anyOf"]
+                parameter["schema"] |= schema
         if not parameter["required"]:
             del parameter["required"]  # the default of OpenAPI
     uses = Counter(json.dumps(parameter, sort_keys=True) for parameters in lists for parameter in parameters)
