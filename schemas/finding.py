@@ -81,8 +81,8 @@ class Action(Message):
 
     kind: ActionKind = Field(
         description="`fit_causes`: fit `causes` with the joints, without `observations`. `convert_units`: "
-        "declare `unit`, keep the numbers. `exchange_readings`: exchange unloaded and loaded. `choose_model`: "
-        "let the readings choose elasticity and loss. `choose_robot`: identify with `robot`."
+        "declare `unit`, keep the numbers. `exchange_readings`: exchange unloaded and loaded. "
+        "`choose_model`: let the readings choose elasticity and loss. `choose_robot`: identify with `robot`."
     )
     observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")

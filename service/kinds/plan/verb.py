@@ -39,6 +39,7 @@ class PlanFields(TypedDict, total=False):
     directions: Matrix
     load_point: Vector | None
     sigma: float | None
+    repeatability: float | None
     tracker: Instrument | Mapping[str, Any] | None
     torque_limits: Mapping[str, float]
     stiffness: Mapping[str, float]

@@ -52,6 +52,7 @@ class ProcessFields(TypedDict, total=False):
     ramp_length: float
     leave_alone: Sequence[str]
     leave_others: bool
+    trust_routines: bool
     external_axes: Literal["carry_nothing"] | None
     format: Literal["csv", "krl", "fanuc", "rapid", "ur"] | None
     mark: bool

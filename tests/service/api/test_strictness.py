@@ -39,6 +39,7 @@ def messages():
         waiting += (message := waiting.pop()).__subclasses__()
         found.append(message)
     ours = [each for each in found if each.__module__.startswith("jointstiff.")]
+    ours = [each for each in ours if not each.__name__.startswith("_")]  # no request has a private message
     # A parameter of an address is text. Queries, and the parts of queries that their module has.
     queries = declared_queries()
     parts = {base for each in queries for base in each.__mro__ if base.__module__ == query.__name__}

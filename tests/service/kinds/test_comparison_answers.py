@@ -214,9 +214,9 @@ class TestTwoCampaigns:
         bent = {"elasticity": "coupled_joints", "link_penalty": 0.1, "loss": "squared"}
         coupled = posted(read, **bent, cross_validation={"folds": 2})["id"]
         assert told(compared(coupled)) == (
-            "422 | run_ids | two sides can be compared only by runs in which nothing but the joints is "
-            f"elastic, but the run '{coupled}' has elasticity coupled_joints | identify the measurement set "
-            "with elasticity `joints`, and give the new run"
+            "422 | run_ids | two measurement sets can be compared only if nothing but the joints is elastic "
+            f"in their runs, but the run '{coupled}' has elasticity coupled_joints | identify the "
+            "measurement set with elasticity `joints`, and give the new run"
         )
 
     def test_a_joint_at_its_bound_takes_its_ratio_from_the_run_without_constraints(self, local, posted):

@@ -25,6 +25,7 @@ KINDS = [
     "map",
     "fleet",
     "program",
+    "process",
     "prediction",
     "imported",
     "trend",
@@ -46,6 +47,7 @@ def results_of(door, document):
         "plan": door.plan(run, readings=2, candidates=200),
         "map": door.map(run, **AREA),
         "program": door.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
+        "process": door.process(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4),
         "prediction": run.predict(POSTURES, FORCE, at=(0, 0, 0.12)),
         "imported": door.import_files(
             EXAMPLES / "readings.csv", encoders="motor", load_point=(0, 0, 120), robot=document["robot"]

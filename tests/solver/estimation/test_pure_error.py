@@ -50,7 +50,8 @@ def test_one_load_that_is_wrong_leaves_more_than_noise():
     factor = np.ones(24)
     factor[7] = 1.2
     result = run(ROBOT, read(factor=factor), RunOptions())
-    (reason,) = result.assessment.reasons
+    wrong, reason = result.assessment.reasons
+    assert (wrong.code, wrong.action.observations) == ("residual_outlier", ["8"])
     assert (reason.code, result.assessment.verdict) == ("sigma_implausible", "use_with_care")
     assert "the tracker reads to 18.6 µm" in reason.message
 
