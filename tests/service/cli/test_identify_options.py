@@ -59,7 +59,7 @@ def folder(tmp_path_factory):
                 "uncertainty from model error (type A, not in the intervals): 0.037 to 3.9 % of a compliance",
                 "complementary stiffness included (16 refits); it changes a compliance by at most 0.41 std. "
                 "uncertainties (K_c/k at most 0.0044)",
-                "causes tested with the joints, p-value: play 0.6, curved springs 0.6, load zero 0.7, load point 0.8",
+                "causes tested with the joints, p-value: play 0.6, curved springs 0.6, load zero 0.7",
                 "observability O1 0.57, O2 0.21, O3 0.26, O4 0.057, O5 0.1; condition number 3.94",
                 "or repeat the command with `--apply omit_noise`",
                 "│ Priors │ joint_1 stiffness 3 10⁶ N·m/rad, standard uncertainty 0.3 10⁶ N·m/rad; joint_2",
