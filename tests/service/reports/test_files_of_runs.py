@@ -57,8 +57,10 @@ def runs(local):
                 "readings | B | 0.14 | 0.23 | 0.48 | 1.6 | 0.90 | 0.86 |",
                 "assumed load point | B | 0.019 | 0.018 | 0.059 | 0.18 | 0.19 | 0.10 |",
                 "expanded, all sources, k = 2 | | 2.0 | 2.1 | 2.2 | 3.7 | 2.7 | 2.6 |",
-                "turn 0.5, constant force 0.8, shift 1, load point 1, load zero 1, play 1, curved springs 1, "
-                "shift since c017 1, turn since c007 1, load scale since c008 1",
+                "turn 0.5, constant force 0.8, shift 1, curved springs 1, play 1, load point 1, "
+                "load zero 1, shift since "
+                "c017 1, "
+                "turn since c007 1, load scale since c008 1",
             ],
         ),
         (

@@ -150,8 +150,7 @@ def test_a_report_says_what_is_assumed_and_where_its_numbers_come_from(laborator
         report_of(laboratory, pulled),
         "5 Method and deviations from it",
         "Deviations: none.",
-        "Causes tested, p-value load point 0.6, play 0.9, curved springs 1, "
-        "constant force 1, load zero 1, shift 1, turn 1,",
+        "Causes tested, p-value load point 0.6, play 0.9, curved springs 1, constant force 1, load zero 1,",
         "Not stated characteristic length, stiffness bounds, huber threshold, causes,",
         "No adjustment or repair between the readings is stated: all results are as found. The second "
         "number is computed from the same readings and is no measurement.",
