@@ -19,15 +19,13 @@ const opposite = (part: string): string => (/^\s*[-\u2212]/.test(part) ? part.re
 
 interface VectorBoxesProps {
   label: string;
-  /** What the boxes say in their corners, where they have no label beside them. */
-  corner: string;
   /** The numbers, separated by spaces. */
   value: string;
   change: (value: string) => void;
   paste: (event: ClipboardEvent) => void;
 }
 
-export function VectorBoxes({ label, corner, value, change, paste }: VectorBoxesProps) {
+export function VectorBoxes({ label, value, change, paste }: VectorBoxesProps) {
   const [parts, setParts] = useState(() => partsOf(value));
   useEffect(() => {
     if (value !== joined(parts)) setParts(partsOf(value));
@@ -51,7 +49,7 @@ export function VectorBoxes({ label, corner, value, change, paste }: VectorBoxes
             title={later.measure.sign(axis)}
             onClick={() => put(parts.with(i, opposite(parts[i] ?? "")))}
           >
-            <span class="corner">{corner} </span>±{axis}
+            ±{axis}
           </button>
           <input
             type="text"

@@ -119,7 +119,7 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
         title={<Name>{set.name}</Name>}
         about={
           <>
-            <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>
+            {!phone && <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>}
             <span>
               {words.goal}: {state.goal}
             </span>
@@ -421,6 +421,7 @@ interface RowsProps {
 }
 
 function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
+  const phone = usePhone();
   const columns = (unloadedOnly ? ["unloaded"] : ["unloaded", "loaded"]) as (keyof live.Typed)[];
   const put = (target: string, part: Partial<live.Typed>) =>
     change((now) => {
@@ -447,11 +448,10 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
             {columns.map((column) => (
               <>
                 <small class="soft side" aria-hidden="true">
-                  {words.columns[column]}
+                  {(phone ? words.short : words.columns)[column]}
                 </small>
                 <VectorBoxes
                   label={words.at(target, words.columns[column])}
-                  corner={words.columns[column]}
                   value={typed[column]}
                   change={(value) => put(target, { [column]: value })}
                   paste={paste(target, column)}
