@@ -104,7 +104,7 @@ export const later = {
     readingsHint: "Typed or pasted: a block of lines fills all targets, six numbers both columns.",
     columns: { unloaded: "Unloaded", loaded: "Loaded" },
     short: { unloaded: "unl.", loaded: "load" },
-    sign: (axis: string) => `Change the sign of ${axis}`,
+    sign: "Change sign ±",
     picture: "Picture and reason",
     pasteFailed: (why: string) => `The pasted block was not read: ${why}`,
     pasteAgain: "Read the block again",

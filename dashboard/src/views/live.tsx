@@ -22,7 +22,7 @@ import {
 import { Rows } from "../components/list";
 import { DropZone, understood } from "../components/schema_form";
 import { Select, TextField } from "../components/fields";
-import { VectorBoxes } from "../components/vector_boxes";
+import { SignButton, VectorBoxes } from "../components/vector_boxes";
 import { understand } from "../lib/campaign";
 import { fixed, percent, significant } from "../lib/format";
 import * as live from "../lib/live";
@@ -437,7 +437,7 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
   return (
     <fieldset class="live-readings">
       <legend>
-        <b>{words.readings}</b> <small class="soft">{words.readingsHint}</small>
+        <b>{words.readings}</b> <small class="soft">{words.readingsHint}</small> <SignButton />
       </legend>
       <div class={unloadedOnly ? "grid one" : "grid"}>
         {Object.entries(rows).map(([target, typed]) => (
