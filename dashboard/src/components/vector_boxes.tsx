@@ -1,6 +1,7 @@
 /** A vector in three boxes, for a keyboard of numbers. */
 import { useEffect, useState } from "preact/hooks";
 import { later } from "../i18n/later";
+import { Button } from "./basics";
 
 const AXES = ["x", "y", "z"] as const;
 /** What a blank box is in the text of a vector that is begun; it is read as no number. */
@@ -17,17 +18,31 @@ export const joined = (parts: readonly string[]): string =>
 
 const opposite = (part: string): string => (/^\s*[-\u2212]/.test(part) ? part.replace(/[-\u2212]/, "") : `-${part}`);
 
+/** Changes the sign of the box that is typed into: some keyboards of numbers have no minus. */
+export const SignButton = () => (
+  <Button
+    look="quiet"
+    onPointerDown={(event) => event.preventDefault()} // the box keeps the focus
+    onClick={() => {
+      const box = document.activeElement;
+      if (!(box instanceof HTMLInputElement) || !box.closest(".vector")) return;
+      box.value = opposite(box.value);
+      box.dispatchEvent(new Event("input", { bubbles: true }));
+    }}
+  >
+    {later.measure.sign}
+  </Button>
+);
+
 interface VectorBoxesProps {
   label: string;
-  /** What the boxes say in their corners, where they have no label beside them. */
-  corner: string;
   /** The numbers, separated by spaces. */
   value: string;
   change: (value: string) => void;
   paste: (event: ClipboardEvent) => void;
 }
 
-export function VectorBoxes({ label, corner, value, change, paste }: VectorBoxesProps) {
+export function VectorBoxes({ label, value, change, paste }: VectorBoxesProps) {
   const [parts, setParts] = useState(() => partsOf(value));
   useEffect(() => {
     if (value !== joined(parts)) setParts(partsOf(value));
@@ -44,15 +59,9 @@ export function VectorBoxes({ label, corner, value, change, paste }: VectorBoxes
     <span class="vector">
       {AXES.map((axis, i) => (
         <span>
-          <button
-            type="button"
-            tabIndex={-1}
-            aria-label={later.measure.sign(axis)}
-            title={later.measure.sign(axis)}
-            onClick={() => put(parts.with(i, opposite(parts[i] ?? "")))}
-          >
-            <span class="corner">{corner} </span>±{axis}
-          </button>
+          <small class="soft" aria-hidden="true">
+            {axis}
+          </small>
           <input
             type="text"
             inputMode="decimal"

@@ -22,7 +22,7 @@ import {
 import { Rows } from "../components/list";
 import { DropZone, understood } from "../components/schema_form";
 import { Select, TextField } from "../components/fields";
-import { VectorBoxes } from "../components/vector_boxes";
+import { SignButton, VectorBoxes } from "../components/vector_boxes";
 import { understand } from "../lib/campaign";
 import { fixed, percent, significant } from "../lib/format";
 import * as live from "../lib/live";
@@ -119,7 +119,7 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
         title={<Name>{set.name}</Name>}
         about={
           <>
-            <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>
+            {!phone && <NameLink to={["robots", robot.id]}>{robot.name}</NameLink>}
             <span>
               {words.goal}: {state.goal}
             </span>
@@ -421,6 +421,7 @@ interface RowsProps {
 }
 
 function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
+  const phone = usePhone();
   const columns = (unloadedOnly ? ["unloaded"] : ["unloaded", "loaded"]) as (keyof live.Typed)[];
   const put = (target: string, part: Partial<live.Typed>) =>
     change((now) => {
@@ -436,7 +437,7 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
   return (
     <fieldset class="live-readings">
       <legend>
-        <b>{words.readings}</b> <small class="soft">{words.readingsHint}</small>
+        <b>{words.readings}</b> <small class="soft">{words.readingsHint}</small> <SignButton />
       </legend>
       <div class={unloadedOnly ? "grid one" : "grid"}>
         {Object.entries(rows).map(([target, typed]) => (
@@ -447,11 +448,10 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
             {columns.map((column) => (
               <>
                 <small class="soft side" aria-hidden="true">
-                  {words.columns[column]}
+                  {(phone ? words.short : words.columns)[column]}
                 </small>
                 <VectorBoxes
                   label={words.at(target, words.columns[column])}
-                  corner={words.columns[column]}
                   value={typed[column]}
                   change={(value) => put(target, { [column]: value })}
                   paste={paste(target, column)}
