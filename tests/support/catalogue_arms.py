@@ -3,7 +3,6 @@
 from functools import cache
 
 import numpy as np
-from support.springs import SIGMA, readings_of
 
 from jointstiff.service.conversion.catalogue import catalogue, nominal_robot
 from jointstiff.service.conversion.prepared import prepare_robot
@@ -13,6 +12,8 @@ from jointstiff.solver.integrity.other_robots import KnownRobot
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
+
+from .springs import SIGMA, readings_of
 
 STIFFNESSES = np.array([3.8e6, 3.1e6, 2.5e6, 0.45e6, 0.25e6, 0.09e6])
 
