@@ -17,7 +17,13 @@ from typing import Final, Literal
 
 import numpy as np
 
-from jointstiff.schemas.plan import DeflectionGoal, JointsGoal, PlanCriterion, Surroundings
+from jointstiff.schemas.plan import (
+    DeflectionGoal,
+    JointsGoal,
+    LoadPointGoal,
+    PlanCriterion,
+    Surroundings,
+)
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.optimum import Candidates
 from jointstiff.solver.errors import RequestError
@@ -378,7 +384,8 @@ class PlanRequest:
     #: loads
     own_weight_rows: Callable[[FloatArray], FloatArray] | None = None
     seed: int = 0  #: seed of drawn postures, validation and random plans
-    goal: JointsGoal | DeflectionGoal | None = None  #: uncertainty to reach, in place of a number of readings
+    #: uncertainty or mistake to reach, in place of a number of readings
+    goal: JointsGoal | DeflectionGoal | LoadPointGoal | None = None
 
 
 def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measurements) -> Stack:

@@ -20,7 +20,7 @@ import numpy as np
 
 from jointstiff.schemas.fields import validate_list
 from jointstiff.schemas.joints import JOINT_UNITS
-from jointstiff.schemas.plan import MAX_READINGS, DeflectionGoal, JointsGoal, PlanCriterion
+from jointstiff.schemas.plan import MAX_READINGS, JointsGoal, LoadPointGoal, PlanCriterion
 from jointstiff.schemas.run import Advice
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.design.candidates import (
@@ -43,12 +43,16 @@ from jointstiff.solver.design.optimum import (
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.observability import Spectrum
+from jointstiff.solver.estimation.reliability import compute_noncentrality
 from jointstiff.solver.estimation.stack import Stack
-from jointstiff.solver.mechanics.block import targets_in_flange, unloaded_block
+from jointstiff.solver.estimation.term_tests import MISTAKE_LEVEL
+from jointstiff.solver.estimation.triangle import orthonormal_basis, unit_columns
+from jointstiff.solver.mechanics.block import regressor_blocks, targets_in_flange, unloaded_block
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.mechanics.springs import TURNS
+from jointstiff.solver.mechanics.springs import JOINTS, TURNS
+from jointstiff.solver.mechanics.terms import LOAD_POINT
 from jointstiff.solver.text import figure, posture_text, stiffness_text
 
 _LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4
@@ -147,7 +151,8 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     criteria, worst_place = _build_criteria(pool, request)
     if request.goal is not None:
         request = replace(
-            request, readings=find_least_readings(pool, request, criteria[request.criterion], distinct)
+            request,
+            readings=find_least_readings(robot, pool, request, criteria[request.criterion], distinct),
         )
     held_out = round(request.validation * request.readings)
     fitted = request.readings - held_out
@@ -206,7 +211,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         deflection=deflection,
         random_plans=average_random_plans(problem, M, s, request.seed),
         one_at_a_time=plan_one_at_a_time(problem, distinct, M, s),
-        goal_share=None if request.goal is None else compute_goal_share(pool, request.goal, M),
+        goal_share=None if request.goal is None else compute_goal_share(robot, pool, request, exact),
     )
 
 
@@ -240,12 +245,24 @@ def _build_criteria(
     return criteria, worst_place
 
 
-def compute_goal_share(pool: Pool, goal: JointsGoal | DeflectionGoal, M: FloatArray) -> float:
-    """Return the expanded uncertainty after readings with information M (p, p), over the goal's uncertainty.
+def compute_goal_share(robot: Robot, pool: Pool, request: PlanRequest, exact: ExactDesign) -> float:
+    """Return the expanded uncertainty, or the least mistake that shows, over that of the goal.
+
+    Args:
+        robot: n joints.
+        pool: candidates of the plan.
+        request: request with the goal.
+        exact: list of readings.
 
     Raises:
-        RequestError: the goal is about deflections, and there is no work area.
+        RequestError: the goal is about deflections, and there is no work area; or the goal is about the load
+            point, and the load is the robot's own weight.
     """
+    goal, M = request.goal, exact.matrix
+    if goal is None:
+        return 0.0
+    if isinstance(goal, LoadPointGoal):
+        return compute_least_mistake(robot, pool, request, exact.atoms) / goal.mistake
     if isinstance(goal, JointsGoal):
         return _COVERAGE * float(compute_uncertainties(M, len(pool.parameters.joints)).max()) / goal.relative
     if pool.places is None:
@@ -258,8 +275,49 @@ def compute_goal_share(pool: Pool, goal: JointsGoal | DeflectionGoal, M: FloatAr
     return _COVERAGE * float(information**-0.5 if information > 0.0 else np.inf) / goal.uncertainty
 
 
+def compute_least_mistake(robot: Robot, pool: Pool, request: PlanRequest, chosen: Atoms) -> float:
+    """Return the least mistake of the load point [m] that its F test finds with the power `POWER`.
+
+    The mistake is that in the direction in which the readings show it least: with N = Bᵀ(I − P_A)B of the
+    load point's columns B and the joints' columns A, ``σ √(λ₀ / least eigenvalue of N)`` (Baarda;
+    method.md §13). Infinite for too few readings.
+
+    Args:
+        robot: n joints.
+        pool: candidates of the plan.
+        request: equipment, and the readings so far.
+        chosen: readings of the plan.
+
+    Raises:
+        RequestError: the load is the robot's own weight, which has no load point.
+    """
+    if request.own_weight_rows is not None:
+        raise RequestError(
+            "the own weight has no load point",
+            where="goal",
+            remedy='give a goal for the uncertainty of the joints, such as "15 %"',
+        )
+    readings = pool.readings[chosen.index]
+    forces = pool.candidate_forces(chosen.force, chosen.index)
+    parts = [request.equipment.build_measurements(robot, readings.joints, forces, readings.along)]
+    parts += [] if request.so_far is None else [request.so_far]
+    stacks = [
+        Stack.from_blocks(regressor_blocks(robot, part), [JOINTS, LOAD_POINT], pool.parameters.nominal)
+        for part in parts
+    ]
+    rows, span = np.concatenate([stack.flat for stack in stacks]), stacks[0].span
+    known = orthonormal_basis(unit_columns(rows[:, span[JOINTS.name]])[0])
+    columns = rows[:, span[LOAD_POINT.name]]
+    singular = np.linalg.svd(columns - known @ (known.T @ columns), compute_uv=False)
+    width = len(singular)
+    freedom = sum(int(stack.read.sum()) for stack in stacks) - known.shape[1] - width
+    noncentrality = compute_noncentrality(width, freedom, MISTAKE_LEVEL)
+    least = max(float(singular.min()), np.finfo(float).tiny)
+    return float(request.equipment.sigma * np.sqrt(noncentrality) / least)
+
+
 def find_least_readings(
-    pool: Pool, request: PlanRequest, criterion: Criterion, distinct: DistinctPostures
+    robot: Robot, pool: Pool, request: PlanRequest, criterion: Criterion, distinct: DistinctPostures
 ) -> int:
     """Find the least number of readings, with those held out for validation, that meets the goal.
 
@@ -269,28 +327,30 @@ def find_least_readings(
     Raises:
         RequestError: the greatest number of readings of a plan does not meet the goal.
     """
-    goal, s = request.goal, len(pool.parameters.joints)
+    s = len(pool.parameters.joints)
     coordinates = (3 if request.directions is None else 1) * len(request.equipment.targets)
     least = 1 if request.so_far is not None else -(-s // coordinates)
     most = MAX_READINGS - round(request.validation * MAX_READINGS)
 
     def compute_share(fitted: int) -> float:
-        """Return the uncertainty with `fitted` fitted readings over the uncertainty of the goal."""
+        """Return the uncertainty, or least mistake, of `fitted` fitted readings over that of the goal."""
         problem = DesignProblem(pool.candidates, criterion, fitted, pool.base)
         design = optimise_design(problem, _LINKS_GAP if request.links else None)
-        M = find_exact_design(problem, design, distinct, seed=request.seed).matrix
-        return 0.0 if goal is None else compute_goal_share(pool, goal, M)
+        exact = find_exact_design(problem, design, distinct, seed=request.seed)
+        return compute_goal_share(robot, pool, request, exact)
 
     # `low` readings do not meet the goal; `high` is raised until it does.
     low, high = least - 1, least
     while (reached := compute_share(high)) > 1.0:
         if high >= most:
+            of_load_point = isinstance(request.goal, LoadPointGoal)
+            what = "the least mistake of the load point that shows" if of_load_point else "the uncertainty"
+            greater = "mistake" if of_load_point else "uncertainty"
             raise RequestError(
-                f"with {MAX_READINGS} readings, the most of a plan, the uncertainty is "
+                f"with {MAX_READINGS} readings, the most of a plan, {what} is "
                 f"{figure(reached, '.3g')} times that of the goal",
                 where="goal",
-                remedy="choose a goal with a greater uncertainty, "
-                "a greater load, more targets, or less noise",
+                remedy=f"choose a goal with a greater {greater}, a greater load, more targets, or less noise",
             )
         low, high = high, min(most, max(high + 1, int(min(high * reached**2, most))))
     while high - low > 1:

@@ -58,12 +58,19 @@ const withQuery = (address: string, query: Query): string => {
   return search ? `${address}?${search}` : address;
 };
 
-type QueryOf<Path extends keyof paths> = paths[Path] extends { get: { parameters: { query?: infer Of } } }
+type Described<Path extends keyof paths> = paths[Path] extends { get: { parameters: { query?: infer Of } } }
   ? NonNullable<Of>
   : never;
+/** A query in which null leaves a parameter open. */
+type QueryOf<Path extends keyof paths> = {
+  [Name in keyof Described<Path>]?: Described<Path>[Name] | null | undefined;
+};
 export type JobQuery = QueryOf<"/v1/jobs">;
 export type RobotQuery = QueryOf<"/v1/robots">;
 export type SetQuery = QueryOf<"/v1/measurement-sets">;
+
+/** A query as the API describes it: `searchOf` leaves out what is null. */
+const described = <Path extends keyof paths>(query: QueryOf<Path>) => query as Described<Path>;
 
 /** Kinds of work, as the API names them. */
 export type Collection = "runs" | "comparisons" | "fleets" | "geometries" | "plans" | "maps" | "programs";
@@ -106,7 +113,10 @@ const changeJob = (job_id: string, body: of.JobChange) =>
 const kind = <Of extends Collection>(collection: Of) => ({
   list: (query: JobQuery = {}, signal?: AbortSignal) =>
     read<of.Page<Summary<Of>>>(
-      client.GET("/v1/jobs", { params: { query: { kind: KINDS[collection], ...query } }, signal: signal ?? null }),
+      client.GET("/v1/jobs", {
+        params: { query: described<"/v1/jobs">({ kind: KINDS[collection], ...query }) },
+        signal: signal ?? null,
+      }),
     ),
   one: async (job_id: string, signal?: AbortSignal) => {
     const job = await read<Messages[Collection]>(
@@ -135,7 +145,10 @@ const setPath = (set_id: string) => ({ params: { path: { set_id } } });
 const sets = {
   list: (query: SetQuery = {}, signal?: AbortSignal) =>
     read<of.Page<of.MeasurementSetSummary>>(
-      client.GET("/v1/measurement-sets", { params: { query }, signal: signal ?? null }),
+      client.GET("/v1/measurement-sets", {
+        params: { query: described<"/v1/measurement-sets">(query) },
+        signal: signal ?? null,
+      }),
     ),
   one: (set: string, signal?: AbortSignal) =>
     read<of.MeasurementSet>(client.GET("/v1/measurement-sets/{set_id}", { ...setPath(set), signal: signal ?? null })),
@@ -166,7 +179,9 @@ export const api = {
 
   robots: {
     list: (query: RobotQuery = {}, signal?: AbortSignal) =>
-      read<of.Page<of.RobotSummary>>(client.GET("/v1/robots", { params: { query }, signal: signal ?? null })),
+      read<of.Page<of.RobotSummary>>(
+        client.GET("/v1/robots", { params: { query: described<"/v1/robots">(query) }, signal: signal ?? null }),
+      ),
     one: (robot_id: string, signal?: AbortSignal) =>
       read<of.Robot>(client.GET("/v1/robots/{robot_id}", { params: { path: { robot_id } }, signal: signal ?? null })),
     add: (body: unknown, key: string) =>

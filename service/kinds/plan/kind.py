@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from jointstiff.schemas.plan import (
     Cable,
+    LoadPointGoal,
     Plan,
     PlannedJoint,
     PlannedReading,
@@ -55,10 +56,14 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
         + (f"; not feasible: {struck_out}" if struck_out else ""),
     ]
     if result.goal_share is not None:
-        lines.append(
-            f"{len(result.readings)} readings are the fewest that meet the goal: the noise of the readings "
-            f"gives {result.goal_share:.2f} of the uncertainty that the goal allows"
+        goal = job.request.goal
+        reached = (
+            f"a load point {length_text(result.goal_share * goal.mistake)} off its place shows (80 % power)"
+            if isinstance(goal, LoadPointGoal)
+            else f"the noise of the readings gives {result.goal_share:.2f} of the uncertainty that the goal "
+            "allows"
         )
+        lines.append(f"{len(result.readings)} readings are the fewest that meet the goal: {reached}")
     blocks = max((each.block for each in result.readings), default=1)
     if blocks > 1:
         lines.append(

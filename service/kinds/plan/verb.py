@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         DecisionGoal,
         DeflectionGoal,
         JointsGoal,
+        LoadPointGoal,
         Plan,
         Surroundings,
     )
@@ -53,7 +54,7 @@ class PlanFields(TypedDict, total=False):
     seed: int
     accept_verdict: Literal["do_not_use"] | None
     readings: int
-    goal: str | JointsGoal | Mapping[str, Any] | DeflectionGoal | DecisionGoal | None
+    goal: str | JointsGoal | Mapping[str, Any] | DeflectionGoal | DecisionGoal | LoadPointGoal | None
     criterion: Literal["relative_a", "work_area", "d", "e", "worst_place"] | None
     causes: Sequence[NamedCause | Mapping[str, Any]]
     leave_out: Sequence[str]
