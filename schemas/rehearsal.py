@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from pydantic import Field, StrictBool
 
 from jointstiff.schemas.fields import Dimensionless, Message, Metres, Name, Stiffness
 from jointstiff.schemas.finding import Assessment
@@ -19,7 +19,7 @@ class RehearsedJoint(Message):
     interval: Stiffness[tuple[float | None, float | None] | None] = Field(
         description="Interval of the stiffness; an upper end of null means no upper limit."
     )
-    contained: bool | None = Field(description="True if the interval contains the planted stiffness.")
+    contained: StrictBool | None = Field(description="True if the interval contains the planted stiffness.")
     half_width: Dimensionless[float | None] = Field(
         description="Half-width of the interval of the compliance divided by the compliance; null if unknown."
     )

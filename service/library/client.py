@@ -367,8 +367,10 @@ class Client(Verbs):
     def sheet(self, job: Job, file: File) -> Sheet:
         """Return the table of a file of a job; download the numbers if the job does not contain them."""
         kind = import_kind(job.kind)
-        # Only kinds with large tables have a JSON file with all numbers, which the job does not contain.
-        json_file = next((each for each in kind.files if each.suffix == "json"), None)
+        # Only kinds with large tables have JSON files with all numbers, which the job does not contain.
+        json_files = [each for each in kind.files if each.suffix == "json"]
+        of_table = [each for each in json_files if Path(each.name).stem == Path(file.name).stem]
+        json_file = next(iter([*of_table, *json_files]), None)
         if json_file is None:
             from jointstiff.service.reports.job import build_job_sheet
 

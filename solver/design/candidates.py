@@ -39,7 +39,7 @@ from jointstiff.solver.mechanics.measurements import (
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import JOINTS, build_links_term
-from jointstiff.solver.mechanics.terms import TERMS
+from jointstiff.solver.mechanics.terms import LOAD_POINT, TERMS
 
 LoadKind = Literal["dead_weight", "any_direction", "cable"]
 
@@ -403,12 +403,15 @@ def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measur
         Stack of rows with P columns of parameters, and a last column with the reading.
     """
     # A hedged term has a prior uncertainty, by which its columns are scaled below.
-    hedged = [term for term in TERMS.values() if term.hedged]
-    terms = [JOINTS, *([build_links_term(tuple(range(robot.n)))] if request.links else hedged)]
+    hedged = {} if request.links else {name: term.hedged for name, term in TERMS.items() if term.hedged}
+    if isinstance(request.goal, LoadPointGoal) and not request.links:
+        hedged[LOAD_POINT.name] = request.goal.mistake
+    links = [build_links_term(tuple(range(robot.n)))] if request.links else []
+    terms = [JOINTS, *links, *(TERMS[name] for name in hedged)]
     fitted = fitted_errors(measurements).terms
     blocks, compliance = regressor_blocks(robot, measurements), np.nan_to_num(request.nominal)
     stack = Stack.from_blocks(blocks, [*terms, *fitted], compliance)
-    stack = stack.in_units({term.name: term.hedged for term in terms if term.hedged})
+    stack = stack.in_units(hedged)
     return stack.project_out([term.name for term in fitted]) if fitted else stack
 
 

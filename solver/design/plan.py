@@ -227,8 +227,11 @@ def _build_criteria(
         RequestError: the requested criterion needs a work area.
     """
     s, p = len(pool.parameters.joints), len(pool.base)
+    weights = np.r_[np.ones(s), np.zeros(p - s)] / s
+    if isinstance(request.goal, LoadPointGoal) and not request.links:
+        weights[-3:] = 1.0 / 3.0  # the load point, in units of the mistake, is the last of the nuisance
     criteria: dict[PlanCriterion, Criterion] = {
-        "relative_a": AOptimality(np.diag(np.r_[np.ones(s), np.zeros(p - s)]) / s),
+        "relative_a": AOptimality(np.diag(weights)),
         "d": DOptimality(s),
         "e": EOptimality(np.ones(s)),
     }

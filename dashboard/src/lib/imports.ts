@@ -58,7 +58,9 @@ export function meaningsFor(files: FilePreview[], targets: string[]): MeaningGro
 }
 
 const positionsOf = (target: string): string[] =>
-  ["unloaded", "loaded", "unloaded after", "deflection"].flatMap((state) => AXES.map((axis) => `${target} ${state} ${axis}`));
+  ["unloaded", "loaded", "unloaded after", "deflection"].flatMap((state) =>
+    AXES.map((axis) => `${target} ${state} ${axis}`),
+  );
 
 function targetOf(meaning: string): string[] {
   const [, target] = /^(.+) (?:unloaded after|unloaded|loaded|deflection) [xyz]$/.exec(meaning) ?? [];

@@ -242,14 +242,32 @@ PROCESS: Final = Kind[Process, ProcessRequest](
             made_of="result",
         ),
         File(
+            name="points.json",
+            description="the table, column by column, with units",
+            sheet=make_points_sheet,
+            made_of="result",
+        ),
+        File(
             name="turns.csv",
             description="turn, deflection before and after, and joints of each point",
             sheet=_choice_sheet("turns"),
             made_of="result",
         ),
         File(
+            name="turns.json",
+            description="the table, column by column, with units",
+            sheet=_choice_sheet("turns"),
+            made_of="result",
+        ),
+        File(
             name="places.csv",
             description="all places that were tried, with their deflection",
+            sheet=_choice_sheet("places"),
+            made_of="result",
+        ),
+        File(
+            name="places.json",
+            description="the table, column by column, with units",
             sheet=_choice_sheet("places"),
             made_of="result",
         ),

@@ -16,7 +16,7 @@ from support.shared_data import shared
 from support.springs import SpringCampaign, robot_of
 
 from jointstiff.schemas.options import RunOptions
-from jointstiff.schemas.plan import JointsGoal
+from jointstiff.schemas.plan import JointsGoal, LoadPointGoal
 from jointstiff.simulator import LOAD_POINT, TARGETS, simulate_campaign
 from jointstiff.simulator.campaign import Experiment
 from jointstiff.simulator.equilibrium import deflections
@@ -47,7 +47,9 @@ from jointstiff.solver.design.plan import (
 )
 from jointstiff.solver.errors import SolverError
 from jointstiff.solver.estimation.identify import identify
+from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
+from jointstiff.solver.estimation.term_tests import MISTAKE_LEVEL
 from jointstiff.solver.mechanics.block import whole_block
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument, Scatter
 from jointstiff.solver.mechanics.postures import Postures
@@ -126,6 +128,26 @@ class TestPromise:
         np.testing.assert_allclose(np.std(found, axis=0, ddof=1), promised, rtol=0.3)
         exactly = plan_campaign(robot, request_of(equipment())).uncertainty
         assert (plan.uncertainty > 1.3 * exactly).any()
+
+    def test_a_load_point_as_far_off_as_the_goal_is_found(self, robot):
+        """20 mm off in any direction: the test finds the mistake with 80 % power or more."""
+        goal = LoadPointGoal(kind="load_point", mistake=0.02)
+        plan = plan_campaign(robot, request_of(equipment(), goal=goal, candidates=300))
+        assert plan.goal_share <= 1.0
+        # By a plan for the joints alone, this mistake would take more than 200 readings.
+        assert len(plan.joints) < 30
+        rng, found = np.random.default_rng(0), 0
+        for _ in range(20):
+            noise = rng.standard_normal((2, len(plan.joints), 3, 3))
+            off = rng.standard_normal(3)
+            stated = read(plan, noise)
+            stated = replace(
+                stated, load_point=stated.load_point + 0.02 * off / np.linalg.norm(off), sigma=None
+            )
+            joints = JointsAlone(robot, stated, Settings.from_options(RunOptions(), robot))
+            (test,) = [each for each in joints.screening.tests if each.name == "load_point"]
+            found += test.p_value < MISTAKE_LEVEL
+        assert found >= 14  # 16 are expected of the direction that shows least, with a deviation of 1.8
 
     def test_one_that_goes_on_counts_the_readings_so_far(self, robot):
         first = plan_campaign(robot, request_of(equipment(), readings=6))
@@ -395,11 +417,11 @@ def test_as_many_readings_are_planned_as_a_goal_needs_at_least(monkeypatch, leas
     monkeypatch.setattr(plan, "DesignProblem", lambda _, __, fitted, ___: fitted)
     monkeypatch.setattr(plan, "optimise_design", lambda *_: None)
     monkeypatch.setattr(plan, "find_exact_design", lambda fitted, *_, **__: SimpleNamespace(matrix=fitted))
-    monkeypatch.setattr(plan, "compute_goal_share", lambda _, __, fitted: (least / fitted) ** fall)
+    monkeypatch.setattr(plan, "compute_goal_share", lambda _, __, ___, exact: (least / exact.matrix) ** fall)
     request = request_of(equipment(), goal=JointsGoal(kind="joints", relative=0.1), validation=validation)
     pool = SimpleNamespace(parameters=SimpleNamespace(joints=range(6)), candidates=None, base=None)
     enough = [n for n in range(1, 300) if n - round(validation * n) >= least]
-    assert plan.find_least_readings(pool, request, None, None) == enough[0]
+    assert plan.find_least_readings(None, pool, request, None, None) == enough[0]
 
 
 @every_criterion
