@@ -34,6 +34,17 @@ describe("a reading as it is typed", () => {
     });
   });
 
+  it("takes a third position, after unloading", () => {
+    const row = { P1: { unloaded: "1 2 3", loaded: "1 2 4", unloaded_after: "1 2" } };
+    expect(unread(row, false)).toBe("P1");
+    row.P1.unloaded_after = "1 2 3.5";
+    expect(unread(row, false)).toBeNull();
+    const { readings } = observationOf("m01", { joints: [0], force: [0, 0, -9], anchor: null }, row, MM, [], false);
+    expect(readings).toEqual([{ target: "P1", unloaded: [1, 2, 3], loaded: [1, 2, 4], unloaded_after: [1, 2, 3.5] }]);
+    const back = inUnits({ joints: [], force: [0, 0, 0], readings } as unknown as Observation, MM, SI, []);
+    expect(back.readings[0]?.unloaded_after).toEqual([0.001, 0.002, 0.0035]);
+  });
+
   it("takes postures and labels", () => {
     expect(standTyped("180 -90", "0, 0, -9", ["revolute", "revolute"])?.joints).toEqual([Math.PI, -Math.PI / 2]);
     expect(standTyped("180", "0 0 -9", ["revolute", "revolute"])).toBeNull();

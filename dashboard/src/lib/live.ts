@@ -16,6 +16,8 @@ export interface Stand {
 export interface Typed {
   unloaded: string;
   loaded: string;
+  /** After the load was taken off; absent unless the user reads again. */
+  unloaded_after?: string;
 }
 
 export type Rows = Record<string, Typed>;
@@ -30,7 +32,8 @@ const perJoint = (units: Units, kind: JointKind | undefined): number => {
 
 /** The first target whose numbers are missing or cannot be read; null if there is none. Blank ones are left out. */
 export function unread(rows: Rows, unloadedOnly: boolean): string | null {
-  const complete = ({ unloaded, loaded }: Typed) => vectorIn(unloaded) && (unloadedOnly || vectorIn(loaded));
+  const complete = ({ unloaded, loaded, unloaded_after }: Typed) =>
+    vectorIn(unloaded) && (unloadedOnly || vectorIn(loaded)) && (!unloaded_after?.trim() || vectorIn(unloaded_after));
   const begun = Object.entries(rows).filter(([, { unloaded, loaded }]) => unloaded.trim() || loaded.trim());
   const lacking = begun.find(([, typed]) => !complete(typed));
   return lacking?.[0] ?? (begun.length === 0 ? (Object.keys(rows)[0] ?? "") : null);
@@ -48,10 +51,11 @@ export function observationOf(
   const place = (typed: string) => vectorIn(typed)?.map((value) => scaled(value, 1e-3)) ?? null;
   const readings = Object.entries(rows)
     .filter(([, { unloaded }]) => unloaded.trim())
-    .map(([target, { unloaded, loaded }]) => ({
+    .map(([target, { unloaded, loaded, unloaded_after }]) => ({
       target,
       unloaded: place(unloaded),
       ...(unloadedOnly ? {} : { loaded: place(loaded) }),
+      ...(unloaded_after?.trim() ? { unloaded_after: place(unloaded_after) } : {}),
     }));
   return inUnits({ label, joints, force, readings } as unknown as Observation, SI, units, kinds);
 }

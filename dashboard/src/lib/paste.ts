@@ -81,7 +81,10 @@ export function placed(answer: ImportAnswer, rows: Rows, column: keyof Typed, cl
   const unmatched: Unmatched[] = [];
   for (const { target, unloaded, loaded } of answer.measurement_set?.observations[0]?.readings ?? []) {
     const numbers = { unloaded: (unloaded ?? []).join(" "), loaded: (loaded ?? []).join(" ") };
-    const typed: Partial<Typed> = both ? numbers : { [column]: numbers[column] };
+    // Three numbers are read as both states alike: they go where they were pasted.
+    const typed: Partial<Typed> = both
+      ? numbers
+      : { [column]: column === "loaded" ? numbers.loaded : numbers.unloaded };
     const before = filled[target];
     if (before) filled[target] = { ...before, ...typed };
     else unmatched.push({ name: target, typed });

@@ -422,7 +422,10 @@ interface RowsProps {
 
 function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
   const phone = usePhone();
-  const columns = (unloadedOnly ? ["unloaded"] : ["unloaded", "loaded"]) as (keyof live.Typed)[];
+  const [again, setAgain] = useState(() => Object.values(rows).some((typed) => typed.unloaded_after));
+  const columns: (keyof live.Typed)[] = unloadedOnly
+    ? ["unloaded"]
+    : ["unloaded", "loaded", ...(again ? (["unloaded_after"] as const) : [])];
   const put = (target: string, part: Partial<live.Typed>) =>
     change((now) => {
       const before = now[target];
@@ -452,19 +455,24 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
                 </small>
                 <VectorBoxes
                   label={words.at(target, words.columns[column])}
-                  value={typed[column]}
+                  value={typed[column] ?? ""}
                   change={(value) => put(target, { [column]: value })}
                   paste={paste(target, column)}
                 />
               </>
             ))}
             {columns.map((column) => {
-              const meant = understood(OF_VECTOR, typed[column], text.units.mm);
+              const meant = understood(OF_VECTOR, typed[column] ?? "", text.units.mm);
               return meant && <small class="soft understood">{`${words.columns[column]}: ${meant}`}</small>;
             })}
           </>
         ))}
       </div>
+      {!unloadedOnly && !again && (
+        <Button look="quiet" onClick={() => setAgain(true)}>
+          {words.readAgainAfter}
+        </Button>
+      )}
       {pasting.busy && <Busy label={words.reading} />}
       {pasting.left.map((left) => (
         <NotPlaced {...{ left, pasting, targets: Object.keys(rows) }} />
