@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.run.verb import IdentifyFields
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import PredictFields
-    from jointstiff.service.library.here import ImportedReadings, ImportFields
+    from jointstiff.service.library.imported import ImportedReadings, ImportFields
     from jointstiff.service.library.measure import LiveMeasurement
 
 PATIENCE_SECONDS: Final = 60.0
@@ -185,7 +185,7 @@ class Client(Verbs):
         **options: Unpack[ImportFields],
     ) -> ImportedReadings:
         """Import files of readings in this process; arguments and result as of `jointstiff.import_files`."""
-        from jointstiff.service.library.here import import_files
+        from jointstiff.service.library.imported import import_files
 
         return import_files(*files, robot=robot, **options)
 

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.service.library.campaigns import Campaign
     from jointstiff.service.library.client import AsyncClient, Client
-    from jointstiff.service.library.here import Here, ImportedReadings, import_files, predict
+    from jointstiff.service.library.here import Here, predict
+    from jointstiff.service.library.imported import ImportedReadings, import_files
     from jointstiff.service.library.many import identify_many
     from jointstiff.service.library.measure import measure
     from jointstiff.service.library.rehearse import Rehearsal, rehearse
@@ -72,10 +73,10 @@ _HOMES = {
     "RunOptions": "schemas.options",
     "TabledRun": "service.library.results",
     "Units": "schemas.measurement",
-    "ImportedReadings": "service.library.here",
+    "ImportedReadings": "service.library.imported",
     "RobotTrend": "service.library.results",
     "identify_many": "service.library.many",
-    "import_files": "service.library.here",
+    "import_files": "service.library.imported",
     "load": "service.library.saved",
     "measure": "service.library.measure",
     "Rehearsal": "service.library.rehearse",

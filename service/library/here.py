@@ -2,91 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from os import PathLike
+from collections.abc import Mapping
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, Unpack, cast
-
-from pydantic import PrivateAttr
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack, cast
 
 from jointstiff.schemas import run as messages
 from jointstiff.schemas.finding import Problem
-from jointstiff.schemas.imports import ImportAnswer
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunRequest
-from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, File, Kind
 from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.kinds.verb import JobMonitor
 from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
-from jointstiff.service.library.campaigns import Campaign, extract_run_options
+from jointstiff.service.library.campaigns import extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
-from jointstiff.service.library.results import Prediction, Presented, TabledRun, presented_class
+from jointstiff.service.library.results import Prediction, TabledRun, presented_class
 from jointstiff.service.library.robots import prepare_once
 from jointstiff.service.library.verbs import Verbs
-from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem, problem_from_error
+from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem
 from jointstiff.service.process import one_thread
 from jointstiff.service.reports.job import build_job_sheet
 from jointstiff.service.resources.documents import (
     AnyCampaign,
     parse_document,
     read_campaign,
-    read_robot,
 )
 from jointstiff.service.resources.inputs import InMemoryInputs
 from jointstiff.service.tables.files import write_sheet
-from jointstiff.service.tables.table import Line, Part, Sheet
+from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from matplotlib.figure import Figure
-
-    from jointstiff.schemas.imports import ImportUnits
-    from jointstiff.schemas.measurement import Noise
-    from jointstiff.service.kinds.verb import Vector
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import PredictFields
     from jointstiff.service.reports.exports import ExportedModel
-    from jointstiff.service.reports.plots import PlotStyle
 
 
 AnyRun = TypeVar("AnyRun", bound=Run)
-
-
-class ImportFields(TypedDict, total=False):
-    """Options of `import_files`."""
-
-    units: str | ImportUnits | Mapping[str, Any] | None
-    columns: Mapping[str, str]
-    layouts: Sequence[Sequence[str]]
-    delimiter: Literal["comma", "semicolon", "tab", "whitespace"] | None
-    decimal_mark: Literal["point", "comma"] | None
-    header: Sequence[str] | None
-    ignore: Sequence[str]
-    sheet: str | None
-    point_name: str | None
-    file_name: str | None
-    state_words: Mapping[str, Literal["unloaded", "loaded", "deflection"]]
-    state: Literal["unloaded", "loaded", "deflection"] | None
-    by_order: bool
-    allow_missing: bool
-    mean_of_repeats: bool
-    joint_tolerance: float
-    name: str | None
-    encoders: Literal["motor", "secondary"] | None
-    noise: Noise | Mapping[str, Any] | None
-    flange_targets: Mapping[str, Vector]
-    load_point: Vector | None
-    length_unit: Literal["m", "mm"] | None
-    accept_unusual: bool
-    force: Vector | None
-    robot_id: str | None
-    show_faults: bool
 
 
 class Here(Verbs):
@@ -330,80 +287,6 @@ def _use_saved(source: Any) -> Any:  # noqa: ANN401 - a source of a verb
     return use_saved(source)
 
 
-class ImportedReadings(Presented, ImportAnswer):
-    """Readings from files, which a campaign is made of; shown in one line."""
-
-    _robot: Any = PrivateAttr(default=None)  # document of the measured robot
-
-    def _parts(self) -> Sequence[Part]:
-        """Return the line of the report, and lines of what is missing and of suspicious readings."""
-        counts = [f"{self.observation_count} observations", f"{len(self.targets)} targets"]
-        if self.joint_count is not None:
-            counts.append(f"{self.joint_count} joints")
-        state = f"missing: {', '.join(self.missing)}" if self.missing else "complete"
-        files = ", ".join(each.file for each in self.files)
-        lines = [f"{files}: {', '.join(counts)}; {state}", *self.assumptions]
-        return [*map(Line, lines), *(Line(finding.message) for finding in self.findings or ())]
-
-    def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        """Return, by its name, the function that makes the only table: the columns and their meanings."""
-        return {"columns": self._make_columns_sheet}
-
-    def _make_columns_sheet(self) -> Sheet:
-        """Return the table of the columns of all files: header, meaning and unit."""
-        columns = [(file.file, column) for file in self.files for column in file.columns]
-        rows = {
-            "file": [name for name, _ in columns],
-            "header": [column.header for _, column in columns],
-            "meaning": [column.meaning for _, column in columns],
-        }
-        return Sheet(rows, frozenset(rows))
-
-    def _draw_figure(self, style: PlotStyle) -> Figure:  # noqa: ARG002 - nothing is drawn
-        """Refuse: readings have no plot before they are identified."""
-        raise ValueError("readings have no plot: identify them, and plot the run")
-
-    @property
-    def robot(self) -> RobotDocument | None:
-        """Measured robot, with the masses of a table of masses; None if `import_files` was called without."""
-        return cast("RobotDocument | None", self._robot)
-
-    def with_robot(self, robot: RobotDocument | Mapping[str, Any]) -> ImportedReadings:
-        """Return the readings with their robot, a message or a document.
-
-        Raises:
-            CampaignError: the document is no robot.
-        """
-        readings = self.model_copy()
-        readings._robot = robot if isinstance(robot, RobotDocument) else parse_document(robot, RobotDocument)
-        return readings
-
-    @property
-    def campaign(self) -> Campaign:
-        """Campaign of the readings and their robot, without the observations of a column `validation`.
-
-        Raises:
-            RequestError: no robot was given, or something is missing in the files.
-        """
-        if self._robot is None:
-            raise RequestError(
-                "the readings have no robot", where="robot", remedy="call `import_files` with `robot`"
-            )
-        if self.measurement_set is None:
-            raise RequestError(
-                f"the files are no campaign: {', '.join(self.missing) or 'they have no loads'}",
-                where="files",
-                remedy="state what is missing by the options of `import_files`",
-            )
-        robot = self._robot.model_copy(update={"bodies": self.bodies}) if self.bodies else self._robot
-        run = RunOptions(leave_out=self.leave_out) if self.leave_out else RunOptions()
-        return Campaign(robot=robot, measurement_set=self.measurement_set, run=run)
-
-    def identify(self, options: RunOptions | None = None, **fields: Any) -> TabledRun:  # noqa: ANN401
-        """Identify the joint stiffnesses of the readings; arguments as of `jointstiff.identify`."""
-        return Here().identify(self.campaign, options, **fields)
-
-
 def make_failed_run(message: type[AnyRun], request: RunRequest, problem: Problem) -> AnyRun:
     """Return a run of class `message` in state `failed`, whose error is the problem."""
     no_work = QuickWork(lambda: request, input_hash="", robot_id=None)  # nothing is computed
@@ -450,48 +333,3 @@ def predict(
         CampaignError: run, table or array cannot be used.
     """
     return Here().predict(run, postures, forces, **options)
-
-
-@one_thread()
-def import_files(
-    *files: str | PathLike[str],
-    robot: Any = None,  # noqa: ANN401 - as of a campaign
-    **options: Unpack[ImportFields],
-) -> ImportedReadings:
-    """Import files of readings, as the command `jointstiff import` does.
-
-    Args:
-        files: tables of readings, lists of points, or a table of masses; text or Excel.
-        robot: measured robot: a document, as in a campaign, or a file. With a robot, the answer has the
-            findings of the integrity checks; unloaded positions of a robot with masses become a set that is
-            identified by the robot's own weight.
-        options: fields of `ImportRequest`, such as `columns={"A1": "J1 [deg]"}`.
-
-    Returns:
-        The readings with the preview of the files; `.campaign` is a campaign of robot and readings, and
-        `.identify()` returns its run.
-
-    Raises:
-        CampaignError: a file or an option was not understood.
-    """
-    from jointstiff.schemas.imports import ImportRequest
-    from jointstiff.service.importing.reading import SourceFile
-    from jointstiff.service.problems import FilesError
-    from jointstiff.service.resources import imports
-
-    request = parse_document(options, ImportRequest)
-    sources = [SourceFile(Path(file).name, Path(file).read_bytes()) for file in files]
-    robot_model = None
-    if robot is not None:
-        if isinstance(robot, str | PathLike):
-            robot = read_robot(str(robot))
-        elif not isinstance(robot, RobotDocument):
-            robot = parse_document(robot, RobotDocument)
-        with as_campaign_error("robot"):
-            robot_model = prepare_robot(robot).robot
-    try:
-        answer = imports.import_files(sources, request, robot_model)
-    except FilesError as error:
-        raise CampaignError(problem_from_error(error)) from error
-    readings = ImportedReadings.model_validate(dict(answer))
-    return readings if robot is None else readings.with_robot(robot)

@@ -24,7 +24,7 @@ from jointstiff.service.conversion.parsing import MAX_SET_BYTES
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign, extract_run_options
-from jointstiff.service.library.here import Here, ImportedReadings
+from jointstiff.service.library.here import Here
 from jointstiff.service.library.results import Prediction, Presented, PresentedJob, RobotTrend, TabledRun
 from jointstiff.service.problems import CampaignError, http_problem
 from jointstiff.service.resources.documents import parse_document
@@ -59,6 +59,7 @@ class _SavedParts(Message):
 
 def _list_classes() -> Mapping[str, type[Presented]]:
     """Return the classes of results that are no jobs, by the `kind` in their files."""
+    from jointstiff.service.library.imported import ImportedReadings
     from jointstiff.service.library.rehearse import Rehearsal
 
     return {
@@ -141,7 +142,7 @@ def to_document(result: Presented) -> dict[str, Any]:
     fields: dict[str, Any] = result._message.model_dump(mode="json")
     if not isinstance(result, PresentedJob):
         (kind,) = (kind for kind, message in _list_classes().items() if isinstance(result, message))
-        robot = getattr(result, "robot", None) if isinstance(result, ImportedReadings) else None
+        robot = getattr(result, "robot", None) if kind == "imported" else None
         extra = {} if robot is None else {"robot": robot.model_dump(mode="json", exclude_unset=True)}
         return {"kind": kind} | fields | extra
     if isinstance(result, TabledRun):

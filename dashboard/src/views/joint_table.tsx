@@ -392,7 +392,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
           )}
         </div>
         <span role="columnheader" class="number">
-          {runWords.quantity(unit === "compliance")} <small>{label}</small>
+          <span>{runWords.quantity(unit === "compliance")}</span> <small>{label}</small>
         </span>
         <span role="columnheader" class="number">
           <Term of="interval">{runWords.interval(percent(run.request.confidence))}</Term>

@@ -428,7 +428,7 @@ VERBS = {
         lambda door, source: door.process(
             source, EXAMPLES / "pocket.src", force=FORCE, spindle=(0.6, 0.0, 0.8), turns=8, step=90.0
         ),
-        lambda job: (job.result.turned, job.result.before, program(job.result)),
+        lambda job: (job.result.turned, job.result.before, program(job)),
     ),
     "predict": (
         lambda door, source: door.predict(source, POSTURES, FORCE, at=(0, 0, 0.12)),

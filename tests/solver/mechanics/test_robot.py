@@ -26,7 +26,7 @@ from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain, dh_cha
 from jointstiff.solver.mechanics.inverse import (
     InverseKinematics,
     Unreached,
-    _poses_between,
+    _interpolate_poses,
     choose_postures,
     flange_poses,
 )
@@ -321,7 +321,7 @@ def test_a_halved_step_is_half_of_the_way_and_of_the_turn():
     """Beside an interpolation of SciPy's."""
     begin, end = flange_poses(arm("ur5"), np.random.default_rng(3).uniform(-1.0, 1.0, (2, 6)))
     share = np.array([0.0, 0.25, 0.5, 1.0])
-    poses = _poses_between(np.tile(begin, (4, 1, 1)), np.tile(end, (4, 1, 1)), share)
+    poses = _interpolate_poses(np.tile(begin, (4, 1, 1)), np.tile(end, (4, 1, 1)), share)
     turned = Slerp([0.0, 1.0], Rotation.from_matrix([begin[:3, :3], end[:3, :3]]))(share)
     np.testing.assert_allclose(poses[:, :3, :3], turned.as_matrix(), atol=1e-12)
     for k in range(3):
