@@ -105,6 +105,7 @@ export const later = {
     columns: { unloaded: "Unloaded", loaded: "Loaded", unloaded_after: "After unloading" },
     short: { unloaded: "unl.", loaded: "load", unloaded_after: "after" },
     readAgainAfter: "Read again after unloading",
+    afterShort: "+ after",
     sign: "Change sign ±",
     picture: "Picture and reason",
     pasteFailed: (why: string) => `The pasted block was not read: ${why}`,

@@ -441,6 +441,11 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
     <fieldset class="live-readings">
       <legend>
         <b>{words.readings}</b> <small class="soft">{words.readingsHint}</small> <SignButton />
+        {!unloadedOnly && !again && (
+          <Button look="quiet" aria-label={words.readAgainAfter} onClick={() => setAgain(true)}>
+            {phone ? words.afterShort : words.readAgainAfter}
+          </Button>
+        )}
       </legend>
       <div class={unloadedOnly ? "grid one" : "grid"}>
         {Object.entries(rows).map(([target, typed]) => (
@@ -468,11 +473,6 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
           </>
         ))}
       </div>
-      {!unloadedOnly && !again && (
-        <Button look="quiet" onClick={() => setAgain(true)}>
-          {words.readAgainAfter}
-        </Button>
-      )}
       {pasting.busy && <Busy label={words.reading} />}
       {pasting.left.map((left) => (
         <NotPlaced {...{ left, pasting, targets: Object.keys(rows) }} />
