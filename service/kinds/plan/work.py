@@ -273,7 +273,7 @@ def to_design_request(
             loads=_choose_loads(request, robot, so_far),
             sigma=planned_sigma,
             instrument=None if request.tracker is None else to_instrument(request.tracker, 1.0),
-            scatter=_choose_scatter(request, so_far, planned_sigma),
+            scatter=_choose_scatter(request, so_far, (sigma or planned_sigma) / planned_sigma, planned_sigma),
         ),
         readings=request.readings,
         nominal=nominal,
@@ -406,12 +406,20 @@ def choose_targets(
     return tuple(so_far.targets[t] for t in kept), positions[kept]
 
 
-def _choose_scatter(request: plans.PlanRequest, so_far: Measurements | None, sigma: float) -> Scatter:
-    """Return the errors that targets of a posture will share: as requested, else those of the campaign."""
-    scatter = NO_SCATTER if so_far is None else so_far.scatter
-    if request.repeatability is None:
-        return scatter
-    return replace(scatter, joints=request.repeatability / sigma)
+def _choose_scatter(
+    request: plans.PlanRequest, so_far: Measurements | None, ratio: float, sigma: float
+) -> Scatter:
+    """Return the errors that targets of a posture will share: as requested, else those of the campaign.
+
+    Args:
+        request: request that may state the repeatability.
+        so_far: readings of the campaign, whose shared errors are in units of their own sigma; None without.
+        ratio: sigma of the campaign over that of the plan.
+        sigma: standard uncertainty of a coordinate of a planned reading [m], the unit of the result.
+    """
+    known = NO_SCATTER if so_far is None else so_far.scatter
+    joints = ratio * known.joints if request.repeatability is None else request.repeatability / sigma
+    return Scatter(joints, ratio * known.station)
 
 
 def _choose_load_point(request: plans.PlanRequest, so_far: Measurements | None) -> FloatArray:
