@@ -57,6 +57,11 @@ class ComparisonOptions(Message):
         description="Also identify two sets in one problem in which no joint is softer in the second one, "
         "as with secondary encoders switched on.",
     )
+    same_load_point: Annotated[bool, Field(strict=True)] = Field(
+        default=False,
+        description="True if the load of both sets hung at the same point of the flange: the error of the "
+        "load point is then common.",
+    )
     confidence: Confidence | None = Field(
         default=None,
         description="Confidence level of ratios; default: that of the first run.",

@@ -132,6 +132,11 @@ class BudgetComponent(Message):
     correlation: Dimensionless[list[list[float]]] = Field(
         description="Correlation between the joints from this source."
     )
+    responses: Compliance[list[tuple[float, float, float]] | None] = Field(
+        default=None,
+        description="Change of each joint by one standard uncertainty of the load point along each axis of "
+        "the flange; null for other sources.",
+    )
 
 
 class Budget(Message):

@@ -510,6 +510,7 @@ def build_budget_message(
                 degrees_of_freedom=finite_or_none(part.degrees_of_freedom),
                 contributions=contributions.tolist(),
                 correlation=correlations.tolist(),
+                responses=None if part.responses is None else part.responses[estimated].tolist(),
             )
             for part, contributions, correlations in zip(
                 budget.components, uncertainty[:-2], correlation[:-2], strict=True

@@ -231,12 +231,13 @@ class Client(Verbs):
             run_options = {"leave_out": document.run.leave_out, **run_options, **fields}
             return self.runs.wait(self.post(to_json_object(document) | {"run": run_options}), monitor)
 
-    def trend(self, robot: Robot | RobotSummary | str, **filters: str) -> RobotTrend:
+    def trend(self, robot: Robot | RobotSummary | str, **filters: str | bool) -> RobotTrend:
         """Return the trend of a stored robot's joints over its campaigns.
 
         Args:
             robot: stored robot, its summary, or its id.
             filters: filters of the API, such as `serial_number`; default: the values of the latest campaign.
+                `same_load_point=True` if the load of all campaigns hung at the same point of the flange.
         """
         identifier = robot if isinstance(robot, str) else robot.id
         answer = self.send("GET", f"/v1/robots/{quote(identifier, safe='')}/trend", filters)
@@ -417,7 +418,7 @@ class Client(Verbs):
         self,
         verb: str,
         path: str,
-        query: Mapping[str, str] | None = None,
+        query: Mapping[str, str | bool] | None = None,
         document: Document | str | None = None,
         key: str | None = None,
         files: Mapping[str, bytes] | None = None,

@@ -241,7 +241,7 @@ class RecordPage(Generic[Row]):
     total: int | None  # number of records on all pages; None if they were not counted
 
 
-LAYOUT: Final = "0015_units_of_tables"
+LAYOUT: Final = "0016_effect_of_load_point"
 """Version of the tables and of the content of their documents; it gets a new name with each change.
 
 Before the first release only this layout is created and read; databases of other layouts are refused.

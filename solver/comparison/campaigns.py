@@ -5,8 +5,8 @@ Fieller's interval, and a p-value of the hypothesis that the stiffness has not c
 campaigns are fitted in one problem, in which no joint is softer in the second campaign. The share of the
 deflection that the second campaign avoids is measured where observations match, and predicted for all
 observations. For Gaussian ĉ₁, ĉ₂ the variable ``ĉ₁ − ρ ĉ₂`` has mean zero at the true ratio ρ = c₁/c₂ =
-k₂/k₁, so that ``|ĉ₁ − ρ ĉ₂| ≤ t √(s₁² + ρ² s₂²)`` holds with exactly the probability of t (E. C. Fieller,
-*Some problems in interval estimation*, J. R. Stat. Soc. B 16, 1954).
+k₂/k₁, so that ``|ĉ₁ − ρ ĉ₂| ≤ t √(s₁² − 2 ρ s₁₂ + ρ² s₂²)`` holds with exactly the
+probability of t (E. C. Fieller, *Some problems in interval estimation*, J. R. Stat. Soc. B 16, 1954).
 
 A change over time is the difference of ``ln k = -ln c`` of two campaigns; it has the variance of the errors
 that they do not share, and Student's distribution where their sigmas come from residuals.
@@ -58,6 +58,8 @@ _NO_EFFECT: Final = 1e-9
 _QUARTER: Final = pi / 2
 _ALIKE: Final = 0.5
 """Greatest relative difference of the deflections at which forces that differ are taken for a wrong unit."""
+_SAME_LOAD_POINT: Final = "same_load_point"
+"""Name of the option, as the place of an error."""
 _UNKNOWN: Final = (
     "the uncertainty of the joint is unknown in one of the sets: state `noise`, or add observations"
 )
@@ -73,6 +75,9 @@ class FreeEstimate:
     readings: FloatArray | None  #: (n, n) part due to the noise of the readings; None if sigma is unknown
     #: error term → (n, n) part due to this term, for terms whose uncertainty is assumed, not stated
     assumed: Mapping[str, FloatArray]
+    #: (n, 3) change of the estimate by one standard uncertainty of the load point along each axis of the
+    #: flange; (n, 0) if the load point has no stated or assumed uncertainty
+    load_point: FloatArray
     sigma: float | None  #: standard uncertainty of one coordinate of one reading [m]
     degrees_of_freedom: float  #: degrees of freedom of sigma; inf if it was given
     reasons: Sequence[str | None]  #: (n,) why the joint has no estimate; None if it has one
@@ -100,6 +105,23 @@ class Comparison(NamedTuple):
     #: labels of both campaigns whose observations differ in posture or load, or share no target
     unlike: tuple[str, ...]
     unit_mistake: Finding | None  #: finding of a wrong unit of force; None if none is suspected
+
+
+class PairCovariance(NamedTuple):
+    """Covariance of two campaigns' estimates, without the errors that cancel in a comparison."""
+
+    own: Sequence[FloatArray | None]  #: (n, n) of each campaign; None where sigma is unknown
+    cross: FloatArray  #: (n, n) between the first campaign (rows) and the second campaign (columns)
+
+    def select(self, j: int) -> tuple[float | None, float | None, float]:
+        """Return the variances of joint j in both campaigns, None if unknown, and the covariance of both."""
+        first, second = (None if part is None else float(part[j, j]) for part in self.own)
+        return first, second, float(self.cross[j, j])
+
+    def stack(self) -> FloatArray:
+        """Return the covariance (2 n, 2 n) of the first, then the second campaign; zero where unknown."""
+        first, second = (np.zeros_like(self.cross) if part is None else part for part in self.own)
+        return np.block([[first, self.cross], [self.cross.T, second]])
 
 
 class GaussianEstimate(NamedTuple):
@@ -130,7 +152,14 @@ class Matches:
     unlike: tuple[str, ...]
 
 
-def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool = False) -> Comparison:
+def compare_sides(
+    first: Side,
+    second: Side,
+    *,
+    confidence: float,
+    ordered: bool = False,
+    same_load_point: bool = False,
+) -> Comparison:
     """Compare the stiffnesses of two campaigns whose readings are independent.
 
     Args:
@@ -138,9 +167,12 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
         second: campaign of the stiffer state, such as after a repair, or with secondary encoders in the loop.
         confidence: level of the intervals, between 0 and 1.
         ordered: whether to fit both in one problem with c_second ≤ c_first for every joint.
+        same_load_point: whether the load hung at the same point of the flange, so that the error of the load
+            point is the same in both campaigns.
 
     Raises:
-        RequestError: the robots' joints differ, or the order contradicts the constraints.
+        RequestError: the robots' joints differ, the order contradicts the constraints, or the campaigns
+            cannot share a load point.
         SolverError: optimality could not be certified.
     """
     names, others = first.robot.joint_names, second.robot.joint_names
@@ -150,16 +182,16 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
             where="run_ids",
             remedy="compare sets of one robot, or of two robots of the same model with the same joint names",
         )
-    covariances = _compute_independent_covariances(sides := (first, second))
+    covariance = _compute_pair_covariance(sides := (first, second), same_load_point=same_load_point)
     positive = all(bool((side.constraints.bounds.lower >= 0).all()) for side in sides)
     compliances = np.stack([side.compliance for side in sides])
     ordered_result = None
     if ordered:
-        ordered_result, optimum = fit_ordered(sides, covariances, confidence)
+        ordered_result, optimum = fit_ordered(sides, covariance, confidence)
         compliances = np.where(np.isnan(optimum), compliances, optimum)
     matches = match_observations(first.measurements, second.measurements)
     return Comparison(
-        [_compare_joint(j, sides, covariances, confidence, positive=positive) for j in range(len(names))],
+        [_compare_joint(j, sides, covariance, confidence, positive=positive) for j in range(len(names))],
         ordered_result,
         compute_avoided_deflection(sides, matches, compliances),
         matches.unlike,
@@ -179,25 +211,65 @@ def models_differ(first: Robot, second: Robot) -> bool:
     return any(bool((np.abs(a - b) > _MODEL_TOLERANCE).any()) for a, b in zip(*kinematics, strict=True))
 
 
-def _compute_independent_covariances(sides: Sequence[Side]) -> list[FloatArray | None]:
-    """Return the covariance (n, n) of each campaign's estimate without the errors that both campaigns share.
+def _compute_pair_covariance(sides: Sequence[Side], *, same_load_point: bool) -> PairCovariance:
+    """Compute the covariance of both campaigns' estimates without the errors that cancel in a comparison.
 
-    An assumed error of the load cell's scale cancels in a comparison. Each campaign keeps the error of its
-    own load point: a load that is hung anew hangs elsewhere. The covariance is None where sigma is unknown.
+    An assumed error of the load cell's scale cancels. Each campaign has its own error of the load point,
+    because a load that is hung anew hangs elsewhere, unless the load hung at the same point.
+
+    Raises:
+        RequestError: the campaigns cannot share a load point.
     """
     common = [side.measurements.common_uncertainty for side in sides]
     shared_terms = frozenset.intersection(*(each.assumed for each in common)) - {"load_point"}
-    covariances = []
+    own = []
     for free in (side.free for side in sides):
         shared = sum(free.assumed[term] for term in shared_terms if term in free.assumed)
-        covariances.append(None if free.readings is None else free.covariance - shared)
-    return covariances
+        own.append(None if free.readings is None else free.covariance - shared)
+    n = sides[0].robot.n
+    if not same_load_point:
+        return PairCovariance(own, np.zeros((n, n)))
+    if not all(side.free.load_point.any() for side in sides):
+        raise RequestError(
+            "one of the runs has no uncertainty of its load point, so there is no error to share",
+            where=_SAME_LOAD_POINT,
+            remedy="omit `same_load_point`, or identify both sets again with an uncertainty "
+            "`noise.load_point` above zero and without a fitted load point",
+        )
+    check_same_load_point([side.measurements for side in sides])
+    first, second = (side.free.load_point for side in sides)
+    return PairCovariance(own, first @ second.T)
+
+
+def check_same_load_point(campaigns: Sequence[Measurements]) -> None:
+    """Check that all campaigns state the same load points with the same uncertainty.
+
+    Raises:
+        RequestError: the load points differ by more than `LOAD_POINT_TOLERANCE`, or their uncertainties
+            differ.
+    """
+    loaded_points = [each.load_point[each.force.any(axis=1)] for each in campaigns]
+    if not all(map(len, loaded_points)):
+        return  # a moment alone has no load point
+    first = loaded_points[0]
+    for points, campaign in zip(loaded_points, campaigns, strict=True):
+        distance = np.linalg.norm(points[:, None] - first, axis=2)
+        farthest = max(distance.min(axis=0).max(), distance.min(axis=1).max())
+        uncertainties = [each.common_uncertainty.load_point for each in (campaigns[0], campaign)]
+        if farthest > LOAD_POINT_TOLERANCE or uncertainties[0] != uncertainties[1]:
+            stated = " and ".join(figure(1e3 * size, ".3g") for size in uncertainties)
+            raise RequestError(
+                f"two sets state load points {figure(1e3 * farthest, '.3g')} mm apart, with uncertainties of "
+                f"{stated} mm, so the error of the load point is not the same in both",
+                where=_SAME_LOAD_POINT,
+                remedy="omit `same_load_point`, or state the same load point and uncertainty in all sets",
+            )
 
 
 def _compare_joint(
     j: int,
     sides: Sequence[Side],
-    covariances: Sequence[FloatArray | None],
+    covariance: PairCovariance,
     confidence: float,
     *,
     positive: bool,
@@ -207,25 +279,25 @@ def _compare_joint(
     Args:
         j: index of the joint.
         sides: both campaigns.
-        covariances: (n, n) covariance of each campaign's estimate; None where sigma is unknown.
+        covariance: covariance of both estimates.
         confidence: level of the interval.
         positive: whether compliances are known to be zero or positive.
     """
     name, gaussian = sides[0].robot.joint_names[j], []
-    for ordinal, side, covariance in zip(("first", "second"), sides, covariances, strict=True):
+    *variances, shared = covariance.select(j)
+    for ordinal, side, variance in zip(("first", "second"), sides, variances, strict=True):
         value = float(side.free.compliance[j])
         if not isfinite(value):
             return JointRatio(name=name, reason=f"in the {ordinal} set: {side.free.reasons[j]}")
-        if covariance is not None and covariance[j, j] > 0.0:
-            freedom = side.free.degrees_of_freedom
-            gaussian.append(GaussianEstimate(value, sqrt(covariance[j, j]), freedom))
+        if variance is not None and variance > 0.0:
+            gaussian.append(GaussianEstimate(value, sqrt(variance), side.free.degrees_of_freedom))
     if len(gaussian) < len(sides):
         return JointRatio(name=name, reason=_UNKNOWN)
     first, second = gaussian
     are_positive = first.value > 0 and second.value > 0
-    spread = hypot(first.standard_uncertainty, second.standard_uncertainty)
+    spread = sqrt(first.standard_uncertainty**2 + second.standard_uncertainty**2 - 2.0 * shared)
     freedom = min(first.degrees_of_freedom, second.degrees_of_freedom)
-    interval = compute_ratio_interval(first, second, confidence, positive=positive)
+    interval = compute_ratio_interval(first, second, confidence, positive=positive, covariance=shared)
     return JointRatio(
         name=name,
         ratio=first.value / second.value if are_positive else None,
@@ -237,50 +309,79 @@ def _compare_joint(
 
 
 def compute_ratio_interval(
-    first: GaussianEstimate, second: GaussianEstimate, confidence: float, *, positive: bool
+    first: GaussianEstimate,
+    second: GaussianEstimate,
+    confidence: float,
+    *,
+    positive: bool,
+    covariance: float = 0.0,
 ) -> RatioInterval | None:
     """Compute Fieller's interval of the ratio c_first / c_second = k_second / k_first.
-
-    In units of the uncertainties, with the point ``(ĉ₂/s₂, ĉ₁/s₁)`` at distance r and angle θ, the interval
-    is ``|sin(θ − φ)| ≤ t/r`` for ``tan φ = ρ s₂/s₁``: an arc of directions, repeated every half turn. If the
-    arc passes through the vertical, where the ratio is infinite, the interval has no upper limit.
 
     The interval is exact if both uncertainties come from one sigma, or sigma is given. Otherwise the fewer
     degrees of freedom are used, so that the interval covers the true ratio at least as often as `confidence`.
 
     Args:
         first: estimate of the first compliance.
-        second: estimate of the second compliance, independent of the first.
+        second: estimate of the second compliance.
         confidence: between 0 and 1.
         positive: whether both compliances, and so their ratio, are known to be zero or positive.
+        covariance: covariance of both estimates [(rad/(N·m))²]; zero if they are independent.
 
     Returns:
         The interval; None if `positive` and all ratios that the estimates allow are negative.
     """
     t = student_quantile(0.5 + confidence / 2, min(first.degrees_of_freedom, second.degrees_of_freedom))
+    # With b = covariance / s₂², ĉ₁ − b ĉ₂ is independent of ĉ₂, and has the ratio ρ − b to ĉ₂.
+    shift = covariance / second.standard_uncertainty**2
+    own = sqrt(first.standard_uncertainty**2 - shift * covariance)
+    independent = GaussianEstimate(first.value - shift * second.value, own)
+    lower, upper, excluded = _compute_independent_ratio_interval(independent, second, t)
+    lower, upper = (None if end is None else end + shift for end in (lower, upper))
+    if excluded is not None:
+        excluded = (excluded[0] + shift, excluded[1] + shift)
+    if not positive:
+        return RatioInterval(lower, upper, excluded)
+    if upper is not None and upper < 0.0:
+        return None
+    if excluded is not None and excluded[0] < 0.0:  # of both parts only the upper part is positive
+        return RatioInterval(max(0.0, excluded[1]), None)
+    return RatioInterval(0.0 if lower is None else max(0.0, lower), upper, excluded)
+
+
+def _compute_independent_ratio_interval(
+    first: GaussianEstimate, second: GaussianEstimate, t: float
+) -> RatioInterval:
+    """Compute Fieller's interval of c_first / c_second for independent estimates of any sign.
+
+    In units of the uncertainties, with the point ``(ĉ₂/s₂, ĉ₁/s₁)`` at distance r and angle θ, the interval
+    is ``|sin(θ − φ)| ≤ t/r`` for ``tan φ = ρ s₂/s₁``: an arc of directions, repeated every half turn. If the
+    arc passes through the vertical, where the ratio is infinite, the interval has no upper limit.
+
+    Args:
+        first: estimate of the first compliance.
+        second: estimate of the second compliance.
+        t: quantile, the greatest |ĉ₁ − ρ ĉ₂| in standard uncertainties.
+    """
     y = first.value / first.standard_uncertainty
     x = second.value / second.standard_uncertainty
     scale = first.standard_uncertainty / second.standard_uncertainty
     r = hypot(x, y)
     if r <= t:  # the point is so near the origin that every direction is allowed
-        return RatioInterval(0.0 if positive else None, None)
+        return RatioInterval(None, None)
     angle = atan2(y, x)
     if angle > _QUARTER or angle <= -_QUARTER:  # the ratio stays the same if both signs change
         angle -= pi if angle > 0 else -pi
     low, high = angle - asin(t / r), angle + asin(t / r)
     lower, upper = scale * tan(low), scale * tan(high)
     if low > -_QUARTER and high < _QUARTER:
-        if positive and upper < 0.0:
-            return None
-        return RatioInterval(max(0.0, lower) if positive else lower, upper)
+        return RatioInterval(lower, upper)
     # The arc passes through the vertical: all ratios are allowed but those between `upper` and `lower`.
-    if positive and upper < 0.0:
-        return RatioInterval(max(0.0, lower), None)
-    return RatioInterval(0.0 if positive else None, None, (upper, lower))
+    return RatioInterval(None, None, (upper, lower))
 
 
 def fit_ordered(
-    sides: Sequence[Side], covariances: Sequence[FloatArray | None], confidence: float
+    sides: Sequence[Side], covariance: PairCovariance, confidence: float
 ) -> tuple[OrderedResult, FloatArray]:
     """Fit both campaigns in one problem subject to ``c_second ≤ c_first`` for every joint (method.md §5).
 
@@ -291,7 +392,7 @@ def fit_ordered(
 
     Args:
         sides: the softer campaign, such as with motor encoders in the loop, and the stiffer campaign.
-        covariances: (n, n) covariance of each campaign's estimate; None where sigma is unknown.
+        covariance: covariance of both estimates.
         confidence: level of the intervals.
 
     Returns:
@@ -304,7 +405,6 @@ def fit_ordered(
     """
     free, n = [side.free for side in sides], sides[0].robot.n
     noise = [each.readings for each in free if each.readings is not None]
-    all_errors = [each for each in covariances if each is not None]
     if len(noise) < len(sides):
         raise RequestError(
             "sigma is neither given nor determined by the residuals, so the two sets cannot be weighted",
@@ -334,9 +434,7 @@ def fit_ordered(
     c[known] = fits[0].compliance
     squares = [float(np.square(R @ (fit.compliance - centre[known])).sum()) for fit in fits]
     quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free))
-    likelihood = Likelihood(
-        np.arange(len(known)), centre[known], block_diag(*all_errors)[np.ix_(known, known)]
-    )
+    likelihood = Likelihood(np.arange(len(known)), centre[known], covariance.stack()[np.ix_(known, known)])
     every = np.eye(len(known))
     low, high = compute_profile_ends(likelihood, together.select(known), every, np.array([quantile]))[0].T
     ends[known] = np.stack([np.minimum(low, c[known]), np.maximum(high, c[known])], axis=1)
@@ -581,7 +679,11 @@ class Change:
 
     @classmethod
     def between(
-        cls, first: tuple[float, float], second: tuple[float, float], degrees_of_freedom: float = inf
+        cls,
+        first: tuple[float, float],
+        second: tuple[float, float],
+        degrees_of_freedom: float = inf,
+        shared: float = 0.0,
     ) -> Change:
         """Return the change of ln k from the first to the second campaign.
 
@@ -591,8 +693,9 @@ class Change:
             second: ln k and standard uncertainty of the second campaign.
             degrees_of_freedom: the fewer degrees of freedom of the two uncertainties, so that a change is
                 found significant by chance at most as often as the level says.
+            shared: standard uncertainty of the difference from errors that both campaigns share.
         """
-        return cls(second[0] - first[0], hypot(first[1], second[1]), degrees_of_freedom)
+        return cls(second[0] - first[0], hypot(first[1], second[1], shared), degrees_of_freedom)
 
     @property
     def relative(self) -> float:

@@ -684,6 +684,9 @@ class BudgetComponent(Spread):
     evaluation: Literal["A", "B"]
     included: bool  #: whether it is part of the standard uncertainty of the joints
     degrees_of_freedom: float | None = None  #: of a type A evaluation; None for infinite
+    #: (n, 3) changes of the compliances by one standard uncertainty of the load point along each axis of the
+    #: flange [rad/(N·m)]; None for another source
+    responses: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -734,7 +737,11 @@ class UncertaintyBudget:
         if common is not None:
             components += [
                 BudgetComponent(
-                    responses @ responses.T, source, "A" if source == "fitted_causes" else "B", True
+                    responses @ responses.T,
+                    source,
+                    "A" if source == "fitted_causes" else "B",
+                    True,
+                    responses=responses if source.endswith("load_point") else None,
                 )
                 for source, responses in common.by_source.items()
                 if responses.any()

@@ -610,6 +610,7 @@ export const later = {
       second: "for example secondary encoders, or after",
     },
     ordered: "No joint is softer on the second side",
+    sameLoadPoint: "The load hung at the same point of the flange",
     allMethods: "By all methods, too (the paper's Table II)",
     left: "Deflection, and what is left",
     leftOf: (side: string) => `Deflection, and what is left: ${side}`,

@@ -99,11 +99,19 @@ async function comparable(run: Run): Promise<Run[]> {
   return held ? [plain, await identified({ ...joints, ...UNCONSTRAINED })] : [plain];
 }
 
-const compared = (runs: Run[], ordered = false): Promise<Comparison> =>
-  api.comparisons.add({ run_ids: [...new Set(runs.map((run) => run.id))], ordered }, freshKey("comparison"));
+interface PairOptions {
+  ordered: boolean;
+  same_load_point: boolean;
+}
+
+const compared = (runs: Run[], options: Partial<PairOptions> = {}): Promise<Comparison> =>
+  api.comparisons.add(
+    { run_ids: [...new Set(runs.map((run) => run.id))], ordered: false, same_load_point: false, ...options },
+    freshKey("comparison"),
+  );
 
 /** Compare two sides, `run:…` or `set:…`, which is identified; on request by all methods. */
-async function compareSides(sides: string[], ordered: boolean, methods: boolean): Promise<Comparison> {
+async function compareSides(sides: string[], options: PairOptions, methods: boolean): Promise<Comparison> {
   const runs = await Promise.all(
     sides.map(async (side) => {
       const [kind, id = ""] = side.split(":", 2);
@@ -112,7 +120,7 @@ async function compareSides(sides: string[], ordered: boolean, methods: boolean)
       return methods ? [...leading, ...(await byMethods(own.request.measurement_set_id, null))] : leading;
     }),
   );
-  return compared(runs.flat(), ordered);
+  return compared(runs.flat(), options);
 }
 
 const words = later.compare;
@@ -438,9 +446,10 @@ function StartPair({ newest: sets }: { newest: MeasurementSetSummary[] }) {
     query.get("second") ?? `set:${end?.id ?? ""}`,
   ]);
   const [ordered, setOrdered] = useState(unlike !== undefined && !query.has("first") && !query.has("second"));
+  const [sameLoadPoint, setSameLoadPoint] = useState(false);
   const [methods, setMethods] = useState(false);
   const start = useAction(async () => {
-    const pair = await compareSides(sides, ordered, methods);
+    const pair = await compareSides(sides, { ordered, same_load_point: sameLoadPoint }, methods);
     return link(["compare", "methods", pair.id]);
   }, "pair");
   const possible = sides.every((side) => !side.endsWith(":")) && sides[0] !== sides[1];
@@ -462,6 +471,7 @@ function StartPair({ newest: sets }: { newest: MeasurementSetSummary[] }) {
         ))}
       </div>
       <Toggle label={words.ordered} checked={ordered} change={setOrdered} />
+      <Toggle label={words.sameLoadPoint} checked={sameLoadPoint} change={setSameLoadPoint} />
       <Toggle label={words.allMethods} checked={methods} change={setMethods} />
       {!possible && <p class="soft">{words.twoSets}</p>}
       <ActionButton look="primary" action={start} disabled={!possible} going={words.going}>

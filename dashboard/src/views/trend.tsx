@@ -6,7 +6,7 @@ import { LeftAxis, Chart, Figure } from "../charts/figure";
 import { useState } from "preact/hooks";
 import { queries } from "../api/queries";
 import type { Method, Trend as Found, TrendJoint } from "../api/types";
-import { Select } from "../components/fields";
+import { Select, Toggle } from "../components/fields";
 import { changeText, comparedText, pointsOf, whenTexts, worstFirst } from "../lib/trend";
 import { useQuery } from "../state/query";
 import { later } from "../i18n/later";
@@ -105,7 +105,9 @@ interface Asked {
 
 export function TrendView({ robot: id, serial }: { robot: string; serial: string | null }) {
   const [asked, setAsked] = useState<Asked>({});
-  const trend = useQuery(queries.trend(id, { ...asked, serial_number: serial }));
+  const [sameLoadPoint, setSameLoadPoint] = useState(false);
+  const shared = sameLoadPoint ? { same_load_point: "true" } : {};
+  const trend = useQuery(queries.trend(id, { ...asked, ...shared, serial_number: serial }));
   const name = useQuery(queries.robot(id)).data?.name ?? "…";
   return (
     <>
@@ -119,6 +121,7 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
           </>
         }
       />
+      <Toggle label={later.compare.sameLoadPoint} checked={sameLoadPoint} change={setSameLoadPoint} />
       <Show of={trend}>
         {(found) => (
           <>

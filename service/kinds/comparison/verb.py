@@ -23,6 +23,7 @@ class CompareFields(TypedDict, total=False):
     """Options of `compare`."""
 
     ordered: bool
+    same_load_point: bool
     confidence: float | None
     methods: Sequence[ComparedMethod | Mapping[str, Any]]
     constraints: Sequence[Literal["unconstrained", "positive"]]

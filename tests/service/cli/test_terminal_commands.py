@@ -186,6 +186,8 @@ HELP = {
         "change, or of a twin robot.",
         "--ordered / --no-ordered Also identify two sets in one problem in which no joint is softer in the "
         "second one, as with secondary encoders switched on.",
+        "--same-load-point / --no-same-load-point True if the load of both sets hung at the same point of "
+        "the flange: the error of the load point is then common.",
         "--confidence NUMBER Confidence level of ratios; default: that of the first run.",
         "--csv Print CSV for spreadsheets.",
     ],
