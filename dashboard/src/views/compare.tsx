@@ -111,7 +111,7 @@ const compared = (runs: Run[], options: Partial<PairOptions> = {}): Promise<Comp
   );
 
 /** Compare two sides, `run:…` or `set:…`, which is identified; on request by all methods. */
-async function compareSides(sides: string[], options: PairOptions, methods: boolean): Promise<Comparison> {
+async function compareSides(sides: string[], options: Partial<PairOptions>, methods: boolean): Promise<Comparison> {
   const runs = await Promise.all(
     sides.map(async (side) => {
       const [kind, id = ""] = side.split(":", 2);
@@ -323,7 +323,7 @@ const sideBySideWords = text.lists;
 export function SideBySideView({ ids }: { ids: string[] }) {
   const pair = useAction(async () => {
     const sides = ids.map((id) => `run:${id}`);
-    const made = await compareSides(sides, false, false);
+    const made = await compareSides(sides, {}, false);
     return link(["compare", "methods", made.id]);
   });
   const loaded = useQuery({

@@ -1,12 +1,12 @@
 /** Each joint of one robot over its campaigns: charts with intervals, and whether the latest differs from the first. */
 import { dayText, significant, pValue, extent, logarithmic, timeText } from "../lib/format";
-import { Name, Badge, Empty, Head, MeasureLink, Show } from "../components/basics";
+import { Name, Badge, Empty, Head, MeasureLink, Show, Toggle } from "../components/basics";
 import { go, link } from "../state/action";
 import { LeftAxis, Chart, Figure } from "../charts/figure";
 import { useState } from "preact/hooks";
 import { queries } from "../api/queries";
 import type { Method, Trend as Found, TrendJoint } from "../api/types";
-import { Select, Toggle } from "../components/fields";
+import { Select } from "../components/fields";
 import { changeText, comparedText, pointsOf, whenTexts, worstFirst } from "../lib/trend";
 import { useQuery } from "../state/query";
 import { later } from "../i18n/later";
