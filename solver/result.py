@@ -228,12 +228,12 @@ def describe_choice_by_comparison(winner: Winner, screening: Screening) -> Model
     if intervals == chosen.model and not tied:
         remarks += " The intervals of stiffness are computed with this model."
     elif tied:
-        remarks += " Held-out postures do not distinguish links from base: the intervals of stiffness "
+        remarks += " The readings do not distinguish links from base: the intervals of stiffness "
         remarks += (
             "contain both models' values."
             if elastic is None or elastic.estimate.prediction.joined or intervals is None
-            else f"are computed with {intervals.replace('_', ' ')} alone, because no optimum of links alone "
-            "was certified."
+            else f"are computed with {intervals.replace('_', ' ')} alone, because no optimum of the other "
+            "model was certified."
         )
     elif intervals is not None:
         richer = intervals.replace("_", " ")

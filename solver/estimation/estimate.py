@@ -856,6 +856,8 @@ class Prediction:
     contributions: Contributions | None = None  #: of the joints; None where links or the base bend, too
     #: what bends in addition to the joints; None for nothing
     bending: Literal["links", "base", "links_or_base"] | None = None
+    #: for `links_or_base`: what bends in the model of the predictions
+    predicted_by: Literal["links", "base"] = "base"
     joined: bool = True  #: for `links_or_base`: whether the intervals contain the values of both models
     #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where links or
     #: the base bend, too
