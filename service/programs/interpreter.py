@@ -162,8 +162,9 @@ class ControlFlow:
             for routine, fault in self.faulty_routines.items()
             if routine in self.begins
         }
-        # A handler without a name handles errors.
-        if any(not names[self.begins[handler]] for handler in self.anytime_routines):
+        # A handler without a name handles errors; a handler that resumes ends the routines it interrupted.
+        handles_errors = any(not names[self.begins[handler]] for handler in self.anytime_routines)
+        if handles_errors or any(isinstance(op, ir.Flow) and op.kind == "resume" for op in ops):
             self._add_error_exits()
 
     def _append_missing_ends(self, ops: list[Op]) -> None:
@@ -193,7 +194,7 @@ class ControlFlow:
     def _add_error_exits(self) -> None:
         """Add the end of the routine to the successors of each operation of the routine.
 
-        An error may occur anywhere, and a handler of the caller may then continue behind the call.
+        An error or an interrupt may occur anywhere; the caller may then continue behind the call.
         """
         for end, name in self.ends.items():
             for i in self.bodies[name][:-1]:
@@ -216,8 +217,8 @@ class ControlFlow:
             self._labels[self._open_routines[-1]][self._names[i]] = i
         elif op.kind == "jump":
             self._jumps.append(i)
-        elif op.kind in {"leave", "return"}:
-            kinds = {"routine"} if op.kind == "return" else {"loop", "repeat", "routine"}
+        elif op.kind in {"leave", "return", "resume"}:
+            kinds = {"routine"} if op.kind != "leave" else {"loop", "repeat", "routine"}
             enclosing = [block for block in self._open_blocks if block.kind in kinds]
             for block in enclosing[-1:]:  # the innermost block of these kinds, if any
                 block.exits.append(i)
@@ -392,6 +393,7 @@ class Machine:
         translations: dict[str, list[tuple[int, Op]]] = {}
         # operations of the last statement, if a repetition of this statement can differ in numbers only
         repeatable: list[tuple[int, Op]] | None = None
+        held: list[tuple[list[tuple[int, Op]], int, int]] = []  # statements that act behind the next move
         for masked, line, number in zip(masked_texts, lines.tolist(), first.tolist(), strict=True):
             ops = translations.get(masked)
             if ops is None:
@@ -401,16 +403,33 @@ class Machine:
                     self.refuse(line, fault.reason, fault.remedy, source)
                 if len(translations) < _MAX_TRANSLATIONS:
                     translations[masked] = ops
-            if ops is repeatable:  # long programs are mostly such moves: they share one operation
+            if ops is repeatable and not held:  # long programs are mostly such moves: they share one operation
                 line_offset, _ = ops[-1]
                 self._repeats[len(self._ops) - 1].extend((line + line_offset, number))
                 continue
-            self._add_operations(ops, source, line, number, declares)
             effects = [op for _, op in ops if not isinstance(op, ir.Use)]
+            if any(isinstance(op, ir.Call) and op.behind_next for op in effects) and not declares:
+                held.append((ops, line, number))
+                continue
+            is_move = [type(op) for op in effects] == [ir.Move]
+            if held and effects and not is_move:
+                self._add_held(held, source)
+            self._add_operations(ops, source, line, number, declares)
+            if held and is_move:
+                self._add_held(held, source)
+                repeatable = None
+                continue
             is_repeatable = (
                 len(effects) == 1 and isinstance(effects[0], ir.Move) and effects[0].differs_only_in_target
             )
             repeatable = ops if is_repeatable and not declares else None
+        self._add_held(held, source)
+
+    def _add_held(self, held: list[tuple[list[tuple[int, Op]], int, int]], source: int) -> None:
+        """Add the operations of statements that act behind the next move, and empty their list."""
+        for ops, line, number in held:
+            self._add_operations(ops, source, line, number, "")
+        held.clear()
 
     def _add_operations(
         self, ops: Iterable[tuple[int, Op]], source: int, line: int, number: int, declares: str

@@ -103,6 +103,7 @@ class Call(NamedTuple):
     event: Name = ""
     # whether the call changes nothing, unless the program itself defines a routine with this name
     harmless: bool = False
+    behind_next: bool = False  # whether the routine runs only behind a move that is the next statement
 
 
 class Use(NamedTuple):
@@ -144,7 +145,7 @@ class Flow(NamedTuple):
     Blocks begin with `if`, `loop` or `repeat` (a loop that runs at least once) and end with `close`; further
     branches begin with `branch` or `default`; `leave` leaves a loop. Routines begin with `routine`, or with
     `handler` if they may run at any time, and end with `end`. `close_or_end` ends a block or a routine. The
-    other kinds are `label`, `jump` and `return`.
+    other kinds are `label`, `jump`, `return`, and `resume`, which also ends the routines that were interrupted.
     """
 
     kind: str
