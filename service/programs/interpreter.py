@@ -508,9 +508,10 @@ class Machine:
             # An unknown routine that an attached routine calls counts as called where this one is attached.
             is_attached = name in self._attached_routines
             changed = self._changed[name].items()
-            self._anytime.update(
-                {each: cause for each, cause in changed if not (is_attached and each == UNKNOWN)}
-            )
+            for each, cause in changed:
+                ends_lasting = each == ir.MODE and not cause.reason
+                if not ((is_attached and each == UNKNOWN) or ends_lasting):
+                    self._anytime[each] = cause
 
     def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
         """Note why values become unknown at a statement, for each name that the statement changes."""
@@ -582,7 +583,7 @@ class Machine:
             else:
                 self._update_state(state, i)
             for name, (content, line) in state.items():
-                reason = f"{name} changes while the program runs"
+                reason = f"{name} changes while the program runs" if name != ir.MODE else ""
                 cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
                 self._changed[routine][name] = content if isinstance(content, Cause) else cause
         self._summarise_faults_and_attachments()
@@ -750,6 +751,8 @@ class Machine:
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)
+            if name == ir.MODE and state.get(name, ("",))[0] in self._faults.values():
+                return  # the end of force control and the like does not mend a fault of the text
             state[name] = self._evaluate(place, name, op.value, state), place.line
         elif isinstance(op, ir.MakeUnknown):
             cause = place.make_cause(op.reason, op.remedy)
@@ -762,6 +765,8 @@ class Machine:
             unknown = None if is_own else self._explain_unknown_call(place, op)
             if unknown := unknown or self._find_unknown_in_attached(place, op):
                 self._forget_names(state, unknown)
+                if op.may_last:
+                    state[ir.MODE] = unknown, unknown.line
 
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
@@ -920,7 +925,8 @@ class Machine:
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
         cause = self._find_obstacle(place, op, frames, state)
-        self._needs_assumption |= cause is None and UNKNOWN in state and bool(self.unknown_routines)
+        is_behind_unknown = UNKNOWN in state or UNKNOWN in self._anytime
+        self._needs_assumption |= cause is None and is_behind_unknown and bool(self.unknown_routines)
         repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
         if len(repeats) and cause is None:
             lines, first = np.vstack([[place.line, place.first], repeats]).T

@@ -4,6 +4,7 @@ A file of templates has programs after `=== title`, and their files after `--- n
 
 * `@` is a pose and `@j` are joint angles, for which numbers are drawn and written in the language;
 * `8* ` before a line repeats the line, with other numbers each time;
+* `P[2..9]` repeats a line of FANUC for each of these positions;
 * ` => base tool` behind a line says that the line moves to numbers, with this base and this tool; `?` is a
   frame that the files do not state. A line without the mark does not move to numbers.
 
@@ -88,7 +89,7 @@ class _Drawing:
     def _find_truth(self, line: str, mark: str, drawn: list[Numbers]) -> Truth:
         """Return the truth of a marked line, whose targets are drawn on the line or have names."""
         if self._language == "fanuc":  # an arc names its second position on the next line
-            line, mark = re.sub(r":[^:\[\]]*\]", "]", line + mark), ""
+            line, mark = re.sub(r":[^\[\]]*\]", "]", line.partition(":")[2] + mark), ""
         names = [each for each in _WORD.findall(_NOT_TARGET.sub("", line)) if each in self._named]
         base, tool = mark.split() or self._frames[names[-1]]
         return Truth(tuple(drawn or map(self._named.__getitem__, names)), base, tool)
@@ -101,7 +102,8 @@ class _Drawing:
         pieces[1::2] = [self._write(*each) for each in zip(drawn, map(bool, pieces[1::2]), strict=True)]
         if name := _NAMED.search(plain):
             self._named[name[1]] = drawn[0]
-        return "".join(pieces), mark if marked else None, drawn
+        targets = [each for each, text in zip(drawn, pieces[::2], strict=False) if not text.endswith("qnear=")]
+        return "".join(pieces), mark if marked else None, targets
 
     def _draw(self, *, joints: bool) -> Numbers:
         """Return joint angles, or a pose as the language states it."""
@@ -139,7 +141,7 @@ class _Drawing:
         body, _, positions = rest.partition("/POS\n")
         yield from head.splitlines()
         yield "/MN"
-        for number, line in enumerate((each for line in body.splitlines() for each in _repeat(line)), 1):
+        for number, line in enumerate((each for line in body.splitlines() for each in _count(line)), 1):
             plain, marked, _ = line.partition(_MARK)
             blanks = "" if re.match(r"[JLCAS] P", plain) else "  "
             first, arc, second = plain.partition("\\")  # an arc continues on a second line
@@ -163,7 +165,7 @@ class _Drawing:
         for first, last in re.findall(r"(\d+)(?:-(\d+))?", numbers):
             for n in range(int(first), int(last or first) + 1):
                 name, values = f"P[{n}]", self._draw(joints=is_joints)
-                self._named[name], self._frames[name] = values, (f"UF{base}", f"UT{tool}")
+                self._named[name], self._frames[name] = values, (f"UF {base}", f"UT {tool}")
                 fields = [
                     f"{name}{'=' if is_joints else ' ='} {value:9.3f} {unit:>3}"
                     for name, value, unit in zip(names, values, units, strict=True)
@@ -178,3 +180,12 @@ def _repeat(line: str) -> list[str]:
     """Return a line as often as the number before its star says."""
     match = re.match(r"( *)(\d+)\* ", line)
     return [match[1] + line[match.end() :]] * int(match[2]) if match else [line]
+
+
+def _count(line: str) -> list[str]:
+    """Return a line of FANUC for each of the positions `P[2..9]` that it names."""
+    match = re.search(r"P\[(\d+)\.\.(\d+)\]", line)
+    if match is None:
+        return [line]
+    numbers = range(int(match[1]), int(match[2]) + 1)
+    return [f"{line[: match.start()]}P[{n}]{line[match.end() :]}" for n in numbers]
