@@ -569,8 +569,11 @@ class StatedConfigurations:
         """Return the edit (start, end, text) of the source that writes the number of a target's word."""
         targets = self._program.targets
         start, end = targets.spans[index, column].tolist()
-        binary = self._program.sources[targets.source[index]].text[start] == "'"  # KUKA's 'B010'
-        return start, end, f"'B{number:0{end - start - 3}b}'" if binary else str(number)
+        text = self._program.sources[targets.source[index]].text[start:end]
+        if text[0] != "'":
+            return start, end, str(number)
+        digits = text[2:-1].lstrip()  # KUKA's 'B010' or 'B 010'
+        return start, end, f"{text[: -len(digits) - 1]}{number:0{len(digits)}b}'"
 
     def _iterate_words(self, indices: IndexArray) -> Iterator[tuple[_Word, int, IndexArray]]:
         """Yield (word, column of the word's numbers, positions (k,) in `indices` of the word's targets)."""
