@@ -1,6 +1,8 @@
 """Processes: programs with turned tools, written and read back, beside exact springs."""
 
+from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -240,6 +242,27 @@ def test_a_run_places_and_turns_an_array_of_poses(run):
     least = np.nanmin(np.reshape(sheet.columns["deflection [m]"], (9, 4)), axis=1)
     np.testing.assert_allclose(area.values, least)
     assert make_area_map(places_sheet(decompress_file(turned_only.result.choice))) is None
+
+
+def test_places_are_steps_of_workers_with_progress_and_cancel(run):
+    p = process_path("trim", np.array([1.7, 0.0, 0.8]), count=6)
+    half = np.array([0.1, 0.1, 0.0])
+    low, high = p.middle - half, p.middle + half
+    search = {"place": [low.tolist(), high.tolist()], "grid": (2, 2, 1), "place_turns": 6, "turns": 12}
+    stated = array_options(p) | search | {"forces": [-150.0, -300.0, -120.0]}
+    progress = {"here": [], "elsewhere": []}
+    found = [run.process(tools_of(p), **stated, on_progress=progress["here"].append)]
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        found.append(
+            run.process(tools_of(p), **stated, executor=pool, on_progress=progress["elsewhere"].append)
+        )
+    assert [each.done for each in progress["here"]] == [8, 16, 24]
+    assert progress["here"] == progress["elsewhere"]
+    assert found[0].result.model_dump_json() == found[1].result.model_dump_json()
+    seen = []
+    cancelled = run.process(tools_of(p), **stated, on_progress=seen.append, cancel=lambda: bool(seen))
+    assert (cancelled.state, len(seen)) == ("cancelled", 1)
+    assert cancelled.result is None
 
 
 def test_forces_of_the_points_are_the_force_of_all(run):
