@@ -172,10 +172,9 @@ class ProcessResult(ProgramResult):
     """Deflection before, after turning and after correction."""
 
     objective: Literal["rms", "greatest"]
-    gain: Literal["less", "less_by_readings", "no_order", "no_gain"] = Field(
-        description="Order of choice and program: `less`, if all intervals of the difference exclude zero; "
-        "`less_by_readings`, if only that without model error does; else `no_order`; `no_gain`, if no turn "
-        "makes a difference."
+    gain: Literal["less", "no_order", "no_gain"] = Field(
+        description="Order of choice and program: `less`, if the interval of the difference with model error "
+        "excludes zero, else `no_order`; `no_gain`, if no turn makes a difference."
     )
     before: DeflectionBand = Field(description="Deflection along the path as it was sent.")
     turned: DeflectionBand = Field(description="Deflection along the path as chosen.")

@@ -84,9 +84,7 @@ def _choice_sheet(name: str) -> Callable[[Process], Sheet]:
 
 _GAINS: Final = {
     "no_gain": "no gain: the deflection is the same at all turns, as for a spindle along the last axis",
-    "no_order": "no order is stated: the interval of the difference contains zero",
-    "less_by_readings": "less deflection than before by the errors of readings and forces; no order with the "
-    "model error, which two ways need not share",
+    "no_order": "no order is stated: the interval of the difference contains zero, or is unknown",
 }
 
 

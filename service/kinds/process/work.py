@@ -190,6 +190,7 @@ class ProcessWork(ProgramWork):
             self._run_model.model,
             self._run_model.error,
             cases,
+            is_prior=self._run_model.result is None,
             force_parts=self._split_forces(program, cases.force),
             confidence=request.confidence,
             greatest=request.objective == "greatest",
@@ -336,24 +337,16 @@ class ProcessWork(ProgramWork):
         searched = self._request.place is not None
         if self._request.turn != "keep" and not searched and not self._placed.choice.gains:
             return "no_gain"
-        if self._ranking.first_is_less:
-            return "less"
-        return "less_by_readings" if self._ranking.first_is_less_by_readings else "no_order"
+        return "less" if self._ranking.first_is_less else "no_order"
 
     def _list_reasons(self) -> list[Finding]:
         """Return the reason that comes first: nothing orders the chosen path and the path as it was sent."""
-        gain = self._gain()
-        if gain not in {"no_order", "less_by_readings"} or self._is_kept:
+        if self._gain() != "no_order" or self._is_kept:
             return []
-        band = self._ranking.difference
-        interval = band.with_model_error or band.readings
-        text = "has no interval"
-        if interval is not None:
+        text = "has no interval, as the model error is unknown"
+        if (interval := self._ranking.difference.with_model_error) is not None:
             text = f"is within {figure(1e6 * interval[0], '.3g')} to {figure(1e6 * interval[1], '.3g')} µm"
-        conclusion = "no order is stated"
-        if gain == "less_by_readings":
-            conclusion = "there is an order by the errors of readings and forces only"
-        message = f"the difference of the deflections before and after {text}, so that {conclusion}"
+        message = f"the difference of the deflections before and after {text}, so that no order is stated"
         remedy = "measure more, or with loads as those of the process, before the choice is trusted"
         verdict: Verdict = "use_with_care"
         return [make_reason("no_order", verdict, message, remedy)]
