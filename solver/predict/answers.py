@@ -291,8 +291,8 @@ def map_postures(
     readings = bent.interval_along(unit_vectors(bent.displacement), task.confidence)
     columns = {
         "displacement": bent.displacement,
-        "along": np.where(known_along, compliance.along(direction), np.nan),
-        "across": np.where(known_across, compliance.across(direction), np.nan),
+        "along": np.where(known_along, compliance.compliance_along(direction), np.nan),
+        "across": np.where(known_across, compliance.greatest_compliance_across(direction), np.nan),
         "readings": np.maximum(readings, 0.0),
     }
     if error is not None:
@@ -596,7 +596,7 @@ def _build_compliance_messages(
         lateral_free=found.stiffness_lateral_free(u),
         lateral_blocked=found.stiffness_lateral_blocked(u),
         rotation_blocked=found.stiffness_rotation_blocked(u),
-        compliance=found.along(u),
+        compliance=found.compliance_along(u),
         standard_uncertainty=found.deviation_along(u),
     )
     return build_messages_where(
