@@ -246,7 +246,9 @@ def _fit_once(
             compliance=np.maximum(previous.fit.compliance, 0.0),
             sigma=max(measurements.sigma or previous.noise(), _LEAST_STATED_SIGMA),
         )
-        triangles = triangles.given(regressor_blocks(robot, measurements, compliance), statements)
+        triangles = triangles.fit_with_statements(
+            regressor_blocks(robot, measurements, compliance), statements
+        )
     # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
     triangles.all_readings.rows -= fitted_errors(measurements).determined
     find = solve_step if previous is None and (settings.complementary_stiffness or stated) else solve

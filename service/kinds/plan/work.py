@@ -141,7 +141,7 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
             robot,
             joints.measurements,
             estimate.compliance,
-            balanced=estimate.balanced,
+            balanced_compliance=estimate.balanced,
             statements=estimate.statements,
         )
         solver_assessment = assess(joints, estimate, prediction, screening)
