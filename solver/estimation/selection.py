@@ -191,7 +191,7 @@ class _Search:
         return self._fits[key]
 
     def _fit_anew(self, suspects: tuple[Suspect, ...]) -> _Fit | None:
-        """Fit causes together with the joints, without a look at earlier fits; None if a size has the wrong sign.
+        """Fit causes together with the joints; return None if a size has the wrong sign.
 
         Raises:
             SolverError: the causes imply loads without a balance.
@@ -311,7 +311,7 @@ class _Search:
         return chosen
 
     def describe(self, chosen: _Fit, pool: Iterable[Suspect]) -> tuple[Cause, ...]:
-        """Return the selected causes in order, each followed by the causes that explain the readings as well."""
+        """Return the selected causes in order, each with the causes that explain the readings as well."""
         causes = []
         for position, suspect in enumerate(chosen.suspects):
             exchanged = sorted(self._list_exchanged(chosen, position, pool), key=_by_criterion)

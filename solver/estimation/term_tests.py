@@ -316,7 +316,7 @@ class TermTests:
         return self.stated.rows * float(np.log(squares)) + unknowns * float(np.log(self.stated.rows))
 
     def links_criterion(self) -> float:
-        """Return the Bayesian information criterion of a fit of joints and the leading combinations of links."""
+        """Return the Bayesian information criterion of joints with the leading combinations of links."""
         fitted_basis = orthonormal_basis(self.stated.unit_columns(self.fitted))
         link_columns = self.stated.unit_columns([DIAGONAL_LINKS.name])
         leading_basis = orthonormal_basis(
