@@ -269,7 +269,7 @@ class Jobs:
             return job
         status = self.records.status(record.id)
         if status is None or not status.is_active:  # the job has ended meanwhile, which removed its steps
-            return self._read_job(self.records.get(record.id, hidden=True))
+            return self._read_job(self.records.get(record.id, include_deleted=True))
         progress = job.progress.model_copy(update={"done": status.done})
         return job.model_copy(update={"state": record.state, "progress": progress})
 
@@ -393,7 +393,7 @@ class Parts(Resources):
         Raises:
             NotFoundError: no job has this id.
         """
-        record = self._records.get(job_id, hidden=hidden)
+        record = self._records.get(job_id, include_deleted=hidden)
         return self.jobs[record.kind].answered(record)
 
     def page(self, query: JobQuery) -> Page[JobSummary]:

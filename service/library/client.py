@@ -32,7 +32,7 @@ from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress, import
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
-from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, presented_class
+from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, make_presented_class
 from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import AwayError, RefusedError, as_campaign_error, http_problem
 from jointstiff.service.resources.documents import (
@@ -535,7 +535,7 @@ class Jobs(Collection[AnyJob, JobSummary]):
 
     def __init__(self, client: Client, kind: Kind[AnyJob, Any]) -> None:
         """Begin with a client and a kind of work."""
-        super().__init__(client, kind.collection, presented_class(kind), JobSummary)
+        super().__init__(client, kind.collection, make_presented_class(kind), JobSummary)
         self._listed = "/v1/jobs"  # the service lists jobs of all kinds together
         self._name = kind.name
 

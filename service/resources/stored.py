@@ -100,7 +100,7 @@ class StoredInputs(Generic[Record, Entry, Prepared]):
         stated = {name: getattr(change, name) for name in change.model_fields_set - {"deleted"}}
         # A name cannot be removed: null leaves it unchanged.
         changes = {name: value for name, value in stated.items() if name != "name" or value is not None}
-        record = self.records.change(identifier, changes, hidden=change.deleted is True)
+        record = self.records.change(identifier, changes, include_deleted=change.deleted is True)
         self.load_prepared.cache_clear()
         if change.deleted:
             self.delete(identifier)

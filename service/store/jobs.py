@@ -130,7 +130,9 @@ class JobRecords(Collection[JobRecord, JobEntry]):
                 self._mark_campaign_outdated(connection, job_id)
         return was_ended_now
 
-    def _copied_names(self, record: JobRecord, parent_rows: Mapping[str, Any]) -> dict[str, str | None]:
+    def _collect_name_copies(
+        self, record: JobRecord, parent_rows: Mapping[str, Any]
+    ) -> dict[str, str | None]:
         """Return the columns with copies of names of the job's robot and set, and the search text."""
         set_column = "measurement_set_id"
         serial_number = value_of_parent(parent_rows, set_column, "serial_number")

@@ -66,7 +66,7 @@ class Triangle:
         self.rows = 0
 
     def add(self, rows: FloatArray, *, count: int | None = None) -> None:
-        """Add rows to those that the triangular factor stands for.
+        """Add rows: update the triangular factor of all rows.
 
         Args:
             rows: (..., K + 1); leading dimensions are flattened.
