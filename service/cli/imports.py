@@ -622,7 +622,7 @@ def make_import_report(answer: ImportAnswer) -> list[Part]:
         column_titles = ["", "header", "read as", "unit", "first values"]
         parts += [
             Line(f"{file.file}: {_describe_format(file)}", "title"),
-            text_table(column_titles, rows, texts=[1, 2, 3, 4]),
+            text_table(column_titles, rows, left_aligned=[1, 2, 3, 4]),
         ]
         parts += _make_first_lines(file.assumptions, "assumed: ")
     joints = "no joint angles" if answer.joint_count is None else f"{answer.joint_count} joints"

@@ -642,7 +642,7 @@ class RobotTrend(Presented, Trend):
             *map(Line, self._describe_other_pairs()),
             *([Line(self.note)] if self.note else []),
         ]
-        return [*lines, text_table(["joint", "", "change, ± u", "p-value"], rows, texts=[0, 1])]
+        return [*lines, text_table(["joint", "", "change, ± u", "p-value"], rows, left_aligned=[0, 1])]
 
     def _describe_other_pairs(self) -> Iterator[str]:
         """Yield a sentence for each joint whose test does not compare the first with the latest campaign."""
