@@ -95,7 +95,7 @@ class PartQueue(Protocol):
     """Queue in which parts of jobs (groups of steps) wait for workers."""
 
     def add_following_parts(self, job_id: str, parts: Iterable[Part]) -> object:
-        """Add parts of a running job to the queue; a part that was added before is not added again."""
+        """Add parts of a running job to the queue, except parts that are in the queue already."""
 
     def others_wait(self, job_id: str) -> bool:
         """Return whether parts of jobs other than this job wait for a worker."""
@@ -120,11 +120,15 @@ class Jobs:
         self._inputs = resources
         self._enqueue = enqueue
 
-    def create(self, request: Message, key: IdempotencyKey | None, by: AccessKey | None = None) -> JobRecord:
+    def create(
+        self, request: Message, key: IdempotencyKey | None, requester_key: AccessKey | None = None
+    ) -> JobRecord:
         """Store a new job and return its record; if there are workers, a long job is left to them.
 
-        If the idempotency key `key` was used before with the same body, the job created then is returned.
-        `by` is the access key of the requester.
+        Args:
+            request: request of the work.
+            key: idempotency key; if it was used before with the same body, the job created then is returned.
+            requester_key: access key of the requester; None if access is open.
 
         Raises:
             RequestError: a requested resource does not exist, or the readings cannot support the request.
@@ -132,10 +136,10 @@ class Jobs:
             IdempotencyConflictError: the key was used before with another body.
             TooManyJobsError: `MAX_OPEN` jobs of this kind have not ended.
         """
-        if key is not None and (before := self.records.find(key)) is not None:
-            return before
+        if key is not None and (earlier_record := self.records.find(key)) is not None:
+            return earlier_record
         work = self.kind.prepare_work(self._inputs, request)
-        job = new_job(self.kind.message, request, work, by)
+        job = new_job(self.kind.message, request, work, requester_key)
         enqueue = self._enqueue
         is_long = job.progress is not None  # only jobs that are cut into steps have a progress
         if not is_long or enqueue is None:
@@ -158,7 +162,7 @@ class Jobs:
         return self._with_progress(self.records.get(job_id))
 
     def answered(self, record: JobRecord) -> str:
-        """Return a job as the JSON of the API; a job that has not ended has its progress."""
+        """Return a stored job as the JSON of the API; a job that has not ended has its progress."""
         is_active = record.state in OPEN_STATES
         return self.kind.to_answer(
             self._with_progress(record).model_dump_json() if is_active else record.document
@@ -203,7 +207,7 @@ class Jobs:
         job_id, number = part.job_id, part.number
         if not self.records.is_active(job_id):
             return
-        stored, steps = self._inputs.store.steps, self.work(job_id).steps()
+        stored_steps, steps = self._inputs.store.steps, self.work(job_id).steps()
         steps_of_parts = [
             steps[start : start + STEPS_OF_A_PART] for start in range(0, len(steps), STEPS_OF_A_PART)
         ]
@@ -212,29 +216,36 @@ class Jobs:
             # Only part 0 was put into the queue when the job was created.
             self.mark_running(job_id)
             queue.add_following_parts(
-                job_id, [Part(job_id, other, 0) for other in range(1, min(PARTS_AT_ONCE, part_count))]
+                job_id,
+                [Part(job_id, part_number, 0) for part_number in range(1, min(PARTS_AT_ONCE, part_count))],
             )
         # A step is a span (first unit, one past the last); its first unit identifies the stored result.
-        stored_starts = stored.done_starts(job_id)
+        stored_starts = stored_steps.done_starts(job_id)
         steps_of_part = steps_of_parts[number] if steps_of_parts else ()
         remaining = [span for span in steps_of_part if span[0] not in stored_starts]
-        kept = len(steps_of_part) - len(remaining)  # number of steps of this part that have a stored result
+        stored_count = len(steps_of_part) - len(
+            remaining
+        )  # number of steps of this part that have a stored result
         deadline = time.monotonic() + PART_SECONDS
         for span in remaining:
             must_yield = time.monotonic() >= deadline and queue.others_wait(job_id)
             # If an earlier worker stored results of this part and then died, the rest becomes a new entry of
             # the queue. The queue gives up an entry after a number of dead workers, and counts them anew for
             # a new entry. The rest is also put back into the queue if other jobs have waited long enough.
-            if kept > part.kept and (span is remaining[0] or must_yield):
-                queue.add_following_parts(job_id, [Part(job_id, number, kept)])
+            if stored_count > part.kept and (span is remaining[0] or must_yield):
+                queue.add_following_parts(job_id, [Part(job_id, number, stored_count)])
                 return
-            if not stored.store_result(job_id, span, pack_arrays(self.work(job_id).compute(span))):
+            if not stored_steps.store_result(job_id, span, pack_arrays(self.work(job_id).compute(span))):
                 return  # the job has ended
-            kept += 1
+            stored_count += 1
         if (next_number := number + PARTS_AT_ONCE) < part_count:
             queue.add_following_parts(job_id, [Part(job_id, next_number, 0)])
         # Another worker may have ended the job meanwhile, which removes the results: then some are missing.
-        if len(stored.done_starts(job_id)) == len(steps) == len(results := stored.results(job_id)):
+        if (
+            len(stored_steps.done_starts(job_id))
+            == len(steps)
+            == len(results := stored_steps.results(job_id))
+        ):
             self.conclude(job_id, results)
 
     def conclude(self, job_id: str, computed: Sequence[bytes]) -> None:
@@ -271,7 +282,7 @@ class Jobs:
             return job
         status = self.records.status(record.id)
         if status is None or not status.is_active:  # the job has ended meanwhile, which removed its steps
-            return self._read_job(self.records.get(record.id, hidden=True))
+            return self._read_job(self.records.get(record.id, include_deleted=True))
         progress = job.progress.model_copy(update={"done": status.done})
         return job.model_copy(update={"state": record.state, "progress": progress})
 
@@ -408,7 +419,7 @@ class Parts(Resources):
         Raises:
             NotFoundError: no job has this id.
         """
-        record = self._records.get(job_id, hidden=hidden)
+        record = self._records.get(job_id, include_deleted=hidden)
         return self.jobs[record.kind].answered(record)
 
     def page(self, query: JobQuery) -> Page[JobSummary]:

@@ -100,8 +100,8 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
         robot,
         measurements,
         estimate.compliance,
-        balanced=estimate.balanced,
-        estimated=estimate.estimated,
+        balanced_compliance=estimate.balanced,
+        is_estimated=estimate.estimated,
         statements=estimate.statements,
     )
     unseen: tuple[LeastMistake, ...] = ()

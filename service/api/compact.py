@@ -53,34 +53,45 @@ _BOUNDS: Final = frozenset(
 
 
 def share_fields(document: Node) -> None:
-    """Describe fields that several messages inherit in one schema; `allOf` of these messages refers to it."""
+    """Move fields that several messages inherit to one schema; these messages refer to it with `allOf`.
+
+    `document` is the description of the API; it is changed in place.
+    """
     schemas = document["components"]["schemas"]
     bases = {base.__name__ for base in _SHARED}
     for base in _SHARED:
         name = base.__name__
-        heirs = [
-            each
-            for each in _list_subclasses(base)
-            if each in schemas
-            and each not in bases
-            and base.model_fields.keys() & schemas[each]["properties"].keys()
+        subclasses = [
+            class_name
+            for class_name in _list_subclasses(base)
+            if class_name in schemas
+            and class_name not in bases
+            and base.model_fields.keys() & schemas[class_name]["properties"].keys()
         ]
-        schema = schemas.setdefault(name, _build_base(base, [schemas[each] for each in heirs]))
+        schema = schemas.setdefault(
+            name, _build_base(base, [schemas[class_name] for class_name in subclasses])
+        )
         schema.pop("additionalProperties", None)  # it would refuse the fields of the heirs
-        for heir in heirs:
-            schemas[heir] = _inherit(schemas[heir], name, schema)
+        for subclass in subclasses:
+            schemas[subclass] = _refer_to_base(schemas[subclass], name, schema)
     _close_shared(document)
 
 
-def _build_base(base: type[Message], heirs: list[Node]) -> Node:
-    """Return the schema of the fields that all heirs of a message describe with the same words."""
-    texts = [{_text(field) for field in heir["properties"].items()} for heir in heirs]
+def _build_base(base: type[Message], subclass_schemas: list[Node]) -> Node:
+    """Return the schema of the fields of a base class that all its subclasses describe with the same words.
+
+    `subclass_schemas` are the schemas of the subclasses.
+    """
+    texts_of_subclasses = [
+        {_serialise_field(field) for field in schema["properties"].items()} for schema in subclass_schemas
+    ]
     fields = {
         name: value
-        for name, value in heirs[0]["properties"].items()
-        if name in base.model_fields and all(_text((name, value)) in each for each in texts)
+        for name, value in subclass_schemas[0]["properties"].items()
+        if name in base.model_fields
+        and all(_serialise_field((name, value)) in subclass_texts for subclass_texts in texts_of_subclasses)
     }
-    required = set(fields).intersection(*(heir.get("required", ()) for heir in heirs))
+    required = set(fields).intersection(*(schema.get("required", ()) for schema in subclass_schemas))
     return {
         "properties": fields,
         "type": "object",
@@ -89,36 +100,36 @@ def _build_base(base: type[Message], heirs: list[Node]) -> Node:
     }
 
 
-def _text(field: tuple[str, Node]) -> str:
-    """Return the name and the schema of a field as one text, which can be compared."""
+def _serialise_field(field: tuple[str, Node]) -> str:
+    """Return the name and the schema of a field as one text, by which two fields can be compared."""
     return json.dumps(field, sort_keys=True)
 
 
 def _list_subclasses(message: type[Message]) -> list[str]:
-    """Return the names of all classes that inherit from a message, directly or not, each once."""
-    found, to_search = list[str](), [message]
+    """Return the sorted names of all direct and indirect subclasses of a message."""
+    class_names, to_search = list[str](), [message]
     while to_search:
         subclasses = to_search.pop().__subclasses__()
         to_search += subclasses
-        found += [each.__name__ for each in subclasses]
-    return sorted(set(found))
+        class_names += [subclass.__name__ for subclass in subclasses]
+    return sorted(set(class_names))
 
 
-def _inherit(schema: Node, base_name: str, base: Node) -> Node:
-    """Return the schema of a message with a reference to the fields that it has from its base."""
-    own = {
+def _refer_to_base(schema: Node, base_name: str, base: Node) -> Node:
+    """Return a schema that refers to its base for the fields that both describe in the same way."""
+    own_fields = {
         name: value for name, value in schema["properties"].items() if base["properties"].get(name) != value
     }
-    rest = {name: value for name, value in schema.items() if name not in {"properties", "required"}}
-    if rest.pop("additionalProperties", None) is False:
+    other_keys = {name: value for name, value in schema.items() if name not in {"properties", "required"}}
+    if other_keys.pop("additionalProperties", None) is False:
         # `additionalProperties` would refuse the fields of the base.
-        rest["unevaluatedProperties"] = False
+        other_keys["unevaluatedProperties"] = False
     required = [name for name in schema.get("required", ()) if name not in base.get("required", ())]
     return {
-        "allOf": [*rest.pop("allOf", ()), {"$ref": _REFERENCE + base_name}],
-        "properties": own,
+        "allOf": [*other_keys.pop("allOf", ()), {"$ref": _REFERENCE + base_name}],
+        "properties": own_fields,
         **({"required": required} if required else {}),
-        **rest,
+        **other_keys,
     }
 
 
@@ -142,13 +153,16 @@ def _close_shared(document: Node) -> None:
 
 
 def find_used_schemas(document: Node, *roots: Node) -> set[str]:
-    """Return the names of the schemas that `roots`, parts of a description, use directly or indirectly."""
-    schemas, to_search, found = document["components"]["schemas"], list(roots), set[str]()
+    """Return the names of the schemas that parts of a description use, directly or through other schemas.
+
+    `roots` are the parts of the description.
+    """
+    schemas, to_search, used_names = document["components"]["schemas"], list(roots), set[str]()
     while to_search:
-        names = set(re.findall(rf'"{_REFERENCE}(\w+)"', json.dumps(to_search.pop()))) - found
-        found |= names
-        to_search += [schemas[name] for name in names]
-    return found
+        new_names = set(re.findall(rf'"{_REFERENCE}(\w+)"', json.dumps(to_search.pop()))) - used_names
+        used_names |= new_names
+        to_search += [schemas[name] for name in new_names]
+    return used_names
 
 
 def find_answer_schemas(document: Node) -> set[str]:
@@ -235,19 +249,21 @@ def _iterate_discriminators(node: Any) -> Iterator[Node]:  # noqa: ANN401 - any 
 
 
 def name_parts(document: Node) -> Node:
-    """Return the document with a named schema for each of `_PARTS` and `_VALUES`, and references to it."""
+    """Return the document with a named schema, and references to it, for each of `_PARTS` and `_VALUES`."""
     schemas = document["components"]["schemas"]
-    parts = {name: schemas[message]["properties"][field] for name, (message, field) in _PARTS.items()}
+    schema_of_name = {
+        name: schemas[message]["properties"][field] for name, (message, field) in _PARTS.items()
+    }
     for name, (message, field) in _VALUES.items():
-        described = schemas[message]["properties"][field]
-        parts[name] = {key: value for key, value in described.items() if key not in _WORDS}
-    (jobs,) = (
+        described_schema = schemas[message]["properties"][field]
+        schema_of_name[name] = {key: value for key, value in described_schema.items() if key not in _WORDS}
+    (any_job_schema,) = (
         answer["content"]["application/json"]["schema"]
         for answer in document["paths"]["/v1/jobs/{job_id}"]["get"]["responses"].values()
         if "application/json" in answer.get("content", {})
     )
-    parts["AnyJob"] = jobs
-    names = {json.dumps(part, sort_keys=True): name for name, part in parts.items()}
+    schema_of_name["AnyJob"] = any_job_schema
+    names = {json.dumps(part, sort_keys=True): name for name, part in schema_of_name.items()}
 
     def refer(node: Any) -> Any:  # noqa: ANN401 - any part of a JSON document
         if isinstance(node, list):
@@ -257,26 +273,30 @@ def name_parts(document: Node) -> Node:
         name = names.get(json.dumps(node, sort_keys=True))
         return {"$ref": _REFERENCE + name} if name else {key: refer(value) for key, value in node.items()}
 
-    named: Node = refer(document)
-    named["components"]["schemas"] |= parts
+    renamed_document: Node = refer(document)
+    renamed_document["components"]["schemas"] |= schema_of_name
     # Generators of TypeScript have a type `Map` already.
-    named = json.loads(json.dumps(named).replace(f'"{_REFERENCE}Map"', f'"{_REFERENCE}MapJob"'))
-    by_name = named["components"]["schemas"]
-    by_name["MapJob"] = by_name.pop("Map")
+    renamed_document = json.loads(
+        json.dumps(renamed_document).replace(f'"{_REFERENCE}Map"', f'"{_REFERENCE}MapJob"')
+    )
+    schemas_by_name = renamed_document["components"]["schemas"]
+    schemas_by_name["MapJob"] = schemas_by_name.pop("Map")
     # openapi-python-client understands a base only if it precedes its heirs.
     bases = [base.__name__ for base in _SHARED]
-    rest = sorted(by_name.keys() - set(bases))
-    named["components"]["schemas"] = {name: _nest_fields(by_name[name]) for name in (*bases, *rest)}
-    return named
+    rest = sorted(schemas_by_name.keys() - set(bases))
+    renamed_document["components"]["schemas"] = {
+        name: _nest_fields(schemas_by_name[name]) for name in (*bases, *rest)
+    }
+    return renamed_document
 
 
 def _nest_fields(schema: Node) -> Node:
-    """Return a schema whose own fields are a part of its `allOf`, where openapi-python-client finds them."""
+    """Return a schema whose own fields are in its `allOf`, where openapi-python-client finds them."""
     if "allOf" not in schema:
         return schema
-    rest = {name: value for name, value in schema.items() if name not in {"type", "properties"}}
-    own = {"type": "object", "properties": schema["properties"]}
-    return {**rest, "allOf": [*schema["allOf"], own]}
+    other_keys = {name: value for name, value in schema.items() if name not in {"type", "properties"}}
+    own_fields = {"type": "object", "properties": schema["properties"]}
+    return {**other_keys, "allOf": [*schema["allOf"], own_fields]}
 
 
 def inline_small_answers(document: Node) -> None:
@@ -302,9 +322,12 @@ def _replace_references(
     *,
     described: bool = False,
 ) -> Any:  # noqa: ANN401 - any part of a document
-    """Return a part of a document with the schemas themselves in place of the references to them.
+    """Return a part of a document in which schemas replace the references to them.
 
-    With `described`, the field that has this part is described; then its message needs no description.
+    Args:
+        node: part of the document.
+        inlined: name → schema that replaces the references to it.
+        described: whether the field that has this part is described; then its message needs no description.
     """
     if isinstance(node, list):
         return [_replace_references(each, inlined, described=described) for each in node]

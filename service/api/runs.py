@@ -246,7 +246,7 @@ async def create_campaign(
 
 @contextmanager
 def _name_section_in_errors(section: str) -> Iterator[None]:
-    """Put the name of a section of the campaign file before the `where` of errors raised in the block."""
+    """Prefix the `where` of errors raised in the block with the name of a section of the campaign file."""
     try:
         yield
     except JointstiffError as error:
@@ -362,7 +362,7 @@ async def create_process(
 
 async def _answer_form(
     posted: Posted,
-    message: type[Program | Process],
+    job_class: type[Program | Process],
     files: list[UploadFile],
     options: ProgramRequest | ProcessRequest,
     idempotency_key: str | None,
@@ -383,10 +383,10 @@ async def _answer_form(
 
     def create(jobs: Jobs) -> JobRecord:
         """Store the job with the uploaded files; return the job's record."""
-        sent = [compress_file(*read_named_file(file)) for file in files]
-        body = options.model_copy(update={"files": sent})
+        packed_files = [compress_file(*read_named_file(file)) for file in files]
+        body = options.model_copy(update={"files": packed_files})
         key = bind_key(idempotency_key, body.model_dump_json().encode())
         return jobs.create(body, key, posted.by)
 
     # Packing and reading a program may take seconds: the limiter keeps threads free for other requests.
-    return await posted.answer(message.kind_name(), create, limiter_of_large_work(posted.request))
+    return await posted.answer(job_class.kind_name(), create, limiter_of_large_work(posted.request))

@@ -55,9 +55,13 @@ The default is None where a wrong guess could change numbers: then the person mu
 
 
 def _parse_pair(text: str) -> tuple[str, str]:
-    """Split the text `KEY=VALUE` at its last `=` into key and value; raise ValueError without a `=`."""
-    key, equals, value = text.rpartition("=")
-    if not equals:
+    """Split the text `KEY=VALUE` at its last `=` into (key, value).
+
+    Raises:
+        ValueError: the text has no `=`.
+    """
+    key, separator, value = text.rpartition("=")
+    if not separator:
         raise ValueError(f"'{text}' must be two parts with '=' between them")
     return key.strip(), value.strip()
 
@@ -71,16 +75,16 @@ def _parse_flange_target(text: str) -> tuple[str, tuple[float, ...]]:
 def _split_header(text: str, delimiter: Delimiter | None) -> list[str]:
     """Split the text of a header into its cells.
 
-    The header is split at the first of these characters that it contains: the file's delimiter, semicolon,
-    tab, comma. A header without any of them is split at blanks.
+    The text is split at the first of these separators that it contains: the file's delimiter, semicolon,
+    tab, comma. A text without any of them is split at blanks.
     """
     from jointstiff.service.importing.grid import CHARACTERS
 
-    candidates = ([] if delimiter is None else [CHARACTERS[delimiter]]) + [*";\t,"]
-    character = next((each for each in candidates if each in text.strip()), " ")
-    if character == " ":
+    separators = ([] if delimiter is None else [CHARACTERS[delimiter]]) + [*";\t,"]
+    separator = next((each for each in separators if each in text.strip()), " ")
+    if separator == " ":
         text = " ".join(text.split())  # several blanks separate two cells like one blank
-    row = next(csv.reader([text], delimiter=character, skipinitialspace=True), [])
+    row = next(csv.reader([text], delimiter=separator, skipinitialspace=True), [])
     return [cell.strip() for cell in row]
 
 
@@ -207,28 +211,33 @@ def _run_import(files: Sequence[Path], fields: Options, values: Mapping[str, Any
 
     notes = _parse_notes(values["about"] or [])
     template_fields = {} if values["template"] is None else _read_template(values["template"])
-    stated = _merge_options(template_fields, _convert_to_template_unit(fields, template_fields))
+    options = _merge_options(template_fields, _convert_to_template_unit(fields, template_fields))
     may_ask = is_terminal_input() and not values["as_json"]
     robot = None if values["robot"] is None else read_robot(values["robot"])
-    answer, stated = _read_and_ask(files, stated, robot, may_ask=may_ask)
-    if robot is None and may_ask and answer.measurement_set is not None and (robot_name := ask_for_robot()):
+    import_answer, options = _read_and_ask(files, options, robot, may_ask=may_ask)
+    if (
+        robot is None
+        and may_ask
+        and import_answer.measurement_set is not None
+        and (robot_name := ask_for_robot())
+    ):
         # With the robot the readings are checked again: the preview then has the findings of the inspection.
         robot = read_robot(robot_name)
-        answer, _ = _read_and_ask(files, stated, robot, may_ask=False)
-    if robot is not None and answer.bodies:
-        robot = robot.model_copy(update={"bodies": answer.bodies})
-    if answer.measurement_set is not None:
-        set_with_notes = answer.measurement_set.model_copy(update=notes)
-        answer = answer.model_copy(update={"measurement_set": set_with_notes})
-    _print_answer(answer, as_json=values["as_json"])
+        import_answer, _ = _read_and_ask(files, options, robot, may_ask=False)
+    if robot is not None and import_answer.bodies:
+        robot = robot.model_copy(update={"bodies": import_answer.bodies})
+    if import_answer.measurement_set is not None:
+        set_with_notes = import_answer.measurement_set.model_copy(update=notes)
+        import_answer = import_answer.model_copy(update={"measurement_set": set_with_notes})
+    _print_answer(import_answer, as_json=values["as_json"])
     if values["save_template"] is not None:
-        _write_template(values["save_template"], answer, overwrite=values["overwrite"])
-    if has_blocking_findings(answer) and not values["despite_errors"]:
+        _write_template(values["save_template"], import_answer, overwrite=values["overwrite"])
+    if has_blocking_findings(import_answer) and not values["despite_errors"]:
         if values["output"] is not None:
             cli.warn(f"{values['output']} was not written: correct the errors, or use --despite-errors")
         raise typer.Exit(1)
     if values["output"] is not None:
-        _write_campaign(values["output"], answer, robot, overwrite=values["overwrite"])
+        _write_campaign(values["output"], import_answer, robot, overwrite=values["overwrite"])
 
 
 def _print_answer(answer: ImportAnswer, *, as_json: bool) -> None:
@@ -242,9 +251,9 @@ def _print_answer(answer: ImportAnswer, *, as_json: bool) -> None:
 
 
 def _merge_options(options: Options, others: Options) -> Options:
-    """Return the fields of both options; `others` take precedence where both state a field.
+    """Return the fields of two sets of options; `others` take precedence where both state a field.
 
-    Where the values are two dictionaries, the entries of `others` are added to those of `options`.
+    Where both values are dictionaries, the entries of `others` are added to those of `options`.
     """
     merged = dict(options)
     for field, value in others.items():
@@ -254,67 +263,74 @@ def _merge_options(options: Options, others: Options) -> Options:
     return merged
 
 
-def _convert_to_template_unit(stated: Options, template: Options) -> Options:
-    """Return the options `stated` with their lengths, typed in mm, converted to the unit of a template.
+def _convert_to_template_unit(options: Options, template: Options) -> Options:
+    """Return options with their lengths, typed in mm, converted to the length unit of a template.
 
-    The options are returned unchanged if they state no length.
+    Options without a length are returned unchanged.
     """
-    lengths = {name: value for name, value in stated.items() if name in _LENGTH_FIELDS}
+    lengths = {name: value for name, value in options.items() if name in _LENGTH_FIELDS}
     if not lengths:
-        return stated
+        return options
     unit = template.get("length_unit", "mm")
     if unit == "m":
         lengths = scale_numbers(1e-3, lengths)
-    return {**stated, **lengths, "length_unit": "m" if unit == "m" else "mm"}
+    return {**options, **lengths, "length_unit": "m" if unit == "m" else "mm"}
 
 
 def _read_and_ask(
-    files: Sequence[Path], stated: Options, robot: RobotDocument | None, *, may_ask: bool
+    files: Sequence[Path], options: Options, robot: RobotDocument | None, *, may_ask: bool
 ) -> tuple[ImportAnswer, Options]:
     """Read the files; with `may_ask`, ask a person for missing options until no question is left.
 
-    Return (result of the import, all options). The texts of the result name command-line options in place of
-    fields; the options include those that the person stated.
+    Args:
+        files: files to read.
+        options: options that were stated.
+        robot: robot to check the readings against; None if unknown.
+        may_ask: whether a person can answer at the terminal.
+
+    Returns:
+        The result of the import, whose texts name command-line options in place of fields; and all options,
+        including those that the person stated.
     """
     from jointstiff.service.resources.documents import parse_document
     from jointstiff.service.resources.imports import import_files
 
-    sources, asked_before, measured = _read_sources(files), set[str](), None
+    sources, asked_before, checked_robot = _read_sources(files), set[str](), None
     with _name_options_in_errors():
         if robot is not None:
             # Imported only here, as it imports numpy, which takes time.
             from jointstiff.service.conversion.prepared import prepare_robot
 
-            measured = prepare_robot(robot).robot
+            checked_robot = prepare_robot(robot).robot
         while may_ask:
             request = parse_document(
-                _split_typed_header(stated, sources) | {"show_faults": True}, ImportRequest
+                _split_typed_header(options, sources) | {"show_faults": True}, ImportRequest
             )
-            answered_fields = ask_for_missing(import_files(sources, request, measured), asked_before)
-            if not answered_fields:
+            new_options = ask_for_missing(import_files(sources, request, checked_robot), asked_before)
+            if not new_options:
                 break
-            stated = _merge_options(stated, _convert_to_template_unit(answered_fields, stated))
-        request = parse_document(_split_typed_header(stated, sources), ImportRequest)
-        answer = import_files(sources, request, measured)
+            options = _merge_options(options, _convert_to_template_unit(new_options, options))
+        request = parse_document(_split_typed_header(options, sources), ImportRequest)
+        answer = import_files(sources, request, checked_robot)
     findings = answer.findings and [
         finding.model_copy(update={"remedy": _name_options(finding.remedy)}) for finding in answer.findings
     ]
     missing = [_name_options(text) for text in answer.missing]
-    return answer.model_copy(update={"missing": missing, "findings": findings}), stated
+    return answer.model_copy(update={"missing": missing, "findings": findings}), options
 
 
-def _split_typed_header(stated: Options, sources: Sequence[SourceFile]) -> Options:
+def _split_typed_header(options: Options, sources: Sequence[SourceFile]) -> Options:
     """Return options in which the header, typed as one text, is a list of cells.
 
     The header is split at the delimiter that the options state or that is detected in the files.
     """
     from jointstiff.service.importing.reading import detect_delimiter
 
-    if not isinstance(header := stated.get("header"), str):
-        return stated
+    if not isinstance(header := options.get("header"), str):
+        return options
     detected: Delimiter | None = next(filter(None, map(detect_delimiter, sources)), None)
-    delimiter: Delimiter | None = stated.get("delimiter") or detected
-    return {**stated, "header": _split_header(header, delimiter)}
+    delimiter: Delimiter | None = options.get("delimiter") or detected
+    return {**options, "header": _split_header(header, delimiter)}
 
 
 @contextmanager
@@ -458,7 +474,7 @@ def is_terminal_input() -> bool:
 
 
 def ask_for_missing(answer: ImportAnswer, asked_before: set[str]) -> Options:
-    """Ask a person for the options that are missing in an answer.
+    """Ask a person for the options that an import still needs.
 
     Args:
         answer: result of an import, with faults and missing fields.
@@ -468,7 +484,7 @@ def ask_for_missing(answer: ImportAnswer, asked_before: set[str]) -> Options:
     Returns:
         Fields of the request that the person stated; empty if no question is left.
     """
-    stated: Options = {}
+    new_options: Options = {}
     faults = [fault.option for fault in answer.faults if fault.option is not None]
     for option in dict.fromkeys([*faults, *answer.missing_fields]):
         for name, question in _find_questions(option, answer):
@@ -477,12 +493,12 @@ def ask_for_missing(answer: ImportAnswer, asked_before: set[str]) -> Options:
                     typer.echo(_HOW_TO_ANSWER, err=True)
                 asked_before.add(name)
                 value = question()
-                field, _, key = name.partition(".")  # such as `units.length`: a key of the field `units`
-                if key:
-                    stated.setdefault(field, {})[key] = value
+                field, _, subfield = name.partition(".")  # such as `units.length`: a key of the field `units`
+                if subfield:
+                    new_options.setdefault(field, {})[subfield] = value
                 else:
-                    stated[field] = value
-    return stated
+                    new_options[field] = value
+    return new_options
 
 
 def ask_for_robot() -> str | None:
@@ -497,7 +513,7 @@ _HOW_TO_ANSWER: Final = "Press Enter for the answer in brackets; a question with
 
 
 def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Yield the questions about an option: the name of the field, and a function that asks for the value."""
+    """Yield the questions about a missing option, as (name of a field, function that asks for its value)."""
     if option in _QUESTIONS:
         yield option, _QUESTIONS[option]
     elif option == "flange_targets":
@@ -535,10 +551,9 @@ def _prompt_choice(text: str, choices: tuple[str, ...], default: str | None) -> 
 
 
 def _find_state_questions(words: Sequence[str]) -> Iterator[tuple[str, Callable[[], object]]]:
-    """Yield a question about the words for states in a file: (name of the field, function that asks).
+    """Yield a question about the words for states in a file, as (name of a field, function that asks).
 
-    For two words the function asks which of them means "without load"; for a single word, which state it
-    means.
+    For two words the function asks which word means "without load"; for a single word, which state it means.
     """
     if len(words) > 1:
 
@@ -554,7 +569,7 @@ def _find_state_questions(words: Sequence[str]) -> Iterator[tuple[str, Callable[
 
 
 def _ask_vector(text: str, default: str | None) -> tuple[float, ...]:
-    """Ask for three numbers `X,Y,Z`; return the numbers. Enter alone returns those of `default`."""
+    """Ask a person for three numbers `X,Y,Z`, and return them; Enter alone returns those of `default`."""
     answer: tuple[float, ...] = typer.prompt(text, default=default, value_proc=cli.parse_vector, err=True)
     return answer
 
@@ -604,10 +619,10 @@ def make_import_report(answer: ImportAnswer) -> list[Part]:
             ]
             for column in file.columns
         ]
-        head = ["", "header", "read as", "unit", "first values"]
+        column_titles = ["", "header", "read as", "unit", "first values"]
         parts += [
             Line(f"{file.file}: {_describe_format(file)}", "title"),
-            text_table(head, rows, texts=[1, 2, 3, 4]),
+            text_table(column_titles, rows, left_aligned=[1, 2, 3, 4]),
         ]
         parts += _make_first_lines(file.assumptions, "assumed: ")
     joints = "no joint angles" if answer.joint_count is None else f"{answer.joint_count} joints"
@@ -637,7 +652,7 @@ def make_import_report(answer: ImportAnswer) -> list[Part]:
 def _make_finding_lines(answer: ImportAnswer) -> Iterator[Line]:
     """Yield a line for each finding of the integrity checks.
 
-    `answer.findings` is None, and nothing is yielded, if no robot was stated to check against.
+    No line is yielded if no robot was stated, as the readings were then not checked.
     """
     from jointstiff.service.tables.report import VERDICTS
     from jointstiff.service.tables.table import Line
@@ -673,6 +688,6 @@ def _make_first_lines(texts: list[str], lead: str, style: Any = "dim") -> Iterat
 
 
 def _shorten(text: str) -> str:
-    """Return a text cut to `_MAX_CELL_LENGTH` characters, with unprintable ones replaced."""
+    """Return a text cut to `_MAX_CELL_LENGTH` characters; unprintable characters are replaced."""
     printable = "".join(character if character.isprintable() else "\ufffd" for character in text)
     return printable if len(printable) <= _MAX_CELL_LENGTH else printable[: _MAX_CELL_LENGTH - 1] + "…"

@@ -136,18 +136,24 @@ def build_command(name: str) -> Callable[..., None]:
             cli.check_ending(values["save"], [".json"])
         if output is not None and (writes_table or file_options.endings):
             cli.check_ending(output, table_endings if writes_table else file_options.endings, reported=True)
-        table, saved = output if writes_table else None, values["save"]
-        paths_to_write = list(filter(None, [table, saved, *file_options.list_paths(values, source_values)]))
+        table_path, result_path = output if writes_table else None, values["save"]
+        paths_to_write = list(
+            filter(None, [table_path, result_path, *file_options.list_paths(values, source_values)])
+        )
         for path in paths_to_write:
             cli.refuse_existing(path, overwrite=values.get("overwrite", False))
-        passed = {name: values[name] for name in file_options.passed_options if values[name] is not None}
-        job = _run_work(kind, source_values, gather_stated_fields(kind.options, values) | passed, values)
-        if job.result is not None:
-            job = file_options.finish(job, values, source_values)
-            _write_result(job, table, saved)
+        passed_options = {
+            name: values[name] for name in file_options.passed_options if values[name] is not None
+        }
+        done_job = _run_work(
+            kind, source_values, gather_stated_fields(kind.options, values) | passed_options, values
+        )
+        if done_job.result is not None:
+            done_job = file_options.finish(done_job, values, source_values)
+            _write_result(done_job, table_path, result_path)
             for path in paths_to_write:
                 cli.warn(f"wrote {path}")
-        _print_job(kind, job, values)
+        _print_job(kind, done_job, values)
 
     other_options: dict[str, tuple[Any, Any]] = {"options": (_Options, None)}
     other_options |= {"run": (cli.RunFile, None)} if {"run", "run_or_robot"} & {*kind.sources} else {}
@@ -227,13 +233,14 @@ def build_predict_command() -> Callable[..., None]:
     return command
 
 
-def _run_work(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values: _Values) -> Job:
-    """Do the work of a command in this process; return the job.
+def _run_work(kind: AnyKind, sources: list[Any], stated_fields: dict[str, Any], values: _Values) -> Job:
+    """Do the work of a command in this process, and return the job with its result.
 
     Args:
         kind: kind of the work.
         sources: values of the arguments, such as the file of a campaign.
-        stated: fields that options of the command state; they take precedence over the file of --options.
+        stated_fields: fields that options of the command state; they take precedence over the file of
+            --options.
         values: values of all options.
 
     Raises:
@@ -247,30 +254,34 @@ def _run_work(kind: AnyKind, sources: list[Any], stated: dict[str, Any], values:
 
     if values["options"] is not None:
         options = read_object(values["options"])
-        stated = options | _convert_to_units_of_file(options, kind.options, stated)
+        stated_fields = options | _convert_to_units_of_file(options, kind.options, stated_fields)
     if values.get("run") is not None:
         sources = [read_or_identify_run(sources[0], values["run"]), *sources[1:]]
     # A source may be a list of files: each file is an argument.
-    arguments = [each for source in sources for each in (source if isinstance(source, list) else [source])]
+    arguments = [
+        argument for source in sources for argument in (source if isinstance(source, list) else [source])
+    ]
     do_work = getattr(Here(), ROOMS[kind.name].command)  # the method with the name of the command
     try:
         has_progress = kind.stepped or "campaigns" in kind.sources
         with progress_bar(shown=has_progress) as show_progress:
-            job: Job = do_work(*arguments, on_progress=show_progress if has_progress else None, **stated)
+            job: Job = do_work(
+                *arguments, on_progress=show_progress if has_progress else None, **stated_fields
+            )
     except CampaignError as error:
         raise CampaignError(name_options_in_problem(kind.options, error.problem)) from error
     return job
 
 
 def _convert_to_units_of_file(
-    file: dict[str, Any], message: type[Message], stated: dict[str, Any]
+    file_content: dict[str, Any], message_class: type[Message], stated_fields: dict[str, Any]
 ) -> dict[str, Any]:
-    """Return fields that options of the command state, converted to the units that a file of options states.
+    """Return the values of a command's options, converted to the units that a file of options states.
 
     Args:
-        file: content of the file of options; its `units` hold for all fields.
-        message: class of the fields.
-        stated: fields that options of the command state, in m, deg and N.
+        file_content: content of the file of options; its `units` hold for all fields.
+        message_class: class of the message that has the fields.
+        stated_fields: fields that options of the command state, in m, deg and N.
 
     Raises:
         typer.BadParameter: a posture has more than six joints, so it contains linear axes, and the file
@@ -278,88 +289,101 @@ def _convert_to_units_of_file(
     """
     from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH
 
-    units = file.get("units")
+    units = file_content.get("units")
     if not isinstance(units, dict):
-        return stated
+        return stated_fields
     # Unit of an option → its quantity, and the size of each unit of that quantity in SI units.
     quantities = {"m": ("length", LENGTH), "deg": ("angle", ANGLE), "N": ("force", FORCE)}
-    converted = dict(stated)
-    for name, value in stated.items():
-        unit_of_option = _find_option_form(message.model_fields[name]).unit
+    converted = dict(stated_fields)
+    for name, value in stated_fields.items():
+        unit_of_option = _find_option_form(message_class.model_fields[name]).unit
         quantity, unit_sizes = quantities.get(unit_of_option, ("", {}))
-        unit = units.get(quantity)
+        file_unit = units.get(quantity)
         is_posture = quantity == "angle" and isinstance(value, list | tuple)
-        if is_posture and unit != "deg" and unit in unit_sizes and len(value) > _JOINTS_OF_ARM:
+        if is_posture and file_unit != "deg" and file_unit in unit_sizes and len(value) > _JOINTS_OF_ARM:
             raise typer.BadParameter(
-                f"the values of linear axes cannot be converted from deg to {unit}, the unit of angles in "
+                f"the values of linear axes cannot be converted from deg to {file_unit}, the unit of "
+                "angles in "
                 f"the file of options; remedy: state `{name}` in that file, in its units",
-                param_hint=option_flag(message, name),
+                param_hint=option_flag(message_class, name),
             )
-        if unit in unit_sizes:
-            converted[name] = scale_numbers(unit_sizes[unit_of_option] / unit_sizes[unit], value)
+        if file_unit in unit_sizes:
+            converted[name] = scale_numbers(unit_sizes[unit_of_option] / unit_sizes[file_unit], value)
     return converted
 
 
 def scale_numbers(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
     """Return a number, or all numbers in nested lists and dictionaries, multiplied by a factor."""
     if isinstance(value, dict):
-        return {key: scale_numbers(factor, part) for key, part in value.items()}
+        return {key: scale_numbers(factor, item) for key, item in value.items()}
     return (
-        [scale_numbers(factor, part) for part in value] if isinstance(value, list | tuple) else factor * value
+        [scale_numbers(factor, item) for item in value] if isinstance(value, list | tuple) else factor * value
     )
 
 
-def name_options_in_text(message: type[Message], text: str, forms: Forms = _NO_FORMS) -> str:
-    """Return a text in which the fields of a message become the options of a command.
+def name_options_in_text(message_class: type[Message], text: str, form_of_field: Forms = _NO_FORMS) -> str:
+    """Return a text in which the fields of a message are replaced by the options of a command.
 
     A field in backquotes, such as `load_point`, becomes `--load-point`; a field with a value, such as
     `method: pose`, becomes `--method pose`.
-    """
-    fields_with_option = dict(field_options(message, forms))
 
-    def replace_field(found: re.Match[str]) -> str:
+    Args:
+        message_class: class of the message that has the fields.
+        text: text for a user.
+        form_of_field: forms of fields on the command line, in place of the forms that the class declares.
+    """
+    fields_with_option = dict(field_options(message_class, form_of_field))
+
+    def replace_field(match: re.Match[str]) -> str:
         """Return the option for a matched field; the unchanged text if the field has no option."""
-        name, value = found.groups()
+        name, value = match.groups()
         if name not in fields_with_option:
-            return found[0]
-        takes_no_value = value is None or _find_option_form(message.model_fields[name]).flag
-        return f"`{option_flag(message, name, forms)}{'' if takes_no_value else f' {value}'}`"
+            return match[0]
+        takes_no_value = value is None or _find_option_form(message_class.model_fields[name]).flag
+        return f"`{option_flag(message_class, name, form_of_field)}{'' if takes_no_value else f' {value}'}`"
 
     return re.sub(r"`(\w+)(?:: (\w+))?`", replace_field, text)
 
 
-def name_options_in_problem(message: type[Message], problem: Problem, forms: Forms = _NO_FORMS) -> Problem:
+def name_options_in_problem(
+    message_class: type[Message], problem: Problem, form_of_field: Forms = _NO_FORMS
+) -> Problem:
     """Return a problem whose texts name the command's options in place of the request's fields.
 
-    `message` is the class of the request; `forms` are the forms of its fields on the command line, where they
-    differ from those that the class declares.
+    Args:
+        message_class: class of the request.
+        problem: problem with the fields of the request.
+        form_of_field: forms of fields on the command line, in place of the forms that the class declares.
     """
     from jointstiff.service.problems import MISSING
 
-    fields_with_option, items = dict(field_options(message, forms)), []
+    fields_with_option, items = dict(field_options(message_class, form_of_field)), []
     for item in problem.errors:
-        remedy = item.remedy and name_options_in_text(message, item.remedy, forms)
-        if item.reason == MISSING and item.where in message.model_fields:
+        remedy = item.remedy and name_options_in_text(message_class, item.remedy, form_of_field)
+        if item.reason == MISSING and item.where in message_class.model_fields:
             # An option, such as `--encoders`, is missing on the command line.
-            field_type = _unwrap_type(message.model_fields[item.where].annotation)
-            remedy = f"give `{option_flag(message, item.where, forms)}`"
+            field_type = _unwrap_type(message_class.model_fields[item.where].annotation)
+            remedy = f"give `{option_flag(message_class, item.where, form_of_field)}`"
             remedy += (
                 f": one of {', '.join(get_args(field_type))}" if get_origin(field_type) is Literal else ""
             )
             if item.where not in fields_with_option:
                 remedy = "state it in the JSON file of `--options`"
-        changes = {"reason": name_options_in_text(message, item.reason, forms), "remedy": remedy}
+        changes = {
+            "reason": name_options_in_text(message_class, item.reason, form_of_field),
+            "remedy": remedy,
+        }
         items.append(item.model_copy(update=changes))
     title = problem.title
-    if items and all(re.split(r"\W", item.where)[0] in message.model_fields for item in items):
+    if items and all(re.split(r"\W", item.where)[0] in message_class.model_fields for item in items):
         title = "Options are missing or wrong"
     is_remedy_of_item = problem.remedy in {item.remedy for item in problem.errors}
     remedy = (
         items[0].remedy
         if is_remedy_of_item
-        else problem.remedy and name_options_in_text(message, problem.remedy, forms)
+        else problem.remedy and name_options_in_text(message_class, problem.remedy, form_of_field)
     )
-    detail = name_options_in_text(message, problem.detail, forms)
+    detail = name_options_in_text(message_class, problem.detail, form_of_field)
     return problem.model_copy(update={"title": title, "detail": detail, "remedy": remedy, "errors": items})
 
 
@@ -388,18 +412,20 @@ def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN40
         raise typer.Exit(1)
 
 
-def field_options(message: type[Message], forms: Forms = _NO_FORMS) -> Iterator[tuple[str, Any]]:
+def field_options(
+    message_class: type[Message], form_of_field: Forms = _NO_FORMS
+) -> Iterator[tuple[str, Any]]:
     """Yield (name, Typer annotation) of each field of a message that has an option on the command line.
 
     All options may be omitted: missing fields are reported when the message is validated.
 
     Args:
-        message: message whose fields become options.
-        forms: forms of fields on the command line, in place of the forms that the message declares.
+        message_class: class of the message whose fields become options.
+        form_of_field: forms of fields on the command line, in place of the forms that the class declares.
     """
-    for name, field_info in message.model_fields.items():
-        terminal = _find_option_form(field_info, forms.get(name))
-        flag = option_flag(message, name, forms)
+    for name, field_info in message_class.model_fields.items():
+        terminal = _find_option_form(field_info, form_of_field.get(name))
+        flag = option_flag(message_class, name, form_of_field)
         text = terminal.text or " ".join((field_info.description or "").split())
         if terminal.hidden:
             continue
@@ -413,25 +439,39 @@ def field_options(message: type[Message], forms: Forms = _NO_FORMS) -> Iterator[
                 "metavar": terminal.metavar,
             }
             yield name, Annotated[option_type | None, typer.Option(flag, help=text, **arguments)]
-        elif (chosen := _choose_option_type(_unwrap_type(field_info.annotation), terminal.unit)) is not None:
-            option_type, arguments = chosen
+        elif (
+            type_and_arguments := _choose_option_type(_unwrap_type(field_info.annotation), terminal.unit)
+        ) is not None:
+            option_type, arguments = type_and_arguments
             flag += f"/--no-{name.replace('_', '-')}" if option_type is bool else ""
             yield name, Annotated[option_type | None, typer.Option(flag, help=text, **arguments)]
 
 
-def option_flag(message: type[Message], name: str, forms: Forms = _NO_FORMS) -> str:
-    """Return the command-line option of a field, such as `--load-point`."""
+def option_flag(message_class: type[Message], name: str, form_of_field: Forms = _NO_FORMS) -> str:
+    """Return the command-line option of a field, such as `--load-point`.
+
+    `form_of_field` has the forms of fields whose option differs from that which the class declares.
+    """
     return (
-        _find_option_form(message.model_fields[name], forms.get(name)).option or f"--{name.replace('_', '-')}"
+        _find_option_form(message_class.model_fields[name], form_of_field.get(name)).option
+        or f"--{name.replace('_', '-')}"
     )
 
 
-def gather_stated_fields(message: type[Message], values: _Values, forms: Forms = _NO_FORMS) -> dict[str, Any]:
-    """Return the fields of a message that the values of a command's options state."""
+def gather_stated_fields(
+    message_class: type[Message], values: _Values, form_of_field: Forms = _NO_FORMS
+) -> dict[str, Any]:
+    """Return the fields of a message that a user stated with the options of a command, by name.
+
+    Args:
+        message_class: class of the message.
+        values: values of all options of the command; None or [] for an option that was not given.
+        form_of_field: forms of fields on the command line, in place of the forms that the class declares.
+    """
     stated = {}
-    for name, _ in field_options(message, forms):
+    for name, _ in field_options(message_class, form_of_field):
         if values[name] not in (None, []):
-            terminal = _find_option_form(message.model_fields[name], forms.get(name))
+            terminal = _find_option_form(message_class.model_fields[name], form_of_field.get(name))
             value = dict(values[name]) if terminal.gather == "dict" else values[name]
             stated[name] = terminal.flag or value  # an option without a value means the value `flag`
     return stated
@@ -456,8 +496,8 @@ def _keep_words_of_errors(parse: Callable[[str], Any]) -> Callable[[str], Any]:
 def _find_option_form(field_info: FieldInfo, form: Terminal | None = None) -> Terminal:
     """Return the form of a field on the command line.
 
-    The form is `form` unless this is None; else the form that the field declares; else a form with nothing
-    but the unit of the field.
+    `form` takes precedence, then the form that the field declares, then a form that only has the field's
+    unit.
     """
     if form is not None:
         return form
@@ -467,7 +507,7 @@ def _find_option_form(field_info: FieldInfo, form: Terminal | None = None) -> Te
 
 
 def _choose_option_type(field_type: Any, unit: str) -> tuple[Any, dict[str, Any]] | None:  # noqa: ANN401 - a type
-    """Return (type of an option, arguments for `typer.Option`), given type and unit of its field.
+    """Return (type of an option, arguments for `typer.Option`) for a field with a type and a unit.
 
     Return None if the field cannot be an option, so that only a file of options can state it.
     """

@@ -52,12 +52,12 @@ class ArrayGroup:
     prefix: ClassVar[str]
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Return the arrays by the names under which they are stored."""
+        """Return name → array; the names are those under which the arrays are stored."""
         return {f"{self.prefix}{field.name}": getattr(self, field.name) for field in fields(self)}
 
     @classmethod
     def from_archive(cls, archive: Mapping[str, npt.NDArray[np.generic]]) -> Self | None:
-        """Build the group from the arrays of an archive; None if the archive has no such group."""
+        """Build the group from an archive, name → array; None if the archive has no such group."""
         names = [f"{cls.prefix}{field.name}" for field in fields(cls)]
         return cls(*(archive[name] for name in names)) if names[0] in archive else None
 
@@ -86,14 +86,14 @@ class Directions(ArrayGroup):
         if all(reading.displacement is None for reading in readings):
             return None
         displacement, vector, in_flange = np.zeros(shape), np.zeros((*shape, 3)), np.zeros(shape, np.bool_)
-        displacement[indices] = [r.displacement or 0.0 for r in readings]
-        vector[indices] = [r.direction or r.flange_direction or (0, 0, 0) for r in readings]
-        in_flange[indices] = [r.flange_direction is not None for r in readings]
+        displacement[indices] = [each.displacement or 0.0 for each in readings]
+        vector[indices] = [each.direction or each.flange_direction or (0, 0, 0) for each in readings]
+        in_flange[indices] = [each.flange_direction is not None for each in readings]
         return cls(displacement, vector, in_flange)
 
     @property
     def has_direction(self) -> BoolArray:
-        """Mask (N, T): true where the reading is one component along a direction (its vector is not zero)."""
+        """Mask (N, T) of the readings that are one component along a direction, whose vector is not zero."""
         return np.asarray(self.vector.any(axis=-1))
 
     def rotate(self, R: FloatArray) -> Directions:
@@ -102,7 +102,10 @@ class Directions(ArrayGroup):
         return replace(self, vector=vector)
 
     def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
-        """Return displacement and direction of observation i and target t, by the names of their fields."""
+        """Return field → value of a reading along a direction: its displacement and its direction.
+
+        `i` and `t` are the indices of the observation and of the target.
+        """
         name = "flange_direction" if self.in_flange[i, t] else "direction"
         return {"displacement": float(self.displacement[i, t]), name: tuple(self.vector[i, t].tolist())}
 
@@ -137,7 +140,9 @@ class EncoderArrays(ArrayGroup):
         Raises:
             MeasurementError: an observation has a joint twice, or there are too many joints.
         """
-        names = dict.fromkeys(r.joint for o in observations for r in o.encoder_readings or ())
+        names = dict.fromkeys(
+            reading.joint for observation in observations for reading in observation.encoder_readings or ()
+        )
         if not names:
             return None
         if len(names) > MAX_JOINTS:
@@ -146,17 +151,17 @@ class EncoderArrays(ArrayGroup):
                 where="observations",
                 remedy="use the robot's joint names, the same in every observation",
             )
-        column = {name: e for e, name in enumerate(names)}
+        column = {name: index for index, name in enumerate(names)}
         present = np.zeros((len(observations), len(names)), dtype=np.bool_)
         unloaded, loaded = np.zeros((2, *present.shape))
-        for i, observation in enumerate(observations):
-            for k, reading in enumerate(observation.encoder_readings or ()):
-                cell = i, column[reading.joint]
+        for row, observation in enumerate(observations):
+            for reading_index, reading in enumerate(observation.encoder_readings or ()):
+                cell = row, column[reading.joint]
                 if present[cell]:
                     raise MeasurementError(
                         f"the encoder of '{reading.joint}' has two readings in observation "
                         f"'{observation.label}'",
-                        where=f"observations[{i}].encoder_readings[{k}].joint",
+                        where=f"observations[{row}].encoder_readings[{reading_index}].joint",
                         remedy="give each joint at most once per observation",
                     )
                 present[cell] = True
@@ -164,14 +169,17 @@ class EncoderArrays(ArrayGroup):
         return cls(np.array(list(names)), present, unloaded, loaded)
 
     def build_encoder_readings(self, i: int) -> list[EncoderReading] | None:
-        """Return the encoder readings of observation i as they were posted; None if no encoder was read."""
+        """Return the encoder readings of an observation as they were posted; None if no encoder was read.
+
+        `i` is the index of the observation.
+        """
         readings = [
             EncoderReading.model_construct(
-                joint=str(self.joints[e]),
-                unloaded=float(self.unloaded[i, e]),
-                loaded=float(self.loaded[i, e]),
+                joint=str(self.joints[column]),
+                unloaded=float(self.unloaded[i, column]),
+                loaded=float(self.loaded[i, column]),
             )
-            for e in np.flatnonzero(self.present[i])
+            for column in np.flatnonzero(self.present[i])
         ]
         return readings or None
 
@@ -205,7 +213,7 @@ class PositionsAfter(ArrayGroup):
     def from_readings(
         cls, shape: tuple[int, int], indices: tuple[list[int], list[int]], readings: list[Reading]
     ) -> PositionsAfter | None:
-        """Arrange the positions as arrays; None if no target was read again.
+        """Arrange the positions that were read again without load as arrays; None without such positions.
 
         Args:
             shape: numbers N of observations and T of targets.
@@ -214,15 +222,18 @@ class PositionsAfter(ArrayGroup):
         """
         if all(reading.unloaded_after is None for reading in readings):
             return None
-        positions = [r.unloaded_after or (0.0, 0.0, 0.0) for r in readings]
-        was_read = [r.unloaded_after is not None for r in readings]
+        positions = [each.unloaded_after or (0.0, 0.0, 0.0) for each in readings]
+        was_read = [each.unloaded_after is not None for each in readings]
         return cls(
             _scatter((*shape, 3), indices, positions, np.float64),
             _scatter(shape, indices, was_read, np.bool_),
         )
 
     def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
-        """Return the position of target t in observation i by the name of its field; {} if not read again."""
+        """Return field → value for the position of a target that was read again without load; {} without one.
+
+        `i` and `t` are the indices of the observation and of the target.
+        """
         return {"unloaded_after": tuple(self.position[i, t].tolist())} if self.present[i, t] else {}
 
 
@@ -250,23 +261,35 @@ class PointNoise(ArrayGroup):
         Raises:
             MeasurementError: some readings of the tracker state their noise, and others do not.
         """
-        stated = [r.sigma is not None or r.unloaded_covariance is not None for r in readings]
-        if not any(stated):
+        states_noise = [each.sigma is not None or each.unloaded_covariance is not None for each in readings]
+        if not any(states_noise):
             return None
         # Readings along a direction come from another instrument: their noise is checked elsewhere.
-        tracker = [k for k, r in enumerate(readings) if r.displacement is None]
+        tracker_readings = [k for k, each in enumerate(readings) if each.displacement is None]
         observations, _ = indices
-        _refuse_partly_stated_noise([stated[k] for k in tracker], [observations[k] for k in tracker])
-        sigma, unloaded, loaded = np.zeros(shape), np.zeros((*shape, 3, 3)), np.zeros((*shape, 3, 3))
-        for i, t, reading in zip(*indices, readings, strict=True):
+        _refuse_partly_stated_noise(
+            [states_noise[k] for k in tracker_readings], [observations[k] for k in tracker_readings]
+        )
+        sigma, unloaded_covariances, loaded_covariances = (
+            np.zeros(shape),
+            np.zeros((*shape, 3, 3)),
+            np.zeros((*shape, 3, 3)),
+        )
+        for row, target, reading in zip(*indices, readings, strict=True):
             if reading.sigma is not None:
-                sigma[i, t] = reading.sigma
+                sigma[row, target] = reading.sigma
             elif reading.unloaded_covariance is not None:
-                unloaded[i, t], loaded[i, t] = reading.unloaded_covariance, reading.loaded_covariance
-        return cls(sigma, unloaded, loaded)
+                unloaded_covariances[row, target], loaded_covariances[row, target] = (
+                    reading.unloaded_covariance,
+                    reading.loaded_covariance,
+                )
+        return cls(sigma, unloaded_covariances, loaded_covariances)
 
     def get_reading_fields(self, i: int, t: int) -> dict[str, Any]:
-        """Return the noise that the reading of target t in observation i states, by field; {} if none."""
+        """Return field → value for the noise that a reading states itself; {} if it states none.
+
+        `i` and `t` are the indices of the observation and of the target.
+        """
         if self.sigma[i, t]:
             return {"sigma": float(self.sigma[i, t])}
         if not self.unloaded[i, t].any():
@@ -278,25 +301,30 @@ class PointNoise(ArrayGroup):
 
     @property
     def stated(self) -> BoolArray:
-        """Mask (N, T) of the readings that state a sigma or covariances."""
+        """Mask (N, T) of the readings that state their own sigma or covariances."""
         return np.asarray((self.sigma > 0.0) | self.unloaded.any(axis=(2, 3)))
 
     def compute_covariances(self) -> tuple[FloatArray, FloatArray]:
-        """Return covariances (N, T, 3, 3) of the unloaded, then of the loaded positions [unit of length²]."""
+        """Return (unloaded, loaded): covariances (N, T, 3, 3) of the positions without and with load.
+
+        The unit is the squared unit of length of the set.
+        """
         isotropic = (self.sigma**2)[..., None, None] * np.eye(3)
         return self.unloaded + isotropic, self.loaded + isotropic
 
 
 def _to_matrix_rows(matrix: FloatArray) -> Matrix3:
-    """Return the rows of a (3, 3) matrix as tuples."""
+    """Return a matrix (3, 3) as a tuple of its three rows."""
     x, y, z = (tuple(row) for row in matrix.tolist())
     return x, y, z
 
 
 def _refuse_partly_stated_noise(stated: list[bool], observations: list[int]) -> None:
-    """Refuse readings if only some of them state their noise.
+    """Refuse readings if some of them state their noise, and others do not.
 
-    `stated` tells for each reading whether its noise is stated, `observations` has the observation's index.
+    Args:
+        stated: for each reading, whether its noise is stated.
+        observations: index of the observation of each reading.
 
     Raises:
         MeasurementError: a reading states no noise, but another does.
@@ -312,7 +340,12 @@ def _refuse_partly_stated_noise(stated: list[bool], observations: list[int]) -> 
 
 
 def to_noise(
-    noise: Noise | None, points: PointNoise | None, robot: Robot, plain: Measurements, *, length: float
+    noise: Noise | None,
+    reading_noise: PointNoise | None,
+    robot: Robot,
+    measurements: Measurements,
+    *,
+    length: float,
 ) -> tuple[float | None, FloatArray]:
     """Return the noise of the deflections: sigma [m] of a coordinate, and covariances in units of sigma².
 
@@ -320,66 +353,66 @@ def to_noise(
 
     Args:
         noise: noise that is stated for the set; None if it is not stated.
-        points: noise that readings state themselves; None if no reading states it.
+        reading_noise: noise that readings state themselves; None if no reading states it.
         robot: the robot that was measured.
-        plain: measurements in SI units, still without noise.
+        measurements: measurements in SI units, still without noise.
         length: the set's unit of length in m.
 
     Raises:
         MeasurementError: noise is stated twice or for some readings only, or a matrix is not a covariance.
     """
-    present = plain.present
-    states_noise = np.zeros_like(present) if points is None else points.stated
-    _refuse_ambiguous_noise(noise, states_noise, plain)
+    present = measurements.present
+    states_noise = np.zeros_like(present) if reading_noise is None else reading_noise.stated
+    _refuse_ambiguous_noise(noise, states_noise, measurements)
     instrument = (
         None if noise is None or noise.instrument is None else to_instrument(noise.instrument, length)
     )
     sigma = None if noise is None or noise.sigma is None else length * noise.sigma
-    again = None if plain.returned is None else plain.returned.present[..., None, None]
-    if points is None and instrument is None:
-        if again is None:
+    read_again = None if measurements.returned is None else measurements.returned.present[..., None, None]
+    if reading_noise is None and instrument is None:
+        if read_again is None:
             return sigma, ISOTROPIC_DIFFERENCE
         # The mean of two readings has half the variance of one.
-        return sigma, np.where(again, 0.75, 1.0) * ISOTROPIC_DIFFERENCE
+        return sigma, np.where(read_again, 0.75, 1.0) * ISOTROPIC_DIFFERENCE
     unloaded = loaded = (sigma or 0.0) ** 2 * np.eye(3)
     if instrument is not None:
-        unloaded, loaded = position_covariances(instrument, robot, plain)
-    if points is not None:
-        own_unloaded, own_loaded = points.compute_covariances()
+        unloaded, loaded = position_covariances(instrument, robot, measurements)
+    if reading_noise is not None:
+        own_unloaded, own_loaded = reading_noise.compute_covariances()
         refuse_invalid_covariance(own_unloaded, states_noise, "unloaded_covariance")
         refuse_invalid_covariance(own_loaded, states_noise, "loaded_covariance")
         # The noise that a reading states itself replaces the noise of the set.
         unloaded = np.where(states_noise[..., None, None], length**2 * own_unloaded, unloaded)
         loaded = np.where(states_noise[..., None, None], length**2 * own_loaded, loaded)
-    if again is not None:
-        unloaded = np.where(again, 0.5, 1.0) * unloaded
-    stated = DifferenceNoise.from_positions(unloaded, loaded, plain.coordinates)
-    return stated.sigma, stated.covariance
+    if read_again is not None:
+        unloaded = np.where(read_again, 0.5, 1.0) * unloaded
+    difference_noise = DifferenceNoise.from_positions(unloaded, loaded, measurements.coordinates)
+    return difference_noise.sigma, difference_noise.covariance
 
 
-def _refuse_ambiguous_noise(noise: Noise | None, states_noise: BoolArray, plain: Measurements) -> None:
+def _refuse_ambiguous_noise(noise: Noise | None, states_noise: BoolArray, measurements: Measurements) -> None:
     """Refuse noise that is stated twice, or for some readings only.
 
     Args:
         noise: noise of the set, which applies to the readings that state no noise themselves.
         states_noise: mask (N, T) of the readings that state their noise themselves.
-        plain: measurements in SI units, still without noise.
+        measurements: measurements in SI units, still without noise.
 
     Raises:
         MeasurementError: noise is stated twice, or not at all for a reading.
     """
-    rest = plain.present & ~states_noise
-    kind = next((k for k in ("sigma", "instrument") if getattr(noise, k, None) is not None), None)
-    if kind is not None and not rest.any():
+    without_own_noise = measurements.present & ~states_noise
+    stated_field = next((k for k in ("sigma", "instrument") if getattr(noise, k, None) is not None), None)
+    if stated_field is not None and not without_own_noise.any():
         raise MeasurementError(
-            f"both the readings and noise.{kind} give the noise",
-            where=f"noise.{kind}",
+            f"both the readings and noise.{stated_field} give the noise",
+            where=f"noise.{stated_field}",
             remedy="give only one: omit it here, or in every reading",
         )
-    if kind == "instrument":  # a tracker's data sheet does not apply to readings along a direction
-        without_noise = rest & (plain.coordinates == 1)
+    if stated_field == "instrument":  # a tracker's data sheet does not apply to readings along a direction
+        without_noise = without_own_noise & (measurements.coordinates == 1)
     else:
-        without_noise = rest & (kind is None and states_noise.any())
+        without_noise = without_own_noise & (stated_field is None and states_noise.any())
     if without_noise.any():
         i = int(np.argwhere(without_noise)[0, 0])
         raise MeasurementError(
@@ -463,28 +496,41 @@ class ReadingArrays:
                 there are too many targets or encoders; noise is stated for some readings only.
         """
         _refuse_unlike_observations(observations)
-        names = dict.fromkeys(r.target for o in observations for r in o.readings)
+        names = dict.fromkeys(
+            reading.target for observation in observations for reading in observation.readings
+        )
         _refuse_too_many_targets(names)
-        column = {name: i for i, name in enumerate(names)}
-        rows, columns, readings = _list_readings(observations, column)
+        target_index = {name: i for i, name in enumerate(names)}
+        rows, columns, readings = _list_readings(observations, target_index)
         shape = (len(observations), len(names))
         indices = rows, columns
         return cls(
-            labels=np.array([o.label for o in observations]),
+            labels=np.array([observation.label for observation in observations]),
             targets=np.array(list(names)),
-            joints=np.array([o.joints for o in observations], dtype=np.float64),
-            force=np.array([o.force for o in observations], dtype=np.float64),
-            moment=np.array([o.moment or (0, 0, 0) for o in observations], dtype=np.float64),
-            moment_given=np.array([o.moment is not None for o in observations]),
-            load_point=np.array([o.load_point or (0, 0, 0) for o in observations], np.float64),
-            load_point_given=np.array([o.load_point is not None for o in observations]),
+            joints=np.array([observation.joints for observation in observations], dtype=np.float64),
+            force=np.array([observation.force for observation in observations], dtype=np.float64),
+            moment=np.array(
+                [observation.moment or (0, 0, 0) for observation in observations], dtype=np.float64
+            ),
+            moment_given=np.array([observation.moment is not None for observation in observations]),
+            load_point=np.array(
+                [observation.load_point or (0, 0, 0) for observation in observations], np.float64
+            ),
+            load_point_given=np.array([observation.load_point is not None for observation in observations]),
             present=_scatter(shape, indices, [True for _ in readings], np.bool_),
-            as_deflection=_scatter(shape, indices, [r.unloaded is None for r in readings], np.bool_),
-            unloaded=_scatter((*shape, 3), indices, [r.unloaded or (0, 0, 0) for r in readings], np.float64),
+            as_deflection=_scatter(
+                shape, indices, [reading.unloaded is None for reading in readings], np.bool_
+            ),
+            unloaded=_scatter(
+                (*shape, 3), indices, [reading.unloaded or (0, 0, 0) for reading in readings], np.float64
+            ),
             loaded=_scatter(
                 (*shape, 3),
                 indices,
-                [r.loaded or r.deflection or (_UNREAD if r.unloaded else (0, 0, 0)) for r in readings],
+                [
+                    reading.loaded or reading.deflection or (_UNREAD if reading.unloaded else (0, 0, 0))
+                    for reading in readings
+                ],
                 np.float64,
             ),
             encoders=EncoderArrays.from_observations(observations),
@@ -499,23 +545,23 @@ class ReadingArrays:
         return np.isnan(self.loaded[..., 0])
 
     def observations(self) -> list[Observation]:
-        """Return the observations as they were posted, readings in the order of `targets`."""
+        """Return the observations as they were posted, with readings in the order of `targets`."""
         # The numbers were validated when they were posted; validating 10,000 again takes as long as a run.
         return [
             Observation.model_construct(
-                label=str(self.labels[i]),
-                joints=self.joints[i].tolist(),
-                force=tuple(self.force[i].tolist()),
-                moment=tuple(self.moment[i].tolist()) if self.moment_given[i] else None,
-                load_point=tuple(self.load_point[i].tolist()) if self.load_point_given[i] else None,
-                readings=[self._build_reading(i, int(t)) for t in np.flatnonzero(self.present[i])],
-                encoder_readings=self.encoders.build_encoder_readings(i) if self.encoders else None,
+                label=str(self.labels[row]),
+                joints=self.joints[row].tolist(),
+                force=tuple(self.force[row].tolist()),
+                moment=tuple(self.moment[row].tolist()) if self.moment_given[row] else None,
+                load_point=tuple(self.load_point[row].tolist()) if self.load_point_given[row] else None,
+                readings=[self._build_reading(row, int(t)) for t in np.flatnonzero(self.present[row])],
+                encoder_readings=self.encoders.build_encoder_readings(row) if self.encoders else None,
             )
-            for i in range(len(self.labels))
+            for row in range(len(self.labels))
         ]
 
     def _build_reading(self, i: int, t: int) -> Reading:
-        """Return the reading of observation i and target t as it was posted."""
+        """Return a reading as it was posted; `i` and `t` are the indices of observation and target."""
         loaded = tuple(self.loaded[i, t].tolist())
         noise = self.noise.get_reading_fields(i, t) if self.noise else {}
         if self.directions is not None and self.directions.has_direction[i, t]:
@@ -539,7 +585,7 @@ class ReadingArrays:
 
     @classmethod
     def unpack(cls, blob: bytes) -> ReadingArrays:
-        """Return the readings that `pack` serialised."""
+        """Return the readings from the bytes that `pack` made."""
         with np.load(io.BytesIO(blob), allow_pickle=False) as archive:
             arrays: dict[str, Any] = {name: archive[name] for name in cls._list_required_names()}
             arrays |= {name: group.from_archive(archive) for name, group in _OPTIONAL_GROUPS.items()}
@@ -568,7 +614,7 @@ class ReadingArrays:
 def compute_content_hash(
     header: MeasurementSetHeader, readings: ReadingArrays, resolved: ResolvedFrame | None = None
 ) -> str:
-    """Return the SHA-256 of a set's header, its readings and its resolved frame, but not of its name."""
+    """Return the SHA-256 of a set's content: header, readings and resolved frame, but not its name."""
     refuted = header.noise is not None and header.noise.refuted
     text = header.model_dump_json(
         include={"units", "encoders", "noise", "flange_targets", "load_point"},
@@ -583,14 +629,14 @@ def compute_content_hash(
 def _list_readings(
     observations: list[Observation], column: dict[str, int]
 ) -> tuple[list[int], list[int], list[Reading]]:
-    """Return the readings of all observations in one list, with their indices of observation and target.
+    """Return the readings of all observations in one list, with the indices of observation and target.
 
     Args:
         observations: observations of a set.
         column: index of each target by its name.
 
     Returns:
-        Indices of the observations; indices of the targets; readings.
+        (rows, columns, readings): index of the observation and of the target of each reading; the readings.
 
     Raises:
         MeasurementError: an observation has two readings of a target.
@@ -614,12 +660,22 @@ def _list_readings(
 
 
 def _scatter(
-    shape: tuple[int, ...], indices: tuple[list[int], list[int]], values: list[Any], kind: type[np.generic]
+    shape: tuple[int, ...],
+    indices: tuple[list[int], list[int]],
+    values: list[Any],
+    number_type: type[np.generic],
 ) -> npt.NDArray[Any]:
-    """Return an array of zeros with `values` at `indices`: those of observations, then of targets."""
-    out = np.zeros(shape, dtype=kind)
-    out[indices] = values
-    return out
+    """Return an array of zeros with given values at some cells.
+
+    Args:
+        shape: shape of the array; its first two axes are observations and targets.
+        indices: index of the observation, then of the target, of each value.
+        values: values of the cells.
+        number_type: type of the array's numbers.
+    """
+    table = np.zeros(shape, dtype=number_type)
+    table[indices] = values
+    return table
 
 
 def _refuse_too_many_targets(names: Collection[str]) -> None:
@@ -681,11 +737,15 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         )
     if header.joint_kinds is not None and tuple(header.joint_kinds) != robot.joint_kinds:
         kinds = zip(robot.joint_names, robot.joint_kinds, header.joint_kinds, strict=False)
-        name, kind = next(((name, kind) for name, kind, read_as in kinds if kind != read_as), ("", None))
-        units = JOINT_UNITS[kind or "revolute"]
+        joint_name, joint_kind = next(
+            ((joint_name, joint_kind) for joint_name, joint_kind, read_as in kinds if joint_kind != read_as),
+            ("", None),
+        )
+        units = JOINT_UNITS[joint_kind or "revolute"]
         raise MeasurementError(
-            f"joint {name} is read as {'an angle' if units.dimension == 'length' else 'a length'}, but in "
-            f"the robot it is {kind}",
+            f"joint {joint_name} is read as {'an angle' if units.dimension == 'length' else 'a length'}, "
+            "but in "
+            f"the robot it is {joint_kind}",
             where="joint_kinds",
             remedy=f"give its {units.dimension}s, in `units.{units.dimension}`, or check the robot and the "
             "order of the joints",
@@ -695,8 +755,8 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     if readings.after is not None:  # the mean of both readings without load counts
         was_read, after = readings.after.present, readings.after.position
         unloaded = np.where(was_read[..., None], 0.5 * (unloaded + after), unloaded)
-        remaining = np.where(was_read[..., None], after - readings.unloaded, 0.0)
-        returned = ReturnReadings(length * remaining, was_read)
+        return_difference = np.where(was_read[..., None], after - readings.unloaded, 0.0)
+        returned = ReturnReadings(length * return_difference, was_read)
     deflection = np.where(readings.as_deflection[..., None], readings.loaded, readings.loaded - unloaded)
     deflection = np.where(unloaded_only[..., None], 0.0, deflection)
     joints = joint_factors(robot, header.units) * readings.joints
@@ -704,7 +764,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     if readings.directions is not None:
         direction = readings.directions.compute_unit_vectors(robot, joints)
         deflection = deflection + readings.directions.displacement[..., None] * direction
-    plain = Measurements(
+    measurements = Measurements(
         joints=joints,
         force=FORCE[header.units.force] * readings.force,
         moment=_get_moment_factor(header.units, readings) * readings.moment,
@@ -720,14 +780,14 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         labels=tuple(readings.labels.tolist()),
         targets=tuple(readings.targets.tolist()),
     )
-    sigma, covariance = to_noise(header.noise, readings.noise, robot, plain, length=length)
+    sigma, covariance = to_noise(header.noise, readings.noise, robot, measurements, length=length)
     # A stated sigma that was refuted is only reported; the residuals then give the noise.
     refuted_sigma = None
     if header.noise is not None and header.noise.refuted:
         refuted_sigma, sigma = sigma, None
-        covariance = to_noise(None, None, robot, plain, length=length)[1]
+        covariance = to_noise(None, None, robot, measurements, length=length)[1]
     encoders = _to_encoder_readings(header, readings.encoders, robot)
-    common = to_common_uncertainty(header.noise, length)
+    common_uncertainty = to_common_uncertainty(header.noise, length)
     repeatability = None if header.noise is None else header.noise.repeatability
     if repeatability is not None:
         repeatability *= ANGLE[header.units.angle]
@@ -738,7 +798,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
             remedy="omit `noise.repeatability`, or the encoder readings",
         )
     return replace(
-        plain,
+        measurements,
         sigma=sigma,
         covariance=covariance,
         refuted_sigma=refuted_sigma,
@@ -746,7 +806,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         # Without sigma, the first fit tells how the scatter compares to the noise of the readings.
         scatter=Scatter(joints=repeatability / sigma if repeatability and sigma else 0.0),
         encoders=encoders,
-        common_uncertainty=common,
+        common_uncertainty=common_uncertainty,
         present=readings.present & ~unloaded_only,
     )
 
@@ -835,14 +895,14 @@ def _choose_positions(header: MeasurementSetHeader, readings: ReadingArrays) -> 
         MeasurementError: a target with a deflection has no position in the flange frame.
     """
     names = [str(name) for name in readings.targets]
-    needed = readings.as_deflection.any(axis=0)
-    for t in np.flatnonzero(needed):
-        if names[t] not in header.flange_targets:
-            first = int(np.flatnonzero(readings.as_deflection[:, t])[0])
+    needs_flange_position = readings.as_deflection.any(axis=0)
+    for target in np.flatnonzero(needs_flange_position):
+        if names[target] not in header.flange_targets:
+            first_observation = int(np.flatnonzero(readings.as_deflection[:, target])[0])
             raise MeasurementError(
-                f"target '{names[t]}' has a deflection but no position in the flange frame",
-                where=f"observations[{first}].readings",
-                remedy=f"add '{names[t]}' to `flange_targets`, in the flange frame",
+                f"target '{names[target]}' has a deflection but no position in the flange frame",
+                where=f"observations[{first_observation}].readings",
+                remedy=f"add '{names[target]}' to `flange_targets`, in the flange frame",
             )
     in_flange = np.array([header.flange_targets.get(name, (0.0, 0.0, 0.0)) for name in names])
     return np.where(readings.as_deflection[..., None], in_flange, readings.unloaded)

@@ -87,7 +87,7 @@ class _Calls(Generic[_First, _Answer]):
         self._running = 0  # number of calls that were submitted and have not ended
 
     def submit(self, remaining: Iterator[_First], most_waiting: int) -> None:
-        """Submit calls for the next arguments, while the executor and the queue of answers have room.
+        """Submit calls for the next arguments, as far as the executor and the queue of answers have room.
 
         `IN_FLIGHT` calls may run at once, and `most_waiting` answers may wait to be yielded. Stop as soon as
         the next answer is available: to produce an argument may be slow, and must not delay the answer.
@@ -123,9 +123,9 @@ class _Calls(Generic[_First, _Answer]):
 
 
 def _return_answer_or_error(function: Callable[[_First], _Answer], argument: _First) -> _Outcome[_Answer]:
-    """Call a function in another process; return (answer, None), or (None, error) if the function fails.
+    """Call a function with an argument; return (answer, None), or (None, error) if the function raises.
 
-    The error is returned, not raised, to distinguish errors of the function from errors of the executor.
+    Runs in a worker process, so that the error reaches the caller as a value.
     """
     try:
         with one_thread():
@@ -163,6 +163,7 @@ def compute_steps(
         pickle_whole = cache(partial(pickle.dumps, work))  # the whole work is pickled only once
 
         def make_task(span: Span) -> tuple[bytes, Span]:
+            """Return the pickled work for a step, and the span of the step."""
             detached = work.detach_for_step(span)
             return pickle_whole() if detached is work else pickle.dumps(detached), span
 

@@ -52,7 +52,7 @@ class Work:
     activity = ""  # participle that the progress bar shows, such as "mapping"
 
     def steps(self) -> Sequence[Span]:
-        """Return the steps as spans of units, in order; a step takes a fraction of a second.
+        """Return the steps of the work as spans of its units, in order; a step takes a fraction of a second.
 
         Every call returns equal spans, so that several workers can share the steps.
         """
@@ -98,13 +98,16 @@ class QuickWork(Work):
 
 
 def cut_into_spans(count: int, size: int) -> tuple[Span, ...]:
-    """Cut units 0 to `count` − 1 into spans of `size` units, and return them; the last may be shorter."""
+    """Cut `count` units into spans (first, one past the last) of `size` units; the last may be shorter."""
     return tuple((start, min(start + size, count)) for start in range(0, count, size))
 
 
-def concatenate_steps(parts: Iterable[Arrays]) -> dict[str, npt.NDArray[Any]]:
-    """Return arrays by name, each concatenated along axis 0 from the arrays of all steps (one or more)."""
-    steps = list(parts)
+def concatenate_steps(arrays_of_steps: Iterable[Arrays]) -> dict[str, npt.NDArray[Any]]:
+    """Return name → array, concatenated along axis 0 from the arrays that the steps have under this name.
+
+    `arrays_of_steps` has one step at least.
+    """
+    steps = list(arrays_of_steps)
     return {name: np.concatenate([step[name] for step in steps]) for name in steps[0]}
 
 
@@ -121,11 +124,11 @@ def unpack_arrays(content: bytes) -> dict[str, npt.NDArray[Any]]:
         return dict(archive)
 
 
-def new_job(message: type[AnyJob], request: Message, work: Work, key: AccessKey | None = None) -> AnyJob:
+def new_job(job_class: type[AnyJob], request: Message, work: Work, key: AccessKey | None = None) -> AnyJob:
     """Return a new job in state `queued`, with a new id; `progress` is None if the work has no steps.
 
     Args:
-        message: type of the job.
+        job_class: class of the job.
         request: request as it was posted.
         work: work of the request.
         key: access key of the user who posts the job; None if the service has no keys.
@@ -140,7 +143,7 @@ def new_job(message: type[AnyJob], request: Message, work: Work, key: AccessKey 
         started_at=None,
         ended_at=None,
     )
-    return message.model_validate(
+    return job_class.model_validate(
         {
             "id": uuid4().hex,
             "state": "queued",
@@ -179,6 +182,7 @@ def carry_out(
     """
 
     def compute() -> Message:
+        """Compute all steps, notify of the progress after each step, and return the result."""
         parts, steps = [], work.steps()
         with closing(compute_steps(work, steps, executor, cancelled)) as results:
             for span, part in zip(steps, results, strict=True):
@@ -246,13 +250,15 @@ def unexpected_failure() -> Problem:
 
 @contextmanager
 def as_request_errors(section: str | None = None) -> Iterator[None]:
-    """Raise errors of robot or readings as a `RequestError`, so that the request is refused, not stored.
+    """Raise errors about robot or readings in the block as a `RequestError`, which refuses the request.
+
+    Otherwise such an error would be stored as the result of a failed job.
 
     Args:
         section: name of a part of the request, such as "robot", put before the place that the error names.
 
     Raises:
-        RequestError: the body raised an `InputError` or a `NotObservableError`.
+        RequestError: the block raised an `InputError` or a `NotObservableError`.
     """
     try:
         yield

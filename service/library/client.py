@@ -32,7 +32,7 @@ from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress, import
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
-from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, presented_class
+from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, make_presented_class
 from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import AwayError, RefusedError, as_campaign_error, http_problem
 from jointstiff.service.resources.documents import (
@@ -160,7 +160,7 @@ class Client(Verbs):
         self._http.close()
 
     def ping(self) -> None:
-        """Check that the service answers; later requests are then repeated while it does not answer."""
+        """Check that the service answers; later requests are then repeated while there is no answer."""
         self.send("GET", "/health")
 
     def predict(
@@ -259,7 +259,7 @@ class Client(Verbs):
         return self.runs.parse_answer(self.send("POST", "/v1/campaigns", _WAIT_QUERY, text, key))
 
     def begun(self, monitor: JobMonitor) -> Client:
-        """Begin a call of a method for work, such as `identify`; return this client.
+        """Check the monitor of a call that does work, such as `identify`; return this client.
 
         Raises:
             TypeError: an executor is given: the service has its own workers.
@@ -272,7 +272,7 @@ class Client(Verbs):
         return self
 
     def measured(self, source: Any, _place: str = "") -> tuple[str, RunOptions | None]:  # noqa: ANN401
-        """Return the id of the measurement set of a run or a campaign, and the options of the run.
+        """Return (id of the measurement set, options of the run) of a run or a campaign.
 
         Args:
             source: run of this service, or a campaign, which is posted first unless it was posted before.
@@ -284,7 +284,10 @@ class Client(Verbs):
         return self.post(campaign, once=True).request.measurement_set_id, campaign.run
 
     def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401, ARG002
-        """Return the id of a run in the service; if `source` is a campaign, post and identify it first."""
+        """Return the id of a run in the service; a campaign is posted and identified first.
+
+        `source` is a run or a campaign; `executor` is ignored, because the service has its own workers.
+        """
         source = self._replace_foreign_run(source)
         run: Run = source if isinstance(source, Run) else self.identify(source)
         return run.id
@@ -306,13 +309,13 @@ class Client(Verbs):
         """Return None: the service computes the tables of its jobs; `read_contents` gets them."""
 
     def read_contents(self, job: Job) -> tuple[Mapping[str, Sheet], Mapping[str, bytes]]:
-        """Return tables by name, and corrected files by name, that the answers of the service leave out."""
+        """Return (tables, corrected files), each by name, that the answers of the service leave out."""
         kind = import_kind(job.kind)
         if job.result is None or not any(file.suffix == "json" for file in kind.files):
             return {}, {}
         tables = {file.name: self.sheet(job, file) for file in kind.files if file.suffix == "csv"}
-        names = [file.name for file in cast("Any", job.result).files] if kind.is_form else []
-        return tables, {name: self.file(job, "program", {"file": name}) for name in names}
+        file_names = [file.name for file in cast("Any", job.result).files] if kind.is_form else []
+        return tables, {name: self.file(job, "program", {"file": name}) for name in file_names}
 
     def read_campaign(self, run: Run) -> Campaign:
         """Return the campaign of a stored run: robot and readings from the service, and the run's options."""
@@ -336,8 +339,11 @@ class Client(Verbs):
     ) -> Run | None:
         """Post a request of a run unless it was posted before; return the run when it has ended.
 
-        `dispensable` is true if the caller can continue without this run: if the readings do not support its
-        method, None is returned.
+        Args:
+            request: request of the run.
+            monitor: object that receives progress, and can cancel.
+            dispensable: whether the caller can continue without this run: if the readings do not support its
+                method, None is returned then.
         """
         text = request.model_dump_json()
         try:
@@ -348,7 +354,7 @@ class Client(Verbs):
             raise
 
     def described(self, robot: RobotDocument | Mapping[str, Any]) -> str:
-        """Return the id of a robot in the service; post a robot that is not stored there yet."""
+        """Return the id of a robot in the service; a robot that is not stored there yet is posted."""
         if isinstance(robot, Robot):
             return robot.id
         text = parse_document(to_json_object(robot), RobotDocument).model_dump_json()
@@ -361,26 +367,38 @@ class Client(Verbs):
         files: Mapping[str, bytes],
         monitor: JobMonitor,
     ) -> AnyJob:
-        """Post a request of a kind of work, with its files by name; return the job when it has ended."""
+        """Post a request of a kind of work; return the job when it has ended.
+
+        Args:
+            kind: kind of the work.
+            request: fields of the request.
+            files: contents of the files of the request, by name.
+            monitor: object that receives progress, and can cancel.
+        """
         jobs: Jobs[AnyJob] = getattr(self, kind.collection)
         return jobs.wait(jobs.create(request, files=files), monitor)
 
     def sheet(self, job: Job, file: File) -> Sheet:
-        """Return the table of a file of a job; download the numbers if the job does not contain them."""
+        """Return a table of a job, given by the file to which the table is written.
+
+        The numbers are downloaded if the job does not contain them.
+        """
         kind = import_kind(job.kind)
         # Only kinds with large tables have JSON files with all numbers, which the job does not contain.
-        json_files = [each for each in kind.files if each.suffix == "json"]
-        of_table = [each for each in json_files if Path(each.name).stem == Path(file.name).stem]
-        json_file = next(iter([*of_table, *json_files]), None)
+        json_files = [column for column in kind.files if column.suffix == "json"]
+        files_of_table = [column for column in json_files if Path(column.name).stem == Path(file.name).stem]
+        json_file = next(iter([*files_of_table, *json_files]), None)
         if json_file is None:
             from jointstiff.service.reports.job import build_job_sheet
 
             return build_job_sheet(file, job, lambda: cast("Any", None))
         columns = json.loads(self.file(job, json_file.name))["columns"]
-        headers = [f"{each['name']} [{each['unit']}]" if each["unit"] else each["name"] for each in columns]
-        sheet = dict(zip(headers, [each["values"] for each in columns], strict=True))
+        headers = [
+            f"{column['name']} [{column['unit']}]" if column["unit"] else column["name"] for column in columns
+        ]
+        sheet = dict(zip(headers, [column["values"] for column in columns], strict=True))
         text_columns = frozenset(
-            name for name, values in sheet.items() if any(isinstance(v, str) for v in values)
+            name for name, values in sheet.items() if any(isinstance(value, str) for value in values)
         )
         return Sheet(sheet, text_columns)
 
@@ -492,14 +510,14 @@ class Collection(Generic[Resource, Summary]):
         """Post a document; return the resource that the service created.
 
         Args:
-            document: document as the API takes it, or its JSON text.
-            key: idempotency key; default: a random one.
-            files: contents of files by name, for kinds of work that take files.
+            document: document in the form that the API accepts, or its JSON text.
+            key: idempotency key; None for a random key.
+            files: contents of files by name, for kinds of work that have files.
         """
         return self.parse_answer(self._client.send("POST", self._path, None, document, key, files))
 
     def get(self, identifier: str) -> Resource:
-        """Return the resource of an id."""
+        """Return the resource with an id."""
         return self.parse_answer(self._client.send("GET", self._address(identifier)))
 
     def list(self, **filters: str) -> Iterator[Summary]:
@@ -524,10 +542,11 @@ class Collection(Generic[Resource, Summary]):
         self._client.send("PATCH", self._address(identifier), None, {"deleted": False})
 
     def _address(self, identifier: str) -> str:
+        """Return the path of the API for the resource with an id."""
         return f"{self._listed}/{quote(identifier, safe='')}"
 
     def parse_answer(self, answer: httpx2.Response) -> Resource:
-        """Parse the resource in an answer."""
+        """Return the resource that an answer of the service contains."""
         return parse_resource(answer, self._kind)
 
 
@@ -536,7 +555,7 @@ class Jobs(Collection[AnyJob, JobSummary]):
 
     def __init__(self, client: Client, kind: Kind[AnyJob, Any]) -> None:
         """Begin with a client and a kind of work."""
-        super().__init__(client, kind.collection, presented_class(kind), JobSummary)
+        super().__init__(client, kind.collection, make_presented_class(kind), JobSummary)
         self._listed = "/v1/jobs"  # the service lists jobs of all kinds together
         self._name = kind.name
 
@@ -558,7 +577,8 @@ class Jobs(Collection[AnyJob, JobSummary]):
 
         Args:
             job: job of the service.
-            follow: function called with the progress of the job; a `JobMonitor` can also cancel the job.
+            follow: function that is called with the progress of the job; a `JobMonitor` can also cancel the
+                job.
         """
         try:
             while job.state in {"queued", "running"}:
@@ -628,7 +648,10 @@ def parse_problem(response: httpx2.Response) -> Problem:
 
 
 def _foreign_answer_error(what: str) -> RefusedError:
-    """Return the error for an answer that does not come from Jointstiff; `what` describes the answer."""
+    """Return the error for an answer that does not come from Jointstiff.
+
+    `what` describes the answer.
+    """
     reason = f"the answer is not from Jointstiff: {what}"
     return RefusedError(
         http_problem(502, reason, "check the address, and that client and service have the same version")
@@ -645,9 +668,9 @@ def _no_answer_problem(address: object, error: Exception) -> Problem:
 
 
 def _replace_unprintable(value: Any) -> Any:  # noqa: ANN401 - any JSON
-    """Return JSON data with U+FFFD for each unprintable character, which could control a terminal."""
+    """Return JSON data in which U+FFFD replaces unprintable characters, which could control a terminal."""
     if isinstance(value, str):
-        return "".join(c if c.isprintable() else "\ufffd" for c in value)
+        return "".join(character if character.isprintable() else "\ufffd" for character in value)
     if isinstance(value, list):
         return [_replace_unprintable(item) for item in value]
     if isinstance(value, dict):

@@ -19,7 +19,7 @@ from jointstiff.service.kinds.work import QuickWork, carry_out, new_job
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
-from jointstiff.service.library.results import Prediction, TabledRun, presented_class
+from jointstiff.service.library.results import Prediction, TabledRun, make_presented_class
 from jointstiff.service.library.robots import prepare_once
 from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem
@@ -155,7 +155,7 @@ class Here(Verbs):
         # The places in errors begin with the name of the kind, unless they are places in a user's own file.
         with as_campaign_error("" if {"readings", "files"} & set(kind.sources) else kind.name):
             work = kind.prepare_work(self.inputs, message)
-            queued = new_job(presented_class(kind), message, work)
+            queued = new_job(make_presented_class(kind), message, work)
             job: AnyJob = carry_out(queued, work, monitor, lambda: monitor.cancelled, monitor.executor)
         return results.attach_origin(job, self)
 

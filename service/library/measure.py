@@ -143,11 +143,11 @@ class _SetInProcess:
         from jointstiff.service.library.here import Here
 
         with as_campaign_error(""):
-            fields = self._campaign.fields_when_closed()
+            closed_fields = self._campaign.fields_when_closed()
         if not self._campaign.closed:
             self._campaign = self._campaign.with_entry(Entry("closed", ""))
         # A closed set has more fields, such as its history, than the document of a campaign.
-        set_fields = {name: fields[name] for name in MeasurementSetDocument.model_fields}
+        set_fields = {name: closed_fields[name] for name in MeasurementSetDocument.model_fields}
         options = {name: value for name, value in self._campaign.run_options.items() if value}
         campaign = Campaign(
             robot=self._robot_document,
@@ -279,7 +279,7 @@ class LiveMeasurement:
 
     @property
     def count(self) -> int:
-        """Number of readings that were not withdrawn."""
+        """Number of readings, without those that were withdrawn."""
         return sum(each.state != "withdrawn" for each in self.state.readings)
 
     def observe(
@@ -416,15 +416,18 @@ class LiveMeasurement:
         }
 
     def _make_source_setting(self) -> Setting:
-        """Return the setting of a source: robot, targets, load point [m], sigma [m], and the frame in R0."""
-        post, options = self._post, self._options
+        """Return the setting of a source of readings: robot, targets, load point [m], sigma [m], and frame.
+
+        The frame is the pose of the campaign's frame in R0, None if the campaign's frame is R0.
+        """
+        declaration, options = self._post, self._options
         length_unit = self._scales.length
         targets, load_point = options.targets, options.load_point or (0.0, 0.0, 0.0)
-        stated_sigma = post.noise.sigma if post.noise is not None else None
+        stated_sigma = declaration.noise.sigma if declaration.noise is not None else None
         sigma = length_unit * stated_sigma if stated_sigma else options.sigma or _SIMULATED_SIGMA
-        if post.frame is None or post.frame.rotation is None:
+        if declaration.frame is None or declaration.frame.rotation is None:
             return Setting(self._robot, targets, load_point, sigma)
-        transform = read_stated_transform(post.frame, length_unit)
+        transform = read_stated_transform(declaration.frame, length_unit)
         frame = (transform.rotation, np.asarray(transform.translation))
         return Setting(self._robot, targets, load_point, sigma, frame)
 
@@ -457,7 +460,7 @@ class LiveMeasurement:
             raise
 
     def _read_posture(self, planned: PlannedReading, person: Person) -> Literal["read", "skip", "stop"]:
-        """Read a posture until its reading is kept; return `read`, or the person's decision to skip or stop.
+        """Read a posture until a reading is kept; return `read`, or the person's decision to skip or stop.
 
         A doubtful reading is withdrawn and read again with a new label, unless the person keeps it.
 
@@ -503,29 +506,36 @@ class LiveMeasurement:
                     self.withdraw(earlier.label, _SHOWN_BY_LATER_READINGS)
 
     def _read_once(self, planned: PlannedReading, person: Person) -> Literal["read", "skip", "stop"]:
-        """Read the targets in a posture without load and under load, and add the reading.
+        """Read the targets in a posture without load and under load, and add the reading to the campaign.
 
-        Return `read`, or the person's decision to skip the posture or to stop. If the robot's own weight is
-        the load, read the targets only once.
+        If the robot's own weight is the load, the targets are read only once. Return `read`, or the person's
+        decision to skip the posture or to stop.
         """
-        loop, checked = cast("_SourceThread", self._loop), cast("CheckedSource", self._checked)
+        source_thread, checked_source = (
+            cast("_SourceThread", self._loop),
+            cast("CheckedSource", self._checked),
+        )
         positions: list[dict[str, Point]] = []
-        loads = (False,) if isinstance(self._options.load, OwnWeight) else (False, True)
-        for loaded in loads:
+        load_states = (False,) if isinstance(self._options.load, OwnWeight) else (False, True)
+        for loaded in load_states:
             answer = person.ready(planned, loaded=loaded)
             if answer != "read":
                 return answer
             posture = Stand(planned.label, tuple(planned.joints), planned.force, loaded)
             self._confirm_line_format(posture, person)
-            positions.append(loop.run_coroutine(checked.read(posture)))
+            positions.append(source_thread.run_coroutine(checked_source.read(posture)))
         first_positions, last_positions = positions[0], positions[-1]  # equal for the robot's own weight
         sigma: dict[str, float] = {}
         if self._post.noise is None or self._post.noise.sigma is None:
             # A reading has one uncertainty for both of its positions: the greater of the two is stated.
             sigmas = {name: (first_positions[name][1], last_positions[name][1]) for name in first_positions}
-            sigma = {name: max(u, v) for name, (u, v) in sigmas.items() if u is not None and v is not None}
+            sigma = {
+                name: max(first_sigma, last_sigma)
+                for name, (first_sigma, last_sigma) in sigmas.items()
+                if first_sigma is not None and last_sigma is not None
+            }
         # A source gives (position, standard uncertainty) for each target.
-        unloaded_and_loaded = [{name: place for name, (place, _) in each.items()} for each in positions]
+        unloaded_and_loaded = [{name: position for name, (position, _) in each.items()} for each in positions]
         self.observe(
             *unloaded_and_loaded,
             label=planned.label,
@@ -604,16 +614,18 @@ def measure(
         area_force = None if force is None else tuple(np.asarray(force, dtype=np.float64).tolist())
         parsed_goal = read_goal(goal, cast("Any", area_force))
         prepared = prepare_robot(robot_document)
-        document = None if campaign is None else campaign.measurement_set
-        run = RunOptions() if campaign is None else RunOptions(confidence=campaign.run.confidence)
+        set_document = None if campaign is None else campaign.measurement_set
+        run_options = RunOptions() if campaign is None else RunOptions(confidence=campaign.run.confidence)
         own_weight = None if campaign is None else campaign.run.weight
         live_options = _parse_options(full_options, parsed_goal)
-        post = declare_set(prepared, document, parsed_goal, live_options, own_weight)
+        declaration = declare_set(prepared, set_document, parsed_goal, live_options, own_weight)
         opened_source = make_source(source, source_options or {}) if isinstance(source, str) else source
     measured_set = (
-        _SetInProcess(prepared, post, run) if client is None else _SetInService(client, robot_document, post)
+        _SetInProcess(prepared, declaration, run_options)
+        if client is None
+        else _SetInService(client, robot_document, declaration)
     )
-    return LiveMeasurement(measured_set, prepared, post, opened_source, timeout)
+    return LiveMeasurement(measured_set, prepared, declaration, opened_source, timeout)
 
 
 def _parse_options(options: Mapping[str, Any], goal: Goal) -> dict[str, Any]:

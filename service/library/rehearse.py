@@ -62,42 +62,53 @@ class Rehearsal(Presented, RehearsalResult):
             f"This campaign determines {self.determined} of {total} joints "
             f"({self.postures} postures, noise {figure(1e6 * self.sigma, '.3g')} µm)"
         )
-        if missing := [joint.name for joint in self.joints if _is_open(joint)]:
-            yield f"without a number or an upper limit: {', '.join(missing)}; add loads that twist them"
-        wide = [joint for joint in self.joints if (joint.half_width or 0.0) > _WIDE and not _is_open(joint)]
-        if wide:
-            names = ", ".join(f"{joint.name} ± {100 * (joint.half_width or 0.0):.0f} %" for joint in wide)
+        if undetermined := [joint.name for joint in self.joints if _has_no_upper_limit(joint)]:
+            yield f"without a number or an upper limit: {', '.join(undetermined)}; add loads that twist them"
+        wide_joints = [
+            joint
+            for joint in self.joints
+            if (joint.half_width or 0.0) > _WIDE and not _has_no_upper_limit(joint)
+        ]
+        if wide_joints:
+            names = ", ".join(
+                f"{joint.name} ± {100 * (joint.half_width or 0.0):.0f} %" for joint in wide_joints
+            )
             yield f"wider than ± {100 * _WIDE:.0f} %: {names}; read more postures or use a larger load"
-        if outside := [joint.name for joint in self.joints if joint.contained is False]:
+        if not_contained := [joint.name for joint in self.joints if joint.contained is False]:
             chance = 100 * (1 - self.confidence)
             yield (
-                f"planted stiffness outside the interval: {', '.join(outside)}; chance puts {chance:.0f} % "
+                f"planted stiffness outside the interval: {', '.join(not_contained)}; chance puts "
+                f"{chance:.0f} % "
                 "of joints outside: rehearse with another seed"
             )
 
     def _joints_table(self) -> Part:
-        """Return the table of the joints: planted, found, interval."""
+        """Return the table of the joints: planted stiffness, stiffness found, and its interval."""
         rows = []
         for joint in self.joints:
             unit = UNITS[DEFAULT_UNIT].for_kind(joint.kind)
-            low, high = joint.interval or (None, None)
-            ends = ["no limit" if end is None else figure(unit.factor * end, ".4g") for end in (low, high)]
+            lower, upper = joint.interval or (None, None)
+            end_texts = [
+                "no limit" if end is None else figure(unit.factor * end, ".4g") for end in (lower, upper)
+            ]
             width = NO_NUMBER if joint.half_width is None else f"± {100 * joint.half_width:.2g} %"
             rows.append(
                 [
                     joint.name,
                     figure(unit.factor * joint.planted, ".4g"),
                     NO_NUMBER if joint.found is None else figure(unit.factor * joint.found, ".4g"),
-                    NO_NUMBER if joint.interval is None else " … ".join(ends),
+                    NO_NUMBER if joint.interval is None else " … ".join(end_texts),
                     width,
                 ]
             )
         unit = UNITS[DEFAULT_UNIT]
-        head = ["joint", "planted", "found", f"{100 * self.confidence:g} % interval", "half-width"]
-        return text_table(head, rows, caption=f"stiffnesses in {unit.label}; planted by {self.planted_by}")
+        column_titles = ["joint", "planted", "found", f"{100 * self.confidence:g} % interval", "half-width"]
+        return text_table(
+            column_titles, rows, caption=f"stiffnesses in {unit.label}; planted by {self.planted_by}"
+        )
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        """Return, by its name, the function that makes the only table: a row for each joint."""
+        """Return table name → function that makes the table; the only table has a row for each joint."""
         return {"joints": self._make_sheet}
 
     def _make_sheet(self) -> Sheet:
@@ -107,8 +118,8 @@ class Rehearsal(Presented, RehearsalResult):
             "joint": [joint.name for joint in self.joints],
             "planted [N.m/rad]": [joint.planted for joint in self.joints],
             "found [N.m/rad]": [joint.found for joint in self.joints],
-            "low [N.m/rad]": [low for low, _ in limits],
-            "high [N.m/rad]": [high for _, high in limits],
+            "low [N.m/rad]": [lower for lower, _ in limits],
+            "high [N.m/rad]": [upper for _, upper in limits],
             "half-width [1]": [joint.half_width for joint in self.joints],
         }
         return Sheet.with_joint_kinds(
@@ -124,15 +135,15 @@ class Rehearsal(Presented, RehearsalResult):
             "planted": [joint.planted for joint in self.joints],
             "found": [joint.found for joint in self.joints],
         }
-        ends = {"found": [joint.interval for joint in self.joints]}
+        intervals = {"found": [joint.interval for joint in self.joints]}
         names = [joint.name for joint in self.joints]
         title = "Planted and found stiffness"
-        chart = Chart(title, names, series, unit.factor, unit.label, "joints", ends, True, "stiffness")
+        chart = Chart(title, names, series, unit.factor, unit.label, "joints", intervals, True, "stiffness")
         return draw_figure([chart], style=style)
 
 
-def _is_open(joint: RehearsedJoint) -> bool:
-    """Return whether the interval of a joint is unknown or has no upper end."""
+def _has_no_upper_limit(joint: RehearsedJoint) -> bool:
+    """Return whether the interval of a joint's stiffness is unknown or has no upper end."""
     return joint.interval is None or None in joint.interval
 
 
@@ -147,8 +158,10 @@ def rehearse(
     """Simulate the readings of a campaign with known stiffnesses, identify them, and compare.
 
     Robot, postures, loads, kinds of readings and noise are those of the campaign. The deflections are the
-    exact balance of springs and load. Planted are the stiffnesses of the run. Joints without a number, and
-    campaigns that are not measured yet, get stiffnesses that are plausible for an arm of this size.
+    exact balance of springs and load. The known ("planted") stiffnesses are those of the run. Joints without
+    a
+    number, and campaigns that are not measured yet, get stiffnesses that are plausible for an arm of this
+    size.
 
     Args:
         source: a campaign, a run, or a plan; as an object, a document, or the name of a file. In a campaign
@@ -164,7 +177,7 @@ def rehearse(
         CampaignError: the campaign cannot be used.
         RequestError: a plan has no robot, a joint has another name, or the load is the own weight.
     """
-    campaign, measured = _read_source(source, robot)
+    campaign, measured_source = _read_source(source, robot)
     with as_campaign_error("robot"):
         prepared = prepare_once(campaign.robot).robot
     with as_campaign_error(""):
@@ -174,39 +187,47 @@ def rehearse(
                 where="run.weight",
                 remedy="rehearse a campaign with loads",
             )
-        random, remarks = np.random.default_rng(seed), list[str]()
-        run = measured if isinstance(measured, TabledRun) else Here().identify(campaign) if measured else None
-        planted, planted_by = _choose_stiffness(prepared, run, stiffness, random)
-        simulation = _Simulation(campaign.measurement_set, prepared, planted, run, random, remarks)
+        generator, remarks = np.random.default_rng(seed), list[str]()
+        run = (
+            measured_source
+            if isinstance(measured_source, TabledRun)
+            else Here().identify(campaign)
+            if measured_source
+            else None
+        )
+        planted_stiffness, planted_by = _choose_stiffness(prepared, run, stiffness, generator)
+        simulation = _Simulation(
+            campaign.measurement_set, prepared, planted_stiffness, run, generator, remarks
+        )
         readings = simulation.measure()
     simulated = campaign.model_copy(update={"measurement_set": readings})
-    found = Here().identify(Campaign.model_validate(dict(simulated)))
+    run_of_simulation = Here().identify(Campaign.model_validate(dict(simulated)))
     joints = [
-        _compare(joint, float(value))
-        for joint, value in zip(found._require_result().joints, planted, strict=True)
+        _compare_with_planted(joint, float(value))
+        for joint, value in zip(run_of_simulation._require_result().joints, planted_stiffness, strict=True)
     ]
     return Rehearsal(
         joints=joints,
-        determined=sum(not _is_open(joint) for joint in joints),
-        confidence=found.request.confidence,
+        determined=sum(not _has_no_upper_limit(joint) for joint in joints),
+        confidence=run_of_simulation.request.confidence,
         postures=len(readings.observations),
         sigma=simulation.sigma,
         seed=seed,
         planted_by=planted_by,
-        assessment=found._require_result().assessment,
+        assessment=run_of_simulation._require_result().assessment,
         remarks=remarks,
     )
 
 
-def _compare(joint: JointResult, planted: float) -> RehearsedJoint:
-    """Return the result of a joint next to its planted stiffness."""
+def _compare_with_planted(joint: JointResult, planted: float) -> RehearsedJoint:
+    """Return the identified result of a joint together with its planted stiffness [N·m/rad or N/m]."""
     contained, half_width = None, None
     if joint.stiffness_interval is not None:
-        low, high = joint.stiffness_interval
-        contained = (low is None or low <= planted) and (high is None or planted <= high)
-    ends = joint.compliance_interval
-    if joint.compliance and ends is not None and None not in ends:
-        half_width = (ends[1] - ends[0]) / 2 / joint.compliance
+        lower, upper = joint.stiffness_interval
+        contained = (lower is None or lower <= planted) and (upper is None or planted <= upper)
+    compliance_interval = joint.compliance_interval
+    if joint.compliance and compliance_interval is not None and None not in compliance_interval:
+        half_width = (compliance_interval[1] - compliance_interval[0]) / 2 / joint.compliance
     return RehearsedJoint(
         name=joint.name,
         kind=joint.kind,
@@ -240,13 +261,13 @@ def _read_source(source: Any, robot: object) -> tuple[Campaign, Any]:  # noqa: A
         source["measurement_set"]["flange_targets"] = targets
     if not isinstance(source, Mapping):
         return read_campaign(source), True
-    filled, is_measured = _fill_in(source)
+    filled, is_measured = _fill_missing_readings(source)
     return parse_document(filled, Campaign), is_measured
 
 
-def _fill_in(document: Mapping[str, Any]) -> tuple[dict[str, Any], bool]:
-    """Return a campaign with zeros in place of readings that are null, and whether it had none of these."""
-    filled, is_measured = json.loads(json.dumps(document, default=_plain)), True
+def _fill_missing_readings(document: Mapping[str, Any]) -> tuple[dict[str, Any], bool]:
+    """Return (campaign, is_measured): a campaign whose null readings are zeros, and whether none was null."""
+    filled, is_measured = json.loads(json.dumps(document, default=_to_plain_value)), True
     for observation in filled.get("measurement_set", {}).get("observations", ()):
         for reading in observation.get("readings", ()):
             for name in ("unloaded", "loaded", "deflection", "displacement"):
@@ -256,35 +277,44 @@ def _fill_in(document: Mapping[str, Any]) -> tuple[dict[str, Any], bool]:
     return filled, is_measured
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401 - of a document
-    """Return a message or an array as plain values."""
+def _to_plain_value(value: Any) -> Any:  # noqa: ANN401 - of a document
+    """Return a message or an array of a document as plain JSON values."""
     if hasattr(value, "model_dump"):
         return value.model_dump(mode="json", exclude_unset=True)
     return value.tolist()
 
 
 def _choose_stiffness(
-    robot: Robot, run: TabledRun | None, stated: Mapping[str, float] | None, random: np.random.Generator
+    robot: Robot,
+    run: TabledRun | None,
+    stated_stiffness: Mapping[str, float] | None,
+    generator: np.random.Generator,
 ) -> tuple[FloatArray, str]:
-    """Return the planted stiffnesses (n,) [N·m/rad or N/m], and their source in words.
+    """Return the stiffnesses (n,) to plant [N·m/rad or N/m], and their source in words.
+
+    Args:
+        robot: n joints.
+        run: run whose stiffnesses are planted; None if the campaign is not measured.
+        stated_stiffness: stiffnesses that the caller states, by joint name; they take precedence.
+        generator: random numbers for stiffnesses that are not known.
 
     Raises:
         RequestError: a stated stiffness is not positive, or the robot has no such joint.
     """
-    stiffness, source = draw_plausible_stiffness(robot, random), "plausible values for an arm of this size"
+    stiffness, source = draw_plausible_stiffness(robot, generator), "plausible values for an arm of this size"
     if run is not None:
-        known = np.isfinite(run.stiffness) & (run.stiffness > 0.0)
-        stiffness = np.where(known, run.stiffness, stiffness)
-        source = "the run of these readings" + ("" if known.all() else ", and plausible values")
-    for name, value in (stated or {}).items():
+        is_known = np.isfinite(run.stiffness) & (run.stiffness > 0.0)
+        stiffness = np.where(is_known, run.stiffness, stiffness)
+        source = "the run of these readings" + ("" if is_known.all() else ", and plausible values")
+    for name, value in (stated_stiffness or {}).items():
         index = robot.joint_index(name, f"stiffness.{name}")
         if not value > 0.0:
             raise RequestError(
                 f"the stiffness of {name} is not positive", where="stiffness", remedy="give N·m/rad"
             )
         stiffness[index] = value
-    if stated:
-        source = "the caller" if len(stated) == robot.n else f"the caller, and {source}"
+    if stated_stiffness:
+        source = "the caller" if len(stated_stiffness) == robot.n else f"the caller, and {source}"
     return stiffness, source
 
 
@@ -327,7 +357,7 @@ class _Simulation:
         self._places = self._find_places()
 
     def _choose_sigma(self, run: TabledRun | None) -> float:
-        """Return the noise of a coordinate [m]: as stated, else of the run, else that of a usual tracker."""
+        """Return the noise of a coordinate [m]: as the campaign states, else of the run, else usual noise."""
         noise = self._set.noise
         if noise is not None and noise.sigma is not None:
             return self._length * noise.sigma
@@ -342,23 +372,25 @@ class _Simulation:
         return _USUAL_SIGMA
 
     def _find_places(self) -> dict[str, FloatArray]:
-        """Return the place of each target in the flange frame [m]: as stated, as read, or as usual."""
+        """Return target → place in the flange frame [m]: as stated, else as read, else a usual place."""
         places = {name: self._length * np.array(place) for name, place in self._set.flange_targets.items()}
-        read: dict[str, list[FloatArray]] = {}
-        for i, observation in enumerate(self._set.observations):
+        places_as_read: dict[str, list[FloatArray]] = {}
+        for index, observation in enumerate(self._set.observations):
             for reading in observation.readings:
                 if reading.unloaded is not None and any(reading.unloaded):
                     position = (
                         self._rotation @ (self._length * np.array(reading.unloaded)) + self._translation
                     )
-                    offset = position - self._unloaded.flange_translation[i]
-                    read.setdefault(reading.target, []).append(self._unloaded.flange_rotation[i].T @ offset)
-        places |= {name: np.mean(each, axis=0) for name, each in read.items() if name not in places}
+                    offset = position - self._unloaded.flange_translation[index]
+                    places_as_read.setdefault(reading.target, []).append(
+                        self._unloaded.flange_rotation[index].T @ offset
+                    )
+        places |= {name: np.mean(each, axis=0) for name, each in places_as_read.items() if name not in places}
         targets = [reading.target for each in self._set.observations for reading in each.readings]
         missing = [name for name in dict.fromkeys(targets) if name not in places]
         if missing:
-            usual = (np.array(place) for place in _USUAL_TARGETS * len(missing))
-            places |= dict(zip(missing, usual, strict=False))
+            usual_places = (np.array(place) for place in _USUAL_TARGETS * len(missing))
+            places |= dict(zip(missing, usual_places, strict=False))
             self._remarks.append(f"places of {', '.join(missing)} on the flange are not stated: assumed")
         return places
 

@@ -54,18 +54,25 @@ class Door(verb.Door, Protocol):
         """Return the campaign of a run; None if the campaign is not known."""
 
     def read_run(self, job: Job) -> TabledRun | None:
-        """Return the run by which a job's tables are computed again, such as of a map; else None."""
+        """Return the run from which a job's tables are computed again; None for jobs that store tables."""
 
     def read_contents(self, job: Job) -> tuple[Mapping[str, Sheet], Mapping[str, bytes]]:
-        """Return tables by name, and files by name, that a job has but its message leaves out."""
+        """Return (tables, files) of a job, each by name, that the job's message leaves out."""
 
     def file(
         self, job: Job, name: str, query: Mapping[str, str] | None = None, laboratory: Path | None = None
     ) -> bytes:
-        """Return the content of a file of a job, such as `report.pdf`; `query` has parameters of the API."""
+        """Return the content of a file of a job, such as `report.pdf`.
+
+        Args:
+            job: the job.
+            name: name of the file.
+            query: parameters of the API for this file.
+            laboratory: TOML file about the laboratory that issues a report.
+        """
 
     def sheet(self, job: Job, file: File) -> Sheet:
-        """Return the table that is written to a file of a job."""
+        """Return a table of a job, given by the file to which the table is written."""
 
     def predict(
         self,
@@ -90,7 +97,7 @@ class Presented(ABC):
 
     @abstractmethod
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        """Return, by the name of each table, a function that makes the table; the main table is first."""
+        """Return table name → function that makes the table; the main table comes first."""
 
     @abstractmethod
     def _draw_figure(self, style: PlotStyle) -> Figure:
@@ -141,7 +148,7 @@ class Presented(ABC):
         return lines[0].strip().partition("\n")[0] if lines else ""
 
     def summary(self) -> str:
-        """Return the lines of the report without its tables: verdict, reasons, counts and remedies."""
+        """Return the lines of the report, without its tables: verdict, reasons, counts and remedies."""
         return "\n".join(part.text for part in self._parts() if isinstance(part, Line))
 
     def to_frame(self, name: str | None = None) -> Any:  # noqa: ANN401 - of pandas or polars
@@ -156,7 +163,7 @@ class Presented(ABC):
             MissingExtraError: neither pandas nor polars is installed.
             ValueError: the result has no table of this name.
         """
-        return make_data_frame(self._sheet(name))
+        return make_data_frame(self._make_table(name))
 
     def plot(
         self,
@@ -210,18 +217,22 @@ class Presented(ABC):
             text = json.dumps(to_document(self), indent=1, ensure_ascii=False)
             target.write_text(text + "\n", encoding="utf-8")
         elif suffix == "csv":
-            target.write_bytes(write_sheet(self._sheet(None), suffix))
+            target.write_bytes(write_sheet(self._make_table(None), suffix))
         elif suffix == "xlsx":
             target.write_bytes(xlsx_bytes({name: sheet() for name, sheet in self._sheets().items()}))
         else:
             self._save_other(target, suffix)
 
     def _save_other(self, path: Path, suffix: str) -> None:  # noqa: ARG002 - for subclasses
-        """Write a file whose ending only some results have; subclasses add these endings."""
+        """Raise ValueError for an ending that no result has; subclasses write files with further endings."""
         raise ValueError(f"'{path}' must end in .json, .csv, .xlsx, .svg or .png")
 
-    def _sheet(self, name: str | None) -> Sheet:
-        """Return the table with a name; with None the first table. Raise ValueError for an unknown name."""
+    def _make_table(self, name: str | None) -> Sheet:
+        """Return the table with a name; the first table if the name is None.
+
+        Raises:
+            ValueError: the result has no table of this name.
+        """
         sheets = self._sheets()
         sheet_name = next(iter(sheets), "") if name is None else name
         if sheet_name not in sheets:
@@ -260,17 +271,18 @@ class PresentedJob(Presented):
         return job_parts(import_kind(self._job.kind), self._job)
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        """Return a function that makes each table, by its name: the name of its file without the ending."""
+        """Return table name → function that makes the table; names are those of files without the ending."""
         # If several files have the same name, such as a CSV and a JSON file, the first one is used.
         files = {file.name.partition(".")[0]: file for file in reversed(import_kind(self._job.kind).files)}
         return {name: partial(self._make_sheet, file) for name, file in reversed(files.items())}
 
     def _make_sheet(self, file: File) -> Sheet:
-        """Return the table of a file of this job; the client or process that did the job makes it, if known.
+        """Return the table of a file of this job.
+
+        The origin of the job, the client or process that did it, makes the table if the origin is known.
 
         Raises:
-            ValueError: the job has no result; or the table must be computed again by the client or process
-                that did the job, which is not known.
+            ValueError: the job has no result; or only the origin can compute the table, and it is not known.
         """
         job = self._job
         if job.result is None:
@@ -284,7 +296,7 @@ class PresentedJob(Presented):
         return build_job_sheet(file, job, lambda: cast("Any", None))
 
     def _draw_figure(self, style: PlotStyle) -> Figure:
-        """Draw the map of the work area, if this kind of job has one, and below it the charts of the result.
+        """Draw the map of the work area, if this kind has one, and below it the charts of the result.
 
         Raises:
             ValueError: the job has no result.
@@ -294,11 +306,11 @@ class PresentedJob(Presented):
         kind, job = import_kind(self._job.kind), self._job
         if job.result is None:
             raise ValueError(job.error.detail if job.error else f"the {job.kind} is {job.state}")
-        areas = []
+        area_maps = []
         if kind.make_area_map is not None:
-            area = kind.make_area_map(self._sheet(kind.area_table))
-            areas = [] if area is None else [area]
-        return draw_figure(list(kind.make_charts(job.result)), areas, style)
+            area_map = kind.make_area_map(self._make_table(kind.area_table))
+            area_maps = [] if area_map is None else [area_map]
+        return draw_figure(list(kind.make_charts(job.result)), area_maps, style)
 
     def table(self, suffix: str) -> bytes:
         """Return the content of the job's main table as a file: `csv`, and for maps also `npz` and `json`.
@@ -333,7 +345,7 @@ class PresentedJob(Presented):
         Path(path).write_bytes(self._require_origin().file(self._job, name, None, settings))
 
     def _save_other(self, path: Path, suffix: str) -> None:
-        """Write the report, the archive of a map, or the files of a program, by the ending."""
+        """Write the report, the archive of a map, or the files of a program, depending on the ending."""
         job: Any = self._job
         if suffix in _REPORTS:
             self.report(path)
@@ -348,7 +360,7 @@ class PresentedJob(Presented):
             super()._save_other(path, suffix)
 
     def was_done_by(self, door: object) -> bool:
-        """Return whether a client or process, `door`, did this job."""
+        """Return whether a client or process did this job; `door` is the client or process."""
         return self._origin is door
 
     def _require_origin(self) -> Door:
@@ -419,14 +431,17 @@ class TabledRun(PresentedJob, Run):
         """
         import numpy as np
 
-        unknown, fields = (np.nan, np.nan), f"{of}_interval"
-        ends = [getattr(joint, fields) or unknown for joint in self._require_result().joints]
+        unknown, field = (np.nan, np.nan), f"{of}_interval"
+        intervals = [getattr(joint, field) or unknown for joint in self._require_result().joints]
         return np.array(
-            [(-np.inf if low is None else low, np.inf if high is None else high) for low, high in ends]
+            [
+                (-np.inf if lower is None else lower, np.inf if upper is None else upper)
+                for lower, upper in intervals
+            ]
         )
 
     def _list_numbers(self, field: str) -> FloatArray:
-        """Return a field of all joints as an array (n,), with NaN for joints without a number."""
+        """Return a field of all n joints as an array (n,); NaN for joints without a number."""
         import numpy as np
 
         numbers = [getattr(joint, field) for joint in self._require_result().joints]
@@ -450,8 +465,11 @@ class TabledRun(PresentedJob, Run):
         names, budget = [joint.name for joint in result.joints], result.budget
         matrix = np.full((len(names), len(names)), np.nan)
         # Entry (i, j) is u_i u_j times the correlation of joints i and j.
-        indices, u = [names.index(name) for name in budget.joints], np.array(budget.standard_uncertainty)
-        matrix[np.ix_(indices, indices)] = np.outer(u, u) * np.array(budget.correlation)
+        indices, uncertainty = (
+            [names.index(name) for name in budget.joints],
+            np.array(budget.standard_uncertainty),
+        )
+        matrix[np.ix_(indices, indices)] = np.outer(uncertainty, uncertainty) * np.array(budget.correlation)
         return matrix
 
     def predict(
@@ -536,7 +554,7 @@ class TabledRun(PresentedJob, Run):
         Path(path).write_bytes(self._require_origin().file(self, f"model.{suffix}", query))
 
     def _save_other(self, path: Path, suffix: str) -> None:
-        """Write a model for simulators, a certificate, or a file that every kind of job has."""
+        """Write a model for simulators, a certificate, or a file that every kind of job can write."""
         if suffix == "mjcf":
             self.export(path)
         elif suffix == "xml":
@@ -557,7 +575,7 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
     @property
     def displacement(self) -> FloatArray:
-        """Displacements (N, 3) of the place, axes of R0 [m]; NaN for cases without a prediction."""
+        """Displacements (N, 3) of the loaded place in N cases, axes of R0 [m]; NaN without a prediction."""
         return self._stack_vectors("displacement")
 
     @property
@@ -567,14 +585,14 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
     @property
     def intervals(self) -> FloatArray:
-        """Lower and upper ends (N, 3, 2) of intervals of `displacement` without model error [m], or NaN."""
+        """Confidence intervals (N, 3, 2) of `displacement`, without model error [m]; NaN where unknown."""
         import numpy as np
 
         intervals = [case.readings_only for case in self.cases]
         return np.array([np.full((3, 2), np.nan) if each is None else each for each in intervals])
 
     def _stack_vectors(self, field: str) -> FloatArray:
-        """Return a field of all cases as an array (N, 3), with NaN for cases without the field."""
+        """Return a vector field of all N cases as an array (N, 3); NaN for cases without the field."""
         import numpy as np
 
         unknown = (np.nan, np.nan, np.nan)
@@ -587,7 +605,7 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
         return prediction_parts(self)
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        """Return, by its name, the function that makes the only table: a row for each load case."""
+        """Return table name → function that makes the table; the only table has a row for each load case."""
         from jointstiff.service.runs.deflection import prediction_sheet
 
         return {"cases": lambda: prediction_sheet(self)}
@@ -604,40 +622,48 @@ class RobotTrend(Presented, Trend):
     """Stiffness of a robot's joints over its campaigns; shown as a table of changes, and plots."""
 
     def _parts(self) -> Sequence[Part]:
-        """Return the lines and the table of the report: number of changed joints, remarks, changes in %."""
-        changed = sum(joint.changed for joint in self.joints)
-        head = (
-            f"{len(self.campaigns)} campaigns: {changed} of {len(self.joints)} joints changed since the first"
+        """Return the report of a trend: number of changed joints, a table of the changes in %, remarks."""
+        changed_count = sum(joint.changed for joint in self.joints)
+        headline = (
+            f"{len(self.campaigns)} campaigns: {changed_count} of {len(self.joints)} joints "
+            "changed since the first"
         )
         rows = []
         for joint in self.joints:
             change_text = NO_NUMBER
             if (change := joint.change) is not None:
-                u = change.standard_uncertainty
-                u_text = "" if u is None else f" ± {figure(100 * u, '.2g')}"
-                change_text = f"{figure(100 * change.value, '.2g')}{u_text} %"
+                uncertainty = change.standard_uncertainty
+                uncertainty_text = "" if uncertainty is None else f" ± {figure(100 * uncertainty, '.2g')}"
+                change_text = f"{figure(100 * change.value, '.2g')}{uncertainty_text} %"
             p_value = NO_NUMBER if joint.p_value is None else figure(joint.p_value, ".2g")
             rows.append([joint.name, "changed" if joint.changed else "", change_text, p_value])
         lines = [
-            Line(head),
+            Line(headline),
             *map(Line, self._describe_other_pairs()),
             *([Line(self.note)] if self.note else []),
         ]
-        return [*lines, text_table(["joint", "", "change, ± u", "p-value"], rows, texts=[0, 1])]
+        return [*lines, text_table(["joint", "", "change, ± u", "p-value"], rows, left_aligned=[0, 1])]
 
     def _describe_other_pairs(self) -> Iterator[str]:
         """Yield a sentence for each joint whose test does not compare the first with the latest campaign."""
         dates = self._campaign_dates()
         for joint in self.joints:
-            compared = [i for i, point in enumerate(joint.points) if point.reason is None]  # campaigns
-            if joint.change is None or (compared[0] == 0 and compared[-1] == len(dates) - 1):
+            compared_campaigns = [
+                index for index, point in enumerate(joint.points) if point.reason is None
+            ]  # campaigns
+            if joint.change is None or (
+                compared_campaigns[0] == 0 and compared_campaigns[-1] == len(dates) - 1
+            ):
                 continue
-            first, latest = (f"'{self.campaigns[i].name}' ({dates[i]})" for i in (compared[0], compared[-1]))
+            first, latest = (
+                f"'{self.campaigns[index].name}' ({dates[index]})"
+                for index in (compared_campaigns[0], compared_campaigns[-1])
+            )
             reason = "because the other campaigns give no number to compare"
             yield f"{joint.name}: compared from {first} to {latest}, {reason}"
 
     def _campaign_dates(self) -> list[str]:
-        """Return the date of each campaign; if dates are equal, with time; if still equal, with a number."""
+        """Return a distinct text for each campaign: its date, if needed with time, and with a number."""
         times = [campaign.at for campaign in self.campaigns]
         days, minutes = ([f"{at:{form}}" for at in times] for form in ("%Y-%m-%d", "%Y-%m-%d %H:%M"))
         if len(set(days)) == len(times):
@@ -646,27 +672,27 @@ class RobotTrend(Presented, Trend):
         return minutes if are_unique else [f"{minute} ({i})" for i, minute in enumerate(minutes, 1)]
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
-        """Return, by its name, the function that makes the only table: a row for each joint and campaign."""
+        """Return table name → function that makes it; the only table has a row for each point."""
         return {"points": self._points_sheet}
 
     def _points_sheet(self) -> Sheet:
         """Return the table of the trend: stiffness and interval for each joint and campaign, in SI units."""
-        pairs = [
+        cells = [
             (joint, campaign, point)
             for joint in self.joints
             for campaign, point in zip(self.campaigns, joint.points, strict=True)
         ]
-        limits = [point.interval or (None, None) for _, _, point in pairs]
+        limits = [point.interval or (None, None) for _, _, point in cells]
         columns = {
-            "joint": [joint.name for joint, _, _ in pairs],
-            "campaign": [campaign.name for _, campaign, _ in pairs],
-            "at": [campaign.at.isoformat() for _, campaign, _ in pairs],
-            "stiffness [N.m/rad]": [point.stiffness for _, _, point in pairs],
-            "lower [N.m/rad]": [low for low, _ in limits],
-            "upper [N.m/rad]": [high for _, high in limits],
+            "joint": [joint.name for joint, _, _ in cells],
+            "campaign": [campaign.name for _, campaign, _ in cells],
+            "at": [campaign.at.isoformat() for _, campaign, _ in cells],
+            "stiffness [N.m/rad]": [point.stiffness for _, _, point in cells],
+            "lower [N.m/rad]": [lower for lower, _ in limits],
+            "upper [N.m/rad]": [upper for _, upper in limits],
         }
         sheet = Sheet(columns, frozenset(["joint", "campaign", "at"]))
-        return Sheet.with_joint_kinds(sheet, [joint.kind for joint, _, _ in pairs])
+        return Sheet.with_joint_kinds(sheet, [joint.kind for joint, _, _ in cells])
 
     def _draw_figure(self, style: PlotStyle) -> Figure:
         """Draw a figure with a chart for each joint: its stiffness over the campaigns."""
@@ -677,17 +703,22 @@ class RobotTrend(Presented, Trend):
         for joint in self.joints:
             unit = UNITS[DEFAULT_UNIT].for_kind(joint.kind)
             series = {"stiffness": [point.stiffness for point in joint.points]}
-            ends = {"stiffness": [point.interval for point in joint.points]}
+            intervals = {"stiffness": [point.interval for point in joint.points]}
             title = f"{joint.name}: changed" if joint.changed else joint.name
             charts.append(
-                Chart(title, names, series, unit.factor, unit.label, "campaigns", ends, True, "stiffness")
+                Chart(
+                    title, names, series, unit.factor, unit.label, "campaigns", intervals, True, "stiffness"
+                )
             )
         return draw_figure(charts, style=style)
 
 
 @cache
-def presented_class(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
-    """Return the class of a kind's jobs with methods for tables, plots and files; cached for each kind."""
+def make_presented_class(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
+    """Return the class of a kind's jobs, extended by methods for tables, plots and files.
+
+    A cache keeps one class for each kind.
+    """
     if kind.message is Run:
         return cast("type[AnyJob]", TabledRun)
     bases: Any = (PresentedJob, kind.message)
@@ -703,13 +734,17 @@ def attach_origin(job: AnyJob, origin: Door) -> AnyJob:
 
     `origin` is the client or process that computed the job; it also makes the files.
     """
-    presented = presented_class(import_kind(job.kind)).model_validate(dict(job))
+    presented = make_presented_class(import_kind(job.kind)).model_validate(dict(job))
     cast("Any", presented)._origin = origin
     return cast("AnyJob", presented)
 
 
 def _require_suffix(path: str | Path, known: set[str]) -> str:
-    """Return the ending of a path without the dot; raise ValueError if the ending is not in `known`."""
+    """Return the ending of a path without the dot, if the ending is in `known`.
+
+    Raises:
+        ValueError: the path has another ending.
+    """
     suffix = Path(path).suffix.removeprefix(".").lower()
     if suffix not in known:
         endings = ", ".join(f".{each}" for each in sorted(known))

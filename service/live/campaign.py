@@ -115,7 +115,7 @@ class Declaration:
             nominal=np.full(self.robot.n, np.nan),
             sigma=None if noise is None else LENGTH[header.units.length] * noise,
             unexplained=None,
-            so_far=None,
+            campaign_readings=None,
         )
         if options.load_point is None and not isinstance(options.load, OwnWeight):
             raise RequestError(

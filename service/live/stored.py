@@ -207,7 +207,7 @@ class OpenSets:
     def is_open(self, set_id: str) -> bool:
         """Return whether an id is that of a live campaign, deleted or not, that was not closed."""
         with suppress(NotFoundError):
-            self._store.open_sets.get(set_id, hidden=True)
+            self._store.open_sets.get(set_id, include_deleted=True)
             return not any(entry.change == "closed" for entry in self._store.live_entries.find(set_id=set_id))
         return False
 

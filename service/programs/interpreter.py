@@ -403,7 +403,9 @@ class Machine:
                     self.refuse(line, fault.reason, fault.remedy, source)
                 if len(translations) < _MAX_TRANSLATIONS:
                     translations[masked] = ops
-            if ops is repeatable and not held:  # long programs are mostly such moves: they share one operation
+            if (
+                ops is repeatable and not held
+            ):  # long programs are mostly such moves: they share one operation
                 line_offset, _ = ops[-1]
                 self._repeats[len(self._ops) - 1].extend((line + line_offset, number))
                 continue

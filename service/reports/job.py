@@ -64,7 +64,7 @@ def lay_out_job(
             (label, text.replace("\n", "; "))
             for label, text in list_request_fields(job.request, joint_kinds_in(job))
         ]
-        parts.append(text_table(["request", ""], facts, texts=[0, 1]))
+        parts.append(text_table(["request", ""], facts, left_aligned=[0, 1]))
     return lay_out_parts(parts)
 
 

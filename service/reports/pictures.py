@@ -87,7 +87,7 @@ _LABEL_DISTANCE = 12.0
 def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture | None:
     """Draw the stiffness of each joint with its interval on a logarithmic axis.
 
-    None if no joint has a positive stiffness.
+    Return None if no joint has a positive stiffness.
     """
     drawn_joints = [joint for joint in joints if joint.stiffness is not None and joint.stiffness > 0.0]
     values = [joint.stiffness or 0.0 for joint in drawn_joints]
@@ -95,18 +95,20 @@ def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture 
         values += [end for end in joint.stiffness_interval or () if end is not None and end > 0.0]
     if not values:
         return None
-    low, high = floor(log10(min(values))), ceil(log10(max(values)))  # exponents of ten
-    high += low == high  # the axis covers one decade at least
+    lowest_decade, highest_decade = floor(log10(min(values))), ceil(log10(max(values)))  # exponents of ten
+    highest_decade += lowest_decade == highest_decade  # the axis covers one decade at least
     height = _ROW_HEIGHT * (len(joints) + 1) + 22
     drawing = Drawing(_WIDTH, height, "Stiffness of each joint with its interval")
 
     def x_of(value: float) -> float:
         """Return the x coordinate of a stiffness on the logarithmic axis."""
-        fraction = (log10(min(max(value, 10.0**low), 10.0**high)) - low) / (high - low)
+        fraction = (log10(min(max(value, 10.0**lowest_decade), 10.0**highest_decade)) - lowest_decade) / (
+            highest_decade - lowest_decade
+        )
         return _NAMES_WIDTH + fraction * (_WIDTH - _NAMES_WIDTH - 20)
 
     bottom = height - 24
-    for decade in range(low, high + 1):
+    for decade in range(lowest_decade, highest_decade + 1):
         drawing.line(x_of(10.0**decade), 4, x_of(10.0**decade), bottom)
         number = 10.0 ** (decade - 6)  # in 10⁶ N·m/rad
         drawing.text(x_of(10.0**decade), bottom + 10, f"{number:g}", anchor="middle")
@@ -117,10 +119,10 @@ def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture 
         if joint not in drawn_joints or joint.stiffness is None:
             drawing.text(_NAMES_WIDTH + 4, y + 3, "no number: see the table")
             continue
-        lower, upper = joint.stiffness_interval or (joint.stiffness, joint.stiffness)
-        right = _WIDTH - 20 if upper is None else x_of(upper)
-        drawing.line(x_of(lower), y, right, y, MARK, 2.2)
-        for end in (x_of(lower), *([] if upper is None else [right])):
+        lower_end, upper_end = joint.stiffness_interval or (joint.stiffness, joint.stiffness)
+        right = _WIDTH - 20 if upper_end is None else x_of(upper_end)
+        drawing.line(x_of(lower_end), y, right, y, MARK, 2.2)
+        for end in (x_of(lower_end), *([] if upper_end is None else [right])):
             drawing.line(end, y - 5, end, y + 5, MARK, 0.8)
         drawing.dot(x_of(joint.stiffness), y, 1.5)
     return Picture(
@@ -133,9 +135,9 @@ def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture 
 
 def draw_bars(chart: Chart) -> Picture:
     """Draw a chart as groups of bars, a bar for each series; at most the first 60 groups."""
-    count = min(len(chart.names), _MOST_GROUPS)
+    group_count = min(len(chart.names), _MOST_GROUPS)
     series = {
-        name: [chart.factor * (each or 0.0) for each in list(values)[:count]]
+        name: [chart.factor * (number or 0.0) for number in list(values)[:group_count]]
         for name, values in chart.series.items()
     }
     legend_y = 154.0
@@ -143,17 +145,21 @@ def draw_bars(chart: Chart) -> Picture:
     sizes = [abs(value) for values in series.values() for value in values]
     greatest = max(sizes, default=0.0) or 1.0
     # The vertical axis ends at 1, 2 or 5 times a power of ten; 1e-9 allows for rounding.
-    power = 10.0 ** floor(log10(greatest))
-    top = next(each * power for each in (1.0, 2.0, 5.0, 10.0) if each * power >= greatest * (1 - 1e-9))
-    scale = (_AXIS_Y - 12) / top
+    power_of_ten = 10.0 ** floor(log10(greatest))
+    axis_end = next(
+        number * power_of_ten
+        for number in (1.0, 2.0, 5.0, 10.0)
+        if number * power_of_ten >= greatest * (1 - 1e-9)
+    )
+    scale = (_AXIS_Y - 12) / axis_end
     for fraction in (0.0, 0.5, 1.0):
         y = _AXIS_Y - fraction * (_AXIS_Y - 12)
         drawing.line(_AXIS_X, y, _WIDTH - 6, y)
-        drawing.text(_AXIS_X - 4, y + 3, f"{fraction * top:g}", anchor="end")
+        drawing.text(_AXIS_X - 4, y + 3, f"{fraction * axis_end:g}", anchor="end")
     drawing.text(0, 8, chart.unit)
-    axis_label = f"{chart.axis} 1 to {count} of {len(chart.names)}"
+    axis_label = f"{chart.axis} 1 to {group_count} of {len(chart.names)}"
     drawing.text(_WIDTH - 6, _AXIS_Y + 12, axis_label, anchor="end")
-    group_width = (_WIDTH - _AXIS_X - 6) / max(count, 1)
+    group_width = (_WIDTH - _AXIS_X - 6) / max(group_count, 1)
     bar_width = 0.8 * group_width / max(len(series), 1)
     for index, (name, values) in enumerate(series.items()):
         colour = _SERIES_COLOURS[index % len(_SERIES_COLOURS)]
@@ -196,13 +202,13 @@ def draw_arm(robot: Robot, joints: Sequence[float]) -> Picture | None:
     axes = np.vstack([np.zeros(3), 0.25 * reach * np.eye(3)])  # origin and ends of the axes of R0
     arm, base_axes = _project(points), _project(axes)
     all_points = np.vstack([arm, base_axes])
-    low, size = all_points.min(axis=0), np.ptp(all_points, axis=0)
-    scale = min(200.0 / size[0], 170.0 / size[1])  # the picture fills 200 × 170 points at most
+    lower_corner, extent = all_points.min(axis=0), np.ptp(all_points, axis=0)
+    scale = min(200.0 / extent[0], 170.0 / extent[1])  # the picture fills 200 × 170 points at most
     drawing = Drawing(260, 200, "The arm in the posture of the first observation")
 
     def to_drawing(point: FloatArray) -> tuple[float, float]:
         """Return the coordinates in the drawing of a projected point (2,)."""
-        x, y = (point - low) * scale
+        x, y = (point - lower_corner) * scale
         return 20 + float(x), 185 - float(y)
 
     for end, name in zip(base_axes[1:], "xyz", strict=True):

@@ -137,7 +137,7 @@ class RunSubject:
 def build_run_report(subject: RunSubject) -> Document:
     """Build the report of a run; equal runs, measurement sets and settings give equal documents."""
     run, settings = subject.model.run, subject.settings
-    items = text_table(["item", "requirement", "place in this report"], ITEMS, texts=[0, 1, 2])
+    items = text_table(["item", "requirement", "place in this report"], ITEMS, left_aligned=[0, 1, 2])
     return Document(
         title=TITLE,
         number=run.id,
@@ -237,7 +237,7 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
     ]
     return Section(
         RESULTS,
-        tables=[text_table(head, rows, texts=[0, 5])],
+        tables=[text_table(head, rows, left_aligned=[0, 5])],
         notes=[
             f"{joint.name}: no number: {explain_missing_stiffness(joint)}."
             for joint in result.joints
@@ -365,7 +365,7 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
             paragraphs=[
                 "Shares of each interval's width: from the readings, and from the bounds of the masses."
             ],
-            tables=[text_table(["joint", "readings", "uncertain masses"], cells, texts=[0])],
+            tables=[text_table(["joint", "readings", "uncertain masses"], cells, left_aligned=[0])],
         )
     if budget is None:
         return Section(

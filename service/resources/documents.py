@@ -42,12 +42,12 @@ def read_campaign(campaign: AnyCampaign) -> Campaign:
     return read_document(Path(campaign), Campaign, section="campaign")
 
 
-def read_document(path: Path, message: type[Document], section: str | None = None) -> Document:
+def read_document(path: Path, message_class: type[Document], section: str | None = None) -> Document:
     """Read a JSON file and validate it as a message.
 
     Args:
         path: path of the file.
-        message: class of the message.
+        message_class: class of the message.
         section: key of the message in a larger document, such as `robot` in a campaign; the file may also
             hold the message alone.
 
@@ -55,7 +55,7 @@ def read_document(path: Path, message: type[Document], section: str | None = Non
         CampaignError: the file is too large, or holds no such message.
         OSError: the file cannot be read.
     """
-    return parse_content(read_content(path), message, path, section)
+    return parse_content(read_content(path), message_class, path, section)
 
 
 def read_content(path: Path) -> bytes:
@@ -76,13 +76,13 @@ def read_content(path: Path) -> bytes:
 
 
 def parse_content(
-    content: bytes, message: type[Document], path: Path | None = None, section: str | None = None
+    content: bytes, message_class: type[Document], path: Path | None = None, section: str | None = None
 ) -> Document:
     """Validate the content of a file as a message.
 
     Args:
         content: bytes of the file.
-        message: class of the message.
+        message_class: class of the message.
         path: name of the file, for messages of errors; None if the content is not that of a file.
         section: key of the message in a larger document, such as `robot` in a campaign; the content may also
             be the message alone. None if the message is not part of a larger document.
@@ -90,7 +90,7 @@ def parse_content(
     Raises:
         CampaignError: the content is no such message.
     """
-    return _validate_content(message, content.removeprefix(BOM_UTF8), section, path)
+    return _validate_content(message_class, content.removeprefix(BOM_UTF8), section, path)
 
 
 def read_object(path: Path) -> dict[str, Any]:
@@ -108,13 +108,13 @@ class _AnyObject(BaseModel):
     model_config = ConfigDict(extra="allow")
 
 
-def parse_document(document: Mapping[str, Any], message: type[Document]) -> Document:
+def parse_document(document: Mapping[str, Any], message_class: type[Document]) -> Document:
     """Validate a document as a message; its values may be messages and arrays.
 
     Raises:
         CampaignError: the document is no such message, or holds values that JSON cannot represent.
     """
-    return _validate_content(message, encode_document(document))
+    return _validate_content(message_class, encode_document(document))
 
 
 def encode_document(document: Mapping[str, Any]) -> bytes:
@@ -155,7 +155,7 @@ def _plain_value(value: Any) -> Any:  # noqa: ANN401 - anything in a document
 
 
 def _validate_content(
-    message: type[Document], content: bytes, section: str | None = None, path: Path | None = None
+    message_class: type[Document], content: bytes, section: str | None = None, path: Path | None = None
 ) -> Document:
     """Validate JSON as a message.
 
@@ -164,9 +164,9 @@ def _validate_content(
             known kind, else the faults.
     """
     try:
-        return parse(message, content, section)
+        return parse(message_class, content, section)
     except MalformedError as error:
-        wrong_kind_problem = _explain_other_document(message, content, error, str(path or "the file"))
+        wrong_kind_problem = _explain_other_document(message_class, content, error, str(path or "the file"))
         problem = wrong_kind_problem or problem_from_faults(error.faults)
         if path is not None and wrong_kind_problem is None:
             named = {"title": f"{path} does not match the schema", "where": f"{path}: {problem.where}"}
@@ -175,12 +175,18 @@ def _validate_content(
 
 
 def _explain_other_document(
-    message: type[BaseModel], content: bytes, error: MalformedError, name: str
+    message_class: type[BaseModel], content: bytes, error: MalformedError, name: str
 ) -> Problem | None:
-    """Return problem details that name the kind of a document which is not the expected message.
+    """Return a problem that names the kind of a document that is not the expected message.
 
-    `message` is the expected class, `error` the failure of its validation, `name` the file's name for people.
-    None if the document is of no other known kind.
+    Args:
+        message_class: class of the expected message.
+        content: bytes of the document.
+        error: failure of the validation as the expected message.
+        name: name of the file, for people.
+
+    Returns:
+        The problem; None if the document is of no other known kind.
     """
     import_hint = "to read tables and point lists use `jointstiff import FILE`"
     if error.keys is NOT_JSON:
@@ -195,7 +201,7 @@ def _explain_other_document(
             422, f"{name}: {error.faults[0]['msg']}", f"correct the JSON there; {import_hint}"
         )
     for keys, kind, remedy in _OTHER_DOCUMENTS:
-        if keys <= error.keys and not keys <= set(message.model_fields):
+        if keys <= error.keys and not keys <= set(message_class.model_fields):
             return http_problem(422, f"{name} is {kind}", remedy)
     return None
 

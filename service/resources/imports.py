@@ -56,15 +56,15 @@ def import_files(
     files: Sequence[SourceFile],
     request: ImportRequest,
     robot: Robot | None = None,
-    others: Iterable[KnownRobot] | None = None,
+    other_robots: Iterable[KnownRobot] | None = None,
 ) -> ImportAnswer:
     """Read files of readings; return a preview, and a measurement set if nothing is missing.
 
     Args:
         files: text files or workbooks, in any order.
         request: options, and statements that the files do not contain.
-        robot: robot that was measured; with it the set is inspected for mistakes.
-        others: robots that may have been measured instead; None: the arms of the catalogue.
+        robot: robot that was measured; if given, the set is inspected for mistakes.
+        other_robots: robots that may have been measured instead; None takes the arms of the catalogue.
 
     Raises:
         ImportRefusedError: something in the files is not understood, contradictory or ambiguous, and the
@@ -78,13 +78,13 @@ def import_files(
     except ImportFileError as fault:
         faults.append(fault)
     # Readings without any load serve to identify by the robot's own weight, if the masses are known.
-    by_own_weight = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
-    missing = {} if faults else _missing_fields(understood, request, own_weight=by_own_weight)
+    is_by_own_weight = bool(bodies or (robot and robot.bodies)) and _is_unloaded(understood, request)
+    missing = {} if faults else _list_missing_fields(understood, request, own_weight=is_by_own_weight)
     document, findings, template, geometry = None, None, None, None
     if not faults and not missing:
         try:
-            document = _build_measurement_set(understood, request, first_file, own_weight=by_own_weight)
-            findings = None if robot is None else _inspect_set(document, robot, others)
+            document = _build_measurement_set(understood, request, first_file, own_weight=is_by_own_weight)
+            findings = None if robot is None else _inspect_set(document, robot, other_robots)
             template = _build_template(understood, request)
         except ImportFileError as fault:
             document = None
@@ -119,7 +119,7 @@ def import_files(
 
 
 def _is_unloaded(understood: Understood, request: ImportRequest) -> bool:
-    """Return whether all positions are without load, and neither the files nor the request state a force."""
+    """Return whether all positions were read without load, and no force is stated in files or request."""
     forces = (observation.vector("force") or () for observation in understood.observations)
     return understood.preview.states == ["unloaded"] and request.force is None and not any(map(any, forces))
 
@@ -148,12 +148,12 @@ def _name_joints_of_bodies(bodies: Sequence[Body], robot: Robot | None) -> list[
     return bodies_with_names
 
 
-def _missing_fields(
+def _list_missing_fields(
     understood: Understood, request: ImportRequest, *, own_weight: bool
 ) -> dict[MissingField, str]:
-    """Return field → description for people, of the fields that a measurement set still needs.
+    """Return field → description for people, for the fields that a measurement set still needs.
 
-    With `own_weight` the set is for the robot's own weight, and needs no force and no loaded positions.
+    With `own_weight` the robot's own weight is the load: no force and no loaded positions are needed then.
     """
     first_observation, states = understood.observations[0], understood.preview.states
     unusual = [] if request.accept_unusual else _describe_unusual_values(understood, request)
@@ -166,7 +166,7 @@ def _missing_fields(
     forces = "the force of each observation: columns `Fx [N]`, `Fy [N]`, `Fz [N]`, or one `force`"
     readings = "readings: columns such as `P10 unloaded x [mm]`, or lists of points"
     places = "the targets' positions in the flange frame (`flange_targets`), for deflections"
-    unplaced = not set(understood.places.values()) <= set(request.flange_targets)
+    lacks_places = not set(understood.places.values()) <= set(request.flange_targets)
     loaded = "the positions under load"
     if first_observation.vector("joint") is not None:
         loaded += ", or the robot's masses (`bodies`, or a table of masses), for its own weight"
@@ -181,7 +181,7 @@ def _missing_fields(
         (not states, "readings", readings),
         (states == ["unloaded"] and not own_weight, "loaded", loaded),
         (states == ["loaded"], "unloaded", "the positions without load"),
-        (unplaced, "flange_targets", places),
+        (lacks_places, "flange_targets", places),
         (
             not has_point and not own_weight,
             "load_point",
@@ -195,7 +195,7 @@ def _missing_fields(
 
 
 def _describe_unusual_values(understood: Understood, request: ImportRequest) -> list[str]:
-    """Describe values that a person must confirm.
+    """Describe in sentences the values that a person must confirm.
 
     These are numbers far from all others of their column, and a load point far from the flange.
     """
@@ -214,12 +214,17 @@ def _describe_unusual_values(understood: Understood, request: ImportRequest) -> 
 
 
 def _inspect_set(
-    document: MeasurementSetDocument, robot: Robot, others: Iterable[KnownRobot] | None
+    document: MeasurementSetDocument, robot: Robot, other_robots: Iterable[KnownRobot] | None
 ) -> list[Finding]:
     """Check a set against its robot and return the findings.
 
-    `others` are robots that may have been measured by mistake; None: the arms of the catalogue. If a length
-    in the flange frame seems to have a wrong unit, the remedy names the fields that hold such lengths.
+    If a length in the flange frame seems to have a wrong unit, the remedy names the fields that hold such
+    lengths.
+
+    Args:
+        document: measurement set.
+        robot: robot of the set.
+        other_robots: robots that may have been measured by mistake; None takes the arms of the catalogue.
 
     Raises:
         ImportFileError: the readings cannot be those of the robot.
@@ -228,8 +233,8 @@ def _inspect_set(
     from jointstiff.service.resources.known_robots import catalogue_robots
 
     try:
-        known = catalogue_robots() if others is None else others
-        findings = check_set(document, robot, None, [], known).warnings
+        known_robots = catalogue_robots() if other_robots is None else other_robots
+        findings = check_set(document, robot, None, [], known_robots).warnings
     except MeasurementError as error:
         where = f" ({error.where})" if error.where else ""
         reason = f"the readings do not fit the robot{where}: {error.reason}"
@@ -264,9 +269,9 @@ def _convert_lengths(value: Any, old_unit: str, new_unit: str, name: str = "") -
         name: field that holds the part; numbers of fields that are not in `_LENGTHS` are not converted.
     """
     if isinstance(value, dict):
-        return {key: _convert_lengths(part, old_unit, new_unit, key) for key, part in value.items()}
+        return {key: _convert_lengths(item, old_unit, new_unit, key) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return tuple(_convert_lengths(part, old_unit, new_unit, name) for part in value)
+        return tuple(_convert_lengths(item, old_unit, new_unit, name) for item in value)
     if old_unit == new_unit or name not in _LENGTHS or value is None:
         return value
     return value / 1e3 if new_unit == "m" else value * 1e3
@@ -276,7 +281,7 @@ def _convert_lengths(value: Any, old_unit: str, new_unit: str, name: str = "") -
 
 
 def _choose_name(request: ImportRequest, first_file: str) -> str:
-    """Return the name of the set: that of the request, or that of the first file without its ending."""
+    """Return the name of the set: from the request, else the name of the first file without its ending."""
     stem = "".join(character for character in PurePath(first_file).stem if character.isprintable())
     return request.name or stem.strip()[:MAX_NAME_LENGTH].strip() or "readings"
 
@@ -358,7 +363,7 @@ def _build_reading(record: ObservationRecord, target: str) -> Reading:
     """Return the reading of a target in an observation.
 
     Uncertainties of single coordinates become covariances. Uncertainties of whole points become one sigma for
-    both states (unloaded and loaded): the root of their mean square.
+    all positions of the reading, their root mean square.
     """
     gauge = record.values.get(Quantity("along", target, "deflection"))
     if gauge is not None:
@@ -376,7 +381,9 @@ def _build_reading(record: ObservationRecord, target: str) -> Reading:
         for state, sigma in sigmas.items():
             if state == "unloaded_after":  # as uncertain as the first position without load
                 continue
-            covariance = [[sigma[i] ** 2 if i == j else 0.0 for j in range(3)] for i in range(3)]
+            covariance = [
+                [sigma[row] ** 2 if row == column else 0.0 for column in range(3)] for row in range(3)
+            ]
             fields[f"{state}_covariance"] = covariance
     return Reading.model_validate({"target": target, **fields})
 

@@ -47,7 +47,7 @@ class Inputs(Protocol):
     """Source of robots, sets and runs. The argument `where` is the field of the request that holds the id."""
 
     def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
-        """Return (robot, hash of its content).
+        """Return (robot, hash of its content); `where` is the field of the request with the id, for errors.
 
         Raises:
             RequestError: no robot has this id.
@@ -56,6 +56,8 @@ class Inputs(Protocol):
 
     def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
         """Return a measurement set without the observations whose labels are in `leave_out`.
+
+        `where` is the field of the request that has the set's id, for errors.
 
         Raises:
             RequestError: no set has this id, the set has no such observation, or no observation remains.
@@ -75,11 +77,11 @@ class Inputs(Protocol):
         ...
 
     def job_summaries(self, message: type[Job], robot_id: str) -> Iterable[Mapping[str, Any]]:
-        """Return the summaries of the newest jobs of a robot; `message` is the class of the jobs."""
+        """Return the summaries of a robot's newest jobs of a kind; `message` is the class of the jobs."""
         ...
 
     def run(self, run_id: str, where: str) -> MeasuredRun:
-        """Return a run with its measurement set.
+        """Return a run with its measurement set; `where` is the field of the request with the id, for errors.
 
         Raises:
             RequestError: no run has this id.
@@ -126,13 +128,13 @@ class InMemoryInputs:
     def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
         """Return (robot, hash of its content)."""
         if robot_id not in self._robots:
-            raise _unknown_id_error("robot", robot_id, where)
+            raise _make_unknown_id_error("robot", robot_id, where)
         return self._robots[robot_id].robot, self._robots[robot_id].content_hash
 
     def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
         """Return a measurement set without the observations whose labels are in `leave_out`."""
         if set_id not in self._sets:
-            raise _unknown_id_error("measurement set", set_id, where)
+            raise _make_unknown_id_error("measurement set", set_id, where)
         document, robot, prepared = self._sets[set_id]
         if not leave_out:
             return prepared
@@ -142,13 +144,18 @@ class InMemoryInputs:
         return prepare_set(shorter_set, robot, prepared.robot_id, catalogue_robots())
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
-        """Return ids and names of measurement sets; of all sets in memory if `set_ids` is None."""
-        named = []
-        for i, set_id in enumerate(self._sets if set_ids is None else set_ids):
-            content = self.measured(set_id, f"{where}[{i}]").content
+        """Return ids and names of measurement sets in memory; of all of them if `set_ids` is None.
+
+        `where` is the field of the request that has the ids, for errors.
+        """
+        named_sets = []
+        for index, set_id in enumerate(self._sets if set_ids is None else set_ids):
+            content = self.measured(set_id, f"{where}[{index}]").content
             document, robot, prepared = self._sets[set_id]
-            named.append(NamedSet(set_id, document.name, prepared.robot_id, robot.document.name, content))
-        return named
+            named_sets.append(
+                NamedSet(set_id, document.name, prepared.robot_id, robot.document.name, content)
+            )
+        return named_sets
 
     def job_summaries(self, *_: object) -> tuple[dict[str, Any], ...]:
         """Return an empty tuple: without a store there are no earlier jobs of a robot."""
@@ -157,12 +164,15 @@ class InMemoryInputs:
     def run(self, run_id: str, where: str) -> MeasuredRun:
         """Return a run with its measurement set."""
         if run_id not in self._runs:
-            raise _unknown_id_error("run", run_id, where)
+            raise _make_unknown_id_error("run", run_id, where)
         return self._runs[run_id]
 
 
-def _unknown_id_error(kind: str, identifier: str, where: str) -> RequestError:
-    """Return the error for an id that no robot, measurement set or run (`kind`) in memory has."""
+def _make_unknown_id_error(kind: str, identifier: str, where: str) -> RequestError:
+    """Return the error for an id that the file does not contain.
+
+    `kind` is "robot", "measurement set" or "run"; `where` is the field of the request with the id.
+    """
     return RequestError(
         f"the file contains no {kind} with the id '{identifier}'",
         where=where,

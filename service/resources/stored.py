@@ -100,7 +100,7 @@ class StoredInputs(Generic[Record, Entry, Prepared]):
         stated = {name: getattr(change, name) for name in change.model_fields_set - {"deleted"}}
         # A name cannot be removed: null leaves it unchanged.
         changes = {name: value for name, value in stated.items() if name != "name" or value is not None}
-        record = self.records.change(identifier, changes, hidden=change.deleted is True)
+        record = self.records.change(identifier, changes, include_deleted=change.deleted is True)
         self.load_prepared.cache_clear()
         if change.deleted:
             self.delete(identifier)
@@ -127,20 +127,22 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
     def create(self, request: robots.RobotDocument, key: IdempotencyKey | None) -> RobotRecord:
         """Check a robot and store it; return its record.
 
-        If the idempotency key `key` was used before, the record created then is returned.
+        Args:
+            request: description of the robot.
+            key: idempotency key of the request; if it was used before, the record created then is returned.
 
         Raises:
             RobotError: the description of the robot cannot be used.
             RequestError: the geometry or the arm that the description names does not exist.
             IdempotencyConflictError: the key was used before with another body.
         """
-        if key is not None and (before := self._store.robots.find(key)) is not None:
-            return before
+        if key is not None and (earlier_record := self._store.robots.find(key)) is not None:
+            return earlier_record
         document, origin = self._describe_robot(request)
         prepared = prepare_robot(document)
         checked, robot = prepared.document, prepared.robot
         wrist, created_at = find_wrist(robot), datetime.now(UTC)
-        stored = robots.Robot(
+        robot_message = robots.Robot(
             **checked.model_dump(exclude={"model"}),
             model=checked.model,
             id=uuid4().hex,
@@ -152,12 +154,12 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
             created_at=created_at,
         )
         record = RobotRecord(
-            id=stored.id,
-            name=stored.name,
+            id=robot_message.id,
+            name=robot_message.name,
             created_at=created_at,
-            content_hash=stored.content_hash,
-            summary=stored.model_dump(mode="json", include={"joints", "nominal_arm"}),
-            document=stored.model_dump_json(exclude={"last_campaign"}),
+            content_hash=robot_message.content_hash,
+            summary=robot_message.model_dump(mode="json", include={"joints", "nominal_arm"}),
+            document=robot_message.model_dump_json(exclude={"last_campaign"}),
         )
         return self._store.robots.add(record, key)
 
@@ -170,7 +172,7 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         return self.load_prepared(robot_id)
 
     def find(self, robot_id: str | None, document: robots.RobotDocument | None) -> Robot:
-        """Return a robot built from `document` without storing it; if `document` is None, the stored robot.
+        """Return the robot that a document describes, without storing it; without a document, a stored robot.
 
         Raises:
             NotFoundError: no robot has the id `robot_id`.
@@ -200,8 +202,8 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         """
         model = request.model
         if isinstance(model, robots.GeometryModel):
-            where = "model.geometry_id"
-            _, result = load_succeeded_geometry(self._store, model.geometry_id, where)
+            field = "model.geometry_id"
+            _, result = load_succeeded_geometry(self._store, model.geometry_id, field)
             stated = {"name": request.name, "bodies": request.bodies, "payload": request.payload}
             document = result.robot.model_copy(update=stated)
             return document, {"geometry_id": model.geometry_id}
@@ -241,7 +243,12 @@ def load_job(store: Store, message: type[AnyJob], job_id: str) -> AnyJob:
 
 
 def load_succeeded_geometry(store: Store, geometry_id: str, where: str) -> tuple[Geometry, GeometryResult]:
-    """Return (stored geometry, its result); `where` is the field of the request with its id.
+    """Return (stored geometry, its result).
+
+    Args:
+        store: store of the service.
+        geometry_id: id of the geometry.
+        where: field of the request that has the id, for errors.
 
     Raises:
         RequestError: no geometry has this id, it was deleted, or it has no result.
@@ -285,15 +292,15 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
             RequestError: the frame of the set names an unknown geometry.
             IdempotencyConflictError: the key was used before with another body.
         """
-        if key is not None and (before := self._store.sets.find(key)) is not None:
-            return before
+        if key is not None and (earlier_record := self._store.sets.find(key)) is not None:
+            return earlier_record
         try:
             robot, _ = self._robots.load(request.robot_id)
         except NotFoundError as error:
             raise MeasurementError(error.reason, remedy=error.remedy, where="robot_id") from error
         resolved, drift = resolve_frame(self._store, request)
         checked = check_set(request, robot, resolved, drift, self._robots.list_confusable_robots())
-        stored = messages.StoredMeasurementSet(
+        set_message = messages.StoredMeasurementSet(
             **request.model_dump(exclude={"observations", "open"}),
             id=identifier or uuid4().hex,
             **frame_fields(resolved),
@@ -303,23 +310,23 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         )
         return self._store.sets.add(
             MeasurementSetRecord(
-                id=stored.id,
-                robot_id=stored.robot_id,
-                name=stored.name,
-                encoders=stored.encoders,
+                id=set_message.id,
+                robot_id=set_message.robot_id,
+                name=set_message.name,
+                encoders=set_message.encoders,
                 observation_count=len(checked.readings.labels),
-                warning_count=len(stored.warnings),
-                created_at=stored.created_at,
+                warning_count=len(set_message.warnings),
+                created_at=set_message.created_at,
                 content_hash=checked.content_hash,
-                document=stored.model_dump_json(exclude=set(_METADATA)),
+                document=set_message.model_dump_json(exclude=set(_METADATA)),
                 arrays=checked.readings.pack(),
-                **{name: getattr(stored, name) for name in _METADATA},
+                **{name: getattr(set_message, name) for name in _METADATA},
             ),
             key,
         )
 
     def document(self, set_id: str) -> MeasurementSet:
-        """Return a measurement set as it was posted, with its warnings.
+        """Return a measurement set as it was posted, together with the warnings that were stored with it.
 
         Raises:
             NotFoundError: no set has this id.
@@ -340,11 +347,11 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         if not leave_out:
             return self.load_prepared(set_id)
         stored = self.document(set_id)
-        kept = leave_out_observations(stored.observations, frozenset(leave_out))
+        kept_observations = leave_out_observations(stored.observations, frozenset(leave_out))
         robot, robot_hash = self._robots.load(stored.robot_id)
         frame_warnings = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
         return check_set(
-            stored.model_copy(update={"observations": kept}),
+            stored.model_copy(update={"observations": kept_observations}),
             robot,
             stored.resolved,
             frame_warnings,
@@ -379,14 +386,20 @@ class Resources:
         self.sets = MeasurementSets(store, self.robots)
 
     def robot(self, robot_id: str, where: str) -> tuple[Robot, str]:
-        """Return (stored robot, hash of its content); `where` is the field of the request with its id."""
+        """Return (stored robot, hash of its content).
+
+        `where` is the field of the request that has the robot's id, for errors.
+        """
         with _refuse_at_field(where):
             return self.robots.load(robot_id)
 
     def measured(self, set_id: str, where: str, leave_out: Sequence[str] = ()) -> PreparedSet:
-        """Return a stored measurement set without the observations whose labels are in `leave_out`.
+        """Return a stored measurement set, prepared for computation.
 
-        `where` is the field of the request with the set's id.
+        Args:
+            set_id: id of the set.
+            where: field of the request that has the id, for errors.
+            leave_out: labels of observations to leave out.
         """
         with _refuse_at_field(where):
             return self.sets.prepared(set_id, leave_out)
@@ -394,8 +407,9 @@ class Resources:
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
         """Return ids and names of stored sets, also of deleted sets, in the order of `set_ids`.
 
-        If `set_ids` is None, return the last measured set with loads of each robot. `where` is the field of
-        the request with the ids.
+        Args:
+            set_ids: ids of the sets; None returns, for each robot, its last measured set with loads.
+            where: field of the request that has the ids, for errors.
         """
         chosen_ids = self._find_last_sets_with_loads() if set_ids is None else set_ids
         rows = {row.id: row for row in self.store.sets.rows_with_names(chosen_ids)}
@@ -417,32 +431,38 @@ class Resources:
     def _find_last_sets_with_loads(self) -> list[str]:
         """Return the ids of the last measured sets with loads, one for each robot that has such a set."""
         # Robot → ids of its sets, newest first, that were not examined yet.
-        sets_to_examine, found = self.store.sets.list_by_robot(), dict[str, str]()
+        sets_to_examine, last_set_of_robot = self.store.sets.list_by_robot(), dict[str, str]()
         robot_ids = list(sets_to_examine)
         # Each round examines one set of each robot for which no set with loads was found yet.
         while sets_to_examine:
             robot_of_set = {sets[0]: robot_id for robot_id, sets in sets_to_examine.items()}
             for set_id, arrays in self.store.sets.iterate_arrays(list(robot_of_set)):
                 if has_loads(arrays):
-                    found[robot_of_set[set_id]] = set_id
+                    last_set_of_robot[robot_of_set[set_id]] = set_id
             sets_to_examine = {
                 robot_id: sets[1:]
                 for robot_id, sets in sets_to_examine.items()
-                if robot_id not in found and sets[1:]
+                if robot_id not in last_set_of_robot and sets[1:]
             }
-        return [found[robot_id] for robot_id in robot_ids if robot_id in found]
+        return [last_set_of_robot[robot_id] for robot_id in robot_ids if robot_id in last_set_of_robot]
 
     def job_summaries(self, message: type[Job], robot_id: str) -> Iterator[Mapping[str, Any]]:
-        """Yield the summaries of a robot's newest jobs, at most 1,000; `message` is the class of the jobs."""
-        jobs, cursor = self.store.jobs(Resource(message.kind_name(), message.collection)), None
+        """Yield the summaries of the newest jobs of a kind on a robot, at most 1,000.
+
+        `message` is the class of the jobs.
+        """
+        collection, cursor = self.store.jobs(Resource(message.kind_name(), message.collection)), None
         for _ in range(10):  # 10 pages of 100 jobs
-            page = jobs.page(limit=100, cursor=cursor, filters={"robot_id": robot_id})
+            page = collection.page(limit=100, cursor=cursor, filters={"robot_id": robot_id})
             yield from ({"id": record.id, **record.summary} for record in page.records)
             if (cursor := page.next) is None:
                 return
 
     def run(self, run_id: str, where: str) -> MeasuredRun:
-        """Return a stored run with its measurement set; `where` is the field of the request with its id."""
+        """Return a stored run with its measurement set.
+
+        `where` is the field of the request that has the run's id, for errors.
+        """
         with _refuse_at_field(where):
             run = load_job(self.store, Run, run_id)
             return MeasuredRun(run, self.sets.prepared(run.request.measurement_set_id))
@@ -490,7 +510,7 @@ def resolve_frame(store: Store, request: MeasurementSetRequest) -> tuple[Resolve
         drift, warnings = _estimate_drift(geometry.request, result, request, frame.base_targets)
         transform = transform * _to_rigid_motion(drift.transform_after_to_before)
     return to_resolved_frame(
-        transform, _targets_in_flange(store, frame, request.robot_id, geometry, result)
+        transform, _find_targets_in_flange(store, frame, request.robot_id, geometry, result)
     ), warnings
 
 
@@ -503,18 +523,24 @@ def _estimate_drift(
     geometry: GeometryRequest,
     result: GeometryResult,
     request: MeasurementSetRequest,
-    after: Mapping[str, Vector3],
+    positions_after: Mapping[str, Vector3],
 ) -> tuple[Drift, list[Finding]]:
     """Return (drift of the tracker between a geometry and a set, findings about the drift).
 
-    `after` are the base targets read with the set: name → position in the set's unit of length.
+    Args:
+        geometry: request of the geometry, with base targets.
+        result: result of the geometry.
+        request: request of the set.
+        positions_after: base targets read with the set: name → position in the set's unit of length.
 
     Raises:
         MeasurementError: the geometry has no base targets.
     """
     # Positions of the set in the unit of length of the geometry.
-    factor = LENGTH[request.units.length] / LENGTH[geometry.units.length]
-    converted = {name: (factor * x, factor * y, factor * z) for name, (x, y, z) in after.items()}
+    unit_ratio = LENGTH[request.units.length] / LENGTH[geometry.units.length]
+    converted = {
+        name: (unit_ratio * x, unit_ratio * y, unit_ratio * z) for name, (x, y, z) in positions_after.items()
+    }
     base_targets = to_base_targets(geometry, result.sigma, converted)
     if base_targets is None:
         raise MeasurementError(
@@ -522,11 +548,18 @@ def _estimate_drift(
             where="frame.base_targets",
             remedy="omit `base_targets`, or give `base_targets_before` with the geometry",
         )
-    places = [r.unloaded for o in request.observations for r in o.readings if r.unloaded is not None]
+    positions = [
+        reading.unloaded
+        for observation in request.observations
+        for reading in observation.readings
+        if reading.unloaded is not None
+    ]
     # The drift is stated at the middle of the readings, where it matters.
-    unit = LENGTH[request.units.length]
-    middle = unit * np.mean(places, axis=0) if places else base_targets.after.mean(axis=0)  # (3,) [m]
-    drift = base_targets.fit_drift(result.sigma, middle)
+    metres = LENGTH[request.units.length]
+    middle_of_readings = (
+        metres * np.mean(positions, axis=0) if positions else base_targets.after.mean(axis=0)
+    )  # (3,) [m]
+    drift = base_targets.fit_drift(result.sigma, middle_of_readings)
     warnings = [
         finding.model_copy(
             update={
@@ -542,12 +575,12 @@ def _estimate_drift(
     return drift, warnings
 
 
-def _targets_in_flange(
+def _find_targets_in_flange(
     store: Store, frame: Frame, robot_id: str, geometry: Geometry, result: GeometryResult
 ) -> dict[str, Vector3]:
-    """Return name → position [m] of a geometry's targets in the flange frame of the robot of a set.
+    """Return target → position [m] in the flange frame of a set's robot, from a geometry.
 
-    Empty if the geometry was identified for another flange.
+    The result is empty if the geometry was identified for another flange.
     """
     robot = robot_from_record(store.robots.get(robot_id))
     is_of_same_nominal_robot = result.flange == "nominal" and geometry.request.robot_id == robot_id

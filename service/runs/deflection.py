@@ -224,22 +224,24 @@ def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) 
     return _validate_message(DeflectionOptions, {**options, "units": units, "cases": cases})
 
 
-def _validate_message(message: type[AnyMessage], fields: object, *where: str) -> AnyMessage:
-    """Return a message built from fields.
+def _validate_message(message_class: type[AnyMessage], fields: object, *path: str) -> AnyMessage:
+    """Return a message of a class, built from fields.
 
     Raises:
-        RequestError: a field is not valid; `where`, the path of the fields, precedes the path of the fault.
+        RequestError: a field is not valid; `path`, the path of the fields, precedes the path of the fault.
     """
     try:
-        return message.model_validate(fields)
+        return message_class.model_validate(fields)
     except ValidationError as error:
         fault = error.errors(include_url=False, include_input=False)[0]
-        place = ".".join(map(str, (*where, *fault["loc"])))
+        place = ".".join(map(str, (*path, *fault["loc"])))
         raise RequestError(str(fault["msg"]), where=place, remedy="correct it") from None
 
 
 def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) -> _Column:
-    """Parse a header such as `J1 [deg]`; return field, index of the component, and factor to `units`.
+    """Parse a header of a column such as `J1 [deg]`; return (field, index of the component, factor).
+
+    The factor converts the numbers of the column to the units of the request.
 
     Raises:
         RequestError: the name is unknown, or the unit is missing or does not belong to the field.
@@ -334,7 +336,17 @@ def _refuse_missing_columns(columns: Sequence[_Column], joints: int) -> None:
 
 
 def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_comma: bool) -> dict[str, Any]:
-    """Parse a row; return field → value of a load case, vectors as lists in the request's units."""
+    """Parse a row of the table; return field → value of a load case, vectors as lists in the request's units.
+
+    Args:
+        row: cells of the row.
+        columns: field, index of the component, and factor to the request's units of each column.
+        line: line of the row, for errors.
+        decimal_comma: whether a comma is the decimal mark.
+
+    Raises:
+        RequestError: a cell is not a number, or the row has another number of cells than the header.
+    """
     if len(row) != len(columns):
         raise RequestError(
             f"the row has {len(row)} cells, but the table has {len(columns)} headers",
@@ -408,7 +420,7 @@ def prediction_sheet(result: DeflectionResult) -> Sheet:
 
 
 def prediction_charts(result: DeflectionResult) -> list[Chart]:
-    """Return a list of one chart: the displacement of each load case along x, y and z, with its interval."""
+    """Return one chart in a list: the displacement of each load case along x, y and z, with its interval."""
     series = {
         axis: [case.displacement and case.displacement[i] for case in result.cases]
         for i, axis in enumerate("xyz")

@@ -59,7 +59,7 @@ def apply_action_to_campaign(campaign: Campaign, action: Action) -> Campaign:
     Raises:
         RequestError: actions of this kind change no campaign, or the set lacks data that the action changes.
     """
-    measured = campaign.measurement_set
+    measurement_set = campaign.measurement_set
     if action.kind in _OPTION_CHANGES:
         return campaign.model_copy(
             update={"run": campaign.run.model_copy(update=_OPTION_CHANGES[action.kind])}
@@ -67,12 +67,12 @@ def apply_action_to_campaign(campaign: Campaign, action: Action) -> Campaign:
     if action.kind == "fit_causes":
         causes = [*campaign.run.causes, *action.causes]
         if action.observations:  # postures whose readings are wrong
-            measured = _SET_CHANGES["leave_out_readings"](measured, action)
-            measured = measured.model_copy(
-                update={"name": _append_label(measured.name, "leave out readings")}
+            measurement_set = _SET_CHANGES["leave_out_readings"](measurement_set, action)
+            measurement_set = measurement_set.model_copy(
+                update={"name": _append_label(measurement_set.name, "leave out readings")}
             )
         run = campaign.run.model_copy(update={"causes": causes})
-        return campaign.model_copy(update={"run": run, "measurement_set": measured})
+        return campaign.model_copy(update={"run": run, "measurement_set": measurement_set})
     if action.kind == "apply_joint_map":
         joint_map = JointMap(matrix=action.joint_map, offset=action.offset)
         changes = {"joint_map": joint_map, "name": _append_label(campaign.robot.name, "joint map corrected")}
@@ -80,22 +80,28 @@ def apply_action_to_campaign(campaign: Campaign, action: Action) -> Campaign:
     if action.kind == "choose_robot":
         name = action.robot or ""
         robot = campaign.robot if action.robot_id is not None else nominal_robot(find_arm(name, "apply"))
-        measured = measured.model_copy(update={"name": _append_label(measured.name, name)})
-        return campaign.model_copy(update={"robot": robot, "measurement_set": measured})
+        measurement_set = measurement_set.model_copy(
+            update={"name": _append_label(measurement_set.name, name)}
+        )
+        return campaign.model_copy(update={"robot": robot, "measurement_set": measurement_set})
     if action.kind == "exchange_columns":
         names = prepare_robot(campaign.robot).robot.joint_names
-        measured = _exchange_joint_columns(measured, [names.index(name) for name in action.joints])
+        measurement_set = _exchange_joint_columns(
+            measurement_set, [names.index(name) for name in action.joints]
+        )
     elif action.kind in _SET_CHANGES:
-        measured = _SET_CHANGES[action.kind](measured, action)
+        measurement_set = _SET_CHANGES[action.kind](measurement_set, action)
     else:
         raise RequestError(
             f"the action '{action.kind}' cannot be applied to a campaign",
             where="apply",
             remedy="follow the remedy of the reason",
         )
-    label = f"in {action.unit}" if action.unit else action.kind.replace("_", " ")
-    measured = measured.model_copy(update={"name": _append_label(measured.name, label)})
-    return campaign.model_copy(update={"measurement_set": measured})
+    change_text = f"in {action.unit}" if action.unit else action.kind.replace("_", " ")
+    measurement_set = measurement_set.model_copy(
+        update={"name": _append_label(measurement_set.name, change_text)}
+    )
+    return campaign.model_copy(update={"measurement_set": measurement_set})
 
 
 def _append_label(name: str, label: str) -> str:
@@ -130,19 +136,19 @@ def _exchange_joint_columns(measured: _Set, columns: Sequence[int]) -> _Set:
     return measured.model_copy(update={"observations": _change_observations(measured, exchange_positions)})
 
 
-def _exchange_load_point_and_target(measured: _Set, action: Action) -> _Set:
+def _exchange_load_point_and_target(measurement_set: _Set, action: Action) -> _Set:
     """Return the set with its load point and the place of the action's target exchanged."""
-    target, places = action.target or "", measured.flange_targets
-    if target not in places:
+    target, target_places = action.target or "", measurement_set.flange_targets
+    if target not in target_places:
         raise RequestError(
             f"the set does not state where target '{target}' is on the flange",
             where="measurement_set.flange_targets",
             remedy="check the load point, and correct it in the set",
         )
     # Observations without a load point of their own use the load point of the set.
-    point_of_set = measured.load_point or (0.0, 0.0, 0.0)
+    set_load_point = measurement_set.load_point or (0.0, 0.0, 0.0)
     load_point, *other_points = dict.fromkeys(
-        observation.load_point or point_of_set for observation in measured.observations
+        observation.load_point or set_load_point for observation in measurement_set.observations
     )
     if other_points:
         raise RequestError(
@@ -151,16 +157,16 @@ def _exchange_load_point_and_target(measured: _Set, action: Action) -> _Set:
             where="measurement_set.observations",
             remedy="check the load points, and correct them in the set",
         )
-    return measured.model_copy(
+    return measurement_set.model_copy(
         update={
-            "load_point": places[target],
-            "flange_targets": {**places, target: load_point},
-            "observations": _change_observations(measured, lambda _: {"load_point": None}),
+            "load_point": target_places[target],
+            "flange_targets": {**target_places, target: load_point},
+            "observations": _change_observations(measurement_set, lambda _: {"load_point": None}),
         }
     )
 
 
-def _exchange_unloaded_and_loaded(measured: _Set, _action: Action) -> _Set:
+def _exchange_unloaded_and_loaded(measurement_set: _Set, _action: Action) -> _Set:
     """Return the set with unloaded and loaded readings exchanged; deflections change their sign."""
 
     def exchange_states(observation: Observation) -> dict[str, object]:
@@ -173,7 +179,8 @@ def _exchange_unloaded_and_loaded(measured: _Set, _action: Action) -> _Set:
                         "unloaded_after": None,  # it belongs to the order of readings before the exchange
                         "unloaded_covariance": reading.loaded_covariance,
                         "loaded_covariance": reading.unloaded_covariance,
-                        "deflection": reading.deflection and tuple(-part for part in reading.deflection),
+                        "deflection": reading.deflection
+                        and tuple(-component for component in reading.deflection),
                         "displacement": None if reading.displacement is None else -reading.displacement,
                     }
                 )
@@ -181,33 +188,37 @@ def _exchange_unloaded_and_loaded(measured: _Set, _action: Action) -> _Set:
             ]
         }
 
-    return measured.model_copy(update={"observations": _change_observations(measured, exchange_states)})
+    return measurement_set.model_copy(
+        update={"observations": _change_observations(measurement_set, exchange_states)}
+    )
 
 
-def _declare_unit(measured: _Set, action: Action) -> _Set:
-    """Return the set with the action's unit declared; the readings keep their numbers.
+def _declare_unit(measurement_set: _Set, action: Action) -> _Set:
+    """Return the set with the action's unit declared as its unit; the readings keep their numbers.
 
     Load points, places of targets and the noise are often typed by hand in the right unit. Where such a
     length is more usual in the old unit, it is converted, so that the length itself stays the same.
     """
-    units, unit = measured.units, action.unit
+    units, unit = measurement_set.units, action.unit
     if unit in {"deg", "rad"}:
-        return measured.model_copy(update={"units": units.model_copy(update={"angle": unit})})
+        return measurement_set.model_copy(update={"units": units.model_copy(update={"angle": unit})})
     # Without a stated unit, moments are in the unit of force times m: this must not change with the length.
     force = "kgf" if units.force == "kg" else units.force
     moment = units.moment or (f"{force}.m" if units.length == "m" else None)
     if unit in FORCE:
-        changed = {"force": unit, "moment": units.moment}
-        return measured.model_copy(update={"units": units.model_copy(update=changed)})
+        changed_units = {"force": unit, "moment": units.moment}
+        return measurement_set.model_copy(update={"units": units.model_copy(update=changed_units)})
     new_units = Units.model_validate({**units.model_dump(), "length": unit, "moment": moment})
-    old, new = LENGTH[units.length], LENGTH[new_units.length]
-    return _convert_typed_lengths(measured.model_copy(update={"units": new_units}), old, new)
+    old_metres, new_metres = LENGTH[units.length], LENGTH[new_units.length]
+    return _convert_typed_lengths(
+        measurement_set.model_copy(update={"units": new_units}), old_metres, new_metres
+    )
 
 
-def _convert_typed_lengths(measured: _Set, old_metres: float, new_metres: float) -> _Set:
-    """Return the set with those lengths converted that are more usual in the old unit than in the new one.
+def _convert_typed_lengths(measurement_set: _Set, old_metres: float, new_metres: float) -> _Set:
+    """Return the set with some typed lengths converted: those that are more usual in the old unit.
 
-    `old_metres` and `new_metres` are the sizes of the two units in metres.
+    `old_metres` and `new_metres` are the sizes of the old and the new unit in metres.
     """
 
     def conversion_factor(number: float, usual_size: float) -> float:
@@ -220,10 +231,13 @@ def _convert_typed_lengths(measured: _Set, old_metres: float, new_metres: float)
     def convert_place(place: Vector3 | None) -> Vector3 | None:
         if place is None:
             return None
-        x, y, z = (conversion_factor(float(np.linalg.norm(place)), _USUAL_DISTANCE) * part for part in place)
+        x, y, z = (
+            conversion_factor(float(np.linalg.norm(place)), _USUAL_DISTANCE) * component
+            for component in place
+        )
         return x, y, z
 
-    noise = measured.noise
+    noise = measurement_set.noise
     if noise is not None and noise.sigma is not None:
         scale = conversion_factor(noise.sigma, _USUAL_SIGMA)
         lengths = {name: getattr(noise, name) for name in ("sigma", "load_point", "target_places")}
@@ -237,17 +251,19 @@ def _convert_typed_lengths(measured: _Set, old_metres: float, new_metres: float)
 
     changes: dict[str, Any] = {
         "noise": noise,
-        "load_point": convert_place(measured.load_point),
-        "flange_targets": {name: convert_place(place) for name, place in measured.flange_targets.items()},
+        "load_point": convert_place(measurement_set.load_point),
+        "flange_targets": {
+            name: convert_place(place) for name, place in measurement_set.flange_targets.items()
+        },
         "observations": _change_observations(
-            measured,
+            measurement_set,
             lambda observation: {
                 "load_point": convert_place(observation.load_point),
                 "readings": [convert_sigma(reading) for reading in observation.readings],
             },
         ),
     }
-    return measured.model_copy(update=changes)
+    return measurement_set.model_copy(update=changes)
 
 
 _SET_CHANGES: Final[Mapping[str, Callable[[_Set, Action], _Set]]] = {

@@ -197,11 +197,13 @@ class PriorModel:
 
     @classmethod
     def from_robot(cls, robot: Robot, *, weighted: bool) -> PriorModel:
-        """Build the prior of a robot.
+        """Build the model of a robot whose stiffness was not measured, from its payload and reach.
+
+        `weighted` says whether own weight is requested.
 
         Raises:
             RobotError: the robot has no payload, or other joints than six revolute ones.
-            RequestError: own weight is requested (`weighted`), which a prior leaves out.
+            RequestError: own weight is requested, which this model leaves out.
         """
         if weighted:
             raise RequestError(

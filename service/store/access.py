@@ -49,7 +49,7 @@ class AccessKeys:
         self._database.change(sa.insert(access_keys).values(asdict(key)))
 
     def all(self) -> list[AccessKey]:
-        """Return all keys, also revoked keys, oldest first."""
+        """Return all access keys, revoked keys included, oldest first."""
         query = _KEYS.order_by(access_keys.c.created_at, access_keys.c.id)
         return [AccessKey(*row) for row in self._database.rows(query)]
 
@@ -60,10 +60,10 @@ class AccessKeys:
             NotFoundError: there is no such key.
         """
         is_key = access_keys.c.id == key_id
-        revoking = (
+        revocation = (
             sa.update(access_keys).where(is_key, access_keys.c.revoked_at.is_(None)).values(revoked_at=now)
         )
-        self._database.change(revoking, *_make_session_deletions([key_id]))
+        self._database.change(revocation, *_make_session_deletions([key_id]))
         for row in self._database.rows(_KEYS.where(is_key)):
             return AccessKey(*row)
         raise NotFoundError(KEY, key_id)
@@ -91,7 +91,10 @@ class Sessions:
         self._longest = longest
 
     def begin(self, session: SessionRecord) -> None:
-        """Store a new session; remove ended sessions, and the key's sessions beyond `MOST_SESSIONS`."""
+        """Store a new session of a key; remove ended sessions, and the key's oldest sessions.
+
+        A key keeps at most `MOST_SESSIONS` sessions, those that were used last.
+        """
         columns = access_sessions.c
         kept_sessions = (
             sa.select(columns.token_hash)
@@ -127,10 +130,13 @@ class Sessions:
         self._database.change(*_make_session_deletions(key_ids))
 
     def offer(self, token_hash: str, key_id: str, now: datetime, ends_at: datetime) -> None:
-        """Store a link that can begin one session of a key until a time; remove links that have ended."""
-        link = {"token_hash": token_hash, "key_id": key_id, "ends_at": ends_at}
-        ended = sa.delete(access_links).where(access_links.c.ends_at <= now)
-        self._database.change(ended, sa.insert(access_links).values(link))
+        """Store a link that can begin one session of a key until `ends_at`; remove links that have ended.
+
+        Only the hash of the link's token is stored.
+        """
+        link_row = {"token_hash": token_hash, "key_id": key_id, "ends_at": ends_at}
+        removal_of_ended = sa.delete(access_links).where(access_links.c.ends_at <= now)
+        self._database.change(removal_of_ended, sa.insert(access_links).values(link_row))
 
     def redeem(self, token_hash: str, now: datetime) -> str | None:
         """Remove a link, which can be used once, and return the id of its key; None for an invalid link.
@@ -148,7 +154,7 @@ class Sessions:
         return str(row.key_id) if row is not None and now < row.ends_at else None
 
     def _alive_condition(self, now: datetime) -> sa.ColumnElement[bool]:
-        """Return the SQL condition of sessions that have not ended at the time `now`."""
+        """Return the SQL condition that a session has not ended at the time `now`."""
         columns = access_sessions.c
         return sa.and_(columns.used_at > now - self._idle, columns.created_at > now - self._longest)
 
@@ -192,7 +198,10 @@ class WrongKeys:
         return count_before
 
     def _read_present_count(self, connection: sa.Connection, query: sa.Select[Any]) -> float:
-        """Return the count that a query finds, minus one for each period `FORGET` since; 0 without a row."""
+        """Return the count that a query finds, decreased by one for each period `FORGET` since it was stored.
+
+        The count is 0 without a row.
+        """
         row = connection.execute(query).one_or_none()
         if row is None:
             return 0.0

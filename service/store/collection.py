@@ -164,7 +164,9 @@ class Collection(Generic[Record, Entry]):
                     }
                     connection.execute(_INSERT_KEY, key_row)
                 parent_rows = self._lock_parents(connection, record)
-                connection.execute(self._insert, asdict(record) | self._copied_names(record, parent_rows))
+                connection.execute(
+                    self._insert, asdict(record) | self._collect_name_copies(record, parent_rows)
+                )
                 if write_more is not None:
                     write_more(connection)
                 self._mark_campaign_outdated(connection, record.id)
@@ -186,43 +188,46 @@ class Collection(Generic[Record, Entry]):
             raise problems.IdempotencyConflictError(self.resource, key.key)
         return self._record(**{name: value for name, value in row._mapping.items() if name != "body_hash"})
 
-    def get(self, identifier: str, *, hidden: bool = False) -> Record:
+    def get(self, identifier: str, *, include_deleted: bool = False) -> Record:
         """Return the record with an id.
 
         Args:
             identifier: the id.
-            hidden: whether a deleted record is returned, too.
+            include_deleted: whether a deleted record is returned, too.
 
         Raises:
             NotFoundError: no record has this id.
             DeletedError: the record was deleted.
         """
         self._refuse_unindexable(identifier)
-        by_id = self._by_id_with_deleted if hidden else self._by_id
+        by_id = self._by_id_with_deleted if include_deleted else self._by_id
         for row in self._database.rows(by_id, {"id": identifier}):
             return self._record(**row._mapping)
         was_deleted = self._has_row(self._id_query, identifier)
-        raise (problems.DeletedError if was_deleted else problems.NotFoundError)(self.resource, identifier)
+        error = problems.DeletedError if was_deleted else problems.NotFoundError
+        raise error(self.resource, identifier)
 
-    def change(self, identifier: str, values: Mapping[str, object], *, hidden: bool = False) -> Record:
+    def change(
+        self, identifier: str, values: Mapping[str, object], *, include_deleted: bool = False
+    ) -> Record:
         """Change columns of a record that is no job; return the changed record.
 
         Args:
             identifier: id of the record.
             values: column → new value; only columns such as names, on which no result depends.
-            hidden: whether a deleted record can be changed, too.
+            include_deleted: whether a deleted record can be changed, too.
 
         Raises:
             NotFoundError: no record has this id.
             DeletedError: the record was deleted.
         """
         if values and is_indexable(identifier):
-            is_record = [self._table.c.id == identifier, sa.true() if hidden else self._is_visible]
+            is_record = [self._table.c.id == identifier, sa.true() if include_deleted else self._is_visible]
             with self._database.writing() as connection:
                 if connection.execute(sa.update(self._table).where(*is_record).values(**values)).rowcount:
                     self._update_name_copies(connection, identifier)
                     self._mark_campaign_outdated(connection, identifier)
-        return self.get(identifier, hidden=hidden)
+        return self.get(identifier, include_deleted=include_deleted)
 
     def page(
         self,
@@ -257,23 +262,23 @@ class Collection(Generic[Record, Entry]):
         if not all(map(is_indexable, [*filters.values(), q or ""])):
             return RecordPage((), None, 0)
         columns = self._table.c
-        where = [
+        conditions = [
             *self._own_conditions,
             *self._listing_conditions,
             self._is_deleted if deleted else self._is_visible,
         ]
-        where += [columns[name] == value for name, value in sorted(filters.items())]
-        where += [columns[name] >= begin for name, (begin, _) in spans.items() if begin is not None]
-        where += [columns[name] < end for name, (_, end) in spans.items() if end is not None]
+        conditions += [columns[name] == value for name, value in sorted(filters.items())]
+        conditions += [columns[name] >= begin for name, (begin, _) in spans.items() if begin is not None]
+        conditions += [columns[name] < end for name, (_, end) in spans.items() if end is not None]
         order = Order(limit, cursor, q, sort, counted)
-        return read_page(self._database, self._table, self._entry_query, self._entry, where, order)
+        return read_page(self._database, self._table, self._entry_query, self._entry, conditions, order)
 
-    def delete(self, identifier: str, now: datetime | None = None) -> None:
+    def delete(self, identifier: str, deletion_time: datetime | None = None) -> None:
         """Hide a resource, which can be restored for the time `KEEP_DELETED`; a repeated call does nothing.
 
         Args:
             identifier: id of the resource.
-            now: time of the deletion, with a time zone; None for the present.
+            deletion_time: time of the deletion, with a time zone; None for the present.
 
         Raises:
             NotFoundError: there is no such resource.
@@ -281,15 +286,15 @@ class Collection(Generic[Record, Entry]):
             ReferencedError: other resources refer to this resource.
         """
         self._refuse_unindexable(identifier)
-        hide = sa.update(self._table).where(
+        hide_row = sa.update(self._table).where(
             *self._id_conditions(identifier), *self._deletion_conditions, self._is_visible
         )
-        now = now or datetime.now(UTC)
+        deletion_time = deletion_time or datetime.now(UTC)
         with self._database.writing() as connection:
-            if connection.execute(hide.values(deleted_at=now)).rowcount == 1:
+            if connection.execute(hide_row.values(deleted_at=deletion_time)).rowcount == 1:
                 # The update locks the row, so that no new reference to it can be stored before the commit.
                 self._refuse_referenced(connection, identifier)
-                self._hide_or_restore_related(connection, identifier, now)
+                self._hide_or_restore_related(connection, identifier, deletion_time)
                 self._mark_campaign_outdated(connection, identifier)
                 return
             deleted_query = sa.select(self._is_deleted).where(*self._id_conditions(identifier))
@@ -307,7 +312,7 @@ class Collection(Generic[Record, Entry]):
             DeletedError: the resource refers to a deleted robot or measurement set.
         """
         self._refuse_unindexable(identifier)
-        show = sa.update(self._table).where(*self._id_conditions(identifier)).values(deleted_at=None)
+        show_row = sa.update(self._table).where(*self._id_conditions(identifier)).values(deleted_at=None)
         own_columns = [self._table.c.id, *(column for column, _ in self._references)]
         with self._database.writing() as connection:
             row = connection.execute(
@@ -316,7 +321,7 @@ class Collection(Generic[Record, Entry]):
             if row is not None:
                 # Parents are locked before this row, as when a name is changed: another order could deadlock.
                 self._lock_parents(connection, row)
-            if row is None or connection.execute(show).rowcount == 0:
+            if row is None or connection.execute(show_row).rowcount == 0:
                 raise problems.NotFoundError(self.resource, identifier)
             self._hide_or_restore_related(connection, identifier, None)
             self._mark_campaign_outdated(connection, identifier)
@@ -371,20 +376,23 @@ class Collection(Generic[Record, Entry]):
         """Return the query of the columns that a listing shows."""
         return select_fields_of(self._table, self._entry)
 
-    def _copied_names(self, record: Record, parent_rows: Mapping[str, Any]) -> dict[str, str | None]:  # noqa: ARG002 - subclasses use it
-        """Return column → text for the columns that hold copies of the names of a record and of its parents.
+    def _collect_name_copies(self, record: Record, parent_rows: Mapping[str, Any]) -> dict[str, str | None]:  # noqa: ARG002 - subclasses use it
+        """Return column → text of the columns that hold copies of names: of the record and of its parents.
 
         Args:
             record: record that is about to be stored.
             parent_rows: column → row of the record to which the column refers.
         """
-        return _robot_name_columns(record.name or "")
+        return _make_robot_name_columns(record.name or "")
 
     def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
-        """Update the copies of a record's name in other rows after a change; a hook for subclasses."""
+        """Update the copies of a record's name in other rows; subclasses with such copies override this."""
 
     def _mark_campaign_outdated(self, connection: sa.Connection, identifier: str) -> None:
-        """Mark the last campaign of the record's robot as outdated; a hook, called last in a transaction."""
+        """Mark the last campaign of the record's robot as outdated; subclasses with a robot override this.
+
+        This function is called last in a transaction.
+        """
 
     def _delete_related(self, connection: sa.Connection, removed_ids: Sequence[str]) -> None:
         """Delete rows of other tables that belong to removed records; a hook for subclasses."""
@@ -394,7 +402,7 @@ class Collection(Generic[Record, Entry]):
         return any(name in index.columns for index in self._table.indexes)
 
     def _list_parents(self, record: object) -> Iterator[tuple[sa.Column[Any], sa.Table, str]]:
-        """Yield (column, table, id) of each record to which a record, or its row, refers."""
+        """Yield (column, table, id) for each record to which a record, or its row, refers."""
         for column, parent in self._references:
             if (identifier := getattr(record, column.name)) is not None:
                 yield column, parent, identifier
@@ -419,7 +427,12 @@ class Collection(Generic[Record, Entry]):
     def _return_earlier_record_or_raise(
         self, record: Record, key: IdempotencyKey | None, error: IntegrityError
     ) -> Record:
-        """Return the record that `key` created before; without such a record, raise the cause of the failure.
+        """Return the record that an idempotency key created before; else raise why the insertion failed.
+
+        Args:
+            record: record that could not be inserted.
+            key: idempotency key of the request; None if the request has none.
+            error: error of the database.
 
         Raises:
             NotFoundError: a record to which the record refers does not exist.
@@ -524,7 +537,10 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
     """
 
     def rows_with_names(self, set_ids: Sequence[str]) -> list[Any]:
-        """Return rows with names and content hashes of some sets, also deleted sets, and their robots."""
+        """Return a row for each set, with names and content hashes of the set and of its robot.
+
+        Deleted sets are included; `set_ids` are the ids of the sets.
+        """
         sets = measurement_sets.c
         query = sa.select(
             sets.id,
@@ -569,11 +585,13 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
         update = sa.update(open_sets).where(open_sets.c.id == identifier)
         connection.execute(update.values(deleted_at=deleted_at))
 
-    def _copied_names(
+    def _collect_name_copies(
         self, record: MeasurementSetRecord, parent_rows: Mapping[str, Any]
     ) -> dict[str, str | None]:
-        """Return the robot's name and the text for searches, for a new set."""
-        return _set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"), record.serial_number)
+        """Return column → text for a new set: the robot's name, and the text for searches."""
+        return _make_set_name_columns(
+            record.name, value_of_parent(parent_rows, "robot_id"), record.serial_number
+        )
 
     def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
         """Update the copies of a set's name in its own row and in its jobs."""
@@ -582,8 +600,8 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
 
     def _mark_campaign_outdated(self, connection: sa.Connection, identifier: str) -> None:
         """Mark the last campaign of the set's robot as outdated."""
-        robot_of = sa.select(measurement_sets.c.robot_id).where(measurement_sets.c.id == identifier)
-        mark_campaigns_outdated(connection, last_campaigns.c.robot_id.in_(robot_of))
+        robot_of_set = sa.select(measurement_sets.c.robot_id).where(measurement_sets.c.id == identifier)
+        mark_campaigns_outdated(connection, last_campaigns.c.robot_id.in_(robot_of_set))
 
 
 class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
@@ -593,9 +611,11 @@ class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
         ~sa.exists().where(live_entries.c.set_id == open_sets.c.id, live_entries.c.change == "closed"),
     )
 
-    def _copied_names(self, record: OpenSetRecord, parent_rows: Mapping[str, Any]) -> dict[str, str | None]:
-        """Return the robot's name and the text for searches, for a new live campaign."""
-        return _set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"), None)
+    def _collect_name_copies(
+        self, record: OpenSetRecord, parent_rows: Mapping[str, Any]
+    ) -> dict[str, str | None]:
+        """Return column → text for a new live campaign: the robot's name, and the text for searches."""
+        return _make_set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"), None)
 
     def _delete_related(self, connection: sa.Connection, removed_ids: Sequence[str]) -> None:
         """Delete the entries of removed live campaigns."""
@@ -610,21 +630,27 @@ def _iterate_portions(identifiers: Sequence[str]) -> Iterator[Sequence[str]]:
 
 
 def value_of_parent(parent_rows: Mapping[str, Any], column: str, name: str = "name") -> str | None:
-    """Return the field `name` of the row to which a column refers; None if there is no such row.
+    """Return a field of the row to which a column refers; None if there is no such row.
 
-    `parent_rows` is: column → row to which the column refers.
+    Args:
+        parent_rows: column → row to which the column refers.
+        column: column that refers to the row.
+        name: field of the row.
     """
     row = parent_rows.get(column)
     return None if row is None else getattr(row, name)
 
 
-def _robot_name_columns(name: str) -> dict[str, str | None]:
-    """Return column → text for the columns of a robot's row that hold copies of names."""
+def _make_robot_name_columns(name: str) -> dict[str, str | None]:
+    """Return column → text for the columns of a robot's row that hold copies of its name."""
     return {"words": make_search_text(name)}
 
 
-def _set_name_columns(name: str, robot: str | None, serial_number: str | None) -> dict[str, str | None]:
-    """Return column → text for the columns of a set's row that hold copies of names; `robot` is a name."""
+def _make_set_name_columns(name: str, robot: str | None, serial_number: str | None) -> dict[str, str | None]:
+    """Return column → text for the columns of a set's row that hold copies of names.
+
+    `name` is the set's own name, `robot` the name of its robot.
+    """
     return {"robot_name": robot, "words": make_search_text(name, robot, serial_number)}
 
 
@@ -652,12 +678,12 @@ def _make_set_names_query(table: sa.Table, serial_number: sa.ColumnElement[Any])
 _NAME_QUERIES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, str | None]]]]] = (
     MappingProxyType(
         {
-            robots: (sa.select(robots.c.sequence, robots.c.name), _robot_name_columns),
+            robots: (sa.select(robots.c.sequence, robots.c.name), _make_robot_name_columns),
             measurement_sets: (
                 _make_set_names_query(measurement_sets, measurement_sets.c.serial_number),
-                _set_name_columns,
+                _make_set_name_columns,
             ),
-            open_sets: (_make_set_names_query(open_sets, sa.null()), _set_name_columns),
+            open_sets: (_make_set_names_query(open_sets, sa.null()), _make_set_name_columns),
             jobs: (
                 sa.select(
                     jobs.c.sequence,
@@ -686,13 +712,15 @@ def _copy_names(connection: sa.Connection, column: sa.Column[Any], identifier: s
         connection.execute(sa.update(table).where(table.c.sequence == sa.bindparam("own")), changes)
 
 
-def mark_campaigns_outdated(connection: sa.Connection, where: sa.ColumnElement[bool]) -> bool:
-    """Mark the last campaigns that meet a condition as outdated; return whether there is one.
+def mark_campaigns_outdated(connection: sa.Connection, condition: sa.ColumnElement[bool]) -> bool:
+    """Mark the last campaigns that meet a condition as outdated; return whether there is any.
 
     Call this function last in a transaction: other transactions on runs of the robot wait until it ends.
     """
-    count_up = sa.update(last_campaigns).where(where).values(changes=last_campaigns.c.changes + 1)
-    return connection.execute(count_up).rowcount > 0
+    increment_changes = (
+        sa.update(last_campaigns).where(condition).values(changes=last_campaigns.c.changes + 1)
+    )
+    return connection.execute(increment_changes).rowcount > 0
 
 
 @cache
@@ -733,7 +761,7 @@ class Journal(Generic[JournalRecord]):
             return self._insert(connection, record)
 
     def find(self, **values: str) -> list[JournalRecord]:
-        """Return the records that have these values in these columns, oldest first."""
+        """Return the records that have the given values in the columns of these names, oldest first."""
         if not all(map(is_indexable, values.values())):
             return []
         query = self._select_all.filter_by(**values).order_by(self._table.c.sequence)
@@ -742,7 +770,14 @@ class Journal(Generic[JournalRecord]):
     def page(
         self, limit: int, cursor: str | None = None, *, counted: bool = False, **values: str | None
     ) -> RecordPage[JournalRecord]:
-        """Return one page of the records with these values in these columns; None allows any value."""
+        """Return one page of the records that have the given values in the columns of these names.
+
+        Args:
+            limit: greatest number of records.
+            cursor: `next` of the page before; None for the first page.
+            counted: whether the records of all pages are counted, too.
+            values: column → value; None allows any value.
+        """
         where = [self._table.c[name] == value for name, value in values.items() if value is not None]
         order = Order(limit, cursor, counted=counted)
         return read_page(self._database, self._table, self._select_all, self._record, where, order)
@@ -764,16 +799,16 @@ class LiveEntries(Journal[LiveEntry]):
             ClosedError: the campaign is closed.
         """
         # The lock makes entries come one after the other, so that no entry can follow the closing entry.
-        locked_set = (
-            sa.select(open_sets.c.deleted_at).where(open_sets.c.id == record.set_id).with_for_update()
-        )
-        row = connection.execute(locked_set).one_or_none()
+        lock_set = sa.select(open_sets.c.deleted_at).where(open_sets.c.id == record.set_id).with_for_update()
+        row = connection.execute(lock_set).one_or_none()
         if row is None or row.deleted_at is not None:
             raise problems.NotFoundError(MEASUREMENT_SET, record.set_id)
         columns = live_entries.c
         entries_of_set = self._select_all.where(columns.set_id == record.set_id)
-        same_entry = entries_of_set.where(columns.change == record.change, columns.label == record.label)
-        for stored_row in connection.execute(same_entry):
+        same_entry_query = entries_of_set.where(
+            columns.change == record.change, columns.label == record.label
+        )
+        for stored_row in connection.execute(same_entry_query):
             return self._record(*stored_row)
         for _ in connection.execute(entries_of_set.where(columns.change == "closed")):
             raise problems.ClosedError(record.set_id)

@@ -71,11 +71,11 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         )
 
     def status(self, job_id: str) -> JobStatus | None:
-        """Return state and progress of a job; None if there is no such job."""
+        """Return state and progress of a job; None if no job has this id."""
         return self.statuses([job_id]).get(job_id)
 
     def statuses(self, job_ids: Iterable[str]) -> dict[str, JobStatus]:
-        """Return id → state and progress of jobs; ids without a job are left out."""
+        """Return job id → state and progress; ids without a job are left out."""
         rows = self._database.rows(self._status_query, {"ids": list(job_ids)})
         return {str(row.id): JobStatus(str(row.state), int(row.done)) for row in rows}
 
@@ -89,7 +89,10 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         return [str(row.id) for row in self._database.rows(sa.select(jobs.c.id).where(self._kind, is_open))]
 
     def start(self, job_id: str, changes: JobChanges) -> None:
-        """Set columns of a job that starts; do nothing unless the job is queued."""
+        """Set columns of a job that starts, and do nothing if the job is not queued any more.
+
+        `changes` is column → new value.
+        """
         queued = sa.update(jobs).where(*self._id_conditions(job_id), jobs.c.state == "queued")
         self._database.change(queued.values(**changes))
 
@@ -98,7 +101,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         job_id: str,
         state: str,
         changes: Callable[[JobRecord, int], JobChanges],
-        at_most: float = BUSY_SECONDS,
+        lock_timeout: float = BUSY_SECONDS,
     ) -> bool:
         """End a job and remove the results of its steps; do nothing if the job has ended.
 
@@ -107,7 +110,7 @@ class JobRecords(Collection[JobRecord, JobEntry]):
             state: final state of the job.
             changes: function that returns new values of columns, given the stored record and the number of
                 finished units.
-            at_most: time to wait for a worker that has the job locked [s].
+            lock_timeout: time to wait for a worker that has the job locked [s].
 
         Returns:
             True if this call ended the job, False if the job had ended before.
@@ -117,9 +120,9 @@ class JobRecords(Collection[JobRecord, JobEntry]):
         """
         is_job = self._id_conditions(job_id)
         record_query = select_fields_of(jobs, JobRecord).add_columns(_finished_units).where(*is_job)
-        with self._database.writing(at_most) as connection:
-            end = sa.update(jobs).where(*is_job, is_open).values(state=state)
-            was_ended_now = connection.execute(end).rowcount == 1
+        with self._database.writing(lock_timeout) as connection:
+            set_state = sa.update(jobs).where(*is_job, is_open).values(state=state)
+            was_ended_now = connection.execute(set_state).rowcount == 1
             if was_ended_now:  # the update has locked the row, so that no other transaction changes it
                 with suppress(DamagedError):  # a damaged job ends, too, so that no worker tries it again
                     columns = dict(connection.execute(record_query).one()._mapping)
@@ -130,8 +133,10 @@ class JobRecords(Collection[JobRecord, JobEntry]):
                 self._mark_campaign_outdated(connection, job_id)
         return was_ended_now
 
-    def _copied_names(self, record: JobRecord, parent_rows: Mapping[str, Any]) -> dict[str, str | None]:
-        """Return the columns with copies of names of the job's robot and set, and the search text."""
+    def _collect_name_copies(
+        self, record: JobRecord, parent_rows: Mapping[str, Any]
+    ) -> dict[str, str | None]:
+        """Return column → text, for copies of the names of the job's robot and set, and for searches."""
         set_column = "measurement_set_id"
         serial_number = value_of_parent(parent_rows, set_column, "serial_number")
         return job_name_columns(
@@ -188,7 +193,7 @@ class Steps:
         return True
 
     def done_starts(self, job_id: str) -> set[int]:
-        """Return the first unit of each step of a job that has a stored result."""
+        """Return the first unit, which identifies the step, of each step of a job with a stored result."""
         rows = self._database.rows(sa.select(job_steps.c.start).where(job_steps.c.job_id == job_id))
         return {int(row.start) for row in rows}
 
@@ -198,7 +203,10 @@ class Steps:
         return [bytes(row.result) for row in self._database.rows(query.order_by(job_steps.c.start))]
 
     def count_other_begun_jobs(self, job_id: str) -> int:
-        """Return the number of other jobs that have begun and not ended: only these have results of steps."""
+        """Return the number of other jobs that have begun and not ended.
+
+        Only such jobs have stored results of steps.
+        """
         query = sa.select(sa.func.count(sa.distinct(job_steps.c.job_id))).where(job_steps.c.job_id != job_id)
         return int(self._database.rows(query)[0][0])
 
@@ -231,12 +239,12 @@ class Heartbeats:
         return living
 
     def living(self, silence: timedelta) -> list[str]:
-        """Return the sorted names of the executors with a heartbeat in the last `silence`."""
+        """Return the sorted names of the executors whose last heartbeat is at most `silence` ago."""
         with self._database.reading() as connection:
             return self._living(connection, self._now(connection), silence)
 
     def silent(self, silence: timedelta) -> dict[str, datetime]:
-        """Return executor → last heartbeat, for executors without a heartbeat in the last `silence`."""
+        """Return executor → last heartbeat, for executors without a heartbeat for `silence`."""
         with self._database.reading() as connection:
             old = heartbeats.c.beat_at < self._now(connection) - silence
             rows = connection.execute(sa.select(heartbeats.c.executor, heartbeats.c.beat_at).where(old)).all()
@@ -257,7 +265,7 @@ class Heartbeats:
     def _living(self, connection: sa.Connection, now: datetime, silence: timedelta) -> list[str]:
         """Return the names of the executors with a heartbeat at most `silence` before `now`, sorted."""
         # After a clock was set back, heartbeats of dead workers can lie in the future: those do not count.
-        living = heartbeats.c.beat_at.between(now - silence, now + silence)
-        named = sa.select(heartbeats.c.executor).where(living, heartbeats.c.executor != "")
-        rows = connection.execute(named).all()
+        is_living = heartbeats.c.beat_at.between(now - silence, now + silence)
+        query = sa.select(heartbeats.c.executor).where(is_living, heartbeats.c.executor != "")
+        rows = connection.execute(query).all()
         return sorted(str(row.executor) for row in rows)

@@ -298,16 +298,16 @@ _TYPES: Final[Mapping[Any, type[TypeEngine[Any]] | TypeEngine[Any]]] = MappingPr
 
 
 def _make_columns(
-    record: type, references: Mapping[str, str], key: str | None = None
+    record_class: type, references: Mapping[str, str], key: str | None = None
 ) -> list[sa.Column[Any]]:
     """Return a column for each field of a dataclass.
 
     Args:
-        record: the dataclass.
+        record_class: the dataclass.
         references: name of a column → column of another table to which it refers.
         key: name of the field that is the primary key; None if no field is.
     """
-    hints = get_type_hints(record, include_extras=True)
+    hints = get_type_hints(record_class, include_extras=True)
     return [
         sa.Column(
             field.name,
@@ -318,14 +318,14 @@ def _make_columns(
             server_default=sa.false() if hints[field.name] is bool else None,
             unique=True if field.name == "id" and key is None else None,
         )
-        for field in fields(record)
+        for field in fields(record_class)
     ]
 
 
 def _make_numbered_table(
     name: str,
-    record: type,
-    *further: sa.Column[Any],
+    record_class: type,
+    *further_columns: sa.Column[Any],
     references: Mapping[str, str] = MappingProxyType({}),
     indexes: Iterable[sa.Index],
 ) -> sa.Table:
@@ -335,12 +335,12 @@ def _make_numbered_table(
 
     Args:
         name: name of the table.
-        record: dataclass whose fields are columns.
-        further: columns that are not fields of the dataclass.
+        record_class: dataclass whose fields are columns.
+        further_columns: columns that are not fields of the dataclass.
         references: name of a column → column of another table to which it refers.
         indexes: indexes of the table.
     """
-    columns = [*_make_columns(record, references), *further]
+    columns = [*_make_columns(record_class, references), *further_columns]
     return sa.Table(
         name,
         metadata,
@@ -356,7 +356,10 @@ def _make_numbered_table(
 
 
 def _make_index(name: str, *columns: str, where: str | None = None) -> sa.Index:
-    """Return an index of some columns, then `sequence`; if `where` is given, only of rows that meet it."""
+    """Return an index of some columns, then `sequence`; with a condition, only of the rows that meet it.
+
+    `where` is the condition in SQL, or None.
+    """
     condition = None if where is None else sa.text(where)
     ordered = columns if "sequence" in columns else (*columns, "sequence")
     return sa.Index(f"ix_{name}", *ordered, sqlite_where=condition, postgresql_where=condition)
@@ -572,7 +575,10 @@ def make_tables(database: Database) -> None:
 
 
 def indexes_of(table: sa.Table) -> list[sa.Index]:
-    """Return the indexes of a table sorted by name: SQLite's plans depend on the order of their creation."""
+    """Return the indexes of a table, sorted by name.
+
+    The order matters, because SQLite's plans depend on the order in which the indexes are created.
+    """
     return sorted(table.indexes, key=lambda index: str(index.name))
 
 

@@ -91,7 +91,10 @@ def verdict_line(assessment: Assessment) -> Line:
 
 
 def describe_passed_checks(assessment: Assessment, owner: str = "") -> str:
-    """Return in words how many joints passed the checks; `owner` says whose joints, such as ` of its run`."""
+    """Return in words how many joints passed the checks.
+
+    `owner` says whose joints these are, such as ` of its run`.
+    """
     identified, count = assessment.joints_identified, assessment.joint_count
     if identified is None:
         return "the checks found no fault"
@@ -101,16 +104,16 @@ def describe_passed_checks(assessment: Assessment, owner: str = "") -> str:
 def verdict_lines(assessment: Assessment, *, details: bool) -> list[Line]:
     """Return lines with the verdict, its reasons and its notes.
 
-    Without details, these are the worst reasons and the first sentence of each note.
+    Without `details`, only the worst reasons and the first sentence of each note are returned.
     """
     reasons = assessment.reasons
     lines: list[Line] = [verdict_line(assessment)]
     for reason in reasons if details else reasons[:MOST_SHOWN]:
         place = f"{reason.where}: " if reason.where else ""
         lines.append(Line(f"  {place}{reason.message}", _STYLES[reason.weight]))
-    hidden = len(reasons) - (len(lines) - 1)  # the first line is the verdict
-    if hidden:
-        lines.append(Line(f"  and {hidden} more (--details)", "dim"))
+    hidden_count = len(reasons) - (len(lines) - 1)  # the first line is the verdict
+    if hidden_count:
+        lines.append(Line(f"  and {hidden_count} more (--details)", "dim"))
     notes = (
         assessment.notes if details else [f"{note.rstrip('.').split('. ')[0]}." for note in assessment.notes]
     )
@@ -134,31 +137,35 @@ def remedies(assessment: Assessment, *, applies: bool = False) -> list[str]:
 
 
 def to_do_lines(things: Sequence[str], *, details: bool) -> list[Line]:
-    """Return a titled and numbered list of things to do; without details only the first `MOST_SHOWN`."""
+    """Return a title and a numbered list of things to do; without `details` only the first `MOST_SHOWN`."""
     shown = things if details else things[:MOST_SHOWN]
     lines: list[Line] = [Line(f"  {number}. {thing}") for number, thing in enumerate(shown, 1)]
     return [Line("To do", "title"), *lines] if lines else []
 
 
 def warning_lines(assessment: Assessment, warnings: Sequence[Finding], *, details: bool) -> list[Line]:
-    """Return lines with the warnings that no reason states or covers; without details only their number."""
-    covered: set[str] = {reason.code for reason in assessment.reasons}
-    covered = covered.union(*(_COVERED_WARNINGS.get(code, ()) for code in covered))
-    rest = [warning for warning in warnings if warning.code not in covered]
+    """Return lines with the warnings that the reasons do not mention; without `details` only their number."""
+    covered_codes: set[str] = {reason.code for reason in assessment.reasons}
+    covered_codes = covered_codes.union(*(_COVERED_WARNINGS.get(code, ()) for code in covered_codes))
+    other_warnings = [warning for warning in warnings if warning.code not in covered_codes]
     if not details:
-        return [Line(f"  {format_count(len(rest), 'warning')} (--details)", "care")] if rest else []
+        return (
+            [Line(f"  {format_count(len(other_warnings), 'warning')} (--details)", "care")]
+            if other_warnings
+            else []
+        )
     return [
         Line(
             f"warning: {f'{warning.where}: ' if warning.where else ''}{warning.message}; {warning.remedy}",
             "care",
         )
         # Warnings about the whole set come first.
-        for warning in sorted(rest, key=lambda warning: warning.where is not None)
+        for warning in sorted(other_warnings, key=lambda warning: warning.where is not None)
     ]
 
 
 def joint_reason_lines(reasons: Iterable[tuple[str, str | None]]) -> list[Line]:
-    """Return a line for each reason why joints have no number or only a bound, with these joints' names.
+    """Return a line for each reason why a joint has no number or only a bound, with the joints it applies to.
 
     Args:
         reasons: name and reason of each joint; None as the reason for a joint with a number.
@@ -225,14 +232,19 @@ class _RequestUnits:
 
     def unit_of_field(self, field: FieldInfo) -> _Unit:
         """Return the unit of a field: from its schema, or from the request if its description says so."""
-        text = field.description or ""
-        stated_units = [str(getattr(self.stated, name, None) or "") for name in _STATED_UNIT.findall(text)]
+        description = field.description or ""
+        stated_units = [
+            str(getattr(self.stated, name, None) or "") for name in _STATED_UNIT.findall(description)
+        ]
         if stated_units:  # the first is of revolute joints; the last, of prismatic joints, may be equal
             return _Unit(stated_units[0], stated_units[-1])
         return _Unit(field_unit(field), field_unit(field, "unit_of_prismatic") or field_unit(field))
 
     def units_of_joints(self, values: Sequence[float], unit: _Unit) -> list[str] | None:
-        """Return the unit of each value if a field has one value per joint, in different units; else None."""
+        """Return the unit of each value of a field that has one value for each joint; else None.
+
+        None is also returned if all joints have the same unit.
+        """
         have_joint_units = unit.prismatic != unit.revolute and len(values) == len(self.kinds)
         return [unit.for_kind(kind) for kind in self.kinds.values()] if have_joint_units else None
 
@@ -252,7 +264,7 @@ class _Unit:
 def list_request_fields(
     request: Message, kinds: Mapping[str, JointKind] = MappingProxyType({})
 ) -> list[tuple[str, str]]:
-    """Return label and text of each field of a request; a last entry names the fields without a value.
+    """Return (label, text) of each field of a request; a last entry names the fields without a value.
 
     Lengths are in mm, angles in degrees, stiffnesses in 10⁶ N·m/rad, or in N/µm for joints that `kinds` says
     are prismatic. For long values, such as readings and files, the text states the number of entries and the
@@ -305,9 +317,9 @@ def _format_value(value: object, unit: _Unit, units: _RequestUnits, kind: JointK
     """
     if isinstance(value, Message):
         return ", ".join(
-            f"{name.replace('_', ' ')} {_format_or_summarise(part, units.unit_of_field(field), units, kind)}"
+            f"{name.replace('_', ' ')} {_format_or_summarise(item, units.unit_of_field(field), units, kind)}"
             for name, field in type(value).model_fields.items()
-            if (part := getattr(value, name)) is not None
+            if (item := getattr(value, name)) is not None
         )
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -315,15 +327,15 @@ def _format_value(value: object, unit: _Unit, units: _RequestUnits, kind: JointK
         factor, name = _SHOWN_UNITS.get(unit.for_kind(kind), (1.0, unit.for_kind(kind)))
         return f"{_format_number(factor * value)}{'' if name in ('', '°') else ' '}{name}"
     if isinstance(value, Mapping):
-        parts_with_kind = ((key, part, units.kinds.get(key)) for key, part in value.items())
+        parts_with_kind = ((key, item, units.kinds.get(key)) for key, item in value.items())
         return "; ".join(
-            f"{key} {_format_value(part, unit, units, joint_kind)}"
-            for key, part, joint_kind in parts_with_kind
+            f"{key} {_format_value(item, unit, units, joint_kind)}"
+            for key, item, joint_kind in parts_with_kind
         )
     if isinstance(value, Sequence) and not isinstance(value, str):
-        if value and all(isinstance(part, int | float) and not isinstance(part, bool) for part in value):
+        if value and all(isinstance(item, int | float) and not isinstance(item, bool) for item in value):
             return _format_numbers(value, unit, units, kind)
-        return "; ".join(_format_value(part, unit, units, kind) for part in value)
+        return "; ".join(_format_value(item, unit, units, kind) for item in value)
     return str(value)
 
 

@@ -64,7 +64,7 @@ class StiffnessUnit:
         return self.factor / compliance if compliance else None
 
     def uncertainty(self, joint: JointResult) -> float | None:
-        """Return a joint's standard uncertainty in this unit; None if it is unknown.
+        """Return the standard uncertainty of a joint's number in this unit; None if it is unknown.
 
         The uncertainty of a stiffness k = 1/c follows from that of the compliance c to first order:
         u(k) = u(c) k².
@@ -78,7 +78,7 @@ class StiffnessUnit:
         return self.factor * joint.standard_uncertainty * joint.stiffness**2
 
     def cells(self, joint: JointResult) -> tuple[str, str, str]:
-        """Return a joint's value, standard uncertainty and interval as texts, in this unit.
+        """Return (value, standard uncertainty, interval) of a joint as texts, in this unit.
 
         The value of a prismatic joint is followed by its unit, which differs from that of the column.
         """
@@ -99,8 +99,10 @@ class StiffnessUnit:
         """Return a joint's interval as text: `low … high`, a one-sided bound such as `> 3.1`, or a dash."""
         interval = joint.compliance_interval if self.inverse else joint.stiffness_interval
         if interval is not None and interval[1] is not None and joint.stiffness is not None:
-            low, high = (format_rounded(self.factor * end, uncertainty) for end in (interval[0], interval[1]))
-            return f"{low} … {high}"
+            lower, upper = (
+                format_rounded(self.factor * end, uncertainty) for end in (interval[0], interval[1])
+            )
+            return f"{lower} … {upper}"
         # Without an upper end the one-sided bound is shown: it is tighter than the lower end of the interval.
         if (lower_stiffness := lower_limit(joint)) is None:
             return "—"

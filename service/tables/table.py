@@ -38,9 +38,9 @@ def format_concise(value: float, uncertainty: float | None, bare: str = ".4g") -
     return f"{text}({digits.lstrip('0.') or 0 if float(digits) < 1 else digits})"
 
 
-def format_percent(share: float | None) -> str:
+def format_percent(fraction: float | None) -> str:
     """Format a share between 0 and 1 in percent; a dash for None."""
-    return NO_NUMBER if share is None else f"{100 * share:.1f} %"
+    return NO_NUMBER if fraction is None else f"{100 * fraction:.1f} %"
 
 
 Style = Literal["", "title", "good", "care", "bad", "dim", "verdict_use", "verdict_care", "verdict_not"]
@@ -76,7 +76,7 @@ class Column:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     def cells(self) -> list[Line]:
-        """Return the values as they are shown; a dash for None."""
+        """Return the values as cells of text, as they are shown; a dash for None."""
         return [as_line(NO_NUMBER if value is None else self.show(value)) for value in self.values]
 
 
@@ -96,7 +96,7 @@ class Table:
         return "; ".join(text for text in (self.title, self.caption) if text).replace("\n", " ")
 
     def head(self) -> list[str]:
-        """Return the headers as shown; of an upright table these are the cells of the first column."""
+        """Return the headers as shown; in an upright table these are the cells of the first column."""
         if not self.upright:
             return [column.header for column in self.columns]
         return [self.columns[0].header, *(cell.text for cell in self.columns[0].cells())]
@@ -114,7 +114,7 @@ class Table:
         return [index for index, column in enumerate(self.columns) if column.text]
 
     def shown(self) -> dict[str, object]:
-        """Return the table as an object for JSON, with all cells as texts."""
+        """Return the table as a dictionary for JSON, with all cells as texts."""
         rows = [[cell.text for cell in row] for row in self.rows()]
         texts = {"title": self.title, "caption": self.caption, "legend": self.legend}
         return {**texts, "head": self.head(), "rows": rows, "texts": self.text_columns()}
@@ -162,7 +162,7 @@ class Sheet:
 
     @classmethod
     def with_joint_kinds(cls, sheet: Sheet, kinds: Sequence[JointKind | None]) -> Sheet:
-        """Return a sheet of joints with both units in the headers and a column `kind`, if one is prismatic.
+        """Return a sheet that suits prismatic joints, if any: two units in headers, a column `kind`.
 
         Args:
             sheet: sheet with a row for each joint.
@@ -223,7 +223,10 @@ def _add_prismatic_unit(header: str) -> str:
 
 
 def _expand_header(header: str) -> Iterator[tuple[str, tuple[int, ...]]]:
-    """Yield, for each component of a header such as `force {x y z} [N]`, its own header and its indices."""
+    """Yield (header, indices) for each component of a header such as `force {x y z} [N]`.
+
+    `force x [N]` has the indices (0,); a header without braces has no indices.
+    """
     before, brace, after_brace = header.partition("{")
     if not brace:
         yield header, ()
@@ -270,9 +273,9 @@ def _find_message_classes(annotation: Any) -> Iterator[type[Message]]:  # noqa: 
 
 def _find_unit(annotation: Any, key: str) -> str:  # noqa: ANN401 - a type
     """Return the unit that a part of a type annotation declares, as for a dictionary's values; else empty."""
-    for part in get_args(annotation):
-        is_field = isinstance(part, FieldInfo)
-        unit = _unit_in_schema(part.json_schema_extra, key) if is_field else _find_unit(part, key)
+    for argument in get_args(annotation):
+        is_field = isinstance(argument, FieldInfo)
+        unit = _unit_in_schema(argument.json_schema_extra, key) if is_field else _find_unit(argument, key)
         if unit:
             return unit
     return ""
@@ -284,11 +287,19 @@ def _unit_in_schema(extra: object, key: str) -> str:
 
 
 def text_table(
-    head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", texts: Sequence[int] = (0,)
+    head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", left_aligned: Sequence[int] = (0,)
 ) -> Table:
-    """Build a table from headers and rows of ready texts; `texts` are the columns aligned to the left."""
+    """Build a table from headers and rows of ready texts.
+
+    Args:
+        head: headers of the columns.
+        rows: texts of each row.
+        caption: caption of the table.
+        left_aligned: indices of the columns that are aligned to the left.
+    """
     columns = [
-        Column(name, [row[index] for row in rows], text=index in texts) for index, name in enumerate(head)
+        Column(name, [row[index] for row in rows], text=index in left_aligned)
+        for index, name in enumerate(head)
     ]
     return Table(columns, caption=caption)
 

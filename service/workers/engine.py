@@ -97,15 +97,15 @@ class Queue:
 
     def enqueue(self, connection: Connection, job_id: str) -> None:
         """Add the first part of a new job, in the transaction that stores the job."""
-        self._add_part(connection, Part(job_id, 0, 0), priority=_priority_now())
+        self._add_part(connection, Part(job_id, 0, 0), priority=_compute_priority_now())
 
     def add_following_parts(self, job_id: str, parts: Iterable[Part]) -> None:
-        """Add parts of a job that has begun; a part that was added before is not added again.
+        """Add parts of a job that has begun, except parts that were added before.
 
         Newer jobs take precedence for a time that is proportional to the number of jobs that have begun. So
         small jobs are not delayed by large jobs, and large jobs continue however many small jobs arrive.
         """
-        priority = _priority_now() + _PATIENCE_SECONDS * (
+        priority = _compute_priority_now() + _PATIENCE_SECONDS * (
             1 + self._store.steps.count_other_begun_jobs(job_id)
         )
         with self._store.transaction() as connection:
@@ -115,7 +115,7 @@ class Queue:
     def offer_later(self, part: Part) -> None:
         """Offer a part to all workers again after `LATER_SECONDS`."""
         with self._store.transaction() as connection:
-            self._add_part(connection, part, priority=_priority_now(), delay_seconds=LATER_SECONDS)
+            self._add_part(connection, part, priority=_compute_priority_now(), delay_seconds=LATER_SECONDS)
 
     def others_wait(self, job_id: str) -> bool:
         """Return whether parts of jobs other than `job_id` are queued; True if the database fails."""
@@ -126,7 +126,7 @@ class Queue:
         return any(extract_job_id(row.workflow_id) != job_id for row in waiting_rows)
 
     def claimed_parts(self) -> dict[str, str]:
-        """Return the parts that are claimed and not finished, as a dict: part's id → name of the worker."""
+        """Return part's id → name of the worker, for the parts that are claimed and not finished."""
         return {row.workflow_id: str(row.executor_id) for row in self._list_rows(status="PENDING")}
 
     def put_back(self, parts: Iterable[str]) -> None:
@@ -153,7 +153,7 @@ class Queue:
         """Return those of `job_ids` whose first part is not in the queue: never added, or removed by hand."""
         if not job_ids:
             return set()
-        first_part_ids = [_part_id(Part(job_id, 0, 0)) for job_id in job_ids]
+        first_part_ids = [_make_part_id(Part(job_id, 0, 0)) for job_id in job_ids]
         rows = self._list_rows(workflow_ids=first_part_ids, limit=len(first_part_ids))
         return set(job_ids) - {extract_job_id(row.workflow_id) for row in rows}
 
@@ -186,12 +186,15 @@ class Queue:
         options: EnqueueOptions = {
             "queue_name": _QUEUE,
             "workflow_name": "carry_out",
-            "workflow_id": _part_id(part),
+            "workflow_id": _make_part_id(part),
             "app_version": _VERSION,
             "priority": priority,
         }
         if delay_seconds is not None:
-            options |= {"workflow_id": f"{_part_id(part)}-{time.time_ns()}", "delay_seconds": delay_seconds}
+            options |= {
+                "workflow_id": f"{_make_part_id(part)}-{time.time_ns()}",
+                "delay_seconds": delay_seconds,
+            }
         self._client.enqueue_in_transaction(connection, options, part.job_id, part.number, part.kept)
 
     def _list_pages(self, **filters: Any) -> Iterator[list[Any]]:  # noqa: ANN401 - what DBOS takes
@@ -203,7 +206,7 @@ class Queue:
                 return
 
     def _list_rows(self, limit: int = _PAGE_SIZE, **filters: Any) -> list[Any]:  # noqa: ANN401 - what DBOS takes
-        """Return the rows of DBOS that match filters, oldest first: one row for each part."""
+        """Return the rows of DBOS that match filters, oldest first; each row is a part of a job."""
         return self._client.list_workflows(limit=limit, load_input=False, load_output=False, **filters)
 
 
@@ -283,7 +286,7 @@ class Engine(Queue):
         super().close()
 
     def running_parts(self) -> dict[str, float]:
-        """Return the parts that run in this process, as a dict: part's id → processor time of the thread."""
+        """Return part's id → processor time of its thread [s], for the parts that run in this process."""
         seconds_by_part = {}
         for part_id, clock in list(self._clocks.items()):
             with suppress(OSError):  # the thread has ended meanwhile
@@ -314,11 +317,11 @@ def extract_job_id(part_id: str) -> str:
     return part_id.partition("-")[0]
 
 
-def _part_id(part: Part) -> str:
+def _make_part_id(part: Part) -> str:
     """Return a part's id, which changes with each stored step: DBOS counts the starts of each id anew."""
     return f"{part.job_id}-{part.number:06}-{part.kept}"
 
 
-def _priority_now() -> int:
+def _compute_priority_now() -> int:
     """Return the priority of a part that is added now: seconds since `_EPOCH`."""
     return int(time.time()) - _EPOCH

@@ -629,7 +629,7 @@ def _predict_mean_lengths(side: Side, compliances: FloatArray, unknown: BoolArra
     count = measurements.present.sum(axis=1)
     for compliance in compliances:
         balanced = compliance if side.complementary_stiffness else None
-        predicted = predict(robot, measurements, compliance, balanced=balanced).predicted
+        predicted = predict(robot, measurements, compliance, balanced_compliance=balanced).predicted
         means.append((np.linalg.norm(predicted, axis=2) * measurements.present).sum(axis=1) / count)
     blocks = regressor_blocks(robot, measurements)
     size = np.concatenate([np.abs(block.A).max(axis=(1, 2)) for block in blocks])

@@ -82,7 +82,7 @@ class Equipment:
     scatter: Scatter = NO_SCATTER  #: errors that the targets of a posture share, in units of sigma
 
     def build_measurements(
-        self, robot: Robot, joints: FloatArray, force: FloatArray, along: FloatArray | None = None
+        self, robot: Robot, joints: FloatArray, force: FloatArray, directions: FloatArray | None = None
     ) -> Measurements:
         """Build the measurements of N planned readings, with zero deflections and the expected covariance.
 
@@ -90,27 +90,31 @@ class Equipment:
             robot: n joints.
             joints: (N, n) positions as the controller shows them [rad or m].
             force: (N, 3) forces on the robot, axes of R0 [N].
-            along: (N, 3) unit vectors in R0 along which targets are read; None if all coordinates are.
+            directions: (N, 3) unit vectors in R0 along which targets are read; None if all three coordinates
+                are
+                read.
         """
-        count, shape = len(joints), (len(joints), *self.targets.shape)
-        plain = Measurements(
+        reading_count, table_shape = len(joints), (len(joints), *self.targets.shape)
+        measurements = Measurements(
             joints=joints,
             force=force,
-            moment=np.zeros((count, 3)),
-            load_point=np.broadcast_to(self.load_point, (count, 3)),
-            position=np.broadcast_to(self.targets, shape),
-            in_flange=np.ones(shape[:2], dtype=np.bool_),
-            deflection=np.zeros(shape),
-            present=np.ones(shape[:2], dtype=np.bool_),
+            moment=np.zeros((reading_count, 3)),
+            load_point=np.broadcast_to(self.load_point, (reading_count, 3)),
+            position=np.broadcast_to(self.targets, table_shape),
+            in_flange=np.ones(table_shape[:2], dtype=np.bool_),
+            deflection=np.zeros(table_shape),
+            present=np.ones(table_shape[:2], dtype=np.bool_),
             sigma=self.sigma,
             scatter=self.scatter,
-            direction=None if along is None else np.broadcast_to(along[:, None], shape).copy(),
+            direction=None
+            if directions is None
+            else np.broadcast_to(directions[:, None], table_shape).copy(),
         )
         if self.instrument is None:
-            return plain
-        noise = DifferenceNoise.from_instrument(self.instrument, robot, plain)
+            return measurements
+        noise = DifferenceNoise.from_instrument(self.instrument, robot, measurements)
         # The instrument's covariance is in units of `noise.sigma`²: convert it to units of `self.sigma`².
-        return replace(plain, covariance=noise.covariance * (noise.sigma / self.sigma) ** 2)
+        return replace(measurements, covariance=noise.covariance * (noise.sigma / self.sigma) ** 2)
 
     def force_directions(self, robot: Robot, joints: FloatArray, anchor: IndexArray) -> FloatArray | None:
         """Return the directions (N, 3) of the forces in R0; None if a force may have any direction.
@@ -167,50 +171,58 @@ def find_feasible_readings(
         Mask (N,) of feasible readings; and reason → number of readings. A reading that several reasons
         exclude counts for the first of them.
     """
-    count, model = len(joints), robot.joint_map.model_angles(joints)
-    at = Postures(robot, model)
-    targets = at.to_base(np.broadcast_to(equipment.targets, (count, *equipment.targets.shape)))
-    load = equipment.load_positions(robot, joints)
+    reading_count, model_angles = len(joints), robot.joint_map.model_angles(joints)
+    postures = Postures(robot, model_angles)
+    targets = postures.to_base(np.broadcast_to(equipment.targets, (reading_count, *equipment.targets.shape)))
+    load_points = equipment.load_positions(robot, joints)
     # Links run from the base through the origins of the joint frames to the flange and the load point
-    base, flange = np.zeros((count, 1, 3)), at.flange_translation[:, None]
-    points = np.concatenate([base, at.joint_frames[1], flange, load[:, None]], axis=1)
+    base, flange = np.zeros((reading_count, 1, 3)), postures.flange_translation[:, None]
+    points = np.concatenate([base, postures.joint_frames[1], flange, load_points[:, None]], axis=1)
     radius = cell.link_radius
     if radius is None:
-        links = np.linalg.norm(np.diff(points[:, :-1], axis=1), axis=2)
-        links[:, :-1][:, robot.prismatic] = 0.0  # a rail makes no link thicker
-        radius = _RELATIVE_RADIUS * float(links.sum(axis=1).max())
+        link_lengths = np.linalg.norm(np.diff(points[:, :-1], axis=1), axis=2)
+        link_lengths[:, :-1][:, robot.prismatic] = 0.0  # a rail makes no link thicker
+        radius = _RELATIVE_RADIUS * float(link_lengths.sum(axis=1).max())
     excluded = {"joint_limits": ~robot.within_limits(joints)}
     if direction is not None:
-        jacobian = at.jacobian_at(load[:, None])[:, 0]
+        jacobian = postures.jacobian_at(load_points[:, None])[:, 0]
         torque = equipment.loads.force * np.einsum("nij,ni->nj", jacobian, direction)
         excluded["torque"] = (np.abs(torque) > equipment.loads.torque_limit).any(axis=1)
     excluded["floor_or_box"] = _find_out_of_bounds(cell, points, targets, radius)
     # Only links that are apart along the arm by more than twice their thickness can collide.
-    excluded["self_collision"] = np.zeros(count, dtype=np.bool_)
+    excluded["self_collision"] = np.zeros(reading_count, dtype=np.bool_)
     lengths = np.linalg.norm(np.diff(points, axis=1), axis=2).max(axis=0)
-    for i, j in combinations(range(len(lengths)), 2):
-        if lengths[i + 1 : j].sum() > 4.0 * radius:
-            apart = compute_segment_distances(points[:, i], points[:, i + 1], points[:, j], points[:, j + 1])
-            excluded["self_collision"] |= apart < 2.0 * radius
+    for first, second in combinations(range(len(lengths)), 2):
+        if lengths[first + 1 : second].sum() > 4.0 * radius:
+            distances = compute_segment_distances(
+                points[:, first], points[:, first + 1], points[:, second], points[:, second + 1]
+            )
+            excluded["self_collision"] |= distances < 2.0 * radius
     if equipment.instrument is not None:
-        excluded |= _check_sight(equipment.instrument, cell, at, points, targets, radius)
+        excluded |= _find_hidden_targets(equipment.instrument, cell, postures, points, targets, radius)
     if direction is not None and equipment.loads.kind == "cable":
         # Each reading's cable leads to the anchor whose direction is nearest to the force.
-        towards = equipment.loads.anchors - load[:, None]
-        length = np.linalg.norm(towards, axis=2)
-        anchor = np.argmax(np.einsum("nai,ni->na", towards, direction) / np.maximum(length, 1e-9), axis=1)
-        excluded["cable"] = length[np.arange(count), anchor] < _SHORTEST_CABLE
-        excluded["cable"] |= _is_crossed_by_link(points, radius, load, equipment.loads.anchors[anchor])
+        to_anchors = equipment.loads.anchors - load_points[:, None]
+        cable_lengths = np.linalg.norm(to_anchors, axis=2)
+        nearest_anchor = np.argmax(
+            np.einsum("nai,ni->na", to_anchors, direction) / np.maximum(cable_lengths, 1e-9), axis=1
+        )
+        excluded["cable"] = cable_lengths[np.arange(reading_count), nearest_anchor] < _SHORTEST_CABLE
+        excluded["cable"] |= _is_crossed_by_link(
+            points, radius, load_points, equipment.loads.anchors[nearest_anchor]
+        )
     first_reason = np.argmax(list(excluded.values()), axis=0)
     feasible = ~np.any(list(excluded.values()), axis=0)
-    counts = {reason: int(((first_reason == i) & ~feasible).sum()) for i, reason in enumerate(excluded)}
+    counts = {
+        reason: int(((first_reason == first) & ~feasible).sum()) for first, reason in enumerate(excluded)
+    }
     return feasible, {reason: number for reason, number in counts.items() if number}
 
 
-def _check_sight(
+def _find_hidden_targets(
     instrument: Instrument,
     cell: Surroundings,
-    at: Postures,
+    postures: Postures,
     points: FloatArray,
     targets: FloatArray,
     radius: float,
@@ -220,7 +232,7 @@ def _check_sight(
     Args:
         instrument: instrument at its station.
         cell: surroundings, with the directions and the acceptance angle of the reflectors.
-        at: kinematics of N postures.
+        postures: N postures.
         points: (N, P, 3) ends of the links in R0 [m].
         targets: (N, T, 3) in R0 [m].
         radius: radius of the links [m].
@@ -229,13 +241,18 @@ def _check_sight(
         Reason → mask (N,) of the postures that the reason excludes.
     """
     station = np.array(instrument.station)
-    hidden = [_is_crossed_by_link(points, radius, station, targets[:, t]) for t in range(targets.shape[1])]
-    excluded = {"line_of_sight": np.any(hidden, axis=0)}
+    hidden_by_link = [
+        _is_crossed_by_link(points, radius, station, targets[:, t]) for t in range(targets.shape[1])
+    ]
+    excluded = {"line_of_sight": np.any(hidden_by_link, axis=0)}
     if cell.facing:
         facing = np.array(list(cell.facing.values()))
-        sight, look = station - targets, facing @ at.flange_rotation.transpose(0, 2, 1)
-        norms = np.linalg.norm(sight, axis=2) * np.linalg.norm(look, axis=2)
-        turned_away = (sight * look).sum(axis=2) / norms < np.cos(cell.acceptance)
+        lines_of_sight, reflector_axes = (
+            station - targets,
+            facing @ postures.flange_rotation.transpose(0, 2, 1),
+        )
+        norms = np.linalg.norm(lines_of_sight, axis=2) * np.linalg.norm(reflector_axes, axis=2)
+        turned_away = (lines_of_sight * reflector_axes).sum(axis=2) / norms < np.cos(cell.acceptance)
         excluded["reflector_acceptance"] = turned_away.any(axis=1)
     return excluded
 
@@ -253,15 +270,15 @@ def _find_out_of_bounds(
     """
     # Points along the links are tested in place of whole links; the first links never move.
     start, end = points[:, _FIRST_MOVING:-1, None], points[:, _FIRST_MOVING + 1 :, None]
-    along = start + _SAMPLES[:, None] * (end - start)
-    places = np.concatenate([along.reshape(len(along), -1, 3), targets], axis=1)
-    collides = np.zeros(len(places), dtype=np.bool_)
+    points_of_links = start + _SAMPLES[:, None] * (end - start)
+    tested_points = np.concatenate([points_of_links.reshape(len(points_of_links), -1, 3), targets], axis=1)
+    collides = np.zeros(len(tested_points), dtype=np.bool_)
     if cell.floor is not None:
-        collides |= (places[..., 2] < cell.floor).any(axis=1)
+        collides |= (tested_points[..., 2] < cell.floor).any(axis=1)
     if cell.inside is not None:
-        collides |= ((places < cell.inside[0]) | (places > cell.inside[1])).any(axis=(1, 2))
+        collides |= ((tested_points < cell.inside[0]) | (tested_points > cell.inside[1])).any(axis=(1, 2))
     for low, high in np.array(cell.obstacles):
-        collides |= ((places > low - radius) & (places < high + radius)).all(axis=2).any(axis=1)
+        collides |= ((tested_points > low - radius) & (tested_points < high + radius)).all(axis=2).any(axis=1)
     return collides
 
 
@@ -282,7 +299,7 @@ def _is_crossed_by_link(points: FloatArray, radius: float, start: FloatArray, en
 
 
 def compute_segment_distances(p: FloatArray, q: FloatArray, r: FloatArray, s: FloatArray) -> FloatArray:
-    """Return the least distances (N,) [m] between segments from p to q and from r to s (Ericson 2005, 5.1.9).
+    """Return the least distances (N,) [m] between segments p–q and segments r–s (Ericson 2005, 5.1.9).
 
     Args:
         p: (N, 3) starts of the first segments [m].
@@ -295,15 +312,19 @@ def compute_segment_distances(p: FloatArray, q: FloatArray, r: FloatArray, s: Fl
     b, c = (u * v).sum(1), (u * w).sum(1)
     tiny = 1e-18
     denominator = a * e - b * b
-    x = np.where(denominator > tiny, (b * f - c * e) / np.where(denominator > tiny, denominator, 1.0), 0.0)
+    first_fraction = np.where(
+        denominator > tiny, (b * f - c * e) / np.where(denominator > tiny, denominator, 1.0), 0.0
+    )
     # x and y are the fractions of the way along the two segments at which these are nearest.
-    x = np.clip(x, 0.0, 1.0)
-    y = np.where(e > tiny, (b * x + f) / np.where(e > tiny, e, 1.0), 0.0)
-    clipped = np.clip(y, 0.0, 1.0)
+    first_fraction = np.clip(first_fraction, 0.0, 1.0)
+    second_fraction = np.where(e > tiny, (b * first_fraction + f) / np.where(e > tiny, e, 1.0), 0.0)
+    clipped = np.clip(second_fraction, 0.0, 1.0)
     # Where y had to be clipped, or the second segment is a point, x is computed again for this y.
-    x_again = np.where(a > tiny, (b * clipped - c) / np.where(a > tiny, a, 1.0), 0.0)
-    x = np.where((clipped == y) & (e > tiny), x, np.clip(x_again, 0.0, 1.0))
-    return np.asarray(np.linalg.norm(w + x[:, None] * u - clipped[:, None] * v, axis=1))
+    first_fraction_again = np.where(a > tiny, (b * clipped - c) / np.where(a > tiny, a, 1.0), 0.0)
+    first_fraction = np.where(
+        (clipped == second_fraction) & (e > tiny), first_fraction, np.clip(first_fraction_again, 0.0, 1.0)
+    )
+    return np.asarray(np.linalg.norm(w + first_fraction[:, None] * u - clipped[:, None] * v, axis=1))
 
 
 def draw_postures(robot: Robot, count: int, seed: int) -> FloatArray:
@@ -389,14 +410,14 @@ class PlanRequest:
 
 
 def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measurements) -> Stack:
-    """Build the whitened rows of readings: columns of the joints, then of the nuisance.
+    """Build the whitened rows of readings: columns of the joints, then of the nuisance parameters.
 
-    The nuisance is the compliances of links, or other terms in units of their prior uncertainty. The columns
-    of systematic errors that were fitted to the readings are projected out.
+    The nuisance parameters are compliances of links, or other terms in units of their prior uncertainty. The
+    columns of systematic errors that were fitted to the readings are projected out.
 
     Args:
         robot: n joints.
-        request: request that states the nuisance.
+        request: request that states the nuisance parameters.
         measurements: N readings of T targets.
 
     Returns:
@@ -415,13 +436,13 @@ def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measur
     return stack.project_out([term.name for term in fitted]) if fitted else stack
 
 
-def build_known_rows(robot: Robot, request: PlanRequest, so_far: Measurements) -> FloatArray:
-    """Build the rows (3 N T, P) of N readings already taken of T targets, in units of sigma."""
+def build_known_rows(robot: Robot, request: PlanRequest, measured: Measurements) -> FloatArray:
+    """Build the rows (3 N T, P) of N observations that were already made of T targets, in units of sigma."""
     if request.own_weight_rows is None:
-        return build_reading_stack(robot, request, so_far).flat[:, :-1]
+        return build_reading_stack(robot, request, measured).flat[:, :-1]
     # With own weight only targets read in R0 count; rows of targets that were not read are set to zero.
-    is_read = np.repeat(so_far.present & ~so_far.in_flange, 3, axis=1)[..., None]
-    rows = request.own_weight_rows(so_far.joints) * is_read
+    is_read = np.repeat(measured.present & ~measured.in_flange, 3, axis=1)[..., None]
+    rows = request.own_weight_rows(measured.joints) * is_read
     return rows.reshape(-1, rows.shape[-1])
 
 
@@ -443,15 +464,22 @@ class Readings:
     def build_rows(self, robot: Robot, request: PlanRequest, equipment: Equipment) -> FloatArray:
         """Build the rows (N, L, 3 T, P) of N readings of T targets under L loads, in units of sigma.
 
-        L is 1, or 3 if the direction of the force is free.
+        P is the number of parameters. L is 1, or 3 if the direction of the force is free: a load along each
+        axis.
         """
         if request.own_weight_rows is not None:
             return request.own_weight_rows(self.joints)[:, None]
-        loaded = [
-            equipment.build_measurements(robot, self.joints, self.forces[:, a], self.along)
-            for a in range(self.forces.shape[1])
+        measurements_by_load = [
+            equipment.build_measurements(robot, self.joints, self.forces[:, load], self.along)
+            for load in range(self.forces.shape[1])
         ]
-        return np.stack([build_reading_stack(robot, request, each).rows[..., :-1] for each in loaded], axis=1)
+        return np.stack(
+            [
+                build_reading_stack(robot, request, measurements).rows[..., :-1]
+                for measurements in measurements_by_load
+            ],
+            axis=1,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -471,7 +499,7 @@ def choose_parameters(
     rows: FloatArray,
     predicted: FloatArray,
     names: Sequence[str],
-    wanted: IndexArray | None,
+    requested_joints: IndexArray | None,
     nominal: FloatArray,
     link_share: float | None,
 ) -> Parameters:
@@ -487,7 +515,8 @@ def choose_parameters(
         predicted: (L, n) or (L, P) rows of the deflections to predict; without a work area, the same as
             `rows`.
         names: names of the n joints.
-        wanted: indices of the joints to be determined; None for all joints that the loads twist. Other joints
+        requested_joints: indices of the joints to be determined; None for all joints that the loads twist.
+        Other joints
             that the loads twist are a nuisance.
         nominal: (n,) compliance [rad/(N·m)]; nan where it is not known.
         link_share: root mean square deflection due to links over that due to joints; None if the nuisance is
@@ -497,11 +526,13 @@ def choose_parameters(
         RequestError: no candidate load twists a wanted joint.
     """
     n = len(names)
-    size = np.sqrt(np.square(rows[:, :n]).mean(axis=0))
-    excited = size > _NOT_EXCITED * size.max()
-    chosen = np.flatnonzero(excited) if wanted is None and excited.any() else wanted
-    chosen = np.arange(n) if chosen is None else chosen
-    not_excited = chosen[~excited[chosen]]
+    typical_rows = np.sqrt(np.square(rows[:, :n]).mean(axis=0))
+    is_excited = typical_rows > _NOT_EXCITED * typical_rows.max()
+    chosen_joints = (
+        np.flatnonzero(is_excited) if requested_joints is None and is_excited.any() else requested_joints
+    )
+    chosen_joints = np.arange(n) if chosen_joints is None else chosen_joints
+    not_excited = chosen_joints[~is_excited[chosen_joints]]
     if len(not_excited):
         joints = ", ".join(names[j] for j in not_excited)
         raise RequestError(
@@ -510,19 +541,25 @@ def choose_parameters(
             remedy="allow loads in other directions, "
             "or list the joints to be determined without these joints",
         )
-    known = np.isfinite(nominal) & (np.nan_to_num(nominal) > 0.0)
+    is_known = np.isfinite(nominal) & (np.nan_to_num(nominal) > 0.0)
     # A joint of unknown compliance is assumed to move the targets as much as a typical joint (the median).
-    typical_motion = float(np.median(size[known] * nominal[known])) if known.any() else 1.0
-    unit = np.where(known, np.nan_to_num(nominal), typical_motion / np.where(excited, size, 1.0))
-    columns = np.concatenate([chosen, np.setdiff1d(np.flatnonzero(excited), chosen)])
-    relative = np.zeros((rows.shape[1], len(columns)))
-    relative[columns, np.arange(len(columns))] = unit[columns]
+    typical_motion = float(np.median(typical_rows[is_known] * nominal[is_known])) if is_known.any() else 1.0
+    compliance_units = np.where(
+        is_known, np.nan_to_num(nominal), typical_motion / np.where(is_excited, typical_rows, 1.0)
+    )
+    columns = np.concatenate([chosen_joints, np.setdiff1d(np.flatnonzero(is_excited), chosen_joints)])
+    compliance_columns = np.zeros((rows.shape[1], len(columns)))
+    compliance_columns[columns, np.arange(len(columns))] = compliance_units[columns]
     nuisance = np.eye(rows.shape[1])[:, n:]
     if link_share is not None and nuisance.size:
-        joint_deflection = np.sqrt(np.square(predicted[:, :n] * unit * excited).sum(axis=1).mean())
+        joint_deflection = np.sqrt(
+            np.square(predicted[:, :n] * compliance_units * is_excited).sum(axis=1).mean()
+        )
         nuisance = nuisance @ _combine_link_compliances(predicted[:, n:], link_share * joint_deflection)
     prior = np.diag(np.r_[np.zeros(len(columns)), np.ones(nuisance.shape[1])])
-    return Parameters(chosen, unit, known, np.hstack([relative, nuisance]), prior)
+    return Parameters(
+        chosen_joints, compliance_units, is_known, np.hstack([compliance_columns, nuisance]), prior
+    )
 
 
 def _combine_link_compliances(links: FloatArray, deflection: float) -> FloatArray:
@@ -539,14 +576,14 @@ def _combine_link_compliances(links: FloatArray, deflection: float) -> FloatArra
     Returns:
         (P, m) combinations as columns.
     """
-    size = np.sqrt(np.square(links).mean(axis=0))
-    effective = size > _NOT_EXCITED * size.max()
-    entry_deflection = deflection / np.sqrt(effective.sum())
-    deviation = np.where(effective, entry_deflection / np.where(effective, size, 1.0), 0.0)
+    typical_rows = np.sqrt(np.square(links).mean(axis=0))
+    is_effective = typical_rows > _NOT_EXCITED * typical_rows.max()
+    entry_deflection = deflection / np.sqrt(is_effective.sum())
+    deviation = np.where(is_effective, entry_deflection / np.where(is_effective, typical_rows, 1.0), 0.0)
     variances, directions = np.linalg.eigh((links.T @ links) * np.outer(deviation, deviation))
     # The variances ascend: leave out the first, as long as their sum is at most the share left out.
-    kept = np.cumsum(np.maximum(variances, 0.0)) > LEFT_OUT_SHARE * variances.sum()
-    return np.asarray(deviation[:, None] * directions[:, kept])
+    is_kept = np.cumsum(np.maximum(variances, 0.0)) > LEFT_OUT_SHARE * variances.sum()
+    return np.asarray(deviation[:, None] * directions[:, is_kept])
 
 
 @dataclass(frozen=True, eq=False)
@@ -574,26 +611,26 @@ class Pool:
             RequestError: no reading is feasible, or no load twists a joint.
         """
         equipment, sigma = request.equipment, request.equipment.sigma
-        readings, inside, struck_out = _select_feasible_readings(robot, request)
-        count = len(readings.joints)
+        readings, in_work_area, struck_out = _select_feasible_readings(robot, request)
+        feasible_count = len(readings.joints)
         if request.links or request.own_weight_rows is not None:
-            kept = _thin_out_readings(inside)
-            readings, inside = readings[kept], inside[kept]
+            kept_readings = _thin_out_readings(in_work_area)
+            readings, in_work_area = readings[kept_readings], in_work_area[kept_readings]
         predicted = (
             None
             if request.work_area is None
-            else _build_predicted_rows(robot, request, readings.joints[inside])
+            else _build_predicted_rows(robot, request, readings.joints[in_work_area])
         )
         if request.directions is not None:  # each reading becomes one candidate for each direction
             along = np.tile(request.directions, (len(readings.joints), 1))
             repeated = readings[np.repeat(np.arange(len(readings.joints)), len(request.directions))]
             readings = Readings(repeated.joints, repeated.anchor, repeated.forces, along)
-        total = len(readings.joints)
-        sample = np.linspace(0, total - 1, min(total, _SAMPLED)).astype(np.intp)
-        sampled = readings[sample].build_rows(robot, request, equipment)
+        reading_count = len(readings.joints)
+        sample_indices = np.linspace(0, reading_count - 1, min(reading_count, _SAMPLED)).astype(np.intp)
+        sampled = readings[sample_indices].build_rows(robot, request, equipment)
         sampled = sampled.reshape(-1, sampled.shape[-1])
-        so_far = request.so_far
-        known_rows = sampled[:0] if so_far is None else build_known_rows(robot, request, so_far)
+        measured = request.so_far
+        known_rows = sampled[:0] if measured is None else build_known_rows(robot, request, measured)
         typical_rows = np.concatenate([sampled, known_rows]) / sigma
         parameters = choose_parameters(
             typical_rows,
@@ -603,22 +640,24 @@ class Pool:
             request.nominal,
             request.link_share if request.links else None,
         )
-        basis, s = parameters.basis, len(parameters.joints)
-        known_rows = known_rows @ basis / ((so_far and so_far.sigma) or sigma)
-        base = parameters.prior + known_rows.T @ known_rows
+        basis, chosen_count = parameters.basis, len(parameters.joints)
+        known_rows = known_rows @ basis / ((measured and measured.sigma) or sigma)
+        base_information = parameters.prior + known_rows.T @ known_rows
         # Prior uncertainty of each joint's relative compliance; inf adds no information.
-        relative = request.prior[parameters.joints] / parameters.nominal[parameters.joints]
-        base[np.arange(s), np.arange(s)] += 1.0 / np.square(relative)
-        parts = [
+        relative_prior = request.prior[parameters.joints] / parameters.nominal[parameters.joints]
+        base_information[np.arange(chosen_count), np.arange(chosen_count)] += 1.0 / np.square(relative_prior)
+        row_blocks = [
             readings[start : start + _BLOCK].build_rows(robot, request, equipment) @ basis / sigma
-            for start in range(0, total, _BLOCK)
+            for start in range(0, reading_count, _BLOCK)
         ]
-        rows, places = np.concatenate(parts), None
+        rows, places = np.concatenate(row_blocks), None
         if predicted is not None:
-            A = predicted @ basis
-            places = A.transpose(0, 2, 1) @ A / 3.0
+            predicted_columns = predicted @ basis
+            places = predicted_columns.transpose(0, 2, 1) @ predicted_columns / 3.0
         candidates = Candidates.from_rows(rows if rows.shape[1] > 1 else rows[:, 0])
-        return cls(readings, candidates, parameters, base, places, predicted, count, struck_out)
+        return cls(
+            readings, candidates, parameters, base_information, places, predicted, feasible_count, struck_out
+        )
 
     def candidate_forces(self, unit: FloatArray, index: IndexArray) -> FloatArray:
         """Return the forces (k, 3) [N] of candidates.
@@ -631,18 +670,18 @@ class Pool:
         return (unit[:, None] @ forces)[:, 0] if self.candidates.free else forces[:, 0]
 
 
-def _thin_out_readings(inside: BoolArray) -> BoolArray:
+def _thin_out_readings(in_work_area: BoolArray) -> BoolArray:
     """Return a mask (N,) of at most `_MOST_WITH_NUISANCE` readings, those in the work area first.
 
     Args:
-        inside: (N,) mask of the readings in the work area.
+        in_work_area: (N,) mask of the readings in the work area.
     """
-    kept = np.zeros(len(inside), dtype=np.bool_)
-    for index in (np.flatnonzero(inside), np.flatnonzero(~inside)):
-        still_free = _MOST_WITH_NUISANCE - int(kept.sum())
-        if still_free > 0:
-            kept[index[:: max(1, -(-len(index) // still_free))]] = True  # evenly spread
-    return kept
+    is_kept = np.zeros(len(in_work_area), dtype=np.bool_)
+    for indices in (np.flatnonzero(in_work_area), np.flatnonzero(~in_work_area)):
+        free_places = _MOST_WITH_NUISANCE - int(is_kept.sum())
+        if free_places > 0:
+            is_kept[indices[:: max(1, -(-len(indices) // free_places))]] = True  # evenly spread
+    return is_kept
 
 
 def _select_feasible_readings(
@@ -661,39 +700,39 @@ def _select_feasible_readings(
     postures = request.postures
     if postures is None:
         postures = draw_postures(robot, request.candidates, request.seed)
-    choices = len(loads.anchors) if loads.kind == "cable" else 1
-    joints = np.repeat(postures, choices, axis=0)
-    anchor = np.tile(np.arange(choices), len(postures))
+    anchor_count = len(loads.anchors) if loads.kind == "cable" else 1
+    joints = np.repeat(postures, anchor_count, axis=0)
+    anchor = np.tile(np.arange(anchor_count), len(postures))
     direction = equipment.force_directions(robot, joints, anchor)
-    kept, struck_out = find_feasible_readings(robot, equipment, request.cell, joints, direction)
-    if not kept.any():
-        counts = ", ".join(f"{name} {count}" for name, count in struck_out.items())
+    is_feasible, excluded_counts = find_feasible_readings(robot, equipment, request.cell, joints, direction)
+    if not is_feasible.any():
+        counts = ", ".join(f"{name} {count}" for name, count in excluded_counts.items())
         raise RequestError(
             f"none of {len(joints)} readings is feasible: {counts}",
             where="candidates",
             remedy="relax the condition that excludes most of them, or give other postures or loads",
         )
-    joints = joints[kept]
-    anchor = anchor[kept] if loads.kind == "cable" else np.full(len(joints), -1)
+    joints = joints[is_feasible]
+    anchor = anchor[is_feasible] if loads.kind == "cable" else np.full(len(joints), -1)
     if direction is None:
         forces = equipment.greatest_forces(robot, joints)[:, None, None] * np.eye(3)
     else:
-        forces = loads.force * direction[kept][:, None]
-    inside = np.zeros(len(joints), dtype=np.bool_)
+        forces = loads.force * direction[is_feasible][:, None]
+    in_work_area = np.zeros(len(joints), dtype=np.bool_)
     if request.work_area is not None:
         load_points = equipment.load_positions(robot, joints)
         low, high = request.work_area
-        inside = ((load_points >= low) & (load_points <= high)).all(axis=1)
-        if inside.sum() < _FEWEST_PLACES:
+        in_work_area = ((load_points >= low) & (load_points <= high)).all(axis=1)
+        if in_work_area.sum() < _FEWEST_PLACES:
             raise RequestError(
-                f"{inside.sum()} of {len(joints)} candidates have their load point in the work area",
+                f"{in_work_area.sum()} of {len(joints)} candidates have their load point in the work area",
                 where="work_area",
                 remedy="give a larger work area, in R0 and in metres, or more candidates",
             )
-    return Readings(joints, anchor, forces), inside, struck_out
+    return Readings(joints, anchor, forces), in_work_area, excluded_counts
 
 
-def _build_predicted_rows(robot: Robot, request: PlanRequest, inside: FloatArray) -> FloatArray:
+def _build_predicted_rows(robot: Robot, request: PlanRequest, postures_in_area: FloatArray) -> FloatArray:
     """Build the rows (R, 9, P) of the deflection [m] at R places of the work area.
 
     The 9 rows of a place are three coordinates under a force along each of the three axes of R0.
@@ -701,9 +740,9 @@ def _build_predicted_rows(robot: Robot, request: PlanRequest, inside: FloatArray
     Args:
         robot: n joints.
         request: request with the load.
-        inside: (M, n) postures of candidates in the work area; at most `_MOST_PLACES` are used.
+        postures_in_area: (M, n) postures of candidates in the work area; at most `_MOST_PLACES` are used.
     """
-    joints = inside[:: max(1, len(inside) // _MOST_PLACES)][:_MOST_PLACES]
+    joints = postures_in_area[:: max(1, len(postures_in_area) // _MOST_PLACES)][:_MOST_PLACES]
     point = request.equipment.load_point
     # The load point itself is the only target, and sigma is 1.
     equipment = Equipment(point[None], point, request.equipment.loads, 1.0)

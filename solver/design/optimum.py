@@ -60,12 +60,15 @@ class DOptimality:
     interest_count: int  #: number s of the parameters of interest
 
     def information(self, M: FloatArray) -> FloatArray:
-        """Return the information det(C)^(1/s) (...) of matrices M (..., p, p); zero where M is singular."""
-        # The determinant of M over that of its nuisance block is det(C).
+        """Return the information φ = det(C)^(1/s) (...) of matrices M (..., p, p); zero where M is singular.
+
+        C is the inverse of the covariance (s, s) of the s parameters of interest, which come first in M.
+        """
+        # det(C) is the determinant of M over that of the block of the other (nuisance) parameters.
         s = self.interest_count
-        nuisance = _log_det(M[..., s:, s:])
-        regular = np.isfinite(nuisance)
-        return np.asarray(regular * np.exp((_log_det(M) - np.where(regular, nuisance, 0.0)) / s))
+        nuisance_log_det = _log_det(M[..., s:, s:])
+        regular = np.isfinite(nuisance_log_det)
+        return np.asarray(regular * np.exp((_log_det(M) - np.where(regular, nuisance_log_det, 0.0)) / s))
 
     def supergradient(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
         """Return the supergradient G = φ/s · (M⁻¹ − M₂₂⁻¹) at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
@@ -80,15 +83,21 @@ class DOptimality:
         return self.information(M) / s * G
 
     def slope(self, M: FloatArray, K: FloatArray) -> Slope:
-        """Return −log φ = −log det(C)/s, and its derivatives when M moves along each of K (k, p, p)."""
+        """Return −log φ = −log det(C)/s at M (p, p), and its derivatives along each of K (k, p, p).
+
+        C is the inverse of the covariance of the s parameters of interest.
+        """
         s = self.interest_count
-        value, gradient, hessian = _log_det_slope(M, K)
-        # log det C is log det M minus log det of the nuisance block; `hessian` is minus the Hessian.
-        value_22, gradient_22, hessian_22 = _log_det_slope(M[s:, s:], K[:, s:, s:])
-        return Slope(-(value - value_22) / s, -(gradient - gradient_22) / s, (hessian - hessian_22) / s)
+        value, gradient, curvature = _log_det_slope(M, K)
+        # log det C is log det M minus log det of the block 22 of the nuisance parameters.
+        value_22, gradient_22, curvature_22 = _log_det_slope(M[s:, s:], K[:, s:, s:])
+        return Slope(-(value - value_22) / s, -(gradient - gradient_22) / s, (curvature - curvature_22) / s)
 
     def scaled(self, unit: FloatArray) -> DOptimality:  # noqa: ARG002
-        """Return this criterion unchanged: other units of the parameters (p,) change φ by a factor only."""
+        """Return this criterion unchanged: other units of the parameters only multiply φ by a factor.
+
+        `unit` (p,), the size of each new unit measured in the old unit, is ignored.
+        """
         return self
 
 
@@ -103,7 +112,10 @@ class AOptimality:
     W: FloatArray  #: (p, p) positive semidefinite
 
     def information(self, M: FloatArray) -> FloatArray:
-        """Return the information 1 / tr(W M⁻¹) (...) of matrices M (..., p, p); zero where M is singular."""
+        """Return the information 1 / tr(W M⁻¹) (...) of matrices M (..., p, p); zero where M is singular.
+
+        W (p, p) weights the covariance M⁻¹ of the parameters.
+        """
         inverse, regular = _invert_regular(M)
         return np.asarray(regular / (self.W * inverse).sum(axis=(-2, -1)))
 
@@ -117,21 +129,29 @@ class AOptimality:
         return 0.5 * (G + G.T)
 
     def slope(self, M: FloatArray, K: FloatArray) -> Slope:
-        """Return −log φ = log tr(W M⁻¹), and its derivatives when M moves along each of K (k, p, p)."""
-        k = len(K)
+        """Return −log φ = log tr(W M⁻¹) at M (p, p), and its derivatives along each of K (k, p, p).
+
+        W (p, p) weights the covariance M⁻¹ of the parameters.
+        """
+        count = len(K)
         if not np.isfinite(_log_det(M)):
-            return Slope(np.inf, np.zeros(k), np.zeros((k, k)))
+            return Slope(np.inf, np.zeros(count), np.zeros((count, count)))
         inverse = np.linalg.inv(M)
         S = inverse @ self.W @ inverse
         trace = float((self.W * inverse).sum())
-        gradient = -(K.reshape(k, -1) @ S.ravel()) / trace
+        gradient = -(K.reshape(count, -1) @ S.ravel()) / trace
         # Second derivatives are tr(S K_i M⁻¹ K_j), made symmetric in i and j below.
-        second = (S @ K).transpose(0, 2, 1).reshape(k, -1) @ (K @ inverse).transpose(0, 2, 1).reshape(k, -1).T
-        hessian = (second + second.T) / trace - np.outer(gradient, gradient)
+        mixed_traces = (S @ K).transpose(0, 2, 1).reshape(count, -1) @ (K @ inverse).transpose(
+            0, 2, 1
+        ).reshape(count, -1).T
+        hessian = (mixed_traces + mixed_traces.T) / trace - np.outer(gradient, gradient)
         return Slope(float(np.log(trace)), gradient, hessian)
 
     def scaled(self, unit: FloatArray) -> AOptimality:
-        """Return the criterion for parameters in new units; `unit` (p,) are the new units in the old."""
+        """Return the same criterion for parameters measured in other units.
+
+        `unit` (p,) is the size of each new unit, measured in the old unit of the parameter.
+        """
         return AOptimality(self.W * np.outer(unit, unit))
 
 
@@ -143,9 +163,10 @@ class EOptimality:
     metric: FloatArray
 
     def information(self, M: FloatArray) -> FloatArray:
-        """Return φ (...) of matrices M (..., p, p); zero where M is singular.
+        """Return the information φ (...) of matrices M (..., p, p); zero where M is singular.
 
-        φ is one over the greatest eigenvalue of the scaled covariance of the first s parameters.
+        φ is one over the greatest eigenvalue of the covariance of the first s parameters, in units of
+        `metric`.
         """
         s = len(self.metric)
         inverse, regular = _invert_regular(M)
@@ -155,9 +176,10 @@ class EOptimality:
     def supergradient(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:
         """Return the supergradient G = X V Z V Xᵀ at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
-        X = M⁻¹ L C, with C the covariance of the first s parameters, and V is diagonal (`metric`). Z is the
-        dual (s, s), made positive semidefinite with trace 1. Without a dual, Z = v vᵀ with v the unit vector
-        of the combination of parameters that has the greatest variance.
+        X = M⁻¹ L C: L (p, s) selects the first s parameters, C is the inverse of their covariance. V is the
+        diagonal matrix of `metric`. Z is the dual (s, s), made positive semidefinite with trace 1. Without a
+        dual,
+        Z = v vᵀ with v the unit vector of the combination of parameters that has the greatest variance.
         """
         s = len(self.metric)
         inverse = np.linalg.inv(M)[:, :s]
@@ -173,7 +195,10 @@ class EOptimality:
         return 0.5 * (G + G.T)
 
     def scaled(self, unit: FloatArray) -> EOptimality:
-        """Return the criterion for parameters in new units; `unit` (p,) are the new units in the old."""
+        """Return the same criterion for parameters measured in other units.
+
+        `unit` (p,) is the size of each new unit, measured in the old unit of the parameter.
+        """
         return EOptimality(self.metric / unit[: len(self.metric)])
 
 
@@ -184,12 +209,18 @@ class GOptimality:
     places: FloatArray  #: (R, p, p) W_r of each place, positive semidefinite
 
     def information(self, M: FloatArray) -> FloatArray:
-        """Return the information 1 / max_r tr(W_r M⁻¹) (...) of M (..., p, p); zero where M is singular."""
-        inverse, regular = _invert_regular(M)
-        return np.asarray(regular / np.einsum("rij,...ij->...r", self.places, inverse).max(axis=-1))
+        """Return the information 1 / max_r tr(W_r M⁻¹) (...) of M (..., p, p); zero where M is singular.
+
+        tr(W_r M⁻¹) is the variance of the deflection at place r, with M⁻¹ the covariance of the parameters.
+        """
+        inverse, is_regular = _invert_regular(M)
+        return np.asarray(is_regular / np.einsum("rij,...ij->...r", self.places, inverse).max(axis=-1))
 
     def variances(self, M: FloatArray) -> FloatArray:
-        """Return the variances tr(W_r M⁻¹) (R,) of the deflections at the R places."""
+        """Return the variances tr(W_r M⁻¹) (R,) of the deflections at the R places of the criterion.
+
+        M (p, p) is the information matrix of the parameters, so M⁻¹ is their covariance.
+        """
         return np.asarray(np.einsum("rij,ij->r", self.places, np.linalg.inv(M)))
 
     def build_mean_criterion(self, shares: FloatArray) -> AOptimality:
@@ -209,7 +240,10 @@ class GOptimality:
         return self.build_mean_criterion(shares / shares.sum()).supergradient(M)
 
     def scaled(self, unit: FloatArray) -> GOptimality:
-        """Return the criterion for parameters in new units; `unit` (p,) are the new units in the old."""
+        """Return the same criterion for parameters measured in other units.
+
+        `unit` (p,) is the size of each new unit, measured in the old unit of the parameter.
+        """
         return GOptimality(self.places * np.outer(unit, unit))
 
 
@@ -225,22 +259,22 @@ def compute_uncertainties(M: FloatArray, s: int) -> FloatArray:
         s: number of parameters.
     """
     diagonal = np.diagonal(M, axis1=-2, axis2=-1)
-    unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    scaled = M * (unit[..., :, None] * unit[..., None, :])
-    variance = _invert_diagonals(scaled)
+    units = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = M * (units[..., :, None] * units[..., None, :])
+    variance = _compute_diagonals_of_inverses(scaled)
     # If no matrix is near-singular, eigenvalues are not needed, and the result comes ten times faster.
-    if ((variance > 0.0) & (variance < _REGULAR)).all():
-        return np.asarray((unit * np.sqrt(variance))[..., :s])
+    if ((variance > 0.0) & (variance < _LARGEST_REGULAR_VARIANCE)).all():
+        return np.asarray((units * np.sqrt(variance))[..., :s])
     values, vectors = np.linalg.eigh(scaled)
     # Eigenvalues at rounding count as zero; a parameter with a part along their eigenvectors is undetermined.
-    null = values <= 1e-12 * np.maximum(values[..., -1:], 1e-300)
-    squares = np.square(vectors[..., :s, :])
-    undetermined = (squares * null[..., None, :]).sum(axis=-1) > 1e-9
-    variance = (squares @ (1.0 / np.where(null, np.inf, values))[..., None])[..., 0]
-    return np.where(undetermined, np.inf, unit[..., :s] * np.sqrt(variance))
+    is_null = values <= 1e-12 * np.maximum(values[..., -1:], 1e-300)
+    squared_components = np.square(vectors[..., :s, :])
+    undetermined = (squared_components * is_null[..., None, :]).sum(axis=-1) > 1e-9
+    variance = (squared_components @ (1.0 / np.where(is_null, np.inf, values))[..., None])[..., 0]
+    return np.where(undetermined, np.inf, units[..., :s] * np.sqrt(variance))
 
 
-def _invert_diagonals(M: FloatArray) -> FloatArray:
+def _compute_diagonals_of_inverses(M: FloatArray) -> FloatArray:
     """Return the diagonals (..., p) of the inverses of positive definite matrices M (..., p, p).
 
     Gauss-Jordan elimination needs no pivoting for positive definite matrices, and runs along all matrices at
@@ -257,7 +291,10 @@ def _invert_diagonals(M: FloatArray) -> FloatArray:
 
 
 def _log_det(M: FloatArray) -> FloatArray:
-    """Return log det M (...); −inf where M (..., p, p) is singular or only rounding makes it regular."""
+    """Return log det M (...) of positive semidefinite matrices M (..., p, p).
+
+    The logarithm is −∞ where M is singular, also if rounding errors alone make M regular.
+    """
     if not M.shape[-1]:
         return np.zeros(M.shape[:-2])
     try:
@@ -278,13 +315,21 @@ def _invert_regular(M: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 
 def _log_det_slope(M: FloatArray, K: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-    """Return log det M, its gradient (k,), and minus its Hessian (k, k), when M moves along K (k, p, p)."""
-    k, value = len(K), float(_log_det(M))
+    """Return log det M, its gradient (k,), and minus its Hessian (k, k), when M moves along K.
+
+    M (p, p) is positive semidefinite; K (k, p, p) are the k directions. Gradient and Hessian are zero if M is
+    singular.
+    """
+    count, value = len(K), float(_log_det(M))
     if not (M.size and np.isfinite(value)):
-        return value, np.zeros(k), np.zeros((k, k))
-    X = np.linalg.inv(M) @ K
-    flat = X.reshape(k, X.shape[1] ** 2)
-    return value, np.einsum("kii->k", X), flat @ X.transpose(0, 2, 1).reshape(flat.shape).T
+        return value, np.zeros(count), np.zeros((count, count))
+    inverse_times_K = np.linalg.inv(M) @ K
+    flat = inverse_times_K.reshape(count, inverse_times_K.shape[1] ** 2)
+    return (
+        value,
+        np.einsum("kii->k", inverse_times_K),
+        flat @ inverse_times_K.transpose(0, 2, 1).reshape(flat.shape).T,
+    )
 
 
 GAP: Final = 1e-9
@@ -293,7 +338,7 @@ direction."""
 LOOSE_GAP: Final = 1e-5
 """Gap at which the search ends for E and G, whose optima have a kink, and for forces of free direction."""
 
-_REGULAR: Final = 1e6
+_LARGEST_REGULAR_VARIANCE: Final = 1e6
 """Greatest diagonal entry of the inverse of a matrix with diagonal 1 for which the matrix surely is
 regular."""
 _NO_INFORMATION: Final = 1e-12
@@ -363,11 +408,11 @@ class Atoms:
 
     def join(self, *others: Atoms) -> Atoms:
         """Return one set with these atoms, followed by the atoms of the others."""
-        parts = (self, *others)
+        sets = (self, *others)
         return Atoms(
-            np.concatenate([part.index for part in parts]),
-            np.concatenate([part.force for part in parts]),
-            np.concatenate([part.information for part in parts]),
+            np.concatenate([part.index for part in sets]),
+            np.concatenate([part.force for part in sets]),
+            np.concatenate([part.information for part in sets]),
         )
 
 
@@ -404,15 +449,15 @@ class Candidates:
             RequestError: a number is not finite.
         """
         stack = rows[:, None] if rows.ndim == 3 else rows
-        pairs = list(zip(*np.triu_indices(stack.shape[1]), strict=True))
-        information = np.empty((len(stack), len(pairs), stack.shape[-1], stack.shape[-1]))
+        axis_pairs = list(zip(*np.triu_indices(stack.shape[1]), strict=True))
+        information = np.empty((len(stack), len(axis_pairs), stack.shape[-1], stack.shape[-1]))
         for start in range(0, len(stack), _BLOCK):
-            part, block = stack[start : start + _BLOCK], information[start : start + _BLOCK]
-            for k, (a, b) in enumerate(pairs):
+            block_rows, block_information = stack[start : start + _BLOCK], information[start : start + _BLOCK]
+            for k, (axis_a, axis_b) in enumerate(axis_pairs):
                 # A contiguous left factor halves the time of the product.
-                K = np.ascontiguousarray(part[:, a].transpose(0, 2, 1)) @ part[:, b]
-                block[:, k] = 0.5 * (K + K.transpose(0, 2, 1))
-            if not np.isfinite(block).all():
+                K = np.ascontiguousarray(block_rows[:, axis_a].transpose(0, 2, 1)) @ block_rows[:, axis_b]
+                block_information[:, k] = 0.5 * (K + K.transpose(0, 2, 1))
+            if not np.isfinite(block_information).all():
                 raise RequestError(
                     "a candidate has a number that is not finite",
                     where="candidates",
@@ -421,7 +466,10 @@ class Candidates:
         return cls(information, np.ones(rows.shape[-1]))
 
     def scaled(self, unit: FloatArray) -> Candidates:
-        """Return the candidates for parameters in new units; `unit` (p,) are the new units in the old."""
+        """Return the same candidates for parameters measured in other units.
+
+        `unit` (p,) is the size of each new unit, measured in the old unit of the parameter.
+        """
         return Candidates(self._information, self._unit * unit)
 
     def __len__(self) -> int:
@@ -466,9 +514,13 @@ class Candidates:
         return self.build_atoms(np.array([np.argmax(np.where(allowed, self.prices(G), -np.inf))]), G)
 
     def build_atoms_under(self, index: IndexArray, force: FloatArray) -> Atoms:
-        """Return candidates (k,) as atoms, under forces along unit vectors (k, 3).
+        """Return candidates as atoms (candidates with a load), each under a force along a given unit vector.
 
         Where forces are not free, each candidate has its own load, and `force` is only stored.
+
+        Args:
+            index: (k,) indices of the candidates.
+            force: (k, 3) unit vectors along the forces.
         """
         if not self.free:
             return Atoms(index, force, self._information[index, 0] * self._squares)
@@ -487,7 +539,11 @@ class Candidates:
         return np.asarray(self._information[:, axes].sum(axis=(0, 1)) * self._squares)
 
     def _price_pairs_of_axes(self, index: IndexArray | slice, G: FloatArray) -> FloatArray:
-        """Return ``⟨G, K⟩`` of each candidate (n, 1), or for free directions of each pair of axes (n, 6)."""
+        """Return the price ``⟨G, K⟩`` of each of n candidates: its information K, weighted by G (p, p).
+
+        The result is (n, 1); for forces of any direction (n, 6), one price for each pair of axes of the
+        force.
+        """
         K = self._information[index]
         return np.asarray(K.reshape(*K.shape[:2], -1) @ (self._squares * G).ravel())
 
@@ -543,14 +599,20 @@ class DesignProblem:
         self.base = base * self.scale_squared
 
     def information_matrix(self, atoms: Atoms, weights: FloatArray) -> FloatArray:
-        """Return M0 + n Σ w_i K_i (p, p) in the problem's units."""
+        """Return M0 + n Σ w_i K_i (p, p) in the problem's units.
+
+        M0 is the information before the design, n the number of readings, w_i (k,) and K_i the weight and the
+        information of each atom.
+        """
         return np.asarray(self.base + self.readings * np.tensordot(weights, atoms.information, axes=1))
 
     def bound(self, M: FloatArray, dual: FloatArray | None = None) -> Bound:
-        """Bound the information φ that any weights of the candidates can reach.
+        """Bound the information φ that a design with any weights of the candidates can reach.
 
         For any weights w′ with information M′, ``φ(M′) ≤ ⟨G, M0⟩ + n Σ w′_i ⟨G, K_i⟩``, and the mean price
-        Σ w′_i ⟨G, K_i⟩ is at most the greatest price. The bound holds for any M; a better M sharpens it.
+        Σ w′_i ⟨G, K_i⟩ is at most the greatest price ⟨G, K_i⟩ of a candidate. G is the supergradient of φ at
+        M.
+        The bound holds for any M; the nearer M is to the optimum, the tighter is the bound.
 
         Args:
             M: (p, p) positive definite, information of a design.
@@ -596,18 +658,18 @@ def optimise_design(problem: DesignProblem, tolerance: float | None = None) -> D
         tolerance = GAP if smooth else LOOSE_GAP
     active = _choose_start_atoms(problem)
     weights = np.full(len(active), 1.0 / len(active))
-    efficiency, stalled = 0.0, 0  # best efficiency so far, and number of rounds without progress
-    best: tuple[Atoms, FloatArray, Bound] | None = None
+    efficiency, stalled_rounds = 0.0, 0  # best efficiency so far, and number of rounds without progress
+    best_design: tuple[Atoms, FloatArray, Bound] | None = None
     for _ in range(_ROUNDS):
         weights, dual = _optimise_active_weights(problem, active, weights)
         bound = problem.bound(problem.information_matrix(active, weights), dual)
         active, weights = active[weights > _NO_WEIGHT], weights[weights > _NO_WEIGHT]
-        stalled += 1
-        if best is None or bound.efficiency > efficiency:
-            stalled = 0 if 1.0 - bound.efficiency < _PROGRESS * (1.0 - efficiency) else stalled
-            best, efficiency = (active, weights, bound), bound.efficiency
-        if 1.0 - efficiency <= (tolerance if stalled < _STALLED else _STALLED_GAP):
-            active, weights, bound = best
+        stalled_rounds += 1
+        if best_design is None or bound.efficiency > efficiency:
+            stalled_rounds = 0 if 1.0 - bound.efficiency < _PROGRESS * (1.0 - efficiency) else stalled_rounds
+            best_design, efficiency = (active, weights, bound), bound.efficiency
+        if 1.0 - efficiency <= (tolerance if stalled_rounds < _STALLED else _STALLED_GAP):
+            active, weights, bound = best_design
             M = problem.base / problem.scale_squared
             M = M + problem.readings * np.tensordot(
                 weights, active.information / problem.scale_squared, axes=1
@@ -625,24 +687,24 @@ def optimise_design(problem: DesignProblem, tolerance: float | None = None) -> D
 
 
 def _choose_start_atoms(problem: DesignProblem) -> Atoms:
-    """Choose the first active candidates: one after the other, that of the greatest price in a sample.
+    """Choose the first active candidates: one by one, the candidate of the greatest price in a sample.
 
-    The sample is spread evenly over all candidates.
+    The sample is spread evenly over all candidates. Candidates that make M regular are added at the end.
     """
     all_indices = np.arange(len(problem.candidates))
-    count = max(_START_READINGS, len(problem.base))
-    step = max(1, len(all_indices) // _START_SAMPLE)
-    sample = problem.candidates[::step]
+    start_count = max(_START_READINGS, len(problem.base))
+    stride = max(1, len(all_indices) // _START_SAMPLE)
+    sample = problem.candidates[::stride]
     # A little of all information and of the unit matrix makes M regular before any reading is chosen.
     M = problem.base + 0.01 * problem.readings / len(sample) * sample.sum_information()
     M = M + 1e-6 * np.trace(M) / len(M) * np.eye(len(M))
-    allowed = np.ones(len(sample), dtype=np.bool_)
+    is_available = np.ones(len(sample), dtype=np.bool_)
     chosen: list[Atoms] = []
-    for _ in range(min(count, len(sample))):
-        chosen.append(sample.find_highest_priced(problem.criterion.supergradient(M), allowed))
-        allowed[chosen[-1].index] = False
-        M = M + problem.readings / count * chosen[-1].information[0]
-    active = chosen[0].join(*chosen[1:]).map_indices(all_indices[::step])
+    for _ in range(min(start_count, len(sample))):
+        chosen.append(sample.find_highest_priced(problem.criterion.supergradient(M), is_available))
+        is_available[chosen[-1].index] = False
+        M = M + problem.readings / start_count * chosen[-1].information[0]
+    active = chosen[0].join(*chosen[1:]).map_indices(all_indices[::stride])
     # The sample may lack the rare candidates that determine a parameter: add these until M is regular.
     for _ in range(len(problem.base)):
         M = problem.information_matrix(active, np.full(len(active), 1.0 / len(active)))
@@ -703,21 +765,24 @@ def optimise_weights(
     for _ in range(_STEPS):
         step = _compute_newton_step(slope, w)
         # The step sums to zero, so the weighted mean of the gradient is subtracted to lessen rounding.
-        decrement = -float((slope.gradient - slope.gradient @ w) @ step)
-        if decrement <= _CONVERGED:
+        newton_decrement = -float((slope.gradient - slope.gradient @ w) @ step)
+        if newton_decrement <= _CONVERGED:
             break
         # Take the first of the points w + step, w + step/2, … that decreases −log φ enough.
-        for size in 0.5 ** np.arange(_HALVINGS + 1):
-            new_w = np.maximum(w + size * step, 0.0)
+        for step_fraction in 0.5 ** np.arange(_HALVINGS + 1):
+            new_w = np.maximum(w + step_fraction * step, 0.0)
             new_w /= new_w.sum()
             new_slope = compute_slope(new_w)
-            if decrement < _QUADRATIC or new_slope.value <= slope.value - _DECREASE * size * decrement:
+            if (
+                newton_decrement < _QUADRATIC
+                or new_slope.value <= slope.value - _DECREASE * step_fraction * newton_decrement
+            ):
                 break
         if (
-            decrement < _QUADRATIC and last_decrement <= decrement
+            newton_decrement < _QUADRATIC and last_decrement <= newton_decrement
         ):  # rounding keeps the decrement from shrinking
             break
-        w, slope, last_decrement = new_w, new_slope, decrement
+        w, slope, last_decrement = new_w, new_slope, newton_decrement
     return w
 
 

@@ -81,10 +81,10 @@ class LeastSquares:
 
     @cached_property
     def compressed(self) -> tuple[FloatArray, FloatArray]:
-        """Triangle T (k, p) and readings y (k,): ‖T x − y‖² equals ‖R x − z‖² up to a constant."""
-        p = self.R.shape[1]
-        both = compute_triangular_factor(np.column_stack([self.R, self.z]))
-        return both[:p, :p], both[:p, p]
+        """Triangular matrix T (k, p) and readings y (k,): ‖T x − y‖² equals ‖R x − z‖² up to a constant."""
+        parameter_count = self.R.shape[1]
+        factor = compute_triangular_factor(np.column_stack([self.R, self.z]))
+        return factor[:parameter_count, :parameter_count], factor[:parameter_count, parameter_count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +108,11 @@ class SemidefiniteProgram:
         return np.asarray(2.0 * self.fit.R.T @ (self.fit.R @ x - self.fit.z) + self.penalty)
 
     def find_interior_point(self, tolerance: float, unit: float) -> FloatArray | None:
-        """Solve the program by Clarabel in the variables y = (x − near) / unit.
+        """Solve the program by Clarabel in the scaled variables y = (x − near) / unit.
 
-        With a unit of the residual's size, Clarabel's absolute tolerances are relative to the residual, not
-        to the much larger readings.
+        `near` is a point near the optimum. With a unit of the residual's size, Clarabel's absolute tolerances
+        are
+        relative to the residual, not to the much larger readings.
 
         Args:
             tolerance: tolerance of Clarabel.
@@ -123,10 +124,15 @@ class SemidefiniteProgram:
         from jointstiff.solver.estimation import convex  # takes a second to import
 
         near = self.fit.near
-        T, readings = self.fit.compressed
-        stated = convex.state_semidefinite(len(T), self.cone)
-        data = {"T": T, "z": (readings - T @ near) / unit, "p": self.penalty / unit, "near": near / unit}
-        solution = stated.solve(data, tolerance)
+        matrix, readings = self.fit.compressed
+        clarabel_program = convex.state_semidefinite(len(matrix), self.cone)
+        data = {
+            "T": matrix,
+            "z": (readings - matrix @ near) / unit,
+            "p": self.penalty / unit,
+            "near": near / unit,
+        }
+        solution = clarabel_program.solve(data, tolerance)
         return None if solution is None else near + unit * solution
 
 
@@ -166,13 +172,15 @@ class ConeSolution:
 _Solution = TypeVar("_Solution", bound=ConeSolution)
 
 
-def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | None = None) -> ConeSolution:
+def solve_cone(
+    program: SemidefiniteProgram, *, wanted_gap: float, accepted_gap: float | None = None
+) -> ConeSolution:
     """Solve a program with squared residuals: by Clarabel, refined by Newton's method, and certified.
 
     Args:
         program: all numbers finite, readings of unit norm.
-        gap: the search ends when a certificate has at most this gap, with ‖z‖ = 1.
-        accepted: greatest gap that is accepted if no answer reaches `gap`; None for `gap`.
+        wanted_gap: the search ends when a certificate has at most this gap, with ‖z‖ = 1.
+        accepted_gap: greatest gap that is accepted if no answer reaches `wanted_gap`; None for `wanted_gap`.
 
     Raises:
         SolverError: no answer has a gap that is accepted.
@@ -195,16 +203,19 @@ def solve_cone(program: SemidefiniteProgram, *, gap: float, accepted: float | No
                     yield ConeSolution(x, certify_cone(program, x))
                     proposed = Face(program, x).step()
 
-    return _select_certified(propose_solutions(), gap, accepted)
+    return _select_certified(propose_solutions(), wanted_gap, accepted_gap)
 
 
-def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None = None) -> ConeSolution:
+def solve_robust(
+    program: RobustProgram, *, wanted_gap: float, accepted_gap: float | None = None
+) -> ConeSolution:
     """Solve a program with a robust loss by Clarabel, and certify the optimum.
 
     Args:
         program: the fit to solve; all of its numbers must be finite.
-        gap: the search ends when the objective exceeds the optimum by at most this.
-        accepted: greatest excess that is accepted if no answer reaches `gap`; None for `gap`.
+        wanted_gap: the search ends when the objective exceeds the optimum by at most this.
+        accepted_gap: greatest excess that is accepted if no answer reaches `wanted_gap`; None for
+            `wanted_gap`.
 
     Raises:
         SolverError: no answer has an excess that is accepted.
@@ -223,24 +234,30 @@ def solve_robust(program: RobustProgram, *, gap: float, accepted: float | None =
                 ]  # each cone has four multipliers; the last three are −ν
                 yield ConeSolution(x, certify_robust(program, x, dual))
 
-    return _select_certified(propose_solutions(), gap, accepted)
+    return _select_certified(propose_solutions(), wanted_gap, accepted_gap)
 
 
-def _select_certified(proposals: Iterable[_Solution], gap: float, accepted: float | None) -> _Solution:
-    """Return the first feasible proposal with a gap of at most `gap`, else the proposal with the least gap.
+def _select_certified(
+    proposals: Iterable[_Solution], wanted_gap: float, accepted_gap: float | None
+) -> _Solution:
+    """Return the first feasible proposal whose gap is small enough, else the proposal with the least gap.
+
+    Args:
+        proposals: solutions with their certificates, in the order in which they are tried.
+        wanted_gap: gap at which the search ends.
+        accepted_gap: greatest gap that is accepted after all proposals; None for `wanted_gap`.
 
     Raises:
-        SolverError: no feasible proposal has a gap of at most `accepted`, or of at most `gap` if `accepted`
-            is None.
+        SolverError: no feasible proposal has a gap that is accepted.
     """
     best: _Solution | None = None
     for solution in proposals:
         is_better = best is None or solution.certificate.gap < best.certificate.gap
         if is_better and solution.certificate.primal == 0.0:
             best = solution
-        if best is not None and best.certificate.gap <= gap:
+        if best is not None and best.certificate.gap <= wanted_gap:
             return best
-    limit = gap if accepted is None else accepted
+    limit = wanted_gap if accepted_gap is None else accepted_gap
     if best is not None and best.certificate.gap <= limit:
         return best
     reason = "the solver did not converge"
@@ -265,31 +282,39 @@ def certify_cone(program: SemidefiniteProgram, x: FloatArray) -> Certificate:
 
 
 def certify_robust(program: RobustProgram, x: FloatArray, dual: FloatArray) -> Certificate:
-    """Return the certificate of a point x: its duality gap proves how near x is to the optimum.
+    """Bound how far the objective at a point x is above its optimum, and return this gap as a certificate.
 
-    For any ν with ‖ν_i‖ ≤ 1 and the slack ``s = p + Aᵀν`` in the dual cone, ``−Σ (ν_iᵀd_i + h‖ν_i‖²/2)`` is a
-    lower bound of the optimum. The objective at x exceeds this bound by
-    ``Σ [ρ(r_i) + h‖ν_i‖²/2 − ν_iᵀr_i] + sᵀx`` with r = A x − d, a sum of terms that are not negative.
+    ρ is Huber's loss with threshold h, r_i = A_i x − d_i (3,) the residual of target i, p the gradient of the
+    linear penalty. For any ν with ‖ν_i‖ ≤ 1 and the slack ``s = p + Aᵀν`` in the dual cone,
+    ``−Σ (ν_iᵀd_i + h‖ν_i‖²/2)`` is a lower bound of the optimum. The objective at x exceeds this bound by
+    ``Σ [ρ(r_i) + h‖ν_i‖²/2 − ν_iᵀr_i] + sᵀx``, a sum of terms that are not negative.
 
     Args:
         program: program with a robust loss.
         x: (p,) point in the cone.
         dual: (K, 3) nearly feasible multipliers ν of the residuals.
     """
-    loss, h = program.loss, program.threshold
+    loss, threshold = program.loss, program.threshold
     rows = loss.A.reshape(-1, len(x))
-    nu, violation, slack = _make_dual_feasible(loss.cone, program.weight, rows, dual)
+    multipliers, violation, slack = _make_dual_feasible(loss.cone, program.weight, rows, dual)
     # ρ(r) + h‖ν‖²/2 − νᵀr as squares and products that are not negative
-    r = loss.A @ x - loss.d
-    u = np.linalg.norm(r, axis=1)
-    beyond = u > h
-    direction = r / np.where(beyond, u, 1.0)[:, None]
-    misalignment = np.maximum(0.0, 1.0 - (nu * direction).sum(axis=1))
-    outer = 0.5 * h * np.square(nu - direction).sum(axis=1) + (u - h) * misalignment
-    inner = np.square(r - h * nu).sum(axis=1) / (2.0 * h) if h > 0.0 else np.zeros(len(r))
+    residual = loss.A @ x - loss.d
+    residual_norm = np.linalg.norm(residual, axis=1)
+    is_beyond = residual_norm > threshold
+    direction = residual / np.where(is_beyond, residual_norm, 1.0)[:, None]
+    misalignment = np.maximum(0.0, 1.0 - (multipliers * direction).sum(axis=1))
+    gap_beyond_threshold = (
+        0.5 * threshold * np.square(multipliers - direction).sum(axis=1)
+        + (residual_norm - threshold) * misalignment
+    )
+    gap_within_threshold = (
+        np.square(residual - threshold * multipliers).sum(axis=1) / (2.0 * threshold)
+        if threshold > 0.0
+        else np.zeros(len(residual))
+    )
     excess = _compute_complementarity(slack, x, loss.cone, _NORMS_SLACK_ROUNDING)
-    gap = float(np.where(beyond, outer, inner).sum() + excess)
-    return Certificate(max(0.0, -loss.cone.least_value(x)), violation, gap, nu, "clarabel")
+    gap = float(np.where(is_beyond, gap_beyond_threshold, gap_within_threshold).sum() + excess)
+    return Certificate(max(0.0, -loss.cone.least_value(x)), violation, gap, multipliers, "clarabel")
 
 
 def _make_dual_feasible(
@@ -310,26 +335,30 @@ def _make_dual_feasible(
         Feasible ν in the shape of `dual`, the violation of the dual cone before the shrinking, divided by λ,
         and the slack s (p,).
     """
-    penalty, changed = cone.penalty(weight), dual.ravel()
-    free = rows[:, : cone.free].T
-    shortfall = np.maximum(-(free @ changed), 0.0)
+    penalty, multipliers = cone.penalty(weight), dual.ravel()
+    free_rows = rows[:, : cone.free].T
+    shortfall = np.maximum(-(free_rows @ multipliers), 0.0)
     if shortfall.any():
-        changed = changed + np.linalg.lstsq(free, shortfall, rcond=None)[0]
-    pull = rows.T @ changed
-    slack = pull + penalty
+        multipliers = multipliers + np.linalg.lstsq(free_rows, shortfall, rcond=None)[0]
+    gradient = rows.T @ multipliers
+    slack = gradient + penalty
     # Slacks that must not be negative: eigenvalues of the blocks, and penalised scalars.
-    least = [float(np.linalg.eigvalsh(to_matrix(slack[place], size)).min()) for size, place in cone.blocks()]
-    violation = max(0.0, -min(least + slack[cone.free : cone.nonnegative].tolist(), default=0.0))
-    nu, shrink = changed.reshape(dual.shape), weight / (weight + violation)
-    if nu.ndim > 1:
-        shrink = min(shrink, 1.0 / max(float(np.linalg.norm(nu, axis=1).max(initial=0.0)), 1.0))
-    return shrink * nu, violation / weight, penalty + shrink * pull
+    least_slacks = [
+        float(np.linalg.eigvalsh(to_matrix(slack[place], size)).min()) for size, place in cone.blocks()
+    ]
+    violation = max(0.0, -min(least_slacks + slack[cone.free : cone.nonnegative].tolist(), default=0.0))
+    reshaped, factor = multipliers.reshape(dual.shape), weight / (weight + violation)
+    if reshaped.ndim > 1:
+        factor = min(factor, 1.0 / max(float(np.linalg.norm(reshaped, axis=1).max(initial=0.0)), 1.0))
+    return factor * reshaped, violation / weight, penalty + factor * gradient
 
 
 def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, rounding: float) -> float:
-    """Return ``sᵀx``; inf if the slack of a scalar without a penalty is negative beyond rounding.
+    """Return the product ``sᵀx`` of slack and point; inf if a slack without penalty is too negative.
 
-    Negative slacks within rounding are replaced by their absolute value, in place.
+    The slack of a scalar without a penalty may be negative within rounding: it is then replaced by its
+    absolute
+    value, in place.
     """
     free = slice(cone.free)
     if not (slack[free] >= -rounding).all():
@@ -341,9 +370,11 @@ def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, round
 def compute_penalised_range(
     program: SemidefiniteProgram, x: FloatArray, rise: float, functions: FloatArray
 ) -> FloatArray:
-    """Return the ranges of linear functions over all points whose objective is at most optimum + rise.
+    """Return the ranges of linear functions over all points whose objective is near the optimum.
 
-    Each range is ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone.
+    Each range is ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone; p is
+    the
+    gradient of the penalty.
 
     Args:
         program: program with squared residuals.
@@ -356,20 +387,22 @@ def compute_penalised_range(
     """
     from jointstiff.solver.estimation import convex  # takes a second to import
 
-    T, z = program.fit.compressed
-    limit = float(np.square(T @ x - z).sum() + program.penalty @ x) + rise
-    stated = convex.state_penalised_end(T, z, program.penalty, limit, program.cone)
-    ends = np.full((len(functions), 2), np.nan)
-    for number, side in np.ndindex(ends.shape):
-        a = functions[number]
-        if size := float(np.linalg.norm(a)):
-            point = stated.solve({"a": (1.0, -1.0)[side] * a / size}, *_END_TOLERANCES)
-            ends[number, side] = np.nan if point is None else a @ point
-    return ends
+    matrix, z = program.fit.compressed
+    limit = float(np.square(matrix @ x - z).sum() + program.penalty @ x) + rise
+    clarabel_program = convex.state_penalised_end(matrix, z, program.penalty, limit, program.cone)
+    ranges = np.full((len(functions), 2), np.nan)
+    for number, side in np.ndindex(ranges.shape):
+        function = functions[number]
+        if norm := float(np.linalg.norm(function)):
+            point = clarabel_program.solve({"a": (1.0, -1.0)[side] * function / norm}, *_END_TOLERANCES)
+            ranges[number, side] = np.nan if point is None else function @ point
+    return ranges
 
 
 def compute_unconstrained_range(squares: LeastSquares, functions: FloatArray, radius: float) -> FloatArray:
-    """Return the ranges of linear functions over all x with ``‖R x − z‖² ≤ min + radius²``, without a cone.
+    """Return the ranges of linear functions over the ellipsoid ``‖R x − z‖² ≤ min + radius²``.
+
+    min is the least value of ‖R x − z‖² over x; constraints on x are ignored.
 
     Args:
         squares: R and z, with p parameters.
@@ -379,15 +412,15 @@ def compute_unconstrained_range(squares: LeastSquares, functions: FloatArray, ra
     Returns:
         (K, 2) least and greatest values; NaN where the readings do not determine a function.
     """
-    left_vectors, singular, directions = np.linalg.svd(squares.R, full_matrices=False)
-    determined = singular > _NULL_SINGULAR_VALUE * singular[0]
-    directions = directions[determined]
-    inverse = functions @ (directions.T / singular[determined])
-    middle = inverse @ (left_vectors[:, determined].T @ squares.z)
-    half = radius * np.linalg.norm(inverse, axis=1)
+    left_vectors, singular_values, directions = np.linalg.svd(squares.R, full_matrices=False)
+    is_determined = singular_values > _NULL_SINGULAR_VALUE * singular_values[0]
+    directions = directions[is_determined]
+    scaled_functions = functions @ (directions.T / singular_values[is_determined])
+    centre = scaled_functions @ (left_vectors[:, is_determined].T @ squares.z)
+    half_width = radius * np.linalg.norm(scaled_functions, axis=1)
     undetermined = np.linalg.norm(functions - functions @ directions.T @ directions, axis=1)
-    half[undetermined > _OUTSIDE_SPAN * np.linalg.norm(functions, axis=1)] = np.nan
-    return np.column_stack([middle - half, middle + half])
+    half_width[undetermined > _OUTSIDE_SPAN * np.linalg.norm(functions, axis=1)] = np.nan
+    return np.column_stack([centre - half_width, centre + half_width])
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,9 +435,10 @@ class _BlockFace:
 
     @cached_property
     def basis(self) -> FloatArray:
-        """Orthonormal tangent vectors (q, d) of the face: changes A within U, then changes B between U and V.
+        """Orthonormal tangent vectors (q, d) of the face of a block, as columns.
 
-        q is the number of entries of the block as a vector. For A and B see `Face`.
+        First the changes of the part of the matrix within the range U, then the changes between U and its
+        complement V. q is the number of entries of the block as a vector.
         """
         U, V = self.U, self.V
         within = [
@@ -414,19 +448,22 @@ class _BlockFace:
         ]
         between = [(np.outer(u, v) + np.outer(v, u)) / np.sqrt(2.0) for u in self.U.T for v in V.T]
         matrices = [*within, *between]
-        size = len(U) * (len(U) + 1) // 2
+        size = len(U) * (len(U) + 1) // 2  # entries of the symmetric block as a vector
         return to_vector(np.array(matrices)).T if matrices else np.zeros((size, 0))
 
     def take_step(self, step: FloatArray) -> FloatArray | None:
-        """Return the block as a vector (q,) after a step (d,) that keeps the rank; None outside the cone."""
+        """Return the block as a vector (q,) after a step that keeps its rank; None if it leaves the cone.
+
+        `step` (d,) are coordinates in the tangent vectors of the face.
+        """
         if not len(self.core):
             return np.zeros(len(self.basis))
         tangent = to_matrix(self.basis @ step, len(self.U))
         core = self.core + self.U.T @ tangent @ self.U
         if np.linalg.eigvalsh(core)[0] <= 0.0:
             return None
-        half = self.U @ core + self.V @ (self.V.T @ tangent @ self.U)
-        return to_vector(half @ np.linalg.solve(core, half.T))
+        root_columns = self.U @ core + self.V @ (self.V.T @ tangent @ self.U)
+        return to_vector(root_columns @ np.linalg.solve(core, root_columns.T))
 
 
 class Face:
@@ -491,18 +528,20 @@ class Face:
         A step fails if it leaves the cone. The point may be worse than before, so it needs a certificate.
         """
         try:
-            step = np.asarray(np.linalg.solve(self.hessian, -(self.basis.T @ self._slack)), dtype=np.float64)
+            coordinates_step = np.asarray(
+                np.linalg.solve(self.hessian, -(self.basis.T @ self._slack)), dtype=np.float64
+            )
         except np.linalg.LinAlgError:
             return None
-        moved = np.zeros(len(self.x))
-        moved[self.free] = self.x[self.free] + step[: len(self.free)]
+        new_point = np.zeros(len(self.x))
+        new_point[self.free] = self.x[self.free] + coordinates_step[: len(self.free)]
         for face, coordinates in self.blocks:
-            block = face.take_step(step[coordinates])
+            block = face.take_step(coordinates_step[coordinates])
             if block is None:
                 return None
-            moved[face.place] = block
-        is_in_cone = np.isfinite(moved).all() and (moved[self.free] >= 0.0).all()
-        return moved if is_in_cone else None
+            new_point[face.place] = block
+        is_in_cone = np.isfinite(new_point).all() and (new_point[self.free] >= 0.0).all()
+        return new_point if is_in_cone else None
 
 
 def compute_effective_freedom(program: SemidefiniteProgram, x: FloatArray) -> FloatArray:
@@ -570,13 +609,13 @@ class MassCones:
         """Return a point (p,) of the set near x (p,): entries beyond a limit are moved onto it."""
         x = x.copy()
         for start, block, cap in zip(self.first.tolist(), self.blocks, self.cap.tolist(), strict=True):
-            c = x[start] = min(max(x[start], 0.0), cap)
-            box = slice(start + 1, start + 1 + block.boxes)
-            x[box] = np.clip(x[box], -c, c)
-            for ball, (k, ratio) in enumerate(block.balls):
-                part = slice(box.stop + 3 * ball, box.stop + 3 * ball + 3)
-                radius = c + (ratio * x[start + 1 + k] if k >= 0 else 0.0)
-                x[part] *= min(1.0, radius / max(float(np.linalg.norm(x[part])), 1e-300))
+            compliance = x[start] = min(max(x[start], 0.0), cap)
+            box_entries = slice(start + 1, start + 1 + block.boxes)
+            x[box_entries] = np.clip(x[box_entries], -compliance, compliance)
+            for ball, (box_number, ratio) in enumerate(block.balls):
+                ball_entries = slice(box_entries.stop + 3 * ball, box_entries.stop + 3 * ball + 3)
+                radius = compliance + (ratio * x[start + 1 + box_number] if box_number >= 0 else 0.0)
+                x[ball_entries] *= min(1.0, radius / max(float(np.linalg.norm(x[ball_entries])), 1e-300))
         return x
 
 
@@ -630,20 +669,23 @@ def solve_mass_cones(A: FloatArray, b: FloatArray, cones: MassCones) -> MassCone
 def bound_compliances(
     A: FloatArray, b: FloatArray, optimum: MassConeSolution, rise: float, cones: MassCones
 ) -> FloatArray:
-    """Return bounds of each joint's compliance c over all x of the set with ``‖A x − b‖² ≤ loss + rise``.
+    """Return bounds of each joint's compliance over all x of the set with ``‖A x − b‖² ≤ loss + rise``.
 
-    For any u, all y with ‖A y − b‖ ≤ r satisfy ``aᵀy ≥ uᵀb − r ‖u‖ + min (a − Aᵀu)ᵀy``. A second round uses
-    the upper bounds of the first round as caps of the compliances, which sharpens the bounds.
+    For any u, all y with ‖A y − b‖ ≤ r satisfy ``aᵀy ≥ uᵀb − r ‖u‖ + min (a − Aᵀu)ᵀy``; a selects the
+    compliance
+    of a joint, and u are Clarabel's multipliers. A second round uses the upper bounds of the first round as
+    caps
+    of the compliances, which sharpens the bounds.
 
     Args:
         A: (rows, p) regressor.
         b: (rows,) readings.
-        optimum: optimum of ‖A x − b‖² over the set.
+        optimum: optimum of ‖A x − b‖² over the set, and its loss.
         rise: allowed increase of the loss, positive.
         cones: set of x.
 
     Returns:
-        (n, 2) outer bounds on the least and greatest c; NaN where Clarabel has no answer.
+        (n, 2) outer bounds on the least and greatest compliance; NaN where Clarabel has no answer.
     """
     from jointstiff.solver.estimation import convex  # takes a second to import
 
@@ -651,22 +693,24 @@ def bound_compliances(
     program = convex.state_mass_cone_end(len(b), cones.blocks)
     data = {"A": A, "b": (b - A @ optimum.x) / radius, "near": optimum.x / radius, "cap": cones.cap / radius}
     bounds, multipliers = np.full((len(cones.cap), 2), np.nan), {}
-    for j, side in np.ndindex(bounds.shape):  # side 0 minimises the compliance of block j, side 1 maximises
-        a = np.zeros(len(optimum.x))
-        a[cones.first[j]] = (1.0, -1.0)[side]
-        solution = program.solve_with_duals({"a": a, **data}, *_MASS_TOLERANCES)
+    for joint, side in np.ndindex(
+        bounds.shape
+    ):  # side 0 minimises the compliance of block j, side 1 maximises
+        function = np.zeros(len(optimum.x))
+        function[cones.first[joint]] = (1.0, -1.0)[side]
+        solution = program.solve_with_duals({"a": function, **data}, *_MASS_TOLERANCES)
         if solution is not None:
             # The first multiplier belongs to the norm; the next are those of the rows.
-            multipliers[j, side] = a, solution[1][1 : 1 + len(b)]
+            multipliers[joint, side] = function, solution[1][1 : 1 + len(b)]
     cap = cones.cap
     for _ in range(2):  # the second round uses the caps that the first has lowered
-        for (j, side), (a, u) in multipliers.items():
+        for (joint, side), (function, multiplier) in multipliers.items():
             least = (
-                u @ b
-                - radius * float(np.linalg.norm(u))
-                + MassCones(cones.blocks, cap).minimise_linear_function(a - A.T @ u)
+                multiplier @ b
+                - radius * float(np.linalg.norm(multiplier))
+                + MassCones(cones.blocks, cap).minimise_linear_function(function - A.T @ multiplier)
             )
-            bounds[j, side] = least if side == 0 else -least
+            bounds[joint, side] = least if side == 0 else -least
         cap = np.fmin(cap, bounds[:, 1])
     bounds[:, 0] = np.fmax(bounds[:, 0], 0.0)
     return bounds

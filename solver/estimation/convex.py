@@ -95,7 +95,12 @@ class Program:
         self._x = slice(start, start + x.size)
 
     def solve(self, data: Mapping[str, FloatArray], *tolerances: float) -> FloatArray | None:
-        """Return Clarabel's optimum of x for the first of the tolerances that is reached; None if none is."""
+        """Return Clarabel's optimum of x, for the first tolerance that is reached; None if none is reached.
+
+        Args:
+            data: value of each parameter, by the parameter's name.
+            tolerances: tolerances of gap and feasibility, in the order in which they are tried.
+        """
         answer = self.solve_with_duals(data, *tolerances)
         return None if answer is None else answer[0]
 
@@ -106,7 +111,7 @@ class Program:
 
         Args:
             data: value of each parameter, by the parameter's name.
-            tolerances: of gap and feasibility, in the order in which they are tried.
+            tolerances: tolerances of gap and feasibility, in the order in which they are tried.
 
         Returns:
             The optimum of x, and the multipliers of the second-order cones; None if no tolerance is reached.
@@ -125,21 +130,23 @@ class Program:
         return None
 
     def _cone_data(self, data: Mapping[str, FloatArray]) -> tuple[FloatArray, csc_array, FloatArray]:
-        """Return q, A and b of the cone program for values of the parameters.
+        """Return q, A and b of the cone program ``minimise ½xᵀPx + qᵀx, b − A x in the cones``.
 
         `data` has the value of each parameter by the parameter's name; other entries are ignored.
         """
         if self._maps is None:
             return self._q, self._A, self._b
-        to_q, to_Ab, (indices, indptr, (m, columns)) = self._maps
+        to_q, to_Ab, (indices, indptr, (row_count, columns)) = self._maps
         values = np.zeros(to_Ab.shape[1])
         values[-1] = 1.0  # the constant part
         for name, column in self._columns.items():
             values[column : column + data[name].size] = data[name].ravel(order="F")
-        entries, last = to_Ab @ values, indptr[-2]  # entries of A, column by column, then those of b
-        A = csc_array((-entries[:last], indices[:last], indptr[:-1]), shape=(m, columns - 1))
-        b = np.zeros(m)
-        b[indices[last:]] = entries[last:]
+        entries, first_of_b = to_Ab @ values, indptr[-2]  # entries of A, column by column, then those of b
+        A = csc_array(
+            (-entries[:first_of_b], indices[:first_of_b], indptr[:-1]), shape=(row_count, columns - 1)
+        )
+        b = np.zeros(row_count)
+        b[indices[first_of_b:]] = entries[first_of_b:]
         return (to_q @ values)[:-1], A, b
 
 
@@ -355,14 +362,15 @@ _Places = tuple[int, ...]
 
 
 def _find_shape(scaled: Scaled) -> tuple[int, int, _Places, _Places, int]:
-    """Return the shape of a problem; problems of one shape share a compiled program.
+    """Return the shape of a problem; problems of the same shape share a compiled program.
 
-    The shape has the numbers of rows and of variables, the indices of the variables with a lower bound, those
-    with an upper bound, and the number of inequalities.
+    The shape is (rows, variables, indices of the variables with a lower bound, indices of those with an upper
+    bound, number of inequalities).
     """
     bounds = scaled.bounds
-    below, above = (np.flatnonzero(np.isfinite(bound)).tolist() for bound in (bounds.lower, bounds.upper))
-    return *scaled.A.shape, tuple(below), tuple(above), len(scaled.d)
+    with_lower = np.flatnonzero(np.isfinite(bounds.lower)).tolist()
+    with_upper = np.flatnonzero(np.isfinite(bounds.upper)).tolist()
+    return *scaled.A.shape, tuple(with_lower), tuple(with_upper), len(scaled.d)
 
 
 def _state_constraints(
@@ -385,7 +393,9 @@ def _state_constraints(
 
 def _collect_data(scaled: Scaled) -> dict[str, FloatArray]:
     """Return the values of the parameters A, b, lower, upper, B and d of a problem, by their names."""
-    lower, upper = (bound[np.isfinite(bound)] for bound in (scaled.bounds.lower, scaled.bounds.upper))
+    bounds = scaled.bounds
+    lower = bounds.lower[np.isfinite(bounds.lower)]
+    upper = bounds.upper[np.isfinite(bounds.upper)]
     return {"A": scaled.A, "b": scaled.b, "lower": lower, "upper": upper, "B": scaled.B, "d": scaled.d}
 
 
@@ -395,8 +405,10 @@ def solve_e_optimal_design(
     """Solve ``maximise t subject to M(w) − t diag(V⁻², 0) ⪰ 0``, the E-optimal design.
 
     M(w) = M0 + Σ w_i K_i is the information with weights w_i of the candidates. The optimal t is the least
-    eigenvalue of V C V, with C the information on the first s parameters: the design gives as much
-    information as possible on the combination of these parameters that is determined worst.
+    eigenvalue of V C V, with C the information on the first s parameters and V their units on the diagonal:
+    the
+    design gives as much information as possible on the combination of these parameters that is determined
+    worst.
 
     Args:
         base: M0 (p, p) information before any candidate is measured.

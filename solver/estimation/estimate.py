@@ -81,15 +81,17 @@ def compute_interval_ends(
     constraints: Constraints,
     rows: FloatArray,
     radii: FloatArray,
-    value: FloatArray,
+    estimates: FloatArray,
     *,
     by_profile: bool = True,
 ) -> FloatArray:
-    """Compute confidence intervals of linear functions aᵀc: profile-likelihood intervals, widened.
+    """Compute confidence intervals of linear functions aᵀc of compliances c: widened profile intervals.
 
-    A profile interval uses the constraints on the other joints as information; where joints truly are at
-    their bounds, it contains the true value too seldom (86 % instead of 95 % with two rigid joints). So the
-    interval is widened to contain the unconstrained interval clipped to the constraints, whose coverage is
+    A profile-likelihood interval uses the constraints on the other joints as information; where joints truly
+    are at their bounds, it contains the true value too seldom (86 % instead of 95 % with two rigid joints).
+    So
+    the interval is widened to contain the unconstrained interval clipped to the constraints, whose coverage
+    is
     exact, and the estimate, which can lie outside for a method that is not maximum likelihood.
 
     Args:
@@ -97,7 +99,7 @@ def compute_interval_ends(
         constraints: constraints on these p compliances.
         rows: (w, p) functions a, none zero; each determined by the readings.
         radii: (q,) √Δ for each kind of interval: half the width in standard uncertainties, times sigma.
-        value: (w,) estimates of the functions, in the unit of aᵀc.
+        estimates: (w,) estimates of the functions, in the unit of aᵀc.
         by_profile: whether to include the profile interval; the coverage of the unconstrained interval,
             clipped to the constraints, suffices without the profile interval.
 
@@ -107,22 +109,27 @@ def compute_interval_ends(
     Raises:
         SolverError: if an end could not be certified.
     """
-    half = radii[:, None] * np.sqrt(((rows @ likelihood.covariance) * rows).sum(axis=1))
-    box = compute_range_on_box(rows, constraints.bounds)
+    half_width = radii[:, None] * np.sqrt(((rows @ likelihood.covariance) * rows).sum(axis=1))
+    range_on_box = compute_range_on_box(rows, constraints.bounds)
     centre = (rows @ likelihood.centre)[:, None]
-    clipped = np.clip(centre + np.stack([-half, half], axis=-1), box[:, :1], box[:, 1:])
-    ends = compute_profile_ends(likelihood, constraints, rows, radii) if by_profile else clipped
-    lower = np.minimum(np.minimum(ends[..., 0], clipped[..., 0]), value)
-    upper = np.maximum(np.maximum(ends[..., 1], clipped[..., 1]), value)
+    clipped_interval = np.clip(
+        centre + np.stack([-half_width, half_width], axis=-1), range_on_box[:, :1], range_on_box[:, 1:]
+    )
+    profile_interval = (
+        compute_profile_ends(likelihood, constraints, rows, radii) if by_profile else clipped_interval
+    )
+    lower = np.minimum(np.minimum(profile_interval[..., 0], clipped_interval[..., 0]), estimates)
+    upper = np.maximum(np.maximum(profile_interval[..., 1], clipped_interval[..., 1]), estimates)
     return np.stack([lower, upper], axis=-1)
 
 
 def compute_profile_ends(
     likelihood: Likelihood, constraints: Constraints, rows: FloatArray, radii: FloatArray
 ) -> FloatArray:
-    """Compute the ends of the profile-likelihood intervals of linear functions aᵀc.
+    """Compute the ends of the profile-likelihood intervals of linear functions aᵀc of compliances c.
 
-    An end is the least or greatest aᵀc within the constraints and ``‖R (c − ĉ)‖² ≤ min + Δ``.
+    An end is the least or greatest aᵀc within the constraints and ``‖R (c − ĉ)‖² ≤ min + Δ``, with R the rows
+    of the likelihood, ĉ its centre, and min the least value of the left side within the constraints.
 
     Args:
         likelihood: likelihood of p compliances, with rows R and centre ĉ.
@@ -142,35 +149,39 @@ def compute_profile_ends(
         shift = ball.find_optimum(np.zeros(len(ball.A)))[0] * ball.unit
     distance = likelihood.rows @ shift
     radius = np.sqrt(radii**2 + distance @ distance)
-    signed = radius[:, None, None] * np.array([-1.0, 1.0])  # (q, 1, 2) towards lower and upper ends
+    signed_radius = radius[:, None, None] * np.array([-1.0, 1.0])  # (q, 1, 2) towards lower and upper ends
     covariance = rows @ likelihood.covariance  # (w, p)
     deviation = np.sqrt((covariance * rows).sum(axis=1))
-    ends: FloatArray = (rows @ likelihood.centre)[:, None] + signed * deviation[:, None]
-    reach = signed[..., None] * (covariance / deviation[:, None])[:, None]  # (q, w, 2, p)
+    ends: FloatArray = (rows @ likelihood.centre)[:, None] + signed_radius * deviation[:, None]
+    end_offsets = signed_radius[..., None] * (covariance / deviation[:, None])[:, None]  # (q, w, 2, p)
     # Ends of the unconstrained ball that violate a constraint are replaced by ends on the constrained part.
-    violated = ~constraints.are_satisfied_by(likelihood.centre + reach)
+    violates_constraint = ~constraints.are_satisfied_by(likelihood.centre + end_offsets)
     is_point = radii <= _POINT * radii.max()  # such a ball contains only the constrained optimum
-    nearest = np.clip(likelihood.centre + shift, constraints.bounds.lower, constraints.bounds.upper)
-    ends[is_point], violated[is_point] = (rows @ nearest)[:, None], False
-    if violated.any():
-        kind, function, side = np.nonzero(violated)
-        ball, a = _Ball(likelihood, constraints, float(radius.max())), rows[function]
-        objective = np.where(side == 1, -1.0, 1.0)[:, None] * a * ball.unit
+    constrained_optimum = np.clip(
+        likelihood.centre + shift, constraints.bounds.lower, constraints.bounds.upper
+    )
+    ends[is_point], violates_constraint[is_point] = (rows @ constrained_optimum)[:, None], False
+    if violates_constraint.any():
+        radius_index, function_index, side = np.nonzero(violates_constraint)
+        ball, functions = _Ball(likelihood, constraints, float(radius.max())), rows[function_index]
+        objective = np.where(side == 1, -1.0, 1.0)[:, None] * functions * ball.unit
         objective /= np.linalg.norm(objective, axis=1, keepdims=True)
-        x, at_bound = ball.find_ends(objective, (radius[kind] / radius.max()) ** 2)
-        box = compute_range_on_box(a, constraints.bounds)
-        value = a @ likelihood.centre + (a * ball.unit * x).sum(axis=1)
-        value = np.clip(value, box[:, 0], box[:, 1])
-        ends[violated] = np.where(at_bound, box[np.arange(len(a)), side], value)
+        scaled_points, at_bound = ball.find_ends(objective, (radius[radius_index] / radius.max()) ** 2)
+        range_on_box = compute_range_on_box(functions, constraints.bounds)
+        values = functions @ likelihood.centre + (functions * ball.unit * scaled_points).sum(axis=1)
+        values = np.clip(values, range_on_box[:, 0], range_on_box[:, 1])
+        ends[violates_constraint] = np.where(at_bound, range_on_box[np.arange(len(functions)), side], values)
     return ends
 
 
 def compute_range_on_box(rows: FloatArray, bounds: Bounds) -> FloatArray:
-    """Return the least and greatest values (w, 2) of linear functions (w, p) within bounds."""
+    """Return the least and greatest values (w, 2) of linear functions (rows (w, p)) within bounds."""
     with np.errstate(invalid="ignore"):
-        at_bounds = np.stack([rows * bounds.lower, rows * bounds.upper])
-    at_bounds = np.where(rows == 0.0, 0.0, at_bounds)  # zero times an infinite bound is NaN
-    return np.stack([at_bounds.min(axis=0).sum(axis=1), at_bounds.max(axis=0).sum(axis=1)], axis=-1)
+        values_at_bounds = np.stack([rows * bounds.lower, rows * bounds.upper])
+    values_at_bounds = np.where(rows == 0.0, 0.0, values_at_bounds)  # zero times an infinite bound is NaN
+    return np.stack(
+        [values_at_bounds.min(axis=0).sum(axis=1), values_at_bounds.max(axis=0).sum(axis=1)], axis=-1
+    )
 
 
 class _Ball:
@@ -195,11 +206,11 @@ class _Ball:
             )
 
     def find_optimum(self, rhs: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
-        """Minimise ‖A x − rhs‖² under the constraints.
+        """Minimise ‖A x − rhs‖² over x (p,) under the constraints.
 
         Returns:
-            The optimum x (p,), which variables are at a bound (p,), and the rows (t, p) of the inequalities
-            that hold with equality.
+            The optimum x (p,), a mask (p,) of the variables that are at a bound, and the rows (t, p) of the
+            inequalities that hold with equality.
 
         Raises:
             SolverError: no certified optimum.
@@ -214,15 +225,16 @@ class _Ball:
                 raise SolverError(_NOT_CERTIFIED)
         return solution.compliance, solution.active != 0, tight
 
-    def find_ends(self, objective: FloatArray, radius2: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Minimise K linear objectives over the part of a ball that satisfies the constraints.
+    def find_ends(self, objective: FloatArray, squared_radius: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Minimise K linear objectives over the part of a ball ‖A x‖² ≤ r² that satisfies the constraints.
 
-        For each objective, Newton's method finds the s at which the optimum of ``‖A x + s h‖²`` under the
-        constraints reaches the sphere, with h such that Aᵀh is the objective.
+        For each objective, Newton's method finds the factor s at which the optimum of ``‖A x + s h‖²`` under
+        the
+        constraints reaches the sphere, with the preimage h such that Aᵀh is the objective.
 
         Args:
             objective: (K, p) coefficients of the objectives.
-            radius2: (K,) squared radii of the balls ‖A x‖² ≤ radius2.
+            squared_radius: (K,) squared radii r² of the balls.
 
         Returns:
             The points (K, p), and a mask (K,) of objectives that reach their least value within the bounds
@@ -231,75 +243,86 @@ class _Ball:
         Raises:
             SolverError: a point could not be certified, or was not found in `MOST_ROUNDS` rounds.
         """
-        count = len(objective)
-        pull = np.asarray(np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64)  # h
-        free_slope = np.square(pull).sum(axis=1)
-        s = np.sqrt(radius2 / free_slope)
-        low, high = np.zeros(count), np.full(count, np.inf)
-        points, at_bound = np.zeros(objective.shape), np.zeros(count, dtype=np.bool_)
+        objective_count = len(objective)
+        preimage = np.asarray(
+            np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64
+        )  # h
+        free_slope = np.square(preimage).sum(axis=1)
+        factor = np.sqrt(squared_radius / free_slope)
+        lower_factor, upper_factor = np.zeros(objective_count), np.full(objective_count, np.inf)
+        points, at_bound = np.zeros(objective.shape), np.zeros(objective_count, dtype=np.bool_)
         least_in_box = compute_range_on_box(objective, self.bounds)[:, 0]
-        pending = np.arange(count)
+        pending = np.arange(objective_count)
         for _ in range(MOST_ROUNDS):
-            x, step = self.find_optima(s[pending], objective[pending], pull[pending])
-            reached = np.square(x @ self.A.T).sum(axis=1)
-            slope = (objective[pending] * step).sum(axis=1)
-            slope = np.where(slope > _NO_MOVEMENT * free_slope[pending], slope, 0.0)
-            above_least = (objective[pending] * x).sum(axis=1) - least_in_box[pending]
-            at_least = above_least <= _AT_BOUND * np.maximum(1.0, np.abs(x).max(axis=1))
-            goal = radius2[pending]
-            inside = at_least & (reached <= goal * (1 + RADIUS_TOLERANCE))
-            settled = inside | (np.abs(reached - goal) <= RADIUS_TOLERANCE * goal)
-            points[pending[settled]], at_bound[pending[settled]] = x[settled], inside[settled]
-            least = low[pending] = np.where(reached < goal, s[pending], low[pending])
-            most = high[pending] = np.where(reached > goal, s[pending], high[pending])
+            optima, derivative = self.find_optima(factor[pending], objective[pending], preimage[pending])
+            squared_norm = np.square(optima @ self.A.T).sum(axis=1)
+            norm_slope = (objective[pending] * derivative).sum(axis=1)
+            norm_slope = np.where(norm_slope > _NO_MOVEMENT * free_slope[pending], norm_slope, 0.0)
+            above_least = (objective[pending] * optima).sum(axis=1) - least_in_box[pending]
+            is_least_in_box = above_least <= _AT_BOUND * np.maximum(1.0, np.abs(optima).max(axis=1))
+            goal_norm = squared_radius[pending]
+            is_inside = is_least_in_box & (squared_norm <= goal_norm * (1 + RADIUS_TOLERANCE))
+            is_settled = is_inside | (np.abs(squared_norm - goal_norm) <= RADIUS_TOLERANCE * goal_norm)
+            points[pending[is_settled]], at_bound[pending[is_settled]] = (
+                optima[is_settled],
+                is_inside[is_settled],
+            )
+            least_factor = lower_factor[pending] = np.where(
+                squared_norm < goal_norm, factor[pending], lower_factor[pending]
+            )
+            most_factor = upper_factor[pending] = np.where(
+                squared_norm > goal_norm, factor[pending], upper_factor[pending]
+            )
             # Newton's step while the active constraints stay active: ‖A x(s)‖² = on_face + s² slope. Where
             # the step leaves the interval between `least` and `most`, bisection takes over.
-            on_face = np.square((x + s[pending, None] * step) @ self.A.T).sum(axis=1)
+            on_face = np.square((optima + factor[pending, None] * derivative) @ self.A.T).sum(axis=1)
             with np.errstate(all="ignore"):
-                newton = np.sqrt((goal - on_face) / slope)
-            middle = np.where(np.isfinite(most), 0.5 * (least + most), 4.0 * least)
-            s[pending] = np.where((newton > least) & (newton < most), newton, middle)
-            pending = pending[~settled]
+                newton = np.sqrt((goal_norm - on_face) / norm_slope)
+            bisection = np.where(
+                np.isfinite(most_factor), 0.5 * (least_factor + most_factor), 4.0 * least_factor
+            )
+            factor[pending] = np.where((newton > least_factor) & (newton < most_factor), newton, bisection)
+            pending = pending[~is_settled]
             if not len(pending):
                 return points, at_bound
         raise SolverError(_NOT_CERTIFIED)
 
     def find_optima(
-        self, s: FloatArray, objective: FloatArray, pull: FloatArray
+        self, factor: FloatArray, objective: FloatArray, preimage: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Minimise ``‖A x + s h‖²`` under the constraints, for K objectives Aᵀh.
+        """Minimise ``‖A x + s h‖²`` over x under the constraints, for K objectives Aᵀh.
 
         Args:
-            s: (K,) factors of h.
+            factor: (K,) factors s of h.
             objective: (K, p) objectives Aᵀh.
-            pull: (K, m) vectors h.
+            preimage: (K, m) vectors h.
 
         Returns:
             The optima x (K, p), and the derivatives −dx/ds (K, p) while the active constraints stay active.
         """
-        x, step = np.zeros(objective.shape), np.zeros(objective.shape)
-        pending = np.ones(len(s), dtype=np.bool_)  # objectives that are still to be solved one by one
+        optima, derivative = np.zeros(objective.shape), np.zeros(objective.shape)
+        is_pending = np.ones(len(factor), dtype=np.bool_)  # objectives that are still to be solved one by one
         if self.inequalities is None:
-            gram = np.broadcast_to(self.gram, (len(s), *self.gram.shape))
-            batch = solve_batch(gram, -s[:, None] * objective, self.bounds)
-            pending = ~batch.certified
-            settled, free = batch.certified, batch.active[batch.certified] == 0
-            x[settled] = batch.compliance[settled]
+            gram = np.broadcast_to(self.gram, (len(factor), *self.gram.shape))
+            batch = solve_batch(gram, -factor[:, None] * objective, self.bounds)
+            is_pending = ~batch.certified
+            is_settled, is_free = batch.certified, batch.active[batch.certified] == 0
+            optima[is_settled] = batch.compliance[is_settled]
             # −dx/ds solves the Gram matrix of the free variables for the objective; fixed variables rest.
-            matrices = np.where(free[:, :, None] & free[:, None, :], self.gram, np.eye(len(self.gram)))
-            slopes = np.where(free, objective[settled], 0.0)[..., None]
-            step[settled] = np.linalg.solve(matrices, slopes)[..., 0]
-        for k in np.flatnonzero(pending):
-            x[k], at_bound, tight = self.find_optimum(-s[k] * pull[k])
+            matrices = np.where(is_free[:, :, None] & is_free[:, None, :], self.gram, np.eye(len(self.gram)))
+            slopes = np.where(is_free, objective[is_settled], 0.0)[..., None]
+            derivative[is_settled] = np.linalg.solve(matrices, slopes)[..., 0]
+        for k in np.flatnonzero(is_pending):
+            optima[k], at_bound, tight = self.find_optimum(-factor[k] * preimage[k])
             rows = np.vstack([np.eye(len(at_bound))[at_bound], tight])
-            along = np.eye(len(at_bound))  # directions in which no active constraint changes
+            free_directions = np.eye(len(at_bound))  # directions in which no active constraint changes
             if len(rows):
                 _, singular, Vt = np.linalg.svd(rows, full_matrices=True)
-                along = Vt[int((singular > _NO_DIRECTION * singular[0]).sum()) :].T
-            if along.shape[1]:
-                inverse = np.linalg.pinv(self.A @ along, rcond=_NO_DIRECTION)  # A may lack rank
-                step[k] = along @ (inverse @ (inverse.T @ (along.T @ objective[k])))
-        return x, step
+                free_directions = Vt[int((singular > _NO_DIRECTION * singular[0]).sum()) :].T
+            if free_directions.shape[1]:
+                inverse = np.linalg.pinv(self.A @ free_directions, rcond=_NO_DIRECTION)  # A may lack rank
+                derivative[k] = free_directions @ (inverse @ (inverse.T @ (free_directions.T @ objective[k])))
+        return optima, derivative
 
 
 def invert_compliance(compliance: float | None) -> float | None:
@@ -370,13 +393,21 @@ class CommonErrors:
 
     @property
     def responses_beside_fit(self) -> FloatArray:
-        """Changes (n, K) of the estimate by the errors of all sources that the fit does not account for."""
-        others = [each for source, each in self.by_source.items() if source not in self.in_fit]
-        return np.hstack([self.responses[:, :0], *others])
+        """Changes (n, K) of the estimate by one standard uncertainty of each error that was not fitted.
+
+        The n rows are joints [rad/(N·m)]; the K columns are the errors of all sources that the fit leaves
+        out.
+        """
+        not_fitted = [columns for source, columns in self.by_source.items() if source not in self.in_fit]
+        # The empty first part gives an (n, 0) result if every source was fitted.
+        return np.hstack([self.responses[:, :0], *not_fitted])
 
     @property
     def responses(self) -> FloatArray:
-        """Changes S (n, K) of the estimate by the errors of all sources; S Sᵀ is their covariance."""
+        """Changes S (n, K) of the estimate by one standard uncertainty of each of K errors, of all sources.
+
+        S Sᵀ is the covariance of the n compliances due to these errors [(rad/(N·m))²].
+        """
         return np.hstack(list(self.by_source.values()))
 
     def responses_to(self, source: str) -> FloatArray:
@@ -440,7 +471,7 @@ class Estimate:
 
     @property
     def regressor(self) -> FloatArray:
-        """Regressor (m, n) of all readings, compressed and weighted by covariance for every method."""
+        """Regressor (m, n) of all readings, compressed and weighted by covariance, whatever the method."""
         return self.triangles.all_readings.matrix
 
     @property
@@ -465,13 +496,13 @@ class Estimate:
 
     @property
     def combinations(self) -> list[list[str]]:
-        """Names of the joints in each group whose compliances the readings show only in combination."""
-        groups = [group.joints for stage in self.identifiability for group in stage.combinations]
-        return [[self.joints[j].name for j in joints] for joints in groups]
+        """Groups of joints, by name, whose compliances the readings determine only in combination."""
+        joint_groups = [group.joints for stage in self.identifiability for group in stage.combinations]
+        return [[self.joints[j].name for j in joints] for joints in joint_groups]
 
     @property
     def weakest(self) -> list[str]:
-        """Sentences on joints that are hard to distinguish, at most one for each stage."""
+        """Sentences on joints that are hard to distinguish: at most one for each stage of the method."""
         names = tuple(joint.name for joint in self.joints)
         return [stage.weakest.in_words(names) for stage in self.identifiability if stage.weakest]
 
@@ -495,7 +526,7 @@ class Estimate:
         """Chi-square test of a stated sigma; None if sigma was not stated, or without degrees of freedom."""
         if not self.sigma_given:
             return None
-        return sigma_test(self.chi_square, self.degrees_of_freedom, self.triangles.freedom_of_statements)
+        return sigma_test(self.chi_square, self.degrees_of_freedom, self.triangles.determined_statement_count)
 
 
 _NO_UNCERTAINTY = (
@@ -525,62 +556,70 @@ class Evidence:
             SolverError: if the end of an interval could not be certified.
         """
         reasons = [self.explain_missing_stiffness(j) for j in range(len(self.names))]
-        determined = np.array([j for j, reason in enumerate(reasons) if reason is None], dtype=np.intp)
-        ends: list[FloatArray | None] = [None] * len(determined)
+        determined_joints = np.array([j for j, reason in enumerate(reasons) if reason is None], dtype=np.intp)
+        intervals_of_joints: list[FloatArray | None] = [None] * len(determined_joints)
         sigma, likelihood = self.scale.sigma, self.fit.likelihood
-        if sigma is not None and len(determined):
+        if sigma is not None and len(determined_joints):
             tail = 1.0 - self.confidence
             # Two-sided intervals leave half of the tail on each side, one-sided bounds the whole tail.
             quantiles = [self.scale.quantile(1.0 - fraction * tail) for fraction in (0.5, 1.0)]
             radii = sigma * np.array(quantiles)
             constraints = self.constraints.select(likelihood.joints)
-            functions = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, determined)]
-            value = self.fit.compliance[determined]
-            ends = [
-                *compute_interval_ends(likelihood, constraints, functions, radii, value).transpose(1, 0, 2)
+            functions = np.eye(len(likelihood.joints))[np.searchsorted(likelihood.joints, determined_joints)]
+            estimates = self.fit.compliance[determined_joints]
+            intervals_of_joints = [
+                *compute_interval_ends(likelihood, constraints, functions, radii, estimates).transpose(
+                    1, 0, 2
+                )
             ]
         joints = [
             JointCompliance(name, kind, "not_observable", reason=reason)
             for name, kind, reason in zip(self.names, self.observability.kinds, reasons, strict=True)
         ]
-        for j, intervals in zip(determined.tolist(), ends, strict=True):
+        for j, intervals in zip(determined_joints.tolist(), intervals_of_joints, strict=True):
             joints[j] = self.derive_joint_result(j, intervals)
         return tuple(joints)
 
-    def derive_joint_result(self, j: int, ends: FloatArray | None) -> JointCompliance:
+    def derive_joint_result(self, j: int, intervals: FloatArray | None) -> JointCompliance:
         """Return the result for a joint j whose compliance the readings determine.
 
         Args:
             j: index of the joint.
-            ends: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None where
+            intervals: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None
+            where
                 sigma is unknown.
         """
-        name, value, ratio = self.names[j], float(self.fit.compliance[j]), float(self.prior_to_data[j])
+        name, value, prior_to_data = (
+            self.names[j],
+            float(self.fit.compliance[j]),
+            float(self.prior_to_data[j]),
+        )
         kind = self.observability.kinds[j]
         units = JOINT_UNITS[kind]
         uncertainty = self.uncertainty(j)
         status: Literal["identified", "uncertain", "at_bound"] = "identified"
-        reason = self.describe_active_constraint(j, ends)
+        reason = self.describe_active_constraint(j, intervals)
         if reason is not None:
             status = "at_bound"
-        elif ends is None:
+        elif intervals is None:
             reason = _NO_UNCERTAINTY
-        elif uncertainty is not None and ends[0, 0] <= 0.0 <= ends[0, 1]:
+        elif uncertainty is not None and intervals[0, 0] <= 0.0 <= intervals[0, 1]:
             status = "uncertain"
-            size = (
+            consequence = (
                 "exceeds the compliance itself"
                 if uncertainty >= abs(value)
                 else "leaves its stiffness without an upper limit"
             )
             reason = (
-                f"{self.describe_lower_limit(j, ends)}the standard uncertainty of its compliance, "
-                f"{1e6 * uncertainty:.2g} {units.micro_compliance}, {size}: add loads with more {units.load} "
+                f"{self.describe_lower_limit(j, intervals)}the standard uncertainty of its compliance, "
+                f"{1e6 * uncertainty:.2g} {units.micro_compliance}, {consequence}: add loads with more "
+                f"{units.load} "
                 f"{name}"
             )
         only_prior = (
             "the readings show {} only in combination with other joints: only its prior separates them"
         )
-        two_sided, one_sided = (None, None) if ends is None else ends.tolist()
+        two_sided, one_sided = (None, None) if intervals is None else intervals.tolist()
         return JointCompliance(
             name,
             kind,
@@ -589,17 +628,21 @@ class Evidence:
             uncertainty,
             None if two_sided is None else (two_sided[0], two_sided[1]),
             None if one_sided is None else (one_sided[0], one_sided[1]),
-            None if np.isnan(ratio) else ratio,
-            "; ".join(filter(None, [reason, only_prior.format(name) if np.isinf(ratio) else None])) or None,
-            self.describe_lower_limit(j, ends),
+            None if np.isnan(prior_to_data) else prior_to_data,
+            "; ".join(filter(None, [reason, only_prior.format(name) if np.isinf(prior_to_data) else None]))
+            or None,
+            self.describe_lower_limit(j, intervals),
         )
 
     def uncertainty(self, j: int) -> float | None:
-        """Return joint j's standard uncertainty without constraints [rad/(N·m)]; None if sigma is unknown."""
+        """Return the standard uncertainty of joint j's compliance, without constraints [rad/(N·m)].
+
+        None if sigma is unknown.
+        """
         sigma = self.scale.sigma
         return None if sigma is None else sigma * float(np.sqrt(self.fit.covariance[j, j]))
 
-    def describe_active_constraint(self, j: int, ends: FloatArray | None) -> str | None:
+    def describe_active_constraint(self, j: int, intervals: FloatArray | None) -> str | None:
         """Return a sentence on the active constraint of joint j; None if no constraint is active.
 
         Exactly equal compliances are tied by the order, as noise never makes compliances equal. An order
@@ -607,24 +650,35 @@ class Evidence:
         """
         compliance, active = self.fit.compliance, int(self.fit.active[j])
         if active and compliance[j] == 0.0:
-            limit = self.describe_lower_limit(j, ends) or "its compliance is zero: "
+            limit = self.describe_lower_limit(j, intervals) or "its compliance is zero: "
             return f"{limit}these readings cannot distinguish it from a rigid joint"
         if self.fit.tied[j] or active:
             visible = np.flatnonzero(~self.observability.null)
-            pairs = [visible[[i, k]].tolist() for i, k in self.constraints.select(visible).order]
-            tied = [i + k - j for i, k in pairs if j in (i, k) and compliance[i] == compliance[k]]
-            if tied:
-                partners = ", ".join(self.names[k] for k in tied)
+            pairs = [
+                visible[[first, second]].tolist() for first, second in self.constraints.select(visible).order
+            ]
+            tied_joints = [
+                first + second - j
+                for first, second in pairs
+                if j in (first, second) and compliance[first] == compliance[second]
+            ]
+            if tied_joints:
+                partners = ", ".join(self.names[second] for second in tied_joints)
                 return f"`stiffness_order` makes its stiffness equal to that of {partners}"
         if active:
             return f"it is at the {'maximum' if active < 0 else 'minimum'} stiffness of `stiffness_bounds`"
         return None
 
-    def describe_lower_limit(self, j: int, ends: FloatArray | None) -> str:
-        """Return the text of the lower limit of joint j's stiffness; empty if there is no limit."""
-        if ends is None or ends[1, 1] <= 0.0:
+    def describe_lower_limit(self, j: int, intervals: FloatArray | None) -> str:
+        """Return the text of the lower limit of joint j's stiffness; empty if the stiffness has no limit.
+
+        `intervals` (2, 2) has the two-sided interval, then the one-sided bounds, of its compliance
+        [rad/(N·m)];
+        None if sigma is unknown.
+        """
+        if intervals is None or intervals[1, 1] <= 0.0:
             return ""
-        stiffness = stiffness_text(round_down(1.0 / float(ends[1, 1])), self.observability.kinds[j])
+        stiffness = stiffness_text(round_down(1.0 / float(intervals[1, 1])), self.observability.kinds[j])
         return f"stiffer than {stiffness} at {100 * self.confidence:g} %: "
 
     def explain_missing_stiffness(self, j: int) -> str | None:
@@ -667,9 +721,11 @@ class Spread:
     @property
     def correlation(self) -> FloatArray:
         """Return the correlation (..., n, n) between the joints; zero where an uncertainty is zero."""
-        size = self.uncertainty
-        scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-        scales = scale[..., None] * scale[..., None, :]
+        uncertainty = self.uncertainty
+        inverse_uncertainty = np.divide(
+            1.0, uncertainty, out=np.zeros_like(uncertainty), where=uncertainty > 0.0
+        )
+        scales = inverse_uncertainty[..., None] * inverse_uncertainty[..., None, :]
         return np.asarray(np.clip(self.covariance * scales, -1.0, 1.0))
 
 
@@ -713,28 +769,36 @@ class UncertaintyBudget:
         cls,
         estimate: Estimate,
         probability: float,
-        left_out: PostureJackknife | None = None,
+        jackknife: PostureJackknife | None = None,
         *,
         lack_of_fit: bool = False,
     ) -> UncertaintyBudget | None:
         """Return the uncertainty budget of an estimate; None if the uncertainty of the readings is unknown.
 
         Args:
-            estimate: of n compliances.
+            estimate: estimate of n compliances.
             probability: coverage probability.
-            left_out: estimates without single postures, from which the model error is estimated; None to
+            jackknife: estimates without single postures, from which the model error is estimated; None to
                 leave the model error out.
             lack_of_fit: whether a model of joints alone does not fit: the standard uncertainty then includes
                 the model error.
         """
         if estimate.covariance is None:
             return None
-        common, given, readings = estimate.common, estimate.sigma_given, estimate.covariance
-        if common is not None:
-            readings = readings - common.responses @ common.responses.T
-        freedom = None if given else estimate.degrees_of_freedom
-        components = [BudgetComponent(readings, "readings", "B" if given else "A", True, freedom)]
-        if common is not None:
+        common_errors, sigma_given, readings_covariance = (
+            estimate.common,
+            estimate.sigma_given,
+            estimate.covariance,
+        )
+        if common_errors is not None:
+            readings_covariance = readings_covariance - common_errors.responses @ common_errors.responses.T
+        degrees_of_freedom = None if sigma_given else estimate.degrees_of_freedom
+        components = [
+            BudgetComponent(
+                readings_covariance, "readings", "B" if sigma_given else "A", True, degrees_of_freedom
+            )
+        ]
+        if common_errors is not None:
             components += [
                 BudgetComponent(
                     responses @ responses.T,
@@ -743,32 +807,37 @@ class UncertaintyBudget:
                     True,
                     responses=responses if source.endswith("load_point") else None,
                 )
-                for source, responses in common.by_source.items()
+                for source, responses in common_errors.by_source.items()
                 if responses.any()
             ]
-        joints = np.flatnonzero(estimate.estimated)
-        if left_out is not None:
-            components += _estimate_model_error(left_out, readings, joints, included=lack_of_fit)
+        estimated_joints = np.flatnonzero(estimate.estimated)
+        if jackknife is not None:
+            components += _estimate_model_error(
+                jackknife, readings_covariance, estimated_joints, included=lack_of_fit
+            )
         neglected = estimate.complementary_stiffness
         if neglected is not None and not neglected.included and neglected.shift is not None:
             shift = np.outer(neglected.shift, neglected.shift)
             components.append(BudgetComponent(shift, "complementary_stiffness", "B", False))
-        factor = max(
-            student_quantile(0.5 * (1.0 + probability), part.degrees_of_freedom)
-            for part in components
-            if part.source == "readings" or (part.source == "model_error" and part.included)
+        coverage_factor = max(
+            student_quantile(0.5 * (1.0 + probability), component.degrees_of_freedom)
+            for component in components
+            if component.source == "readings" or (component.source == "model_error" and component.included)
         )
-        return cls(joints, tuple(components), probability, factor)
+        return cls(estimated_joints, tuple(components), probability, coverage_factor)
 
-    def total(self, *, whole: bool = False) -> Spread:
-        """Return the sum of the components that the standard uncertainty includes; of all if `whole`."""
-        covariances = [part.covariance for part in self.components if part.included or whole]
+    def total(self, *, all_components: bool = False) -> Spread:
+        """Return the sum of the components that the standard uncertainty includes.
+
+        `all_components` adds the components that the standard uncertainty leaves out, too.
+        """
+        covariances = [each.covariance for each in self.components if each.included or all_components]
         return Spread(np.sum(covariances, axis=0))
 
     @property
     def spread(self) -> Spread:
         """Stack of uncertainties: the components, the sum of the included components, and the sum of all."""
-        rows = [*self.components, self.total(), self.total(whole=True)]
+        rows = [*self.components, self.total(), self.total(all_components=True)]
         return Spread(np.stack([row.covariance for row in rows]))
 
     def widen_intervals(self, estimate: Estimate, bounds: Bounds) -> Estimate:
@@ -802,7 +871,7 @@ class UncertaintyBudget:
 
 
 def _estimate_model_error(
-    left_out: PostureJackknife, readings: FloatArray, joints: IndexArray, *, included: bool
+    jackknife: PostureJackknife, readings_covariance: FloatArray, joints: IndexArray, *, included: bool
 ) -> list[BudgetComponent]:
     """Return the component of the model error as a list of one entry; an empty list for too few postures.
 
@@ -810,25 +879,25 @@ def _estimate_model_error(
     noise alone are 1 on average and at most ``(1 + √(p/P))²``, with p joints and P postures (Marchenko &
     Pastur, 1967). Only larger eigenvalues count as model error, less the 1 that noise explains.
     """
-    fits = left_out.compliance[:, joints]
-    fits = fits[np.isfinite(fits).all(axis=1)]
-    count, p = fits.shape
-    if count < p + _LEAST_POSTURES:
+    compliances = jackknife.compliance[:, joints]
+    compliances = compliances[np.isfinite(compliances).all(axis=1)]
+    fit_count, joint_count = compliances.shape
+    if fit_count < joint_count + _LEAST_POSTURES:
         return []
-    deviations = fits - fits.mean(axis=0)
-    spread = (left_out.postures - 1.0) / count * deviations.T @ deviations
-    noise = readings[np.ix_(joints, joints)]
-    if not (np.isfinite(spread).all() and np.isfinite(noise).all()):
+    deviations = compliances - compliances.mean(axis=0)
+    jackknife_covariance = (jackknife.postures - 1.0) / fit_count * deviations.T @ deviations
+    noise_covariance = readings_covariance[np.ix_(joints, joints)]
+    if not (np.isfinite(jackknife_covariance).all() and np.isfinite(noise_covariance).all()):
         return []
     try:
-        values, vectors = linalg.eigh(spread, noise)
+        values, vectors = linalg.eigh(jackknife_covariance, noise_covariance)
     except np.linalg.LinAlgError:  # readings without noise: a ratio to the noise does not exist
         return []
-    noise_limit = (1.0 + np.sqrt(p / count)) ** 2
-    root = noise @ vectors * np.sqrt(np.where(values > noise_limit, values - 1.0, 0.0))
-    covariance = np.zeros_like(readings)
-    covariance[np.ix_(joints, joints)] = root @ root.T
-    return [BudgetComponent(covariance, "model_error", "A", included, count - 1.0)]
+    noise_limit = (1.0 + np.sqrt(joint_count / fit_count)) ** 2
+    covariance_root = noise_covariance @ vectors * np.sqrt(np.where(values > noise_limit, values - 1.0, 0.0))
+    covariance = np.zeros_like(readings_covariance)
+    covariance[np.ix_(joints, joints)] = covariance_root @ covariance_root.T
+    return [BudgetComponent(covariance, "model_error", "A", included, fit_count - 1.0)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -887,8 +956,8 @@ def predict(
     measurements: Measurements,
     compliance: FloatArray,
     *,
-    balanced: FloatArray | None = None,
-    estimated: BoolArray | None = None,
+    balanced_compliance: FloatArray | None = None,
+    is_estimated: BoolArray | None = None,
     statements: FittedStatements | None = None,
 ) -> Prediction:
     """Predict the deflections of the targets, ``δp_X = A_X c`` (method.md §2).
@@ -896,10 +965,12 @@ def predict(
     Args:
         robot: n joints.
         measurements: N observations.
-        compliance: (n,) [rad/(N·m)].
-        balanced: (n,) compliances with which the load bends the robot before the columns are computed: the
-            predicted deflections then equal the exact balance to third order. None neglects this bending.
-        estimated: (n,) joints with an estimate; all if None. Other joints have zero contributions.
+        compliance: (n,) compliances c [rad/(N·m)].
+        balanced_compliance: (n,) compliances with which the load bends the robot before the columns A_X are
+            computed: the predicted deflections then equal the exact balance to third order. None neglects
+                this
+            bending.
+        is_estimated: (n,) mask of joints with an estimate; all if None. Other joints have zero contributions.
         statements: errors of the load and of places that were fitted with the joints; their motion is part
             of the predicted deflections. None for loads and places as stated.
 
@@ -909,29 +980,31 @@ def predict(
     Raises:
         SolverError: the load has no balance with joints of the given compliances.
     """
-    contributing = compliance if estimated is None else np.where(estimated, compliance, 0.0)
+    contributing = compliance if is_estimated is None else np.where(is_estimated, compliance, 0.0)
     predicted, projected, encoder_deflections = [], [], []
-    for block in regressor_blocks(robot, measurements, balanced):
-        moved, turned = block.A @ compliance, block.torque * compliance
+    for block in regressor_blocks(robot, measurements, balanced_compliance):
+        target_motion, joint_turn = block.A @ compliance, block.torque * compliance
         if statements is not None:
-            by_errors = statements.compute_motion(block)
-            moved = moved + by_errors.targets
-            turned = turned if by_errors.joints is None else turned + by_errors.joints
-        predicted.append(moved)
-        encoder_deflections.append(turned)
+            motion_by_errors = statements.compute_motion(block)
+            target_motion = target_motion + motion_by_errors.targets
+            joint_turn = (
+                joint_turn if motion_by_errors.joints is None else joint_turn + motion_by_errors.joints
+            )
+        predicted.append(target_motion)
+        encoder_deflections.append(joint_turn)
         by_joint = block.A * contributing
         deflection = by_joint.sum(axis=-1)
         length = np.linalg.norm(deflection, axis=-1)
         direction = deflection / np.where(length > 0.0, length, 1.0)[..., None]
         projected.append(np.einsum("btij,bti->btj", by_joint, direction))
     # Contributions (N, T, n) of the joints; zero for targets that were not read.
-    parts, present = np.concatenate(projected), measurements.present
-    mean = parts.sum(axis=(0, 1)) / present.sum()
-    total = float(mean.sum())
+    by_reading, present = np.concatenate(projected), measurements.present
+    mean_by_joint = by_reading.sum(axis=(0, 1)) / present.sum()
+    total = float(mean_by_joint.sum())
     contributions = Contributions(
-        by_observation=(parts.sum(axis=1) / present.sum(axis=1)[:, None]).T,
-        mean=mean,
-        share=mean / total if total > 0.0 else np.zeros_like(mean),
+        by_observation=(by_reading.sum(axis=1) / present.sum(axis=1)[:, None]).T,
+        mean=mean_by_joint,
+        share=mean_by_joint / total if total > 0.0 else np.zeros_like(mean_by_joint),
     )
     prediction = Prediction.from_predicted(measurements, np.concatenate(predicted), contributions)
     return replace(prediction, encoders=np.concatenate(encoder_deflections))

@@ -67,7 +67,7 @@ class Likelihood:
 
     @cached_property
     def rows(self) -> FloatArray:
-        """Matrix R (k, p) of the likelihood."""
+        """Matrix R (k, p) of the likelihood: RᵀR is the inverse covariance of the p compliances."""
         return invert_to_root(self.covariance) if self.given_rows is None else self.given_rows
 
     def multiply_covariance(self, factor: float) -> Likelihood:
@@ -76,9 +76,9 @@ class Likelihood:
         return Likelihood(self.joints, self.centre, factor * self.covariance, rows)
 
     def add_common_errors(self, responses: FloatArray) -> Likelihood:
-        """Return the likelihood with S Sᵀ, the covariance of errors that all observations share, added to C.
+        """Return the likelihood with the covariance S Sᵀ of errors common to all observations added.
 
-        ``RᵀR`` then becomes ``Rᵀ(I + (R S)(R S)ᵀ)⁻¹R``.
+        The information ``RᵀR`` then becomes ``Rᵀ(I + (R S)(R S)ᵀ)⁻¹R``, with R the rows of the likelihood.
 
         Args:
             responses: S (p, k), change of the estimate by one standard uncertainty of each of k errors, in
@@ -86,21 +86,21 @@ class Likelihood:
         """
         rows = self.given_rows
         if rows is not None:
-            U, s, _ = np.linalg.svd(rows @ responses, full_matrices=False)
-            rows = rows + U @ ((1.0 / np.hypot(1.0, s) - 1.0)[:, None] * (U.T @ rows))
+            U, singular_values, _ = np.linalg.svd(rows @ responses, full_matrices=False)
+            rows = rows + U @ ((1.0 / np.hypot(1.0, singular_values) - 1.0)[:, None] * (U.T @ rows))
         return Likelihood(self.joints, self.centre, self.covariance + responses @ responses.T, rows)
 
 
 def invert_to_root(covariance: FloatArray) -> FloatArray:
-    """Return a matrix R (p, p) such that RᵀR is the inverse of a covariance (p, p).
+    """Return a root R (p, p) of the inverse of a covariance (p, p): RᵀR is the inverse.
 
     Eigenvalues of the correlation matrix below rounding are raised to rounding, so that information is
     understated, never overstated.
     """
     deviation = np.sqrt(np.diagonal(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(deviation, deviation))
-    least = len(values) * np.finfo(float).eps * values[-1]
-    rows: FloatArray = (vectors / np.sqrt(np.maximum(values, least))).T / deviation
+    least_eigenvalue = len(values) * np.finfo(float).eps * values[-1]
+    rows: FloatArray = (vectors / np.sqrt(np.maximum(values, least_eigenvalue))).T / deviation
     return rows
 
 
@@ -128,7 +128,7 @@ class Fit:
         return replace(self, covariance=factor * self.covariance, likelihood=likelihood)
 
     def add_common_errors(self, responses: FloatArray) -> Fit:
-        """Return the fit with the covariance of errors that all observations share added to the covariance.
+        """Return the fit with the uncertainty of errors that all observations share added to its covariance.
 
         Args:
             responses: (n, k) change of the estimate by one standard uncertainty of each of k errors, in units
@@ -166,7 +166,7 @@ class StageFit:
         joints: IndexArray,
         constraints: Constraints,
         prior: Prior | None = None,
-        find: Find = solve,
+        solve_problem: Find = solve,
     ) -> StageFit:
         """Solve one stage: minimise ``‖R c − z‖²`` over p compliances under constraints.
 
@@ -176,18 +176,22 @@ class StageFit:
             joints: (p,) joints of the columns.
             constraints: constraints on these p compliances.
             prior: prior of all compliances, in units of sigma, added as further rows.
-            find: function that solves a problem.
+            solve_problem: function that solves a problem.
         """
         spectrum = Spectrum(R)
-        analysis = analyse_spectrum(spectrum, joints)
-        undetermined, parameters, prior_values = analysis.combinations, float(spectrum.rank), np.zeros(0)
+        observability = analyse_spectrum(spectrum, joints)
+        undetermined, parameter_count, prior_values = (
+            observability.combinations,
+            float(spectrum.rank),
+            np.zeros(0),
+        )
         if prior is not None:
-            rows, prior_values = prior.rows(joints)
-            spectrum = Spectrum(np.vstack([R, rows]))
+            prior_rows, prior_values = prior.rows(joints)
+            spectrum = Spectrum(np.vstack([R, prior_rows]))
             undetermined = analyse_spectrum(spectrum, joints).combinations
             # Trace of the influence of the readings: parameters that the prior determines do not count.
-            parameters = float(np.sum(spectrum.inverse[:, : len(R)].T * R))
-        solution = find(
+            parameter_count = float(np.sum(spectrum.inverse[:, : len(R)].T * R))
+        solution = solve_problem(
             IdentificationProblem(
                 spectrum.determined,
                 np.concatenate([z, prior_values]),
@@ -195,12 +199,14 @@ class StageFit:
                 constraints.inequalities,
             )
         )
-        tied = np.zeros(len(joints), dtype=np.bool_)
+        is_tied = np.zeros(len(joints), dtype=np.bool_)
         if solution.tight is not None:
             equalised = constraints.equalise_tied(solution.compliance, solution.tight)
             solution = replace(solution, compliance=equalised)
-            tied[np.array(constraints.order)[solution.tight].ravel()] = True
-        return cls(joints, spectrum, analysis, undetermined, parameters, prior_values, solution, tied)
+            is_tied[np.array(constraints.order)[solution.tight].ravel()] = True
+        return cls(
+            joints, spectrum, observability, undetermined, parameter_count, prior_values, solution, is_tied
+        )
 
     def estimate_without_constraints(self, z: FloatArray) -> FloatArray:
         """Return the compliances (p,) of the fit without constraints; the shortest solution if not unique.
@@ -214,10 +220,10 @@ class StageFit:
 
 def fit_method(
     triangles: MethodTriangles,
-    null: BoolArray,
+    has_no_effect: BoolArray,
     constraints: Constraints,
     prior: Prior | None = None,
-    find: Find = solve,
+    solve_problem: Find = solve,
 ) -> Fit:
     """Solve the stages of a method in turn, without the joints that have no effect on the readings.
 
@@ -226,10 +232,13 @@ def fit_method(
 
     Args:
         triangles: compressed rows of all observations.
-        null: (n,) mask of joints that have no effect on the readings.
+        has_no_effect: (n,) mask of joints that have no effect on the readings.
         constraints: constraints on all n compliances.
         prior: prior of the n compliances, in units of sigma; only for weighting by covariance.
-        find: function that solves a problem; `solve_step` is faster, for use in iterations.
+        solve_problem: function that solves a problem; `solve_step` is faster, for use in iterations.
+
+    Returns:
+        The fit of all stages: compliances, covariance, and the evidence of optimality.
 
     Raises:
         RequestError: if the bounds on a wrist joint from the stiffness order leave no feasible compliance.
@@ -237,19 +246,31 @@ def fit_method(
             centre determines arm joints only in combination, so that the arm's share of the targets'
             deflection is unknown.
     """
-    n, method = len(null), triangles.method
+    n, method = len(has_no_effect), triangles.method
     compliance, unconstrained = np.zeros(n), np.zeros(n)
     fits: dict[int, StageFit] = {}
     if len(method.stages) > 1:
-        _refuse_unseen_from_centre(triangles, null)
-    for number, (stage, triangle) in enumerate(zip(method.stages, triangles.stages, strict=True)):
-        joints, known = stage.joints[~null[stage.joints]], stage.known[~null[stage.known]]
+        _refuse_joints_without_effect_on_centre(triangles, has_no_effect)
+    for number, (stage, compressed) in enumerate(zip(method.stages, triangles.stages, strict=True)):
+        joints, known_joints = (
+            stage.joints[~has_no_effect[stage.joints]],
+            stage.known[~has_no_effect[stage.known]],
+        )
         if not len(joints):
             continue
-        R, z, columns_of_known = triangle.matrix[:, joints], triangle.rhs, triangle.matrix[:, known]
-        remaining = constraints.fix_joints(known, compliance[known], joints)
+        R, z, columns_of_known = (
+            compressed.matrix[:, joints],
+            compressed.rhs,
+            compressed.matrix[:, known_joints],
+        )
+        remaining_constraints = constraints.fix_joints(known_joints, compliance[known_joints], joints)
         fitted = StageFit.from_rows(
-            R, z - columns_of_known @ compliance[known], joints, remaining, prior, find
+            R,
+            z - columns_of_known @ compliance[known_joints],
+            joints,
+            remaining_constraints,
+            prior,
+            solve_problem,
         )
         if fitted.undetermined and stage is not method.stages[-1]:
             combined = sorted(j for group in fitted.undetermined for j in group.joints)
@@ -263,20 +284,20 @@ def fit_method(
         compliance[joints] = unconstrained[joints] = fitted.solution.compliance
         # The estimate without constraints differs if a constraint acts in this stage or in an earlier stage.
         is_constrained = fitted.solution.active.any() or fitted.tied.any()
-        if is_constrained or (unconstrained[known] != compliance[known]).any():
-            remainder = z - columns_of_known @ unconstrained[known]
+        if is_constrained or (unconstrained[known_joints] != compliance[known_joints]).any():
+            remainder = z - columns_of_known @ unconstrained[known_joints]
             unconstrained[joints] = fitted.estimate_without_constraints(remainder)
         fits[number] = fitted
     return _combine_stages(triangles, fits, compliance, unconstrained)
 
 
-def _refuse_unseen_from_centre(triangles: MethodTriangles, null: BoolArray) -> None:
+def _refuse_joints_without_effect_on_centre(triangles: MethodTriangles, has_no_effect: BoolArray) -> None:
     """Raise UnsupportedMethodError if an arm joint moves the targets but not the wrist centre."""
     arm, names = triangles.method.stages[0].joints, triangles.method.joint_names
-    unseen = [j for j in arm[triangles.seen_from_centre.observability().null[arm]] if not null[j]]
-    if unseen:
+    not_shown = [j for j in arm[triangles.seen_from_centre.observability().null[arm]] if not has_no_effect[j]]
+    if not_shown:
         raise UnsupportedMethodError(
-            f"the wrist centre does not move when {', '.join(names[j] for j in unseen)} turns, so "
+            f"the wrist centre does not move when {', '.join(names[j] for j in not_shown)} turns, so "
             "its displacement does not show the compliance of that joint",
             where="method",
             remedy="use method partial_pose",
@@ -284,7 +305,7 @@ def _refuse_unseen_from_centre(triangles: MethodTriangles, null: BoolArray) -> N
 
 
 def _combine_stages(
-    triangles: MethodTriangles, fits: dict[int, StageFit], compliance: FloatArray, centre: FloatArray
+    triangles: MethodTriangles, fits: dict[int, StageFit], compliance: FloatArray, unconstrained: FloatArray
 ) -> Fit:
     """Combine the solutions of all stages into the fit of the whole method.
 
@@ -292,10 +313,10 @@ def _combine_stages(
         triangles: compressed rows of all observations.
         fits: solved stages by their number.
         compliance: (n,) optimum [rad/(N·m)].
-        centre: (n,) estimate without constraints [rad/(N·m)].
+        unconstrained: (n,) estimate without constraints [rad/(N·m)].
     """
     stages = list(fits.values())
-    active, tied = np.zeros(len(centre), dtype=np.int8), np.zeros(len(centre), dtype=np.bool_)
+    active, tied = np.zeros(len(unconstrained), dtype=np.int8), np.zeros(len(unconstrained), dtype=np.bool_)
     for stage in stages:
         tied[stage.joints], active[stage.joints] = stage.tied, stage.solution.active
     joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])
@@ -315,7 +336,7 @@ def _combine_stages(
         active,
         tied,
         covariance,
-        Likelihood(joints, centre[joints], covariance_of_fitted, rows),
+        Likelihood(joints, unconstrained[joints], covariance_of_fitted, rows),
         sum(stage.parameters for stage in stages),
         undetermined,
         tuple(stage.analysis for stage in stages),
@@ -339,16 +360,20 @@ def _compute_covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -
         covariance[np.ix_(stage.joints, stage.joints)] = root @ root.T
     if len(fits) > 1:
         arm, wrist = fits.values()
-        inverse = wrist.spectrum.inverse
+        wrist_inverse = wrist.spectrum.inverse
         rows = triangles.stages[1].matrix[:, arm.joints]
-        L_A = inverse[:, : len(rows)] @ rows  # L A_a; rows of a prior of the wrist do not depend on the arm
-        shared = (inverse @ inverse.T) @ triangles.cross[np.ix_(wrist.joints, arm.joints)]
-        shared = shared @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)  # cov(L d, ĉ_a)
+        L_A = (
+            wrist_inverse[:, : len(rows)] @ rows
+        )  # L A_a; rows of a prior of the wrist do not depend on the arm
+        cross_covariance = (wrist_inverse @ wrist_inverse.T) @ triangles.cross[
+            np.ix_(wrist.joints, arm.joints)
+        ]
+        cross_covariance = cross_covariance @ (arm.spectrum.inverse @ arm.spectrum.inverse.T)  # cov(L d, ĉ_a)
         arm_covariance = covariance[np.ix_(arm.joints, arm.joints)]
-        correlation = shared @ L_A.T
-        of_wrist = np.ix_(wrist.joints, wrist.joints)
-        covariance[of_wrist] += L_A @ arm_covariance @ L_A.T - correlation - correlation.T
-        covariance[np.ix_(wrist.joints, arm.joints)] = shared - L_A @ arm_covariance
+        correlation = cross_covariance @ L_A.T
+        wrist_block = np.ix_(wrist.joints, wrist.joints)
+        covariance[wrist_block] += L_A @ arm_covariance @ L_A.T - correlation - correlation.T
+        covariance[np.ix_(wrist.joints, arm.joints)] = cross_covariance - L_A @ arm_covariance
         covariance[np.ix_(arm.joints, wrist.joints)] = covariance[np.ix_(wrist.joints, arm.joints)].T
     return covariance
 
@@ -372,7 +397,7 @@ class Scale:
     degrees_of_freedom: float  #: expectation of `chi_square` if model and sigma are right
 
     def quantile(self, probability: float) -> float:
-        """Return a quantile of the distribution of the estimate's error over its standard uncertainty.
+        """Return a quantile of the distribution of (estimate − true value) / standard uncertainty.
 
         The distribution is normal, or Student's where sigma was estimated from the residuals.
         """
@@ -380,11 +405,12 @@ class Scale:
 
 
 def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
-    """Return sigma, the chi-square of the targets' residuals, and the degrees of freedom of this chi-square.
+    """Return sigma, the chi-square of the targets' residuals, and the chi-square's degrees of freedom.
 
     For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``, which is rows − p for
-    weighted least squares. Here p is the number of parameters that the readings, not a prior, determine. All
-    methods get sigma from the same readings.
+    weighted least squares. Here p is the number of parameters that the readings, not a prior, determine; A
+    are
+    the regressors and Σ the covariance of the readings. All methods get sigma from the same readings.
 
     Args:
         fit: outcome of a method.
@@ -392,17 +418,19 @@ def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
         sigma: stated standard uncertainty of a coordinate [m]; None to estimate sigma from the residuals.
     """
     R = readings.matrix
-    squares = float(np.sum((R @ fit.compliance - readings.rhs) ** 2))
+    residual_squares = float(np.sum((R @ fit.compliance - readings.rhs) ** 2))
     information = float(np.sum((R @ fit.covariance) * R))
-    freedom = readings.rows - 2 * fit.parameters + information
-    freedom = 0.0 if freedom < _LEAST_FREEDOM else freedom
+    degrees_of_freedom = readings.rows - 2 * fit.parameters + information
+    degrees_of_freedom = 0.0 if degrees_of_freedom < _LEAST_FREEDOM else degrees_of_freedom
     if sigma is not None:
         with np.errstate(all="ignore"):  # `_build_estimate` refuses numbers that overflow, with a remedy
-            chi_square = float(np.float64(squares) / np.float64(sigma) ** 2)
-        return Scale(sigma, True, chi_square, freedom)
-    if freedom < _LEAST_FREEDOM:
-        return Scale(None, False, 0.0, freedom)
-    return Scale(float(np.sqrt(squares / freedom)), False, freedom, freedom)
+            chi_square = float(np.float64(residual_squares) / np.float64(sigma) ** 2)
+        return Scale(sigma, True, chi_square, degrees_of_freedom)
+    if degrees_of_freedom < _LEAST_FREEDOM:
+        return Scale(None, False, 0.0, degrees_of_freedom)
+    return Scale(
+        float(np.sqrt(residual_squares / degrees_of_freedom)), False, degrees_of_freedom, degrees_of_freedom
+    )
 
 
 @dataclass(frozen=True)
@@ -413,19 +441,21 @@ class SigmaTest:
     result: Literal["consistent", "residuals_too_large", "residuals_too_small"]
 
 
-def sigma_test(chi_square: float, degrees_of_freedom: float, by_statements: float = 0.0) -> SigmaTest | None:
-    """Return a two-sided test of a stated sigma against the residuals; None without degrees of freedom.
+def sigma_test(
+    chi_square: float, degrees_of_freedom: float, from_stated_errors: float = 0.0
+) -> SigmaTest | None:
+    """Test a stated sigma against the residuals, two-sided; return None without degrees of freedom.
 
     Args:
         chi_square: sum of squared residuals over the squared sigma.
         degrees_of_freedom: expectation of `chi_square` if model, sigma and stated uncertainties are right.
-        by_statements: part of this expectation that stated errors cause, such as those of masses; the
+        from_stated_errors: part of this expectation that stated errors cause, such as errors of masses; the
             expectation is lower by this part if the stated values are exact.
     """
     if degrees_of_freedom < _LEAST_FREEDOM:
         return None
-    least = max(degrees_of_freedom - by_statements, _LEAST_FREEDOM)
-    tails = special.chdtr(least, chi_square), special.chdtrc(degrees_of_freedom, chi_square)
+    least_expected = max(degrees_of_freedom - from_stated_errors, _LEAST_FREEDOM)
+    tails = special.chdtr(least_expected, chi_square), special.chdtrc(degrees_of_freedom, chi_square)
     p_value = min(1.0, 2.0 * float(min(tails)))
     if p_value >= SIGMA_TEST_LEVEL:
         return SigmaTest(p_value, "consistent")
@@ -478,14 +508,16 @@ class TargetRows:
 
     @property
     def present(self) -> BoolArray:
-        """Table (N, T): whether each target was read in each observation; K entries are true."""
+        """Mask (N, T) of the targets that were read in each observation; K entries are true."""
         return np.concatenate(self._present)
 
     def chi_square(self, compliance: FloatArray, *, sigma: float, threshold: float) -> float:
         """Return the chi-square of an estimate, with each residual cut at the threshold to limit outliers.
 
-        The targets add ``Σ min(‖r‖/σ, k)² / b``, with ``3 b = E[min(t, k)²]`` and t the norm of three
-        standard normal coordinates: with this b, good readings have the expectation of a plain chi-square.
+        The targets add ``Σ min(‖r‖/σ, k)² / b``, with r the residual of a target, k the threshold, and b such
+        that
+        good readings have the expectation of a plain chi-square: ``3 b = E[min(t, k)²]``, t the norm of three
+        standard normal coordinates.
 
         Args:
             compliance: (n,) the estimate [rad/(N·m)].
@@ -493,10 +525,14 @@ class TargetRows:
             threshold: k, in units of sigma.
         """
         norm = np.linalg.norm(self.rows[..., -1] - self.rows[..., :-1] @ compliance, axis=1) / sigma
-        half = 0.5 * threshold**2
-        b = special.gammainc(2.5, half) + threshold**2 / 3.0 * special.gammaincc(1.5, half)
-        squared = (self.squared.matrix @ compliance - self.squared.rhs) / sigma
-        return float(np.sum(np.minimum(norm, threshold) ** 2) / b + squared @ squared)
+        half_square = 0.5 * threshold**2
+        normaliser = special.gammainc(2.5, half_square) + threshold**2 / 3.0 * special.gammaincc(
+            1.5, half_square
+        )
+        squared_residuals = (self.squared.matrix @ compliance - self.squared.rhs) / sigma
+        return float(
+            np.sum(np.minimum(norm, threshold) ** 2) / normaliser + squared_residuals @ squared_residuals
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -527,22 +563,26 @@ class RobustFit:
 
         The covariance is larger because the weights w are computed from the same readings. The factor is
         Huber's asymptotic ``a / b²`` over ``1 / mean(w)`` (*Robust Statistics*, 1981, §7.6): a is the mean of
-        ``(w ‖r‖)²`` per coordinate, b the mean derivative of ``w r``. The derivative is 1 below the
-        threshold; beyond, the derivative is w across the residual's direction and 0 along the direction.
+        ``(w ‖r‖)²`` per coordinate, with r the residual; b is the mean derivative of ``w r``. The derivative
+        is 1
+        below the threshold; beyond, it is w across the residual's direction and 0 along the direction.
         Below the threshold the expected ``‖r‖²`` is used. The factor is 1.0 for good readings.
         """
-        half = 0.5 * self.threshold**2
+        half_square = 0.5 * self.threshold**2
         # E[χ²₃ | χ²₃ ≤ t²] / 3, with t the threshold: expected square per coordinate below the threshold
-        below = float(special.gammainc(2.5, half) / special.gammainc(1.5, half))
-        w = self.weight[self.residual_norm > 0]  # weights of the targets that were read
-        if not len(w):
+        mean_square_below = float(special.gammainc(2.5, half_square) / special.gammainc(1.5, half_square))
+        weights = self.weight[self.residual_norm > 0]  # weights of the targets that were read
+        if not len(weights):
             return 1.0
-        a = float(np.mean(np.where(w < 1.0, self.threshold**2 / 3.0, below)))
-        b = float(np.mean(np.where(w < 1.0, 2.0 * w / 3.0, 1.0)))
-        return max(1.0, a * float(np.mean(w)) / b**2)
+        mean_square = float(np.mean(np.where(weights < 1.0, self.threshold**2 / 3.0, mean_square_below)))
+        mean_derivative = float(np.mean(np.where(weights < 1.0, 2.0 * weights / 3.0, 1.0)))
+        return max(1.0, mean_square * float(np.mean(weights)) / mean_derivative**2)
 
     def reweight(self, measurements: Measurements) -> Measurements:
-        """Return the same readings with weights w, so that least squares gives the Huber estimate."""
+        """Return the same readings with the weights of the robust fit.
+
+        Weighted least squares of these readings gives the Huber estimate.
+        """
         return replace(measurements, weight=self.weight)
 
 
@@ -555,7 +595,7 @@ class _HuberProblem:
     constraints: Constraints
 
     def in_units_of(self, length: float) -> _HuberProblem:
-        """Return the problem with all rows divided by a length."""
+        """Return the problem with all rows divided by a length [m], so that residuals are in this unit."""
         return replace(self, rows=self.rows / length, squared=self.squared / length)
 
     def residuals_at(self, c: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -575,33 +615,40 @@ class _HuberProblem:
             spectrum.determined, z, self.constraints.bounds, self.constraints.inequalities
         )
 
-    def state_weighted(self, weight: FloatArray) -> IdentificationProblem:
+    def build_weighted_problem(self, weight: FloatArray) -> IdentificationProblem:
         """Return the least-squares problem with weights (K,) of the targets, under the constraints."""
         rows = (np.sqrt(weight)[:, None, None] * self.rows).reshape(-1, self.rows.shape[2])
         R = compute_triangular_factor(np.vstack([rows, self.squared]))
         return self.state_problem(Spectrum(R[:, :-1]), R[:, -1])
 
-    def state_unweighted(self) -> IdentificationProblem:
+    def build_unweighted_problem(self) -> IdentificationProblem:
         """Return the problem with squared instead of Huber loss: least squares with all weights 1."""
-        return self.state_weighted(np.ones(len(self.rows)))
+        return self.build_weighted_problem(np.ones(len(self.rows)))
 
-    def minimise_model(self, c: FloatArray, damping: float) -> tuple[FloatArray, Certificate]:
-        """Minimise a quadratic model of the objective around c (p,) under the constraints.
+    def minimise_quadratic_model(self, c: FloatArray, damping: float) -> tuple[FloatArray, Certificate]:
+        """Minimise a quadratic model of the objective around compliances c (p,) under the constraints.
 
-        A reading beyond the threshold adds the curvature ``w (I − (1 − damping) u uᵀ)``, with u the direction
-        of the residual: damping 0 gives Newton's step, and 1 a reweighted step, which never increases the
-        objective. Return the minimiser (p,) and the certificate of the model's minimum.
+        A reading beyond the threshold adds the curvature ``w (I − (1 − damping) u uᵀ)``, with w its weight
+        and u
+        the direction of its residual: damping 0 gives Newton's step, and 1 a reweighted step, which never
+        increases
+        the objective.
+
+        Returns:
+            The minimiser (p,), and the certificate of the model's minimum.
         """
-        A, S = self.rows[..., :-1], self.squared[:, :-1]
+        regressor, squared_rows = self.rows[..., :-1], self.squared[:, :-1]
         residual, norm = self.residuals_at(c)
         weight = _huber_weights(norm)
-        u = residual / np.maximum(norm, 1.0)[:, None]
+        unit_residuals = residual / np.maximum(norm, 1.0)[:, None]
         flattened = np.where(norm > 1.0, 1.0 - np.sqrt(damping), 0.0)  # curvature removed along u
-        scaled_A = A - flattened[:, None, None] * u[..., None] * (u[:, None] @ A)
+        scaled_A = regressor - flattened[:, None, None] * unit_residuals[..., None] * (
+            unit_residuals[:, None] @ regressor
+        )
         weighted = (np.sqrt(weight)[:, None, None] * scaled_A).reshape(-1, len(c))
-        R = compute_triangular_factor(np.vstack([weighted, S]))
-        gradient = S.T @ (S @ c - self.squared[:, -1])
-        gradient -= np.einsum("kij,ki->j", A, weight[:, None] * residual)
+        R = compute_triangular_factor(np.vstack([weighted, squared_rows]))
+        gradient = squared_rows.T @ (squared_rows @ c - self.squared[:, -1])
+        gradient -= np.einsum("kij,ki->j", regressor, weight[:, None] * residual)
         spectrum = Spectrum(R)
         solution = solve_step(self.state_problem(spectrum, R @ c - spectrum.inverse.T @ gradient))
         return solution.compliance, solution.certificate
@@ -612,13 +659,13 @@ class _HuberProblem:
         The Huber optimum is also the optimum of weighted least squares with the weights at that optimum, so
         the certificate is computed for the weighted least-squares problem with the weights at c.
         """
-        scaled = Scaled.from_problem(self.state_weighted(_huber_weights(self.residuals_at(c)[1])))
+        scaled = Scaled.from_problem(self.build_weighted_problem(_huber_weights(self.residuals_at(c)[1])))
         return certify(scaled, c / scaled.unit, solved_by)
 
 
 def fit_huber(
     targets: TargetRows,
-    null: BoolArray,
+    has_no_effect: BoolArray,
     constraints: Constraints,
     *,
     prior: Prior | None,
@@ -633,7 +680,7 @@ def fit_huber(
 
     Args:
         targets: whitened rows of all readings.
-        null: (n,) mask of joints that have no effect on the readings.
+        has_no_effect: (n,) mask of joints that have no effect on the readings.
         constraints: constraints on all n compliances.
         prior: prior of the n compliances; the loss of its rows stays squared.
         sigma: stated standard uncertainty of a coordinate [m]; None if it is unknown.
@@ -646,7 +693,7 @@ def fit_huber(
         UnsupportedMethodError: sigma is unknown, and there are too few readings to estimate it.
         SolverError: optimality could not be certified.
     """
-    joints = np.flatnonzero(~null)
+    joints = np.flatnonzero(~has_no_effect)
     columns = [*joints, -1]
     problem = _HuberProblem(
         targets.rows[..., columns], targets.squared.R[:, columns], constraints.select(joints)
@@ -658,10 +705,10 @@ def fit_huber(
         problem = replace(problem, squared=np.vstack([problem.squared, np.column_stack([rows, values])]))
     problem = problem.in_units_of(threshold * sigma)
     compliance, certificate = _minimise_huber_loss(problem)
-    norm = problem.residuals_at(compliance)[1]
+    residual_norm = problem.residuals_at(compliance)[1]
     present = targets.present
     weights, norms = np.ones(present.shape), np.zeros(present.shape)
-    weights[present], norms[present] = _huber_weights(norm), threshold * norm
+    weights[present], norms[present] = _huber_weights(residual_norm), threshold * residual_norm
     return RobustFit(threshold, sigma, weights, norms, certificate)
 
 
@@ -671,10 +718,10 @@ def _huber_weights(norm: FloatArray) -> FloatArray:
 
 
 def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificate]:
-    """Return the optimum (p,) of the Huber problem and its certificate: Clarabel's point, refined by Newton.
+    """Return the optimum (p,) of the Huber problem and its certificate.
 
-    With more than `MOST_STATED` readings the rounds start from least squares, with full damping, because
-    that is faster than Clarabel.
+    Clarabel's point is refined by Newton's method. With more than `MOST_STATED` readings, least squares gives
+    the start instead, with full damping, because that is faster than Clarabel.
 
     Raises:
         SolverError: no certified optimum after `MOST_ROUNDS` rounds.
@@ -683,15 +730,24 @@ def _minimise_huber_loss(problem: _HuberProblem) -> tuple[FloatArray, Certificat
     if len(problem.rows) <= MOST_STATED:
         from jointstiff.solver.estimation import convex  # takes a second to import
 
-        (A, d), (S, t) = ((rows[..., :-1], rows[..., -1]) for rows in (problem.rows, problem.squared))
-        clarabel_point = convex.solve_huber(A, d, S, t, problem.state_unweighted())
+        # The last column of rows is the right-hand side.
+        rows, squared = problem.rows, problem.squared
+        clarabel_point = convex.solve_huber(
+            rows[..., :-1],
+            rows[..., -1],
+            squared[..., :-1],
+            squared[..., -1],
+            problem.build_unweighted_problem(),
+        )
     compliance = (
-        solve_step(problem.state_unweighted()).compliance if clarabel_point is None else clarabel_point
+        solve_step(problem.build_unweighted_problem()).compliance
+        if clarabel_point is None
+        else clarabel_point
     )
     damping = 1.0 if clarabel_point is None else _LEAST_DAMPING
     objective = problem.objective(compliance)
     for _ in range(MOST_ROUNDS):
-        proposed, model_certificate = problem.minimise_model(compliance, damping)
+        proposed, model_certificate = problem.minimise_quadratic_model(compliance, damping)
         value = problem.objective(proposed)
         if value > objective * (1.0 + _NO_DESCENT) and damping < 1.0:
             damping = 1.0  # Newton's step went too far: reweighting from the same point always descends
@@ -718,7 +774,7 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
     Raises:
         UnsupportedMethodError: there are no more readings than parameters.
     """
-    compliance = solve_step(problem.state_unweighted()).compliance
+    compliance = solve_step(problem.build_unweighted_problem()).compliance
     row_count = problem.rows[..., 0].size
     degrees_of_freedom = row_count - len(compliance)
     if degrees_of_freedom < 1:
@@ -736,5 +792,5 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
         previous_scale, scale = scale, max(least_scale, factor * float(np.median(norms)))
         if abs(scale - previous_scale) <= _SCALE_TOLERANCE * scale:
             break
-        compliance, _ = problem.in_units_of(threshold * scale).minimise_model(compliance, 1.0)
+        compliance, _ = problem.in_units_of(threshold * scale).minimise_quadratic_model(compliance, 1.0)
     return scale

@@ -246,11 +246,13 @@ def _fit_once(
             compliance=np.maximum(previous.fit.compliance, 0.0),
             sigma=max(measurements.sigma or previous.noise(), _LEAST_STATED_SIGMA),
         )
-        triangles = triangles.given(regressor_blocks(robot, measurements, compliance), statements)
+        triangles = triangles.fit_with_statements(
+            regressor_blocks(robot, measurements, compliance), statements
+        )
     # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
     triangles.all_readings.rows -= fitted_errors(measurements).determined
     find = solve_step if previous is None and (settings.complementary_stiffness or stated) else solve
-    fit = fit_method(triangles, observability.null, settings.constraints, find=find)
+    fit = fit_method(triangles, observability.null, settings.constraints, solve_problem=find)
     if settings.prior is not None:
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
         sigma = estimate_scale(fit, triangles.all_readings, sigma).sigma

@@ -74,22 +74,24 @@ class Prior:
 
     @property
     def known(self) -> BoolArray:
-        """Table (n,): whether each joint has a prior."""
+        """Mask (n,) of the joints that have a prior."""
         return np.isfinite(self.mean)
 
     def in_units_of(self, sigma: float) -> Prior:
-        """Return the prior with uncertainties divided by sigma, the uncertainty of one coordinate [m]."""
+        """Return the prior with uncertainties divided by sigma, the uncertainty of a coordinate [m]."""
         return Prior(self.mean, self.standard_uncertainty / sigma)
 
     def rows(self, joints: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Return the prior as rows ``c_j / s₀ = c₀ / s₀`` of least squares over p joints.
+        """Return the prior as rows ``c_j / s₀ = c₀ / s₀`` of a least-squares problem in p compliances c_j.
+
+        c₀ and s₀ are the mean and the standard uncertainty of the prior of joint j.
 
         Returns:
             The matrix (k, p) for the k joints with a prior, and the right-hand side (k,).
         """
-        known = np.flatnonzero(self.known[joints])
-        rows = np.eye(len(joints))[known] / self.standard_uncertainty[joints[known], None]
-        return rows, rows[:, known] @ self.mean[joints[known]]
+        with_prior = np.flatnonzero(self.known[joints])
+        rows = np.eye(len(joints))[with_prior] / self.standard_uncertainty[joints[with_prior], None]
+        return rows, rows[:, with_prior] @ self.mean[joints[with_prior]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +130,7 @@ class Settings:
             )
         )
         # If elastic links are requested, the loss belongs to their model, and joints alone use squares.
-        huber = options.loss == "huber" and options.elasticity in {"joints", "automatic"}
+        uses_huber = options.loss == "huber" and options.elasticity in {"joints", "automatic"}
         settings = cls(
             method=options.method,
             weighting=options.weighting,
@@ -137,7 +139,7 @@ class Settings:
             confidence=options.confidence,
             order=order,
             prior=_prior_from_options(options, robot),
-            loss="huber" if huber else "squared",
+            loss="huber" if uses_huber else "squared",
             huber_threshold=options.huber_threshold or DEFAULT_THRESHOLD,
             complementary_stiffness=options.complementary_stiffness == "included",
         )
@@ -239,7 +241,7 @@ class Method:
 
     @property
     def is_plain(self) -> bool:
-        """True if the method fits the whitened rows of the readings directly, without a linear map."""
+        """True if the method fits the whitened rows of the readings as they are, without a linear map."""
         return self.by_covariance and self.name == "partial_pose"
 
     def rows(self, block: RegressorBlock, whitened: Rows) -> Iterator[StageRows]:
@@ -254,19 +256,19 @@ class Method:
         """
         targets, encoders = whitened.targets, whitened.encoders
         flat = targets.reshape(len(targets), -1, targets.shape[-1])
-        for stage, (N, root) in zip(self.stages, self._stage_maps(block), strict=True):
-            if N is not None:
-                fitted = N @ flat
-                spread = N.transpose(0, 2, 1) @ fitted
-            elif root is not None:  # S W⁻¹, target by target
-                fitted = root @ targets
-                spread = (root.mT @ fitted).reshape(flat.shape)
-                fitted = fitted.reshape(flat.shape)
+        for stage, (observation_map, target_map) in zip(self.stages, self._stage_maps(block), strict=True):
+            if observation_map is not None:
+                fitted_rows = observation_map @ flat
+                spread_rows = observation_map.transpose(0, 2, 1) @ fitted_rows
+            elif target_map is not None:  # S W⁻¹, target by target
+                fitted_rows = target_map @ targets
+                spread_rows = (target_map.mT @ fitted_rows).reshape(flat.shape)
+                fitted_rows = fitted_rows.reshape(flat.shape)
             else:
-                fitted, spread = flat, None
+                fitted_rows, spread_rows = flat, None
             if encoders is not None:
-                fitted = np.concatenate([fitted, encoders[:, stage.joints]], axis=1)
-            yield StageRows(fitted, spread)
+                fitted_rows = np.concatenate([fitted_rows, encoders[:, stage.joints]], axis=1)
+            yield StageRows(fitted_rows, spread_rows)
 
     def _stage_maps(self, block: RegressorBlock) -> list[tuple[FloatArray | None, FloatArray | None]]:
         """Return for each stage the linear map N of the whitened rows, as a pair of arrays or None.
@@ -274,7 +276,7 @@ class Method:
         The first array (B, m, 3 T) maps the rows of whole observations, the second (B, T, 3, 3) the rows of
         single targets. At least one of them is None; if both are, N is the identity.
         """
-        part = block.measurements
+        measurements = block.measurements
         targets: tuple[FloatArray | None, FloatArray | None] = (None, None)
         if not self.by_covariance:
             targets = self._undo_whitening(block)
@@ -283,22 +285,24 @@ class Method:
         Q, R, reference = factorise_displacement(block)
         # With a robust loss, a pose gets the least weight of its targets.
         least_weight: FloatArray | float = 1.0
-        if part.weight is not None:
-            least_weight = np.sqrt(np.where(part.present, part.weight, 1.0).min(axis=1))[:, None, None]
+        if measurements.weight is not None:
+            least_weight = np.sqrt(np.where(measurements.present, measurements.weight, 1.0).min(axis=1))[
+                :, None, None
+            ]
         if self.name == "complete_pose":
             if self.by_covariance:
                 return [(Q.transpose(0, 2, 1), None)]
-            unit = np.repeat([1.0 / (self.length or 1.0), 1.0], 3)
-            return [(least_weight * unit[:, None] * np.linalg.solve(R, Q.transpose(0, 2, 1)), None)]
+            row_scale = np.repeat([1.0 / (self.length or 1.0), 1.0], 3)
+            return [(least_weight * row_scale[:, None] * np.linalg.solve(R, Q.transpose(0, 2, 1)), None)]
         centre = block.postures.to_base(np.broadcast_to(self.centre, (len(Q), 1, 3)))[:, 0]
         extrapolation = np.concatenate(
             [np.broadcast_to(np.eye(3), (len(Q), 3, 3)), -skew(centre - reference)], axis=2
         )
         # Map from the whitened rows of the targets to the displacement of the wrist centre.
-        to_centre = extrapolation @ np.linalg.solve(R, Q.transpose(0, 2, 1))
+        centre_map = extrapolation @ np.linalg.solve(R, Q.transpose(0, 2, 1))
         if self.by_covariance:  # orthonormal rows: the displacement of the centre, whitened
-            to_centre = np.linalg.qr(to_centre.transpose(0, 2, 1))[0].transpose(0, 2, 1)
-        return [(least_weight * to_centre if not self.by_covariance else to_centre, None), targets]
+            centre_map = np.linalg.qr(centre_map.transpose(0, 2, 1))[0].transpose(0, 2, 1)
+        return [(least_weight * centre_map if not self.by_covariance else centre_map, None), targets]
 
     @staticmethod
     def _undo_whitening(block: RegressorBlock) -> tuple[FloatArray | None, FloatArray | None]:
@@ -343,34 +347,36 @@ class MethodTriangles:
 
     def add(self, block: RegressorBlock) -> None:
         """Add the rows of a block of observations to all triangles."""
-        part = block.measurements
+        measurements = block.measurements
         whitened = build_whitened_rows(block, [JOINTS], np.zeros(block.robot.n))
-        self.all_readings.add(whitened.targets, count=int(part.coordinates.sum()))
-        if part.encoders is not None and whitened.encoders is not None:
-            self.all_readings.add(whitened.encoders, count=int(part.encoders.present.sum()))
+        self.all_readings.add(whitened.targets, count=int(measurements.coordinates.sum()))
+        if measurements.encoders is not None and whitened.encoders is not None:
+            self.all_readings.add(whitened.encoders, count=int(measurements.encoders.present.sum()))
         if self.method.is_plain:
             return
         spreads = []
-        for s, rows in enumerate(self.method.rows(block, whitened)):
-            self.stages[s].add(rows.fitted)
+        for stage, rows in enumerate(self.method.rows(block, whitened)):
+            self.stages[stage].add(rows.fitted)
             spread = whitened.targets if rows.spread is None else rows.spread
             spreads.append(spread.reshape(-1, spread.shape[-1])[:, :-1])
             if self.spreads is not None and rows.spread is not None:
-                self.spreads[s].add(rows.spread)
+                self.spreads[stage].add(rows.spread)
         if len(spreads) > 1:
             self.cross += spreads[1].T @ spreads[0]
             points = block.postures.to_base(np.broadcast_to(self.method.centre, (len(block.torque), 1, 3)))
             jacobian = block.postures.jacobian_at(points)
             self.seen_from_centre.add_with_points(block, jacobian, np.ones((len(points), 1), dtype=bool))
 
-    def given(self, blocks: Iterable[RegressorBlock], statements: Statements) -> MethodTriangles:
+    def fit_with_statements(
+        self, blocks: Iterable[RegressorBlock], statements: Statements
+    ) -> MethodTriangles:
         """Return the triangles of a method with one stage, in which statements are fitted with the joints.
 
         Args:
             blocks: the observations that were added.
             statements: terms whose unknowns are stated as zero, with their standard uncertainties.
         """
-        given, n = MethodTriangles(self.method), len(self.method.joint_names)
+        result, n = MethodTriangles(self.method), len(self.method.joint_names)
         fitted: list[FloatArray] = []
         readings: list[FloatArray] = []
         for block in blocks:
@@ -382,31 +388,35 @@ class MethodTriangles:
             readings.append(compute_triangular_factor(whitened.targets.reshape(-1, width)))
             if whitened.encoders is not None:
                 readings.append(compute_triangular_factor(whitened.encoders.reshape(-1, width)))
-        wholes = []
-        for parts in (readings, fitted):
-            whole = Triangle(joints=n, statements=width - 1 - n)
-            whole.add(np.concatenate(parts), count=self.all_readings.rows)
-            wholes.append(whole)
-        one = np.ones(width - 1 - n)
-        given.all_readings = wholes[0].given("statements", one, statements.sigma)
-        given.stages = [given.all_readings]
+        compressed = []
+        for factors in (readings, fitted):
+            triangle = Triangle(joints=n, statements=width - 1 - n)
+            triangle.add(np.concatenate(factors), count=self.all_readings.rows)
+            compressed.append(triangle)
+        unit_uncertainties = np.ones(width - 1 - n)
+        result.all_readings = compressed[0].given("statements", unit_uncertainties, statements.sigma)
+        result.stages = [result.all_readings]
         if not self.method.is_plain:
-            given.stages = [wholes[1].given("statements", one, statements.sigma)]
-        B, fitted_rows = wholes[1].matrix[:, n:], wholes[1].R[:, [*range(n), -1]]
-        stated = statements.sigma * np.eye(B.shape[1])
-        given._statements = statements
-        given._with_statements = np.vstack([wholes[0].matrix, np.eye(width - 1)[n:] * statements.sigma])
-        given._unknowns = np.linalg.lstsq(
-            np.vstack([B, stated]), np.vstack([fitted_rows, np.zeros((B.shape[1], n + 1))]), rcond=None
+            result.stages = [compressed[1].given("statements", unit_uncertainties, statements.sigma)]
+        statement_columns, fitted_rows = compressed[1].matrix[:, n:], compressed[1].R[:, [*range(n), -1]]
+        statement_rows = statements.sigma * np.eye(statement_columns.shape[1])
+        result._statements = statements
+        result._with_statements = np.vstack([compressed[0].matrix, np.eye(width - 1)[n:] * statements.sigma])
+        result._unknowns = np.linalg.lstsq(
+            np.vstack([statement_columns, statement_rows]),
+            np.vstack([fitted_rows, np.zeros((statement_columns.shape[1], n + 1))]),
+            rcond=None,
         )[0].T
-        return given
+        return result
 
     def rebuild(self, blocks: Sequence[RegressorBlock]) -> MethodTriangles:
-        """Return the triangles of some of the observations, by the same method and with its statements."""
-        others = MethodTriangles(self.method)
+        """Return the triangles of some of the observations, with the same method and statements."""
+        triangles = MethodTriangles(self.method)
         for block in blocks:
-            others.add(block)
-        return others if self._statements is None else others.given(blocks, self._statements)
+            triangles.add(block)
+        return (
+            triangles if self._statements is None else triangles.fit_with_statements(blocks, self._statements)
+        )
 
     def fit_statements(self, compliance: FloatArray) -> FittedStatements | None:
         """Return the statements with the values that fit best for given compliances; None without any.
@@ -419,16 +429,19 @@ class MethodTriangles:
         return FittedStatements(self._statements, np.append(-compliance, 1.0) @ self._unknowns)
 
     @property
-    def freedom_of_statements(self) -> float:
-        """Number of unknowns of statements that the readings determine, ``tr(B (BᵀB + σ²)⁻¹ Bᵀ)``."""
+    def determined_statement_count(self) -> float:
+        """Effective number of unknowns of statements that the readings determine, ``tr(B (BᵀB + σ²)⁻¹ Bᵀ)``.
+
+        B are the columns of the statements after projecting the joints out; σ is the noise of a reading.
+        """
         if self._statements is None or self._with_statements is None:
             return 0.0
-        n, k = len(self.method.joint_names), self._unknowns.shape[1]
-        joints, columns = np.split(self._with_statements[:-k], [n], axis=1)
-        known = orthonormal_basis(unit_columns(joints)[0])
-        columns = columns - known @ (known.T @ columns)
-        squares = np.square(np.linalg.svd(columns, compute_uv=False))
-        return float((squares / (squares + self._statements.sigma**2)).sum())
+        n, statement_count = len(self.method.joint_names), self._unknowns.shape[1]
+        joints, columns = np.split(self._with_statements[:-statement_count], [n], axis=1)
+        joint_basis = orthonormal_basis(unit_columns(joints)[0])
+        columns = columns - joint_basis @ (joint_basis.T @ columns)
+        squared_singular_values = np.square(np.linalg.svd(columns, compute_uv=False))
+        return float((squared_singular_values / (squared_singular_values + self._statements.sigma**2)).sum())
 
     @property
     def columns(self) -> FloatArray:
@@ -436,7 +449,10 @@ class MethodTriangles:
         return self.all_readings.matrix if self._with_statements is None else self._with_statements
 
     def build_columns(self, block: RegressorBlock) -> FloatArray:
-        """Return the whitened columns (m, n + K) of further readings, like `columns` has them."""
+        """Return the whitened columns (m, n + K) of further readings, in the order of `columns`.
+
+        First the n joints, then the K unknowns of the statements.
+        """
         statements = self._statements
         terms: tuple[Term, ...] = () if statements is None else statements.terms
         compliance = np.zeros(block.robot.n) if statements is None else statements.compliance
@@ -472,24 +488,29 @@ class MethodTriangles:
         moments: list[FloatArray | float] = [0.0] * len(self.stages)
         for block in blocks:
             whitened = build_whitened_rows(block, [JOINTS, *terms], compliance)
-            for s, rows in enumerate(self.method.rows(block, whitened)):
+            for stage_number, rows in enumerate(self.method.rows(block, whitened)):
                 flat = rows.fitted.reshape(-1, rows.fitted.shape[-1])
                 columns = flat[:, :n] - self._build_statement_columns(block) @ self._unknowns[:-1].T
-                moments[s] = moments[s] + columns.T @ flat[:, n:-1]
+                moments[stage_number] = moments[stage_number] + columns.T @ flat[:, n:-1]
         bias = np.zeros(np.shape(moments[0]))
-        for stage, triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
-            fitted, known = np.intersect1d(stage.joints, joints), np.intersect1d(stage.known, joints)
-            matrix = triangle.matrix
-            remaining = np.asarray(moment)[fitted] - matrix[:, fitted].T @ (matrix[:, known] @ bias[known])
-            columns = matrix[:, fitted]
-            with_prior = columns if prior is None else np.vstack([columns, prior.rows(fitted)[0]])
+        for stage, stage_triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
+            fitted_joints, known_joints = (
+                np.intersect1d(stage.joints, joints),
+                np.intersect1d(stage.known, joints),
+            )
+            matrix = stage_triangle.matrix
+            remaining = np.asarray(moment)[fitted_joints] - matrix[:, fitted_joints].T @ (
+                matrix[:, known_joints] @ bias[known_joints]
+            )
+            columns = matrix[:, fitted_joints]
+            with_prior = columns if prior is None else np.vstack([columns, prior.rows(fitted_joints)[0]])
             inverse = Spectrum(with_prior).inverse
-            bias[fitted] = inverse @ (inverse.T @ remaining)
-        ends = np.cumsum([whitened.widths[term.name] for term in terms])[:-1]
-        return dict(zip((term.name for term in terms), np.split(bias, ends, axis=1), strict=True))
+            bias[fitted_joints] = inverse @ (inverse.T @ remaining)
+        last_columns = np.cumsum([whitened.widths[term.name] for term in terms])[:-1]
+        return dict(zip((term.name for term in terms), np.split(bias, last_columns, axis=1), strict=True))
 
     def _build_statement_columns(self, block: RegressorBlock) -> FloatArray:
-        """Return the columns (m, K) of the statements in the rows of a block; K = 0 without statements."""
+        """Return the columns (m, K) of K stated unknowns in the rows of a block; K = 0 without statements."""
         statements = self._statements
         if statements is None:
             return np.zeros((1, 0))
@@ -499,10 +520,13 @@ class MethodTriangles:
 
 
 def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Factorise, as Q R, the map from a rigid displacement of the flange to the whitened target deflections.
+    """Return factors Q R of the map from a rigid displacement of the flange to the whitened deflections.
 
-    Target X moves by ``δp_X = δp_b + δφ × (P1X − b)``, b the barycentre of the targets. The least-squares
-    displacement (δp_b, δφ) is ``R⁻¹ Qᵀ W d`` with covariance ``(Rᵀ R)⁻¹`` in units of sigma².
+    Target X moves by ``δp_X = δp_b + δφ × (P1X − b)``, with P1X its place and b the barycentre of the
+    targets.
+    The least-squares displacement (δp_b, δφ) is ``R⁻¹ Qᵀ W d`` with covariance ``(Rᵀ R)⁻¹`` in units of
+    sigma²;
+    W whitens the deflections d.
 
     Args:
         block: B observations with at least three targets each.
@@ -513,12 +537,12 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
     Raises:
         UnsupportedMethodError: if the targets of an observation lie on a line.
     """
-    part = block.measurements
-    present = part.present[..., None]
+    measurements = block.measurements
+    present = measurements.present[..., None]
     reference = block.points.mean(axis=1, where=present)
-    lever = np.where(present, block.points - reference[:, None], 0.0)
-    singular = np.linalg.svd(lever, compute_uv=False)
-    collinear = np.flatnonzero(singular[:, 1] <= _COLLINEAR * singular[:, 0])
+    lever_arms = np.where(present, block.points - reference[:, None], 0.0)
+    singular_values = np.linalg.svd(lever_arms, compute_uv=False)
+    collinear = np.flatnonzero(singular_values[:, 1] <= _COLLINEAR * singular_values[:, 0])
     if len(collinear):
         raise UnsupportedMethodError(
             "the targets lie on a line, so the flange's rotation about it is not observable "
@@ -526,9 +550,13 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
             where="readings",
             remedy="use method partial_pose, or place the three targets so that they form a triangle",
         )
-    turn = -skew(lever)
-    G = part.project_on_directions(np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=-1))
-    Q, R = np.linalg.qr(block.whiten(np.where(present[..., None], G, 0.0)).reshape(len(lever), -1, 6))
+    rotation_columns = -skew(lever_arms)
+    displacement_columns = measurements.project_on_directions(
+        np.concatenate([np.broadcast_to(np.eye(3), rotation_columns.shape), rotation_columns], axis=-1)
+    )
+    Q, R = np.linalg.qr(
+        block.whiten(np.where(present[..., None], displacement_columns, 0.0)).reshape(len(lever_arms), -1, 6)
+    )
     return Q, R, reference
 
 
@@ -574,7 +602,7 @@ def find_spherical_wrist(robot: Robot) -> Wrist:
 
 
 def find_length_of_least_condition(
-    method: Method, blocks: Iterable[RegressorBlock], null: BoolArray
+    method: Method, blocks: Iterable[RegressorBlock], has_no_effect: BoolArray
 ) -> float:
     """Return the length L [m] that minimises the condition number of the rows [A_v / L; A_ω].
 
@@ -585,24 +613,24 @@ def find_length_of_least_condition(
     Args:
         method: complete pose with a length of 1 m.
         blocks: all observations.
-        null: (n,) joints that the readings do not see.
+        has_no_effect: (n,) joints that the readings do not see.
 
     Returns:
         L between 1 mm and 1 km [m].
     """
-    n = len(null)
+    n = len(has_no_effect)
     displacements, rotations = Triangle(joints=n), Triangle(joints=n)
     for block in blocks:
         (rows,) = method.rows(block, build_whitened_rows(block, [JOINTS], np.zeros(n)))
         displacements.add(rows.fitted[:, :3])
         rotations.add(rows.fitted[:, 3:])
-    linear, angular = (part.matrix[:, ~null] for part in (displacements, rotations))
+    linear, angular = (part.matrix[:, ~has_no_effect] for part in (displacements, rotations))
 
     def log_condition(decade: float) -> float:
         """Return the logarithm of the condition number for the length 10**decade [m]."""
         stacked = np.concatenate([linear / 10.0**decade, angular])
-        singular = np.linalg.svd(stacked / np.linalg.norm(stacked, axis=0), compute_uv=False)
-        return float(np.log(singular[0] / max(singular[-1], np.finfo(float).tiny)))
+        singular_values = np.linalg.svd(stacked / np.linalg.norm(stacked, axis=0), compute_uv=False)
+        return float(np.log(singular_values[0] / max(singular_values[-1], np.finfo(float).tiny)))
 
     # The condition number has several local minima where singular values cross: scan, then refine.
     grid = np.linspace(*_DECADES, 121)

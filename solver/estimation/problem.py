@@ -45,7 +45,7 @@ class Bounds:
 
     @classmethod
     def unconstrained(cls, n: int) -> Bounds:
-        """Return infinite bounds for n compliances: no compliance is constrained."""
+        """Return bounds of ±∞ for n compliances, so that no compliance is constrained."""
         return cls(np.full(n, -np.inf), np.full(n, np.inf))
 
     @classmethod
@@ -54,15 +54,15 @@ class Bounds:
         return cls(np.zeros(n), np.full(n, np.inf))
 
     def select(self, columns: IndexArray) -> Bounds:
-        """Return the bounds of the parameters with the indices `columns`."""
+        """Return the bounds of some parameters, given their indices."""
         return Bounds(self.lower[columns], self.upper[columns])
 
     def in_units(self, unit: FloatArray) -> Bounds:
-        """Return the bounds of the variables ``x = c / unit``, for units (n,) or (K, n)."""
+        """Return the bounds of the scaled variables ``x = c / unit``, for units (n,), or (K, n)."""
         return Bounds(self.lower / unit, self.upper / unit)
 
     def active_bounds_at(self, x: FloatArray) -> ActiveBounds:
-        """Return for each entry of x: -1 if at its lower bound, 1 if at its upper bound, else 0."""
+        """Return for each entry of x: -1 if it is at its lower bound, 1 if at its upper bound, else 0."""
         return np.where(x == self.lower, LOWER, np.where(x == self.upper, UPPER, FREE)).astype(np.int8)
 
     def values_at_bounds(self, active: ActiveBounds) -> FloatArray:
@@ -70,7 +70,7 @@ class Bounds:
         return np.where(active == LOWER, self.lower, np.where(active == UPPER, self.upper, 0.0))
 
     def snap(self, x: FloatArray) -> FloatArray:
-        """Return x clipped to the bounds; values within rounding of a bound are moved onto the bound."""
+        """Return x clipped to the bounds; a value within rounding of a bound becomes the bound."""
         x = np.where(x - self.lower <= TOLERANCE, self.lower, x)
         return np.where(self.upper - x <= TOLERANCE, self.upper, x)
 
@@ -89,6 +89,11 @@ class Bounds:
         Portugal, Júdice & Vicente (1994).
         A free parameter outside its bounds goes to the bound; a parameter at a bound is freed if the sign of
         its multiplier is wrong. Rounds may cycle; the certificate of the outcome then detects the failure.
+
+        Args:
+            active: bound at which each parameter is held, or free, before the round.
+            x: parameters that are optimal with these active bounds.
+            gradient: gradient of the objective at x.
         """
         # The multiplier of a free parameter is set to 1, so that the parameter stays free.
         multiplier = np.where(active == LOWER, gradient, np.where(active == UPPER, -gradient, 1.0))
@@ -158,9 +163,9 @@ class Constraints:
 
     def select(self, columns: IndexArray) -> Constraints:
         """Return the constraints on the joints with indices `columns` (p,), which are ascending."""
-        below = self._implied_order()[np.ix_(columns, columns)]
-        below &= ~(below @ below)  # drop pairs that follow from two other pairs (i, k) and (k, j)
-        order = tuple((int(i), int(j)) for i, j in np.argwhere(below))
+        is_below = self._implied_order()[np.ix_(columns, columns)]
+        is_below &= ~(is_below @ is_below)  # drop pairs that follow from two other pairs (i, k) and (k, j)
+        order = tuple((int(lower), int(upper)) for lower, upper in np.argwhere(is_below))
         return Constraints(self.bounds.select(columns), order)
 
     def fix_joints(self, joints: IndexArray, compliance: FloatArray, others: IndexArray) -> Constraints:
@@ -176,11 +181,11 @@ class Constraints:
         Raises:
             RequestError: if no compliance of another joint satisfies all constraints.
         """
-        below = self._implied_order()
+        is_below = self._implied_order()
         lower, upper = self.bounds.lower.copy(), self.bounds.upper.copy()
         for joint, value in zip(joints.tolist(), compliance.tolist(), strict=True):
-            lower[below[joint]] = np.maximum(lower[below[joint]], value)
-            upper[below[:, joint]] = np.minimum(upper[below[:, joint]], value)
+            lower[is_below[joint]] = np.maximum(lower[is_below[joint]], value)
+            upper[is_below[:, joint]] = np.minimum(upper[is_below[:, joint]], value)
         if not (lower[others] < upper[others]).all():
             raise RequestError(
                 "the decoupled method fits the arm joints first; with their compliances, no compliance of a "
@@ -266,27 +271,32 @@ class Scaled:
 
     @classmethod
     def from_problem(cls, problem: IdentificationProblem) -> Scaled:
-        """Return a problem scaled so that columns, rows of B and right-hand side have unit norm."""
-        size = float(np.linalg.norm(problem.z)) or 1.0
-        unit = size / problem.column_norms
-        B, d = np.zeros((0, len(unit))), np.zeros(0)
+        """Return a problem scaled so that the columns of R, each inequality and z have unit norm."""
+        rhs_norm = float(np.linalg.norm(problem.z)) or 1.0
+        units = rhs_norm / problem.column_norms
+        B, d = np.zeros((0, len(units))), np.zeros(0)
         if problem.inequalities is not None:
-            B = problem.inequalities.matrix * unit
+            B = problem.inequalities.matrix * units
             norms = np.linalg.norm(B, axis=1)
             B, d = B / norms[:, None], problem.inequalities.least / norms
         return cls(
-            problem.R / problem.column_norms, problem.z / size, problem.bounds.in_units(unit), B, d, unit
+            problem.R / problem.column_norms,
+            problem.z / rhs_norm,
+            problem.bounds.in_units(units),
+            B,
+            d,
+            units,
         )
 
     @cached_property
     def rows(self) -> tuple[FloatArray, FloatArray]:
         """All constraints as ``G x ≥ h``: G (k, n), rows of bounds before inequalities, and h (k,)."""
         lower, upper = self.bounds.lower, self.bounds.upper
-        below, above = np.isfinite(lower), np.isfinite(upper)
+        has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)
         identity = np.eye(len(lower))
         return (
-            np.vstack([identity[below], -identity[above], self.B]),
-            np.concatenate([lower[below], -upper[above], self.d]),
+            np.vstack([identity[has_lower], -identity[has_upper], self.B]),
+            np.concatenate([lower[has_lower], -upper[has_upper], self.d]),
         )
 
     def gradient(self, x: FloatArray) -> FloatArray:
@@ -294,7 +304,10 @@ class Scaled:
         return np.asarray(self.A.T @ (self.A @ x - self.b))
 
     def tight_rows(self, x: FloatArray, slack: float = TOLERANCE) -> BoolArray:
-        """Return a mask (k,) of the constraints that hold with equality at x, up to a relative slack."""
+        """Return a mask (k,) of the constraints that hold with equality at x, up to a relative slack.
+
+        `x` (n,) are the scaled parameters.
+        """
         G, h = self.rows
         return np.asarray(G @ x - h <= slack * max(1.0, float(np.abs(x).max())))
 
@@ -356,15 +369,15 @@ class Scaled:
         G, h = self.rows
         rows, values = G[active], h[active]
         x = near
-        along = np.eye(len(x))  # directions in which the active rows do not change
+        free_directions = np.eye(len(x))  # directions in which the active rows do not change
         if len(rows):
-            U, singular, Vt = np.linalg.svd(rows, full_matrices=True)
-            rank = int((singular > _NO_DIRECTION * singular[0]).sum())
-            x = x + Vt[:rank].T @ ((U[:, :rank].T @ (values - rows @ x)) / singular[:rank])
-            along = Vt[rank:].T
+            U, singular_values, Vt = np.linalg.svd(rows, full_matrices=True)
+            rank = int((singular_values > _NO_DIRECTION * singular_values[0]).sum())
+            x = x + Vt[:rank].T @ ((U[:, :rank].T @ (values - rows @ x)) / singular_values[:rank])
+            free_directions = Vt[rank:].T
         # Two steps: nearly parallel rows may have moved x far away; the second step removes the rounding
         # error of the first step.
-        for _ in range(2 if along.shape[1] else 0):
-            step = np.linalg.lstsq(self.A @ along, self.b - self.A @ x, rcond=_NO_DIRECTION)[0]
-            x = x + along @ step
+        for _ in range(2 if free_directions.shape[1] else 0):
+            step = np.linalg.lstsq(self.A @ free_directions, self.b - self.A @ x, rcond=_NO_DIRECTION)[0]
+            x = x + free_directions @ step
         return np.asarray(x, dtype=np.float64)

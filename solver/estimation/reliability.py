@@ -86,18 +86,21 @@ class _Ellipsoid:
     positive: bool  # whether all unknowns are positive or zero
 
     def find_worst(self, response: FloatArray) -> FloatArray:
-        """Return the mistake (k,) that moves a joint most, with the joint's response (k,) per unit."""
-        unit, length = unit_columns(self.rows)
-        U, s, Vt = np.linalg.svd(unit, full_matrices=False)
-        seen = s > _SMALLEST_COLUMN
-        goal = U[:, seen] @ ((Vt[seen] @ (response / length)) / s[seen])
+        """Return the mistake (k,) within the ellipsoid that moves the compliance of a joint most.
+
+        `response` (k,) is the change of the joint's compliance per unit of each unknown of the mistake.
+        """
+        unit_vectors, length = unit_columns(self.rows)
+        U, singular_values, Vt = np.linalg.svd(unit_vectors, full_matrices=False)
+        is_shown = singular_values > _SMALLEST_COLUMN
+        target = U[:, is_shown] @ ((Vt[is_shown] @ (response / length)) / singular_values[is_shown])
         if not self.positive:
-            worst = Vt[seen].T @ ((U[:, seen].T @ goal) / s[seen]) / length
-            return np.asarray(worst / max(float(np.linalg.norm(goal)), np.finfo(float).tiny))
-        found = [solve_nonnegative(self.rows, sign * goal)[0] for sign in (1.0, -1.0)]
-        sizes = [float(np.linalg.norm(self.rows @ each)) for each in found]
-        found = [each / size if size > 0.0 else each for each, size in zip(found, sizes, strict=True)]
-        return max(found, key=lambda each: abs(float(response @ each)))
+            worst = Vt[is_shown].T @ ((U[:, is_shown].T @ target) / singular_values[is_shown]) / length
+            return np.asarray(worst / max(float(np.linalg.norm(target)), np.finfo(float).tiny))
+        mistakes = [solve_nonnegative(self.rows, sign * target)[0] for sign in (1.0, -1.0)]
+        sizes = [float(np.linalg.norm(self.rows @ each)) for each in mistakes]
+        mistakes = [each / size if size > 0.0 else each for each, size in zip(mistakes, sizes, strict=True)]
+        return max(mistakes, key=lambda each: abs(float(response @ each)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,26 +112,38 @@ class _Remaining:
 
     @classmethod
     def from_stack(
-        cls, stack: Stack, term: Term, known: Sequence[str], visible: IndexArray, force: float
+        cls, stack: Stack, term: Term, fitted_names: Sequence[str], visible: IndexArray, force: float
     ) -> _Remaining:
-        """Project the known terms out of the columns of a term; of the joints only those that are seen.
+        """Return the columns of a term without the part that the fitted terms explain.
 
-        The largest force [N] bounds errors of forces.
+        Args:
+            stack: rows of all terms.
+            term: term whose mistake is sought.
+            fitted_names: names of the terms that are projected out.
+            visible: joints that the readings show; other joints are not projected out.
+            force: largest force of a load [N], which bounds errors of forces.
         """
         span = stack.span | {JOINTS.name: visible}
-        basis = orthonormal_basis(unit_columns(stack.flat[:, np.concatenate([span[n] for n in known])])[0])
+        basis = orthonormal_basis(
+            unit_columns(stack.flat[:, np.concatenate([span[name] for name in fitted_names])])[0]
+        )
         columns = stack.flat[:, span[term.name]]
-        left = columns - basis @ (basis.T @ columns)
-        largest = _LARGEST_FORCE * force if term.unit == "N" and force else _LARGEST.get(term.name, np.inf)
-        return cls(left.reshape(*stack.rows.shape[:2], -1), largest)
+        remaining_columns = columns - basis @ (basis.T @ columns)
+        largest_mistake = (
+            _LARGEST_FORCE * force if term.unit == "N" and force else _LARGEST.get(term.name, np.inf)
+        )
+        return cls(remaining_columns.reshape(*stack.rows.shape[:2], -1), largest_mistake)
 
     def enlarge(self, mistake: FloatArray) -> FloatArray:
-        """Return a mistake (k,) enlarged to show without the observation it moves most, within limits."""
+        """Return a mistake (k,) enlarged so that it shows even without the observation that it moves most.
+
+        The mistake stays below the largest plausible size.
+        """
         squares = np.square(self.columns @ mistake).sum(axis=1)
-        others = 1.0 - squares.max() / max(float(squares.sum()), np.finfo(float).tiny)
+        remaining_share = 1.0 - squares.max() / max(float(squares.sum()), np.finfo(float).tiny)
         length = float(np.linalg.norm(mistake))
         limit = self.largest / length if length > 0.0 else 1.0
-        factor = min(1.0 / np.sqrt(max(others, np.finfo(float).eps)), limit)
+        factor = min(1.0 / np.sqrt(max(remaining_share, np.finfo(float).eps)), limit)
         return np.asarray(factor * mistake)
 
 
@@ -145,67 +160,80 @@ def find_least_mistakes(
         prior: prior of the fit, in units of sigma.
     """
     sigma, fitted = estimate.sigma, fitted_errors(measurements).terms
-    moving = [
-        j
-        for j, joint in enumerate(estimate.joints)
-        if joint.status in ("identified", "uncertain") and joint.standard_uncertainty
+    determined_joints = [
+        index
+        for index, result in enumerate(estimate.joints)
+        if result.status in ("identified", "uncertain") and result.standard_uncertainty
     ]
-    if not (suspects and sigma and moving):
+    if not (suspects and sigma and determined_joints):
         return ()
-    part = measurements.select_evenly(MOST_TESTED_OBSERVATIONS)
-    compliance, names = np.maximum(estimate.compliance, 0.0), {term.name for term in fitted}
+    tested = measurements.select_evenly(MOST_TESTED_OBSERVATIONS)
+    compliance, fitted_term_names = np.maximum(estimate.compliance, 0.0), {term.name for term in fitted}
     try:
-        blocks = list(regressor_blocks(robot, part, estimate.balanced))
+        blocks = list(regressor_blocks(robot, tested, estimate.balanced))
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return ()
     suspected = list_suspected_terms(measurements, blocks[0])
-    terms = {term.name: term for term in suspected if term.name not in {*names, *_NO_MISTAKES}}
-    stated = {term.name: term for term in list_stated_terms(measurements)}
-    stack = Stack.from_blocks(blocks, [JOINTS, *fitted, *(stated | terms).values()], compliance)
-    whole, visible = stack.triangle(), np.flatnonzero(~estimate.observability.null)
+    terms = {term.name: term for term in suspected if term.name not in {*fitted_term_names, *_NO_MISTAKES}}
+    stated_terms = {term.name: term for term in list_stated_terms(measurements)}
+    stack = Stack.from_blocks(blocks, [JOINTS, *fitted, *(stated_terms | terms).values()], compliance)
+    triangle, visible = stack.triangle(), np.flatnonzero(~estimate.observability.null)
     responses = estimate.triangles.rebuild(blocks).compute_responses(
         blocks, [*terms.values()], compliance, np.flatnonzero(estimate.estimated), prior
     )
-    known, force = (JOINTS.name, *names), float(np.linalg.norm(part.force, axis=1).max())
+    fitted_names, force = (JOINTS.name, *fitted_term_names), float(np.linalg.norm(tested.force, axis=1).max())
     uncertainty = [joint.standard_uncertainty or np.inf for joint in estimate.joints]
     # A mistake moves a large set as it moves the part, whose tests are the tests of the set.
-    common, level, found = measurements.common_uncertainty, MISTAKE_LEVEL / suspects, []
+    common_uncertainty, level, mistakes = measurements.common_uncertainty, MISTAKE_LEVEL / suspects, []
     for name, term in terms.items():
-        others = [other for each, other in stated.items() if each != name]
-        given = join_statements(whole, others, measurements, sigma)
-        given.span[JOINTS.name] = visible
+        other_stated_terms = [other for each, other in stated_terms.items() if each != name]
+        triangle_given_statements = join_statements(triangle, other_stated_terms, measurements, sigma)
+        triangle_given_statements.span[JOINTS.name] = visible
         # The test leaves out the observation that a mistake moves most: it may be a single wrong reading.
-        given.rows -= int(stack.read.max())
-        prior_of_term = term.prior(common) if name in stated else ()
-        remaining = _Remaining.from_stack(stack, term, known, visible, force)
-        ellipsoids = [*_list_ellipsoids(given, term, known, sigma, level, prior_of_term)]
-        worst = [
-            (abs(float(response @ mistake)) / uncertainty[j], j, mistake)
-            for j, response in enumerate(responses[name])
-            if j in moving
+        triangle_given_statements.rows -= int(stack.read.max())
+        prior_of_term = term.prior(common_uncertainty) if name in stated_terms else ()
+        remaining = _Remaining.from_stack(stack, term, fitted_names, visible, force)
+        ellipsoids = [
+            *_list_ellipsoids(triangle_given_statements, term, fitted_names, sigma, level, prior_of_term)
+        ]
+        candidates = [
+            (abs(float(response @ mistake)) / uncertainty[joint], joint, mistake)
+            for joint, response in enumerate(responses[name])
+            if joint in determined_joints
             for mistake in (remaining.enlarge(each.find_worst(response)) for each in ellipsoids)
         ]
-        moves, j, mistake = max(worst, key=lambda each: each[0], default=(0.0, 0, np.zeros(0)))
-        if moves > 0.0:
+        uncertainties_moved, joint, mistake = max(
+            candidates, key=lambda each: each[0], default=(0.0, 0, np.zeros(0))
+        )
+        if uncertainties_moved > 0.0:
             is_turn = term.unit == "m, rad"
-            found.append(
+            mistakes.append(
                 LeastMistake(
                     name=name,
                     unit=_UNITS[term.unit],
                     size=float(np.linalg.norm(mistake[3:] if is_turn else mistake)),
-                    joint=robot.joint_names[j],
-                    moves=moves,
+                    joint=robot.joint_names[joint],
+                    moves=uncertainties_moved,
                     unknowns=tuple(mistake.tolist()),
-                    is_assumed=name in common.assumed,
+                    is_assumed=name in common_uncertainty.assumed,
                 )
             )
-    return tuple(sorted(found, key=lambda each: -each.moves))
+    return tuple(sorted(mistakes, key=lambda each: -each.moves))
 
 
 def _list_ellipsoids(
-    triangle: Triangle, term: Term, fitted: Sequence[str], sigma: float, level: float, stated: Sequence[float]
+    triangle: Triangle,
+    term: Term,
+    fitted: Sequence[str],
+    sigma: float,
+    level: float,
+    stated_uncertainties: Sequence[float],
 ) -> Iterator[_Ellipsoid]:
-    """Yield the mistakes that the F test of a term does not find, then those that keep to its statement.
+    """Yield the sets of mistakes of a term that its tests do not find, as ellipsoids.
+
+    First the mistakes that the F test of the term does not find; then, if the term has a statement, those
+    that
+    the statement does not contradict.
 
     Args:
         triangle: all terms, given the statements about other terms.
@@ -213,52 +241,60 @@ def _list_ellipsoids(
         fitted: names of the terms that are fitted in any case.
         sigma: standard uncertainty of a coordinate of a reading [m].
         level: level of the F test.
-        stated: standard uncertainties of the term's unknowns, which repeat; empty without a statement.
+        stated_uncertainties: standard uncertainties of the term's unknowns, which repeat; empty without a
+            statement.
     """
-    known = orthonormal_basis(triangle.unit_columns(fitted))
-    unit, length = unit_columns(triangle.matrix[:, triangle.span[term.name]])
-    _, s, Vt = np.linalg.svd(unit - known @ (known.T @ unit), full_matrices=False)
-    tested = s > DISTINCT
-    width = int(tested.sum())
-    freedom = triangle.rows - known.shape[1] - width
-    noncentrality = compute_noncentrality(width, freedom, level)
-    rows = (s[tested, None] * Vt[tested]) * length / (sigma * np.sqrt(noncentrality))
-    largest = _LARGEST.get(term.name)
-    if largest is not None:
-        rows = np.vstack([rows, np.eye(len(length)) / (_BEYOND * largest)])
+    fitted_basis = orthonormal_basis(triangle.unit_columns(fitted))
+    unit_vectors, length = unit_columns(triangle.matrix[:, triangle.span[term.name]])
+    _, singular_values, Vt = np.linalg.svd(
+        unit_vectors - fitted_basis @ (fitted_basis.T @ unit_vectors), full_matrices=False
+    )
+    is_tested = singular_values > DISTINCT
+    tested_count = int(is_tested.sum())
+    degrees_of_freedom = triangle.rows - fitted_basis.shape[1] - tested_count
+    noncentrality = compute_noncentrality(tested_count, degrees_of_freedom, level)
+    rows = (singular_values[is_tested, None] * Vt[is_tested]) * length / (sigma * np.sqrt(noncentrality))
+    largest_mistake = _LARGEST.get(term.name)
+    if largest_mistake is not None:
+        rows = np.vstack([rows, np.eye(len(length)) / (_BEYOND * largest_mistake)])
     if len(rows):
         yield _Ellipsoid(rows, term.nonnegative)
-    if len(stated) and width:
-        size = np.resize(stated, len(length))
-        _, s, Vt = np.linalg.svd((unit - known @ (known.T @ unit)) * (length * size), full_matrices=False)
-        refuted = compute_noncentrality(width, freedom, STATEMENT_LEVEL)
-        weight = s / np.sqrt((np.square(s) + sigma**2) * refuted)
-        rows = weight[:, None] * Vt / size
+    if len(stated_uncertainties) and tested_count:
+        uncertainties = np.resize(stated_uncertainties, len(length))
+        _, singular_values, Vt = np.linalg.svd(
+            (unit_vectors - fitted_basis @ (fitted_basis.T @ unit_vectors)) * (length * uncertainties),
+            full_matrices=False,
+        )
+        refuting_noncentrality = compute_noncentrality(tested_count, degrees_of_freedom, STATEMENT_LEVEL)
+        weight = singular_values / np.sqrt((np.square(singular_values) + sigma**2) * refuting_noncentrality)
+        rows = weight[:, None] * Vt / uncertainties
         yield _Ellipsoid(rows, False)
 
 
-def compute_noncentrality(width: int, freedom: int, level: float) -> float:
-    """Return the non-centrality λ₀ at which an F test has the power `POWER`; inf where there is no test.
+def compute_noncentrality(tested_count: int, degrees_of_freedom: int, level: float) -> float:
+    """Return the non-centrality at which an F test has the power `POWER`; inf if there can be no test.
 
     Args:
-        width: degrees of freedom of the tested term.
-        freedom: degrees of freedom of the residuals.
+        tested_count: degrees of freedom of the tested term.
+        degrees_of_freedom: degrees of freedom of the residuals.
         level: significance level of the test.
     """
-    if width < 1 or freedom < 1:
+    if tested_count < 1 or degrees_of_freedom < 1:
         return np.inf
-    critical = float(special.fdtri(width, freedom, 1.0 - level))
+    critical_ratio = float(special.fdtri(tested_count, degrees_of_freedom, 1.0 - level))
 
-    def missing(noncentrality: float) -> float:
-        """Return the probability that the test finds nothing, above that of a mistake that just shows."""
-        return float(special.ncfdtr(width, freedom, noncentrality, critical)) - (1.0 - POWER)
+    def compute_excess_miss_probability(noncentrality: float) -> float:
+        """Return the probability that the test finds nothing, minus the accepted probability 1 − POWER."""
+        return float(special.ncfdtr(tested_count, degrees_of_freedom, noncentrality, critical_ratio)) - (
+            1.0 - POWER
+        )
 
-    most = float(width)
-    while missing(most) > 0.0:
-        most *= 4.0
-        if most > _LARGEST_NONCENTRALITY:
+    upper_limit = float(tested_count)
+    while compute_excess_miss_probability(upper_limit) > 0.0:
+        upper_limit *= 4.0
+        if upper_limit > _LARGEST_NONCENTRALITY:
             return np.inf
-    return float(brentq(missing, 0.0, most, xtol=1e-6))
+    return float(brentq(compute_excess_miss_probability, 0.0, upper_limit, xtol=1e-6))
 
 
 _UNITS: Final[dict[str, Unit]] = {"m": "m", "rad": "rad", "N": "N", "1": "1", "m, rad": "rad"}
@@ -295,9 +331,10 @@ _REMEDY_OF_ASSUMED: Final = (
 
 
 def describe_unseen_mistakes(mistakes: Sequence[LeastMistake]) -> str | None:
-    """Return a sentence on the mistakes that no test finds and that would move a joint beyond `HARMLESS`.
+    """Return a sentence on mistakes that no test finds and that would move a joint by more than `HARMLESS`.
 
-    The sentence says what to do about them; None without such mistakes. Clean campaigns have them, too.
+    The sentence says what to do about these mistakes; None without such mistakes. Clean campaigns have such
+    mistakes, too.
     """
     harmful = [each for each in mistakes if each.moves > HARMLESS]
     if not harmful:
@@ -313,13 +350,13 @@ def describe_unseen_mistakes(mistakes: Sequence[LeastMistake]) -> str | None:
         )
         remedies.append(remedy.format(_format_size(each.size / each.moves, each.unit)))
     more = len(harmful) - _MOST_NAMED
-    others = f" (and {more} more, in `causes`)" if more > 0 else ""
+    others_text = f" (and {more} more, in `causes`)" if more > 0 else ""
     advice = "; ".join(remedies)
-    return f"The readings cannot show {'; nor '.join(effects)}{others}. To show such mistakes, {advice}."
+    return f"The readings cannot show {'; nor '.join(effects)}{others_text}. To show such mistakes, {advice}."
 
 
 def _format_size(size: float, unit: str) -> str:
-    """Format the size of a mistake in SI units for people."""
+    """Return the size of a mistake as text for people, with its unit; `size` is in the SI unit `unit`."""
     if unit == "m":
         return length_text(size)
     factor, shown = _SIZES[unit]

@@ -59,7 +59,10 @@ class StageStack:
     unit: FloatArray  #: (p + q,) unit of the scaled parameters x, ``c = unit · x`` [rad/(N·m)]
 
     def total(self, weights: FloatArray) -> FloatArray:
-        """Return the Gram matrices of K weighted subsets: ``Σ_i w_ki M_iᵀM_i`` (K, p + q + 1, p + q + 1).
+        """Return the Gram matrices ``Σ_i w_ki M_iᵀM_i`` (K, p + q + 1, p + q + 1) of K weighted subsets.
+
+        M_i are the rows of configuration i: columns of p joints, q joints of an earlier stage, and the
+        readings.
 
         Args:
             weights: w (K, N), how often each configuration counts in each subset.
@@ -93,11 +96,11 @@ class MethodStacks:
         """
         mean_deflection = np.linalg.norm(self.deflection, axis=0).mean()
         mean_residual = np.empty(len(compliance))
-        step = max(1, TILE_RESIDUALS // self.deflection.size)
-        for first in range(0, len(mean_residual), step):
-            part = compliance[first : first + step, self.visible]
-            residual = self.deflection - np.einsum("kv,vim->kim", part, self.regressor)
-            mean_residual[first : first + step] = np.sqrt(np.square(residual).sum(axis=1)).mean(axis=1)
+        tile_size = max(1, TILE_RESIDUALS // self.deflection.size)
+        for start in range(0, len(mean_residual), tile_size):
+            visible_compliance = compliance[start : start + tile_size, self.visible]
+            residual = self.deflection - np.einsum("kv,vim->kim", visible_compliance, self.regressor)
+            mean_residual[start : start + tile_size] = np.sqrt(np.square(residual).sum(axis=1)).mean(axis=1)
         shares: FloatArray = 1.0 - mean_residual / mean_deflection
         return shares
 
@@ -117,7 +120,7 @@ def build_method_stacks(
     """
     method = Method(robot, settings, estimate.characteristic_length)
     excitation, statements = Excitation(robot.joint_kinds), estimate.statements
-    fitted, regressors, deflections = [], [], []
+    stage_rows, regressors, deflections = [], [], []
     for block in regressor_blocks(robot, measurements, estimate.balanced):
         excitation.add(block)
         deflection = block.measurements.deflection
@@ -126,7 +129,7 @@ def build_method_stacks(
         else:  # a part of the readings corrects a statement like the whole
             whitened = statements.build_corrected_rows(block, estimate.compliance)
             deflection = deflection - statements.compute_motion(block).targets
-        fitted.append([rows.fitted for rows in method.rows(block, whitened)])
+        stage_rows.append([rows.fitted for rows in method.rows(block, whitened)])
         present = block.measurements.present
         regressors.append(block.A[present])
         deflections.append(deflection[present])
@@ -136,7 +139,7 @@ def build_method_stacks(
         _build_stage_stack(
             np.concatenate(rows), stage.joints[observable[stage.joints]], stage.known[observable[stage.known]]
         )
-        for stage, rows in zip(method.stages, zip(*fitted, strict=True), strict=True)
+        for stage, rows in zip(method.stages, zip(*stage_rows, strict=True), strict=True)
         if observable[stage.joints].any()
     )
     return MethodStacks(
@@ -190,14 +193,14 @@ class Draws:
         return build_method_stacks(joints.robot, joints.measurements, joints.settings, joints.estimate)
 
     def steps(self) -> tuple[tuple[int, int], ...]:
-        """Return the range of repetitions of each step, as (first, one past the last)."""
+        """Return the range of repetitions of each step of the work, as (first, one past the last)."""
         readings = int(self._joints.measurements.present.sum())
         seconds = _SECONDS_A_REPETITION + _SECONDS_A_READING * readings
         size, count = max(1, int(STEP_SECONDS / seconds)), self._plan.repetitions
         return tuple((start, min(start + size, count)) for start in range(0, count, size))
 
     def compute(self, span: tuple[int, int]) -> dict[str, FloatArray]:
-        """Fit the repetitions of one step.
+        """Fit the compliances in the repetitions of one step of the work.
 
         Args:
             span: range of repetitions, as (first, one past the last); K repetitions.
@@ -208,23 +211,23 @@ class Draws:
         Raises:
             JointstiffError: the identification of the whole set fails.
         """
-        found = resample(self._stacks, self._plan, self._joints.settings.bounds, *span)
-        return {"compliance": found.compliance, "compensation": found.compensation}
+        resamples = resample(self._stacks, self._plan, self._joints.settings.bounds, *span)
+        return {"compliance": resamples.compliance, "compensation": resamples.compensation}
 
-    def statistics(self, parts: Sequence[Mapping[str, FloatArray]]) -> ResamplingResult:
+    def statistics(self, results: Sequence[Mapping[str, FloatArray]]) -> ResamplingResult:
         """Return the statistics of the compliances and of the compensation over all repetitions.
 
         Joints that are not observable in the whole set get no statistics.
 
         Args:
-            parts: results of `compute`, in the order of the steps.
+            results: arrays that `compute` returned for each step, in the order of the steps.
         """
-        found = self._joints.estimate.joints
+        joints = self._joints.estimate.joints
         return summarise_resamples(
-            Resamples.concatenate([Resamples(part["compliance"], part["compensation"]) for part in parts]),
-            [joint.name for joint in found],
-            kinds=[joint.kind for joint in found],
-            hidden=np.array([joint.status == "not_observable" for joint in found]),
+            Resamples.concatenate([Resamples(each["compliance"], each["compensation"]) for each in results]),
+            [joint.name for joint in joints],
+            kinds=[joint.kind for joint in joints],
+            is_hidden=np.array([joint.status == "not_observable" for joint in joints]),
             confidence=self._joints.settings.confidence,
         )
 
@@ -257,9 +260,11 @@ def _build_stage_stack(rows: FloatArray, joints: IndexArray, known: IndexArray) 
         joints: (p,) joints that the stage estimates.
         known: (q,) joints that an earlier stage has estimated.
     """
-    chosen = rows[..., [*joints, *known, -1]]
-    read = np.full(len(rows), rows.shape[1])  # every row counts as a reading
-    stack, norms = Stack(chosen, read, {"joints": len(joints), "known": len(known)}).scale_to_unit_columns()
+    stage_rows = rows[..., [*joints, *known, -1]]
+    row_counts = np.full(len(rows), rows.shape[1])  # every row counts as a reading
+    stack, norms = Stack(
+        stage_rows, row_counts, {"joints": len(joints), "known": len(known)}
+    ).scale_to_unit_columns()
     return StageStack(joints, known, stack, norms[-1] / norms[:-1])
 
 
@@ -312,12 +317,12 @@ class Resamples:
 def resample(
     blocks: MethodStacks, plan: Resampling, bounds: Bounds, start: int = 0, stop: int | None = None
 ) -> Resamples:
-    """Draw configurations and fit the compliances to them, for the repetitions from start to stop.
+    """Draw configurations and fit the compliances to them, for the repetitions from `start` to `stop`.
 
     Args:
         blocks: rows of the method on the measurement set.
         plan: size, number and seed of the draws.
-        bounds: on all n compliances.
+        bounds: bounds on all n compliances.
         start: first repetition.
         stop: one past the last repetition; None for the end of the plan.
 
@@ -328,18 +333,22 @@ def resample(
         SolverError: if optimality of an estimate could not be certified.
     """
     stop = plan.repetitions if stop is None else stop
-    step = max(1, min(TILE, _TILE_WEIGHTS // len(blocks)))
-    starts = range(start, stop, step) or [start]
-    draws = (draw_configurations(plan, len(blocks), first, min(first + step, stop)) for first in starts)
-    parts = []
-    for drawn in draws:
+    batch_size = max(1, min(TILE, _TILE_WEIGHTS // len(blocks)))
+    starts = range(start, stop, batch_size) or [start]
+    draws = (draw_configurations(plan, len(blocks), first, min(first + batch_size, stop)) for first in starts)
+    batches = []
+    for drawn_batch in draws:
         # Count how often each repetition drew each configuration: a table (repetitions, configurations).
-        shape = len(drawn), len(blocks)
-        cells = np.arange(len(drawn))[:, None] * len(blocks) + drawn
-        counts = np.bincount(cells.ravel(), minlength=shape[0] * shape[1]).reshape(shape).astype(np.float64)
+        table_shape = len(drawn_batch), len(blocks)
+        cell_numbers = np.arange(len(drawn_batch))[:, None] * len(blocks) + drawn_batch
+        counts = (
+            np.bincount(cell_numbers.ravel(), minlength=table_shape[0] * table_shape[1])
+            .reshape(table_shape)
+            .astype(np.float64)
+        )
         compliance = fit_subsets(blocks, counts, bounds)
-        parts.append(Resamples(compliance, blocks.compensation(compliance)))
-    return Resamples.concatenate(parts)
+        batches.append(Resamples(compliance, blocks.compensation(compliance)))
+    return Resamples.concatenate(batches)
 
 
 def fit_subsets(blocks: MethodStacks, weights: FloatArray, bounds: Bounds) -> FloatArray:
@@ -363,58 +372,64 @@ def fit_subsets(blocks: MethodStacks, weights: FloatArray, bounds: Bounds) -> Fl
     return compliance
 
 
-def _solve_stage(stage: StageStack, weights: FloatArray, known: FloatArray, bounds: Bounds) -> FloatArray:
+def _solve_stage(
+    stage: StageStack, weights: FloatArray, known_compliance: FloatArray, bounds: Bounds
+) -> FloatArray:
     """Return the compliances (K, p) of a stage's joints in K subsets [rad/(N·m)]; NaN where undetermined.
 
     The right-hand side is ``A_jᵀ d − A_jᵀ A_k c_k``, with A_j the columns of the stage's joints, and A_k the
-    columns of joints whose compliances c_k an earlier stage has estimated: `known` (K, q).
+    columns of joints whose compliances c_k an earlier stage has estimated: `known_compliance` (K, q).
     """
-    p = len(stage.joints)
-    unit, offset = stage.unit[:p], known / stage.unit[p:]
-    box = Bounds(bounds.lower / unit, bounds.upper / unit)
-    total = stage.total(weights)
-    gram = total[:, :p, :p]
-    moment = total[:, :p, -1] - (total[:, :p, p:-1] * offset[:, None, :]).sum(axis=2)
+    joint_count = len(stage.joints)
+    units, scaled_known = stage.unit[:joint_count], known_compliance / stage.unit[joint_count:]
+    scaled_bounds = Bounds(bounds.lower / units, bounds.upper / units)
+    grams = stage.total(weights)
+    gram = grams[:, :joint_count, :joint_count]
+    moment = grams[:, :joint_count, -1] - (
+        grams[:, :joint_count, joint_count:-1] * scaled_known[:, None, :]
+    ).sum(axis=2)
     observable = (np.diagonal(gram, axis1=1, axis2=2) > NULL_COLUMN**2).all(axis=1)
-    fit = np.flatnonzero(observable & np.isfinite(offset).all(axis=1))
-    solution = solve_batch(gram[fit], moment[fit], box)
-    x = np.full(moment.shape, np.nan)
-    x[fit] = solution.compliance
-    pending = np.ones(len(weights), dtype=np.bool_)
-    pending[fit] = ~solution.certified
-    for k in np.flatnonzero(pending):
+    solvable = np.flatnonzero(observable & np.isfinite(scaled_known).all(axis=1))
+    solution = solve_batch(gram[solvable], moment[solvable], scaled_bounds)
+    scaled_compliance = np.full(moment.shape, np.nan)
+    scaled_compliance[solvable] = solution.compliance
+    is_pending = np.ones(len(weights), dtype=np.bool_)
+    is_pending[solvable] = ~solution.certified
+    for k in np.flatnonzero(is_pending):
         drawn = np.repeat(np.arange(weights.shape[1]), weights[k].astype(np.intp))
-        x[k] = _solve_from_rows(stage, drawn, offset[k], box)
-    return bounds.hold_exactly(x * unit, box.active_bounds_at(x))
+        scaled_compliance[k] = _solve_from_rows(stage, drawn, scaled_known[k], scaled_bounds)
+    return bounds.hold_exactly(scaled_compliance * units, scaled_bounds.active_bounds_at(scaled_compliance))
 
 
-def _solve_from_rows(stage: StageStack, drawn: IndexArray, offset: FloatArray, box: Bounds) -> FloatArray:
-    """Fit one stage of one repetition to the rows, because the Gram matrix is too ill-conditioned.
+def _solve_from_rows(
+    stage: StageStack, drawn: IndexArray, known: FloatArray, scaled_bounds: Bounds
+) -> FloatArray:
+    """Fit one stage of one repetition to its rows, for a Gram matrix that is too ill-conditioned.
 
     Args:
         stage: rows of all configurations.
         drawn: indices of the drawn configurations, repeated as often as they were drawn.
-        offset: (q,) scaled compliances of the joints of an earlier stage; NaN where undetermined.
-        box: bounds of the scaled parameters.
+        known: (q,) scaled compliances of the joints of an earlier stage; NaN where undetermined.
+        scaled_bounds: bounds of the scaled parameters.
 
     Returns:
         (p,) scaled parameters, NaN where undetermined.
     """
-    p = len(stage.joints)
-    x = np.full(p, np.nan)
+    joint_count = len(stage.joints)
+    solution_or_nan = np.full(joint_count, np.nan)
     triangle = stage.stack[drawn].triangle().R
-    null = np.linalg.norm(triangle, axis=0) <= NULL_COLUMN
+    is_null = np.linalg.norm(triangle, axis=0) <= NULL_COLUMN
     # An undetermined joint of an earlier stage does no harm if it has no effect on these rows either.
-    offset = np.where(null[p:-1] & np.isnan(offset), 0.0, offset)
-    columns = np.flatnonzero(~null[:p])
-    if np.isnan(offset).any() or not len(columns):
-        return x
-    R, z = triangle[:, columns], triangle[:, -1] - triangle[:, p:-1] @ offset
+    known = np.where(is_null[joint_count:-1] & np.isnan(known), 0.0, known)
+    columns = np.flatnonzero(~is_null[:joint_count])
+    if np.isnan(known).any() or not len(columns):
+        return solution_or_nan
+    R, z = triangle[:, columns], triangle[:, -1] - triangle[:, joint_count:-1] @ known
     spectrum = Spectrum(R)
-    solution = solve_step(IdentificationProblem(spectrum.determined, z, box.select(columns)))
-    combined = np.isin(columns, list(analyse_spectrum(spectrum, columns).combined))
-    x[columns] = np.where(combined, np.nan, solution.compliance)
-    return x
+    solution = solve_step(IdentificationProblem(spectrum.determined, z, scaled_bounds.select(columns)))
+    is_combined = np.isin(columns, list(analyse_spectrum(spectrum, columns).combined))
+    solution_or_nan[columns] = np.where(is_combined, np.nan, solution.compliance)
+    return solution_or_nan
 
 
 def summarise_resamples(
@@ -422,7 +437,7 @@ def summarise_resamples(
     joints: Sequence[str],
     *,
     kinds: Sequence[JointKind] | None = None,
-    hidden: BoolArray | None = None,
+    is_hidden: BoolArray | None = None,
     confidence: float = 0.95,
 ) -> ResamplingResult:
     """Return statistics of each joint's compliance and stiffness, and of the compensation.
@@ -433,38 +448,42 @@ def summarise_resamples(
         resamples: K repetitions, at least one.
         joints: names of the n joints.
         kinds: revolute or prismatic, for each joint; all revolute if None.
-        hidden: (n,) whether a joint is not observable in the whole set; such a joint gets no statistics.
+        is_hidden: (n,) whether a joint is not observable in the whole set; such a joint gets no statistics.
         confidence: share of the repetitions within the percentile intervals, between 0 and 1.
     """
-    draws = np.where(False if hidden is None else hidden, np.nan, resamples.compliance)
-    undetermined = np.isnan(draws)
-    determined = np.maximum((~undetermined).sum(axis=0), 1)
-    columns = [c[~np.isnan(c)] for c in draws.T]
-    compliance, c_deviation, c_interval = _summarise_samples(columns, confidence)
-    stiffness, k_deviation, _ = _summarise_samples([1.0 / c[c != 0] for c in columns], confidence)
+    compliances = np.where(False if is_hidden is None else is_hidden, np.nan, resamples.compliance)
+    is_undetermined = np.isnan(compliances)
+    determined_counts = np.maximum((~is_undetermined).sum(axis=0), 1)
+    columns = [samples[~np.isnan(samples)] for samples in compliances.T]
+    compliance, compliance_deviation, compliance_interval = _summarise_samples(columns, confidence)
+    stiffness, stiffness_deviation, _ = _summarise_samples(
+        [1.0 / samples[samples != 0] for samples in columns], confidence
+    )
     compensation = resamples.compensation[~np.isnan(resamples.compensation)]
-    explained, e_deviation, e_interval = _summarise_samples([compensation], confidence)
-    of_joints = build_messages(
+    compensation_mean, compensation_deviation, compensation_interval = _summarise_samples(
+        [compensation], confidence
+    )
+    joint_messages = build_messages(
         ResampledJoint,
         name=joints,
         kind=["revolute"] * len(joints) if kinds is None else kinds,
         compliance_mean=compliance,
-        compliance_deviation=c_deviation,
-        compliance_interval=c_interval,
+        compliance_deviation=compliance_deviation,
+        compliance_interval=compliance_interval,
         stiffness_mean=stiffness,
-        stiffness_deviation=k_deviation,
-        share_negative=(draws < 0).sum(axis=0) / determined,
-        share_infinite=(draws == 0).sum(axis=0) / determined,
-        share_undetermined=undetermined.mean(axis=0),
+        stiffness_deviation=stiffness_deviation,
+        share_negative=(compliances < 0).sum(axis=0) / determined_counts,
+        share_infinite=(compliances == 0).sum(axis=0) / determined_counts,
+        share_undetermined=is_undetermined.mean(axis=0),
     )
     (result,) = build_messages(
         ResamplingResult,
-        repetitions=[len(draws)],
-        joints=[of_joints],
+        repetitions=[len(compliances)],
+        joints=[joint_messages],
         share_any_negative=[float((resamples.compliance < 0).any(axis=1).mean())],
-        compensation_mean=explained,
-        compensation_deviation=e_deviation,
-        compensation_interval=e_interval,
+        compensation_mean=compensation_mean,
+        compensation_deviation=compensation_deviation,
+        compensation_interval=compensation_interval,
     )
     return result
 

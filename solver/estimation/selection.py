@@ -68,7 +68,7 @@ class Step:
         cls,
         robot: Robot,
         measurements: Measurements,
-        part: Measurements,
+        tested: Measurements,
         compliances: tuple[FloatArray, FloatArray],
         visible: BoolArray,
         *,
@@ -79,7 +79,7 @@ class Step:
         Args:
             robot: n joints.
             measurements: N observations.
-            part: observations that are tested, from which the selected causes were subtracted.
+            tested: observations that are tested, from which the selected causes were subtracted.
             compliances: (n,) of the joints, and (n,) with which the load is in balance [rad/(N·m)].
             visible: (n,) whether the readings see each joint.
             scattered: whether the residuals show a scatter of the joints.
@@ -88,15 +88,15 @@ class Step:
             SolverError: a load has no balance.
         """
         compliance, balanced = compliances
-        block = next(regressor_blocks(robot, part, balanced))
-        known = fitted_errors(part).terms
-        suspects = list_suspects(measurements, block, compliance, known)
+        block = next(regressor_blocks(robot, tested, balanced))
+        fitted_terms = fitted_errors(tested).terms
+        suspects = list_suspects(measurements, block, compliance, fitted_terms)
         terms = [suspect.term for suspect in suspects]
-        tests = TermTests(block, compliance, visible, known, terms, scattered=scattered)
-        found = tests.p_values([term.name for term in terms]) if terms else []
+        tests = TermTests(block, compliance, visible, fitted_terms, terms, scattered=scattered)
+        p_values = tests.p_values([term.name for term in terms]) if terms else []
         # A cause sought by its onset is tested once for each onset that was tried (Bonferroni).
         return cls(
-            {s: min(1.0, s.tried * max(s.least_p, p)) for s, p in zip(suspects, found, strict=True)}, tests
+            {s: min(1.0, s.tried * max(s.least_p, p)) for s, p in zip(suspects, p_values, strict=True)}, tests
         )
 
     @cached_property
@@ -110,18 +110,18 @@ class Step:
         return self.tests.p_values([DIAGONAL_BASE.name])[0]
 
     def is_explained_better(self, criterion: float, unknowns: int = 0) -> bool:
-        """Return whether a fit of this criterion explains the readings better than links or base that bend.
+        """Return whether a fit explains the readings better than links that bend or a base that bends.
 
         Causes and postures that are left out have so many unknowns that they could take the place of links.
 
         Args:
-            criterion: information criterion of the fit.
+            criterion: Bayesian information criterion of the fit.
             unknowns: number of unknowns of the causes that were selected before, which the criterion counts.
         """
-        tests, counted = self.tests, self.tests.criterion(1.0, unknowns)
+        tests, criterion_of_unknowns = self.tests, self.tests.criterion(1.0, unknowns)
         links = tests.links_criterion() if self.links_p_value < LINKS_LEVEL else np.inf
         base = tests.base_criterion() if self.base_p_value < MISTAKE_LEVEL else np.inf
-        return criterion < min(links, base) + counted
+        return criterion < min(links, base) + criterion_of_unknowns
 
     @property
     def significant(self) -> list[Suspect]:
@@ -177,9 +177,11 @@ class _Search:
         self._p_values: dict[Suspect, float] = {}
 
     def fit(self, suspects: Sequence[Suspect]) -> _Fit | None:
-        """Fit causes together with the joints until convergence; None if they are no explanation.
+        """Fit causes together with the joints until convergence; return None if they are no explanation.
 
-        A cause that implies loads without a balance, or a negative size of a cause that is positive, is none.
+        Causes are no explanation if they imply loads without a balance, or if a cause that can only be
+        positive
+        gets a negative size.
         """
         key = tuple(suspects)
         if key not in self._fits:
@@ -189,20 +191,31 @@ class _Search:
         return self._fits[key]
 
     def _fit_anew(self, suspects: tuple[Suspect, ...]) -> _Fit | None:
+        """Fit causes together with the joints; return None if a size has the wrong sign.
+
+        Raises:
+            SolverError: the causes imply loads without a balance.
+        """
         terms = [*self._always, *(suspect.term for suspect in suspects)]
         fitted = fit_causes_with_joints(self._robot, self._part, terms, self._start.tests.compliance)
-        errors, end = fitted.errors, len(fitted.errors.root)
+        errors, last = fitted.errors, len(fitted.errors.root)
         uncertainty = np.linalg.norm(errors.root, axis=1)
         for suspect, unknowns in zip(reversed(suspects), reversed(errors.unknowns), strict=False):
-            standardised = unknowns / uncertainty[end - len(unknowns) : end]
-            end -= len(unknowns)
+            standardised = unknowns / uncertainty[last - len(unknowns) : last]
+            last -= len(unknowns)
             # The unknown that is known best decides on the sign.
             if suspect.term.nonnegative and standardised[np.abs(standardised).argmax()] < 0.0:
                 return None
-        squares = fitted.tests.residual_squares()
+        residual_squares = fitted.tests.residual_squares()
         # The onset of a cause that sets in later counts as one more unknown.
-        count = errors.determined + sum(suspect.first is not None for suspect in suspects)
-        return _Fit(suspects, fitted, squares, count, fitted.tests.criterion(squares, count))
+        unknown_count = errors.determined + sum(suspect.first is not None for suspect in suspects)
+        return _Fit(
+            suspects,
+            fitted,
+            residual_squares,
+            unknown_count,
+            fitted.tests.criterion(residual_squares, unknown_count),
+        )
 
     def test_others(self, fit: _Fit) -> Step:
         """Test all other causes, added to the joints and to fitted causes.
@@ -228,48 +241,61 @@ class _Search:
             The fits after each step; the suspects that were significant in a step, by the name of their term;
             and the label of a posture whose wrong readings explain more than the next cause, or None.
         """
-        fits, step, pool = list[_Fit](), self._start, dict[str, Suspect]()
+        fits, tests, pool = list[_Fit](), self._start, dict[str, Suspect]()
         for _ in range(_MOST_STEPS + 1):
-            significant = step.significant
-            self._p_values |= {each: step.p_values[each] for each in significant}
+            significant = tests.significant
+            self._p_values |= {each: tests.p_values[each] for each in significant}
             pool = {each.term.name: each for each in significant} | pool
-            before = fits[-1].suspects if fits else ()
-            found = [self.fit((*before, each)) for each in significant] if len(fits) < _MOST_STEPS else []
-            best = min((each for each in found if each is not None), key=_by_criterion, default=None)
+            selected = fits[-1].suspects if fits else ()
+            candidate_fits = (
+                [self.fit((*selected, each)) for each in significant] if len(fits) < _MOST_STEPS else []
+            )
+            best_fit = min(
+                (each for each in candidate_fits if each is not None), key=_by_criterion, default=None
+            )
             unknowns = fits[-1].unknowns if fits else 0
-            wrong = step.tests.find_wrong_posture(unknowns) if seek_wrong else None
+            wrong_posture = tests.tests.find_wrong_posture(unknowns) if seek_wrong else None
             if (
-                wrong is not None
-                and (best is None or wrong.criterion < best.criterion)
-                and step.is_explained_better(wrong.criterion, unknowns)
+                wrong_posture is not None
+                and (best_fit is None or wrong_posture.criterion < best_fit.criterion)
+                and tests.is_explained_better(wrong_posture.criterion, unknowns)
             ):
-                return fits, pool, wrong.label
-            if best is None:
+                return fits, pool, wrong_posture.label
+            if best_fit is None:
                 break
-            fits.append(best)
+            fits.append(best_fit)
             try:
-                step = self.test_others(best)
+                tests = self.test_others(best_fit)
             except SolverError:  # the causes imply loads without a balance near these
                 break
         return fits, pool, None
 
     def exchange(self, chosen: _Fit, pool: Iterable[Suspect]) -> _Fit:
-        """Exchange selected causes for others of the pool that explain more together with the rest."""
+        """Exchange selected causes for other causes of the pool, as long as the fit improves.
+
+        `chosen` is the fit of the selected causes; the best fit found is returned.
+        """
         for _ in range(_MOST_EXCHANGES):
-            before = chosen
-            for k in range(len(chosen.suspects)):
-                for fit in self._list_exchanged(chosen, k, pool):
+            previous = chosen
+            for position in range(len(chosen.suspects)):
+                for fit in self._list_exchanged(chosen, position, pool):
                     if fit.criterion < chosen.criterion:
                         chosen = fit
-            if chosen is before:
+            if chosen is previous:
                 break
         return chosen
 
-    def _list_exchanged(self, chosen: _Fit, k: int, pool: Iterable[Suspect]) -> list[_Fit]:
-        """Return the fits in which the k-th selected cause is exchanged for each other one of the pool."""
+    def _list_exchanged(self, chosen: _Fit, position: int, pool: Iterable[Suspect]) -> list[_Fit]:
+        """Return the fits in which one selected cause is replaced by each other cause of the pool.
+
+        `position` is the index of the replaced cause among the selected causes.
+        """
         names = {each.term.name for each in chosen.suspects}
-        others = [each for each in pool if each.term.name not in names]
-        fits = [self.fit((*chosen.suspects[:k], each, *chosen.suspects[k + 1 :])) for each in others]
+        replacements = [each for each in pool if each.term.name not in names]
+        fits = [
+            self.fit((*chosen.suspects[:position], each, *chosen.suspects[position + 1 :]))
+            for each in replacements
+        ]
         return [each for each in fits if each is not None]
 
     def drop_unnecessary(self, chosen: _Fit) -> _Fit:
@@ -285,36 +311,37 @@ class _Search:
         return chosen
 
     def describe(self, chosen: _Fit, pool: Iterable[Suspect]) -> tuple[Cause, ...]:
-        """Return the selected causes step by step, each with those that explain the readings equally well."""
+        """Return the selected causes in order, each with the causes that explain the readings as well."""
         causes = []
-        for k, suspect in enumerate(chosen.suspects):
-            exchanged = sorted(self._list_exchanged(chosen, k, pool), key=_by_criterion)
-            tied = [fit for fit in exchanged if fit.criterion <= chosen.criterion + AS_WELL]
-            best: dict[str, _Fit] = {}  # of each name the best one
-            for fit in tied:
-                if fit.suspects[k].name != suspect.name:
-                    best.setdefault(fit.suspects[k].name, fit)
-            causes += [self._describe_one(fit, k) for fit in (chosen, *best.values())]
+        for position, suspect in enumerate(chosen.suspects):
+            exchanged = sorted(self._list_exchanged(chosen, position, pool), key=_by_criterion)
+            equally_good = [fit for fit in exchanged if fit.criterion <= chosen.criterion + AS_WELL]
+            best_by_name: dict[str, _Fit] = {}  # the best fit for each name
+            for fit in equally_good:
+                if fit.suspects[position].name != suspect.name:
+                    best_by_name.setdefault(fit.suspects[position].name, fit)
+            causes += [self._describe_one(fit, position) for fit in (chosen, *best_by_name.values())]
         return tuple(causes)
 
-    def _describe_one(self, fit: _Fit, k: int) -> Cause:
-        suspect, fitted = fit.suspects[k], fit.fitted
+    def _describe_one(self, fit: _Fit, position: int) -> Cause:
+        """Return the cause at a position of a fit, with its unknowns, tests and effect on the residuals."""
+        suspect, fitted = fit.suspects[position], fit.fitted
         return Cause(
             suspect,
-            fitted.errors.unknowns[len(self._always) + k],
+            fitted.errors.unknowns[len(self._always) + position],
             self._p_values[suspect],
             fitted.tests.links_p_value(),
             fitted.compliance,
             fit.squares / self._start.tests.residual_squares(),
             fit.criterion,
-            step=k,
+            step=position,
         )
 
 
 def select_causes(
     robot: Robot,
     measurements: Measurements,
-    part: Measurements,
+    tested: Measurements,
     compliances: tuple[FloatArray, FloatArray],
     start: Step,
     *,
@@ -327,28 +354,28 @@ def select_causes(
     Args:
         robot: n joints.
         measurements: N observations.
-        part: observations that are tested.
+        tested: observations that are tested.
         compliances: (n,) of the joints, and (n,) with which the load is in balance [rad/(N·m)].
         start: tests of each cause added to the joints.
         scattered: whether the residuals show a scatter of the joints.
     """
-    wrong, remaining, most = list[str](), part, max(1, int(_MOST_WRONG * len(part)))
+    wrong_labels, remaining, most_wrong = list[str](), tested, max(1, int(_MOST_WRONG * len(tested)))
     tests = start
     while True:
         search = _Search(robot, measurements, remaining, tests, scattered=scattered)
-        fits, pool, label = search.run(seek_wrong=len(wrong) <= most)
-        if label is None:
+        fits, pool, wrong_label = search.run(seek_wrong=len(wrong_labels) <= most_wrong)
+        if wrong_label is None:
             break
-        wrong.append(label)
-        remaining = remaining[np.array([i for i, each in enumerate(remaining.labels) if each != label])]
-        if len(wrong) > most:  # too many to be single mistakes
-            remaining, tests = part, start
+        wrong_labels.append(wrong_label)
+        remaining = remaining[np.array([i for i, each in enumerate(remaining.labels) if each != wrong_label])]
+        if len(wrong_labels) > most_wrong:  # too many to be single mistakes
+            remaining, tests = tested, start
             continue
         visible = start.tests.visible
         tests = Step.from_measurements(
             robot, measurements, remaining, compliances, visible, scattered=scattered
         )
-    left_out = () if len(wrong) > most else tuple(wrong)
+    left_out = () if len(wrong_labels) > most_wrong else tuple(wrong_labels)
     if not fits:
         return Selection((), left_out, tests)
     if len(fits) > 1:
@@ -356,12 +383,12 @@ def select_causes(
         causes = search.describe(chosen, pool.values())
         if _explain_better_than_links(causes, tests):
             return Selection(causes, left_out, tests)
-    first = search.describe(fits[0], tests.significant)
+    first_causes = search.describe(fits[0], tests.significant)
     links_explain_more = (
         tests.links_p_value < LINKS_LEVEL and tests.tests.links_criterion() < fits[0].criterion - AS_WELL
     )
-    kept = [each for each in first if each.makes_links_unnecessary or not links_explain_more]
-    return Selection(tuple(kept), left_out, tests)
+    kept_causes = [each for each in first_causes if each.makes_links_unnecessary or not links_explain_more]
+    return Selection(tuple(kept_causes), left_out, tests)
 
 
 def _explain_better_than_links(causes: Sequence[Cause], start: Step) -> bool:

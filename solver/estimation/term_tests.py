@@ -55,7 +55,9 @@ _MOST_COMBINATIONS: Final = 12
 def join_statements(
     triangle: Triangle, stated: Iterable[Term], measurements: Measurements, sigma: float
 ) -> Triangle:
-    """Return a triangle in which the unknowns of some terms are fitted as stated, and projected out.
+    """Return a triangle in which the unknowns of stated terms are fitted with their stated uncertainties.
+
+    The columns of these terms are projected out of all other columns.
 
     Args:
         triangle: rows with the columns of these terms and of others.
@@ -143,20 +145,27 @@ class TermTests:
             fitted: terms that are fitted in any case.
             test: function of a triangle, and of the names of tested terms, that returns their p-values.
         """
-        p = test(self.stated, names)
+        p_values = test(self.stated, names)
         # Readings that share one covariance (3, 3) have equal weights already.
-        if (p < level).any() and self.block.measurements.covariance.ndim > 2:
-            p = np.where(p < level, np.maximum(p, test(self._equally_weighted, names)), p)
+        if (p_values < level).any() and self.block.measurements.covariance.ndim > 2:
+            p_values = np.where(
+                p_values < level, np.maximum(p_values, test(self._equally_weighted, names)), p_values
+            )
         if self._scattered or self._stated_terms:
-            for k in np.flatnonzero(p < level).tolist():
-                p[k] = max(p[k], self._p_value_given_all(names[k], fitted, test))
-        return p
+            for index in np.flatnonzero(p_values < level).tolist():
+                p_values[index] = max(
+                    p_values[index], self._compute_p_value_given_statements(names[index], fitted, test)
+                )
+        return p_values
 
-    def _p_value_given_all(self, name: str, fitted: Sequence[str], test: Callable[..., FloatArray]) -> float:
+    def _compute_p_value_given_statements(
+        self, name: str, fitted: Sequence[str], test: Callable[..., FloatArray]
+    ) -> float:
         """Return the p-value of a term, given statements and the scatter that is most likely with the term.
 
-        The scatter that residuals of joints alone show also holds the motion by the tested cause. A cause
-        about which something is stated is tested against the statement.
+        The scatter that residuals of joints alone show also contains the motion by the tested cause. A term
+        about
+        which something is stated is tested against its statement.
 
         Args:
             name: tested term.
@@ -164,39 +173,46 @@ class TermTests:
             test: function of a triangle, and of the names of tested terms, that returns their p-values.
         """
         triangle = self.compress_given_statements((*fitted, name))
-        own = next((term for term in self._stated_terms if term.name == name), None)
-        if own is None:
+        own_statement = next((term for term in self._stated_terms if term.name == name), None)
+        if own_statement is None:
             return float(test(triangle, [name])[0])
         common = self.block.measurements.common_uncertainty
-        uncertainty = np.resize(own.prior(common), len(triangle.span[name]))
+        uncertainty = np.resize(own_statement.prior(common), len(triangle.span[name]))
         p_value = triangle.statement_p_value(name, fitted, uncertainty)
         return float(test(triangle, [name])[0]) if p_value < STATEMENT_LEVEL else p_value
 
     def compress_given_statements(self, names: Sequence[str]) -> Triangle:
         """Return the triangle of some terms, in which statements about all other terms are fitted.
 
-        If the residuals show scatter, the rows have the scatter that is most likely with these terms.
+        If the residuals show a scatter of the joints, the rows have the scatter that is most likely with the
+        terms.
         """
-        others, terms, block = self._account_for_scatter(names)
+        other_stated_terms, terms, block = self._account_for_scatter(names)
         triangle = Stack.from_blocks([block], terms, self.compliance).triangle()
         sigma = block.measurements.sigma or triangle.sigma([term.name for term in terms])
-        triangle = join_statements(triangle, others, block.measurements, sigma)
+        triangle = join_statements(triangle, other_stated_terms, block.measurements, sigma)
         triangle.span[JOINTS.name] = np.flatnonzero(self.visible)
         return triangle
 
     def _account_for_scatter(self, names: Sequence[str]) -> tuple[list[Term], list[Term], RegressorBlock]:
-        """Return the other terms with statements, all terms of a fit, and the block with its scatter.
+        """Return the terms of a fit of the named terms, and the block with the scatter of the joints.
 
-        The scatter is the one that is most likely with the named terms, if the residuals show scatter.
+        If the residuals show scatter, the block has the scatter that is most likely with the named terms.
+
+        Returns:
+            The other terms with statements; the named terms, then these other terms; and the block.
         """
-        others = [term for term in self._stated_terms if term.name not in names]
-        terms, block = [*(term for term in self._terms if term.name in names), *others], self.block
+        other_stated_terms = [term for term in self._stated_terms if term.name not in names]
+        terms, block = (
+            [*(term for term in self._terms if term.name in names), *other_stated_terms],
+            self.block,
+        )
         if self._scattered:
             stack = Stack.from_blocks([block], terms, self.compliance)
-            seen = np.concatenate([np.flatnonzero(self.visible), *list(stack.span.values())[1:]])
-            scatter, _ = RestrictedLikelihood(block, stack, seen).maximise()
+            fitted_columns = np.concatenate([np.flatnonzero(self.visible), *list(stack.span.values())[1:]])
+            scatter, _ = RestrictedLikelihood(block, stack, fitted_columns).maximise()
             block = replace(block, measurements=replace(block.measurements, scatter=scatter))
-        return others, terms, block
+        return other_stated_terms, terms, block
 
     def find_wrong_posture(self, unknowns: int) -> WrongPosture | None:
         """Return the posture whose readings disagree most with all others; None if chance may explain it.
@@ -208,64 +224,82 @@ class TermTests:
         Args:
             unknowns: number of unknowns that are fitted in addition to the joints.
         """
-        others, terms, block = self._account_for_scatter(self.fitted)
+        other_stated_terms, terms, block = self._account_for_scatter(self.fitted)
         stack = Stack.from_blocks([block], terms, self.compliance)
         columns = np.concatenate([self.visible.nonzero()[0], *list(stack.span.values())[1:]])
-        flat, count = stack.flat, len(stack)
-        unit, length = unit_columns(flat[:, columns])
+        rows, posture_count = stack.flat, len(stack)
+        unit_vectors, length = unit_columns(rows[:, columns])
         sigma = block.measurements.sigma or stack.triangle().sigma([term.name for term in terms])
         # Statements are rows: each unknown over its standard uncertainty is zero.
-        end = width = len(columns)
-        stated = np.zeros((width, width))
-        for term in reversed(others):
-            k = len(stack.span[term.name])
-            uncertainty = np.resize(term.prior(block.measurements.common_uncertainty), k)
-            part = np.arange(end - k, end)
-            stated[part, part] = sigma / np.maximum(uncertainty, 1e-300) / length[part]
-            end -= k
-        basis = orthonormal_basis(np.vstack([unit, np.minimum(stated, 1e9)]))[: len(flat)]
-        residual = flat[:, -1] - basis @ (basis.T @ flat[:, -1])
-        by_posture, Q = residual.reshape(count, -1), basis.reshape(count, -1, basis.shape[1])
-        # Sum of squares that leaving out a posture takes away: rᵀ (I − Q Qᵀ)⁻¹ r.
-        left = np.eye(Q.shape[1]) - Q @ Q.mT
-        taken = np.einsum(
-            "ni,nij,nj->n", by_posture, np.linalg.pinv(left, rcond=DISTINCT, hermitian=True), by_posture
+        last = width = len(columns)
+        statement_rows = np.zeros((width, width))
+        for term in reversed(other_stated_terms):
+            unknown_count = len(stack.span[term.name])
+            uncertainty = np.resize(term.prior(block.measurements.common_uncertainty), unknown_count)
+            indices = np.arange(last - unknown_count, last)
+            statement_rows[indices, indices] = sigma / np.maximum(uncertainty, 1e-300) / length[indices]
+            last -= unknown_count
+        basis = orthonormal_basis(np.vstack([unit_vectors, np.minimum(statement_rows, 1e9)]))[: len(rows)]
+        residual = rows[:, -1] - basis @ (basis.T @ rows[:, -1])
+        residual_of_posture, basis_of_posture = (
+            residual.reshape(posture_count, -1),
+            basis.reshape(posture_count, -1, basis.shape[1]),
         )
-        read, squares = np.maximum(stack.read, 1), float(residual @ residual)
-        freedom = int(stack.read.sum()) - basis.shape[1] - read
-        noise = np.maximum(squares - taken, 0.0) / np.maximum(freedom, 1) + RESOLUTION**2
-        p = np.where(freedom > 0, special.fdtrc(read, np.maximum(freedom, 1), taken / read / noise), 1.0)
-        i = int(np.argmin(p))
-        if p[i] * count >= MISTAKE_LEVEL or taken[i] / read[i] < _GROSS * np.median(taken / read):
+        # Sum of squares that leaving out a posture takes away: rᵀ (I − Q Qᵀ)⁻¹ r.
+        remaining = np.eye(basis_of_posture.shape[1]) - basis_of_posture @ basis_of_posture.mT
+        squares_taken = np.einsum(
+            "ni,nij,nj->n",
+            residual_of_posture,
+            np.linalg.pinv(remaining, rcond=DISTINCT, hermitian=True),
+            residual_of_posture,
+        )
+        read_counts, total_squares = np.maximum(stack.read, 1), float(residual @ residual)
+        degrees_of_freedom = int(stack.read.sum()) - basis.shape[1] - read_counts
+        variance = (
+            np.maximum(total_squares - squares_taken, 0.0) / np.maximum(degrees_of_freedom, 1) + RESOLUTION**2
+        )
+        p_values = np.where(
+            degrees_of_freedom > 0,
+            special.fdtrc(
+                read_counts, np.maximum(degrees_of_freedom, 1), squares_taken / read_counts / variance
+            ),
+            1.0,
+        )
+        worst = int(np.argmin(p_values))
+        if p_values[worst] * posture_count >= MISTAKE_LEVEL or squares_taken[worst] / read_counts[
+            worst
+        ] < _GROSS * np.median(squares_taken / read_counts):
             return None
-        ratio = max(1.0 - taken[i] / squares, 1e-300)
-        criterion = self.criterion(self.residual_squares() * ratio, unknowns + int(read[i]) + 1)
-        return WrongPosture(block.measurements.labels[i], float(p[i] * count), criterion)
+        ratio = max(1.0 - squares_taken[worst] / total_squares, 1e-300)
+        criterion = self.criterion(self.residual_squares() * ratio, unknowns + int(read_counts[worst]) + 1)
+        return WrongPosture(
+            block.measurements.labels[worst], float(p_values[worst] * posture_count), criterion
+        )
 
     def p_values(self, names: Sequence[str], *others: str) -> list[float]:
-        """Return the p-value of each named term added to the joints and to other terms."""
+        """Return the p-value of each named term, tested as an addition to the joints and to other terms."""
         fitted = (*self.fitted, *others)
-        p = self._largest_p_values(
+        p_values = self._largest_p_values(
             MISTAKE_LEVEL, names, fitted, lambda triangle, tested: triangle.p_values(tested, fitted)
         )
-        return [*p.tolist()]
+        return [*p_values.tolist()]
 
     def links_p_value(self, *others: str) -> float:
-        """Return the p-value of elastic links added to the joints and to other terms."""
+        """Return the p-value of elastic links, tested as an addition to the joints and to other terms."""
         fitted = (*self.fitted, *others)
-        p = self._largest_p_values(
+        p_values = self._largest_p_values(
             LINKS_LEVEL,
             [DIAGONAL_LINKS.name],
             fitted,
             lambda triangle, tested: triangle.p_values(
-                tested, fitted, most=self._leading_count, least=INDEPENDENT
+                tested, fitted, most_directions=self._leading_count, least_singular_value=INDEPENDENT
             ),
         )
-        return float(p[0])
+        return float(p_values[0])
 
     @property
     def _leading_count(self) -> int:
-        """Number of combinations of link compliances to test, fewer if there are few readings."""
+        """Number of leading combinations of link compliances to test; lower if there are few readings."""
         return max(0, min(_MOST_COMBINATIONS, (self.stated.rows - len(self.visible)) // 3))
 
     def residual_squares(self) -> float:
@@ -283,11 +317,13 @@ class TermTests:
 
     def links_criterion(self) -> float:
         """Return the Bayesian information criterion of joints with the leading combinations of links."""
-        known = orthonormal_basis(self.stated.unit_columns(self.fitted))
-        links = self.stated.unit_columns([DIAGONAL_LINKS.name])
-        leading = orthonormal_basis(links - known @ (known.T @ links), INDEPENDENT)[:, : self._leading_count]
-        explained = float(np.square(leading.T @ self.stated.rhs).sum())
-        return self.criterion(max(self.residual_squares() - explained, 1e-300), leading.shape[1])
+        fitted_basis = orthonormal_basis(self.stated.unit_columns(self.fitted))
+        link_columns = self.stated.unit_columns([DIAGONAL_LINKS.name])
+        leading_basis = orthonormal_basis(
+            link_columns - fitted_basis @ (fitted_basis.T @ link_columns), INDEPENDENT
+        )[:, : self._leading_count]
+        explained = float(np.square(leading_basis.T @ self.stated.rhs).sum())
+        return self.criterion(max(self.residual_squares() - explained, 1e-300), leading_basis.shape[1])
 
     def base_criterion(self) -> float:
         """Return the Bayesian information criterion of joints with a base that bends."""

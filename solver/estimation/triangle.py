@@ -66,7 +66,7 @@ class Triangle:
         self.rows = 0
 
     def add(self, rows: FloatArray, *, count: int | None = None) -> None:
-        """Add rows: update the triangular factor.
+        """Add rows: update the triangular factor of all rows.
 
         Args:
             rows: (..., K + 1); leading dimensions are flattened.
@@ -81,31 +81,31 @@ class Triangle:
 
     @property
     def matrix(self) -> FloatArray:
-        """Compressed regressor (K + 1, K): all columns except the column of readings."""
+        """Compressed regressor (K + 1, K): all columns of the triangular factor but the readings."""
         return self.R[:, :-1]
 
     @property
     def rhs(self) -> FloatArray:
-        """Compressed readings (K + 1,)."""
+        """Compressed readings (K + 1,): the last column of the triangular factor."""
         return self.R[:, -1]
 
     def unit_columns(self, names: Sequence[str]) -> FloatArray:
         """Return the columns (K + 1, k) of the named terms, scaled to unit length; zero columns stay zero."""
-        part = np.concatenate([np.zeros(0, np.intp), *(self.span[name] for name in names)])
-        return unit_columns(self.R[:, part])[0]
+        columns = np.concatenate([np.zeros(0, np.intp), *(self.span[name] for name in names)])
+        return unit_columns(self.R[:, columns])[0]
 
     def residual_squares(self, names: Sequence[str]) -> float:
-        """Return the sum of squared residuals of a fit of the named terms to the readings."""
-        known = orthonormal_basis(self.unit_columns(names))
-        return float(self.rhs @ self.rhs - np.square(known.T @ self.rhs).sum())
+        """Return the sum of squared residuals when the named terms are fitted to the readings."""
+        basis = orthonormal_basis(self.unit_columns(names))
+        return float(self.rhs @ self.rhs - np.square(basis.T @ self.rhs).sum())
 
     def p_values(
         self,
         names: Sequence[str],
         fitted: Sequence[str] = ("joints",),
         *,
-        most: int | None = None,
-        least: float = DISTINCT,
+        most_directions: int | None = None,
+        least_singular_value: float = DISTINCT,
     ) -> FloatArray:
         """Return the p-values (S,) of F tests of whether adding a term improves the fit of other terms.
 
@@ -114,48 +114,65 @@ class Triangle:
         Args:
             names: the S terms that are tested, each one alone.
             fitted: terms that are fitted in any case.
-            most: largest number of a term's leading singular directions that are tested; all if None.
-            least: directions are tested if their singular value exceeds this number. Singular values are
+            most_directions: largest number of a term's leading singular directions that are tested; all if
+            None.
+            least_singular_value: directions are tested if their singular value exceeds this number. Singular
+            values are
                 computed from the tested term's unit columns, after projecting the fitted terms out.
         """
-        known, tested = orthonormal_basis(self.unit_columns(fitted)), self.unit_columns(names)
-        d = self.rhs - known @ (known.T @ self.rhs)
-        projected = tested - known @ (known.T @ tested)
+        fitted_basis, tested = orthonormal_basis(self.unit_columns(fitted)), self.unit_columns(names)
+        residual = self.rhs - fitted_basis @ (fitted_basis.T @ self.rhs)
+        projected = tested - fitted_basis @ (fitted_basis.T @ tested)
         columns = stack_padded(
             np.split(projected, np.cumsum([len(self.span[name]) for name in names])[:-1], axis=1)
         )
-        U, s, _ = np.linalg.svd(columns, full_matrices=False)
-        counted = (s > least) & (np.arange(s.shape[1]) < (s.shape[1] if most is None else most))
-        explained = np.where(counted, np.square(d @ U), 0.0).sum(axis=1)
-        width = counted.sum(axis=1)
-        freedom = self.rows - known.shape[1] - width
-        testable = (width > 0) & (freedom > 0)
-        noise = np.maximum(d @ d - explained, 0.0) / np.maximum(freedom, 1) + RESOLUTION**2
-        ratio = explained / np.maximum(width, 1) / noise
-        return np.where(testable, special.fdtrc(np.maximum(width, 1), np.maximum(freedom, 1), ratio), 1.0)
+        U, singular_values, _ = np.linalg.svd(columns, full_matrices=False)
+        is_tested = (singular_values > least_singular_value) & (
+            np.arange(singular_values.shape[1])
+            < (singular_values.shape[1] if most_directions is None else most_directions)
+        )
+        explained = np.where(is_tested, np.square(residual @ U), 0.0).sum(axis=1)
+        tested_count = is_tested.sum(axis=1)
+        degrees_of_freedom = self.rows - fitted_basis.shape[1] - tested_count
+        is_testable = (tested_count > 0) & (degrees_of_freedom > 0)
+        variance = (
+            np.maximum(residual @ residual - explained, 0.0) / np.maximum(degrees_of_freedom, 1)
+            + RESOLUTION**2
+        )
+        f_ratio = explained / np.maximum(tested_count, 1) / variance
+        return np.where(
+            is_testable,
+            special.fdtrc(np.maximum(tested_count, 1), np.maximum(degrees_of_freedom, 1), f_ratio),
+            1.0,
+        )
 
     def rank(self, names: Sequence[str], least: float) -> int:
         """Return the rank of the named terms' unit columns: the number of singular values above `least`."""
         return int(orthonormal_basis(self.unit_columns(names), least).shape[1])
 
-    def project_out(self, names: Sequence[str], least: float) -> Triangle:
+    def project_out(self, names: Sequence[str], least_singular_value: float) -> Triangle:
         """Return the triangle without the named terms, which are projected out of all other columns.
 
         A fit to the result equals a fit in which the named terms are free.
 
         Args:
             names: terms that are projected out.
-            least: singular value of their unit columns above which a direction is projected out.
+            least_singular_value: singular value of their unit columns above which a direction is projected
+                out.
         """
-        known = orthonormal_basis(self.unit_columns(names), least)
-        others = {name: len(columns) for name, columns in self.span.items() if name not in names}
-        remaining = self.R[:, np.concatenate([*(self.span[name] for name in others), [self.R.shape[1] - 1]])]
-        triangle = Triangle(**others)
-        triangle.add(remaining - known @ (known.T @ remaining), count=self.rows)
+        basis = orthonormal_basis(self.unit_columns(names), least_singular_value)
+        remaining_widths = {name: len(columns) for name, columns in self.span.items() if name not in names}
+        remaining_columns = self.R[
+            :, np.concatenate([*(self.span[name] for name in remaining_widths), [self.R.shape[1] - 1]])
+        ]
+        triangle = Triangle(**remaining_widths)
+        triangle.add(remaining_columns - basis @ (basis.T @ remaining_columns), count=self.rows)
         return triangle
 
     def given(self, name: str, uncertainty: FloatArray, sigma: float) -> Triangle:
         """Return the triangle in which the unknowns of a term are fitted, each stated as zero.
+
+        A fit to the result equals a fit in which these unknowns are free within their stated uncertainties.
 
         Args:
             name: term with statements, which is projected out of all other columns.
@@ -165,9 +182,9 @@ class Triangle:
         return self.state(name, uncertainty, sigma).project_out([name], _NULL)
 
     def state(self, name: str, uncertainty: FloatArray, sigma: float) -> Triangle:
-        """Return the triangle with statements that the unknowns of a term are zero.
+        """Return the triangle with a further row for each unknown of a term: the statement that it is zero.
 
-        A statement is one more row: the unknown over its standard uncertainty is zero, as a reading is.
+        A statement is a row like a reading: the unknown over its standard uncertainty is zero.
 
         Args:
             name: term with statements; its unknowns are in units of their standard uncertainties afterwards.
@@ -175,18 +192,20 @@ class Triangle:
             sigma: standard uncertainty of a reading, in the unit of the rows.
         """
         columns = self.span[name]
-        whole = Triangle(**{each: len(span) for each, span in self.span.items()})
-        whole.R, whole.rows = self.R.copy(), self.rows
-        whole.R[:, columns] *= uncertainty  # each unknown in units of its standard uncertainty
-        rows = np.zeros((len(columns), self.R.shape[1]))
-        rows[np.arange(len(columns)), columns] = sigma
-        whole.add(rows, count=0)
-        return whole
+        with_statements = Triangle(**{each: len(span) for each, span in self.span.items()})
+        with_statements.R, with_statements.rows = self.R.copy(), self.rows
+        with_statements.R[:, columns] *= uncertainty  # each unknown in units of its standard uncertainty
+        statement_rows = np.zeros((len(columns), self.R.shape[1]))
+        statement_rows[np.arange(len(columns)), columns] = sigma
+        with_statements.add(statement_rows, count=0)
+        return with_statements
 
     def sigma(self, names: Sequence[str]) -> float:
-        """Return the root mean square residual of a fit of the named terms, per degree of freedom."""
-        freedom = self.rows - self.rank(names, INDEPENDENT)
-        return float(np.sqrt(max(self.residual_squares(names), 0.0) / max(freedom, 1))) + RESOLUTION
+        """Return the standard deviation of a reading, from the residuals of a fit of the named terms."""
+        degrees_of_freedom = self.rows - self.rank(names, INDEPENDENT)
+        return (
+            float(np.sqrt(max(self.residual_squares(names), 0.0) / max(degrees_of_freedom, 1))) + RESOLUTION
+        )
 
     def statement_p_value(self, name: str, fitted: Sequence[str], uncertainty: FloatArray) -> float:
         """Return the p-value of the test that the unknowns of a term are zero, as stated.
@@ -199,37 +218,43 @@ class Triangle:
             fitted: terms that are fitted in any case.
             uncertainty: (k,) standard uncertainties of the unknowns as stated.
         """
-        known = orthonormal_basis(self.unit_columns(fitted))
+        fitted_basis = orthonormal_basis(self.unit_columns(fitted))
         columns = self.R[:, self.span[name]] * uncertainty
-        left = columns - known @ (known.T @ columns)
-        d = self.rhs - known @ (known.T @ self.rhs)
-        U, s, _ = np.linalg.svd(left, full_matrices=False)
-        seen = s > _NULL * max(float(np.linalg.norm(columns)), np.finfo(float).tiny)
-        along, width = np.square(U[:, seen].T @ d), int(seen.sum())
-        freedom = self.rows - known.shape[1] - width
-        if not width or freedom < 1:
+        remaining_columns = columns - fitted_basis @ (fitted_basis.T @ columns)
+        residual = self.rhs - fitted_basis @ (fitted_basis.T @ self.rhs)
+        U, singular_values, _ = np.linalg.svd(remaining_columns, full_matrices=False)
+        is_shown = singular_values > _NULL * max(float(np.linalg.norm(columns)), np.finfo(float).tiny)
+        squared_components, shown_count = np.square(U[:, is_shown].T @ residual), int(is_shown.sum())
+        degrees_of_freedom = self.rows - fitted_basis.shape[1] - shown_count
+        if not shown_count or degrees_of_freedom < 1:
             return 1.0
-        noise = max(float(d @ d - along.sum()), 0.0) / freedom + RESOLUTION**2
-        distance = float((along / (np.square(s[seen]) + noise)).sum())
-        return float(special.fdtrc(width, freedom, distance / width))
+        variance = (
+            max(float(residual @ residual - squared_components.sum()), 0.0) / degrees_of_freedom
+            + RESOLUTION**2
+        )
+        distance = float((squared_components / (np.square(singular_values[is_shown]) + variance)).sum())
+        return float(special.fdtrc(shown_count, degrees_of_freedom, distance / shown_count))
 
-    def fit(self, names: Sequence[str], others: FloatArray, least: float) -> FloatArray:
+    def fit(
+        self, names: Sequence[str], other_unknowns: FloatArray, least_singular_value: float
+    ) -> FloatArray:
         """Fit some terms by least squares, with given values of the unknowns of all other terms.
 
         Args:
             names: terms that are fitted, k unknowns together.
-            others: (K,) known values of the unknowns of all other terms; zero for the fitted terms.
-            least: singular value of the terms' unit columns above which a direction is fitted; the part of
-                the unknowns in all other directions stays zero.
+            other_unknowns: (K,) known values of the unknowns of all other terms; zero for the fitted terms.
+            least_singular_value: singular value of the terms' unit columns above which a direction is fitted;
+                the
+                part of the unknowns in all other directions stays zero.
 
         Returns:
             (k,) fitted unknowns.
         """
-        unit, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
-        U, s, Vt = np.linalg.svd(unit, full_matrices=False)
-        seen = s > least
-        coefficients = U[:, seen].T @ (self.rhs - self.matrix @ others)
-        return np.asarray(Vt[seen].T @ (coefficients / s[seen]) / length)
+        unit_vectors, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
+        U, singular_values, Vt = np.linalg.svd(unit_vectors, full_matrices=False)
+        is_shown = singular_values > least_singular_value
+        coefficients = U[:, is_shown].T @ (self.rhs - self.matrix @ other_unknowns)
+        return np.asarray(Vt[is_shown].T @ (coefficients / singular_values[is_shown]) / length)
 
     def fit_with_prior(self, deviation: FloatArray, variance: float) -> PriorFit:
         """Fit all terms by least squares with a Gaussian prior of mean zero on every unknown.
@@ -243,28 +268,36 @@ class Triangle:
         Returns:
             The fitted unknowns, a root of their covariance, and the sum of squared residuals of the readings.
         """
-        M = np.vstack([self.matrix * deviation, np.sqrt(variance) * np.eye(len(deviation))])
-        x, *_ = np.linalg.lstsq(M, np.concatenate([self.rhs, np.zeros(len(deviation))]), rcond=None)
-        inverse = np.linalg.solve(np.linalg.qr(M, mode="r"), np.eye(len(deviation)))
-        squares = float(np.square(self.matrix @ (deviation * x) - self.rhs).sum())
-        return PriorFit(deviation * x, np.sqrt(variance) * deviation[:, None] * inverse, squares)
+        rows = np.vstack([self.matrix * deviation, np.sqrt(variance) * np.eye(len(deviation))])
+        standardised, *_ = np.linalg.lstsq(
+            rows, np.concatenate([self.rhs, np.zeros(len(deviation))]), rcond=None
+        )
+        inverse = np.linalg.solve(np.linalg.qr(rows, mode="r"), np.eye(len(deviation)))
+        residual_squares = float(np.square(self.matrix @ (deviation * standardised) - self.rhs).sum())
+        return PriorFit(
+            deviation * standardised, np.sqrt(variance) * deviation[:, None] * inverse, residual_squares
+        )
 
-    def fit_with(self, names: Sequence[str], known: str = "joints") -> TermsFit:
-        """Fit the named terms together with the term `known`, by least squares without bounds.
+    def fit_with(self, names: Sequence[str], known_term: str = "joints") -> TermsFit:
+        """Fit the named terms together with the term `known_term`, by least squares without bounds.
 
-        Directions of the named terms that the term `known` explains equally well stay zero.
+        Directions of the named terms that the term `known_term` explains equally well stay zero.
         """
-        columns, d = self.R[:, self.span[known]], self.R[:, -1]
-        unit, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
-        known_unit, scale = unit_columns(columns)
-        basis = orthonormal_basis(known_unit)
-        U, s, Vt = np.linalg.svd(unit - basis @ (basis.T @ unit), full_matrices=False)
-        distinct = s > DISTINCT
-        root = Vt[distinct].T / s[distinct]
-        step = root @ (U[:, distinct].T @ d)
-        fitted = np.linalg.lstsq(known_unit, d - unit @ step, rcond=INDEPENDENT)[0]
-        hidden = Vt[~distinct].T / length[:, None]
-        return TermsFit(fitted / scale, step / length, root / length[:, None], hidden)
+        columns, readings = self.R[:, self.span[known_term]], self.R[:, -1]
+        unit_vectors, length = unit_columns(self.R[:, np.concatenate([self.span[name] for name in names])])
+        known_unit_vectors, scale = unit_columns(columns)
+        basis = orthonormal_basis(known_unit_vectors)
+        U, singular_values, Vt = np.linalg.svd(
+            unit_vectors - basis @ (basis.T @ unit_vectors), full_matrices=False
+        )
+        is_distinct = singular_values > DISTINCT
+        root = Vt[is_distinct].T / singular_values[is_distinct]
+        scaled_unknowns = root @ (U[:, is_distinct].T @ readings)
+        fitted = np.linalg.lstsq(
+            known_unit_vectors, readings - unit_vectors @ scaled_unknowns, rcond=INDEPENDENT
+        )[0]
+        undetermined = Vt[~is_distinct].T / length[:, None]
+        return TermsFit(fitted / scale, scaled_unknowns / length, root / length[:, None], undetermined)
 
 
 class PriorFit(NamedTuple):
@@ -291,29 +324,37 @@ def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     return columns / length, length
 
 
-def stack_padded(parts: Sequence[FloatArray]) -> FloatArray:
-    """Return the columns (m, k_s) of S terms as one array (S, m, k), padded with zero columns."""
-    width = max(part.shape[-1] for part in parts)
-    out = np.zeros((len(parts), len(parts[0]), width))
-    for padded, part in zip(out, parts, strict=True):
-        padded[:, : part.shape[-1]] = part
-    return out
+def stack_padded(columns_of_terms: Sequence[FloatArray]) -> FloatArray:
+    """Stack the columns (m, k_s) of each of S terms into an array (S, m, k), padded with zero columns.
+
+    k is the greatest k_s.
+    """
+    width = max(columns.shape[-1] for columns in columns_of_terms)
+    stacked = np.zeros((len(columns_of_terms), len(columns_of_terms[0]), width))
+    for padded, columns in zip(stacked, columns_of_terms, strict=True):
+        padded[:, : columns.shape[-1]] = columns
+    return stacked
 
 
 def solve_nonnegative(columns: FloatArray, rhs: FloatArray) -> tuple[FloatArray, float]:
     """Solve least squares of rhs (m,) on columns (m, k) with unknowns ≥ 0.
 
-    Returns the unknowns (k,) and the length of the residual. Unknowns of columns that are rounding, relative
-    to the longest column, stay zero.
+    Unknowns of columns that are rounding, relative to the longest column, stay zero.
+
+    Returns:
+        The unknowns (k,), and the length of the residual.
     """
     length = np.linalg.norm(columns, axis=0)
-    seen = length > _NULL * length.max(initial=0.0)
-    unit = np.where(seen, length, 1.0)
-    x, residual_length = optimize.nnls(np.where(seen, columns / unit, 0.0), rhs)
-    return x / unit, float(residual_length)
+    is_significant = length > _NULL * length.max(initial=0.0)
+    lengths_or_one = np.where(is_significant, length, 1.0)
+    scaled, residual_length = optimize.nnls(np.where(is_significant, columns / lengths_or_one, 0.0), rhs)
+    return scaled / lengths_or_one, float(residual_length)
 
 
 def orthonormal_basis(columns: FloatArray, least: float = INDEPENDENT) -> FloatArray:
-    """Return an orthonormal basis (m, r) of the span of columns (m, k): singular vectors above `least`."""
-    U, s, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(U[:, s > least])
+    """Return an orthonormal basis (m, r) of the span of columns (m, k).
+
+    The basis has the left singular vectors whose singular values exceed `least`.
+    """
+    U, singular_values, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(U[:, singular_values > least])

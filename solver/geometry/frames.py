@@ -92,22 +92,22 @@ _COLLINEAR = 1e-3  # least width of targets over their length, below which they 
 
 
 def find_common_perpendicular_feet(first: Axis, second: Axis) -> tuple[FloatArray, FloatArray]:
-    """Return the two points (3,) [m] at which the common perpendicular of two axes meets them.
+    """Return the feet of the common perpendicular of two axes: the point (3,) [m] on each axis.
 
     The axes must not be parallel.
     """
-    a, b = first.direction, second.direction
+    first_direction, second_direction = first.direction, second.direction
     gap = second.point - first.point
-    cosine = float(a @ b)
-    squared_sine = float(np.sum(cross(a, b) ** 2))
-    along_first, along_second = float(gap @ a), float(gap @ b)
+    cosine = float(first_direction @ second_direction)
+    squared_sine = float(np.sum(cross(first_direction, second_direction) ** 2))
+    along_first, along_second = float(gap @ first_direction), float(gap @ second_direction)
     first_foot = first.point_at((along_first - along_second * cosine) / squared_sine)
     second_foot = second.point_at((along_first * cosine - along_second) / squared_sine)
     return first_foot, second_foot
 
 
 def compute_perpendicular_frame(axes: Sequence[Axis], frame: Literal["base", "flange"]) -> pin.SE3:
-    """Return the transform from the perpendicular frame of two axes to the frame in which the axes are given.
+    """Return the transform from the perpendicular frame of two axes to the frame of the axes' coordinates.
 
     The perpendicular frame has z along the main axis and x along the common perpendicular with the other
     axis.
@@ -149,7 +149,7 @@ class BaseFrame:
     base_from_perpendicular: pin.SE3
 
     def place(self, axes: Sequence[Axis]) -> pin.SE3:
-        """Return the transform from tracker to R0 that follows from `axes` at model angle zero."""
+        """Return the transform from the tracker's frame to R0, computed from axes at model angle zero."""
         return self.base_from_perpendicular * compute_perpendicular_frame(axes, "base").inverse()
 
     @cached_property
@@ -161,7 +161,8 @@ class BaseFrame:
     def jacobian(self) -> FloatArray:
         """Derivative (6, 4 n + 3 T) of `transform_tracker_to_base` with respect to axes and targets.
 
-        Rows are a small motion in R0: translation [m], then rotation [rad]. Columns are the four chart
+        Rows are a small motion of R0, in its axes: translation [m], then rotation [rad]. Columns are the four
+        chart
         coordinates of each of n axes, then the coordinates of T targets.
         """
         base_to_tracker = self.transform_tracker_to_base.inverse()
@@ -173,17 +174,18 @@ class BaseFrame:
 def find_base_frame(
     identified: IdentifiedAxes, nominal: KinematicChain | None = None, *, height: float = 0.0
 ) -> BaseFrame:
-    """Return the placement of R0 on the identified axes.
+    """Return the base frame R0 of the robot, placed relative to its identified axes.
 
     Args:
         identified: at least two axes.
-        nominal: model whose position of R0 relative to its own axes is adopted; None places R0 on the
-            identified axes without a model.
+        nominal: model whose position of R0 relative to its own axes is adopted; None places R0 by axes 1 and
+            2
+            alone.
         height: without a nominal model, height above R0 of the point where the common perpendicular of axes
             1 and 2 meets axis 1 [m].
 
     Raises:
-        MeasurementError: fewer than two axes, or nearly parallel ones.
+        MeasurementError: fewer than two axes, or nearly parallel axes.
     """
 
     def compute_signed_distance(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
@@ -193,14 +195,14 @@ def find_base_frame(
         return np.array([(second - first) @ x])
 
     if nominal is not None:
-        convention = compute_perpendicular_frame(list_chain_axes(nominal)[0], "base")
+        base_from_perpendicular = compute_perpendicular_frame(list_chain_axes(nominal)[0], "base")
     else:
         distance = compute_signed_distance(identified.axes, identified.targets)[0]
         uncertainty = np.sqrt(identified.compute_covariance_of(compute_signed_distance)[0, 0])
         # Turn x by half a turn if it points away from axis 2: R0 has x from axis 1 towards axis 2.
         sign = -1.0 if distance < -_MEETING_UNCERTAINTIES * uncertainty else 1.0
-        convention = pin.SE3(np.diag([sign, sign, 1.0]), np.array([0.0, 0.0, height]))
-    return BaseFrame(identified, convention)
+        base_from_perpendicular = pin.SE3(np.diag([sign, sign, 1.0]), np.array([0.0, 0.0, height]))
+    return BaseFrame(identified, base_from_perpendicular)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,19 +218,20 @@ class BaseTargets:
     def fit_drift(self, sigma: float, reference_point: FloatArray) -> Drift:
         """Fit the rigid motion ``after = R before + t`` of the base, and test whether it is only noise.
 
-        Return the motion with its covariance, the p-values of the hypotheses that the base did not move and
-        that it moved rigidly, and the name of a target that moved relative to the other targets.
-
         Args:
             sigma: standard uncertainty of a coordinate [m].
             reference_point: (3,) point whose displacement is returned [m], such as the middle of the robot's
                 targets.
 
+        Returns:
+            The motion with its covariance, the p-values of the hypotheses that the base did not move and
+            that it moved rigidly, and the name of a target that moved relative to the other targets.
+
         Raises:
             MeasurementError: the base targets lie on a line.
         """
-        before, after, middle = self.before, self.after, self.before.mean(axis=0)
-        spread = np.linalg.svd(before - middle, compute_uv=False)
+        before, after, centre = self.before, self.after, self.before.mean(axis=0)
+        spread = np.linalg.svd(before - centre, compute_uv=False)
         if spread[1] <= _COLLINEAR * spread[0]:
             raise MeasurementError(
                 "the base targets lie on a line, so a rotation about that line cannot be determined",
@@ -236,23 +239,25 @@ class BaseTargets:
                 remedy="place the targets so that they form a triangle",
             )
         # Factor 2: both readings of a target have this covariance.
-        W = np.broadcast_to(whitener(2.0 * sigma**2 * self.covariance), (len(before), 3, 3))
-        turn, _ = Rotation.align_vectors(after - after.mean(axis=0), before - middle)
-        R = turn.as_matrix()
+        whiteners = np.broadcast_to(whitener(2.0 * sigma**2 * self.covariance), (len(before), 3, 3))
+        start_rotation, _ = Rotation.align_vectors(after - after.mean(axis=0), before - centre)
+        start_matrix = start_rotation.as_matrix()
         motion, linear = minimise(
-            pin.SE3(R, after.mean(axis=0) - R @ middle),
-            lambda motion: np.asarray((W @ (after - transform_points(motion, before))[..., None]).ravel()),
+            pin.SE3(start_matrix, after.mean(axis=0) - start_matrix @ centre),
             lambda motion: np.asarray(
-                (W @ differentiate_by_rigid_motion(transform_points(motion, before))).reshape(-1, 6)
+                (whiteners @ (after - transform_points(motion, before))[..., None]).ravel()
+            ),
+            lambda motion: np.asarray(
+                (whiteners @ differentiate_by_rigid_motion(transform_points(motion, before))).reshape(-1, 6)
             ),
             lambda motion, step: pin.exp6(step) * motion,
             where=self.where,
         )
         residual = linear.residual
-        residual_if_unmoved = (W @ (after - before)[..., None]).ravel()
+        residual_if_unmoved = (whiteners @ (after - before)[..., None]).ravel()
         gain_of_motion = float(residual_if_unmoved @ residual_if_unmoved) - linear.rss
         probability = float(special.chdtrc(6, max(gain_of_motion, 0.0)))  # a rigid motion has six numbers
-        S = differentiate_by_rigid_motion(reference_point)
+        point_derivative = differentiate_by_rigid_motion(reference_point)
         # Test each target alone: the drop in the sum of squares when the target is left out is χ² with three
         # degrees of freedom. With only three targets, only three degrees of freedom remain after the fit, too
         # few to find the target that moved.
@@ -260,13 +265,13 @@ class BaseTargets:
         for target in range(len(before) if len(before) > 3 else 0):
             rows = slice(3 * target, 3 * target + 3)
             redundancy = np.eye(3) - linear.range_basis[rows] @ linear.range_basis[rows].T
-            gain = float(residual[rows] @ np.linalg.lstsq(redundancy, residual[rows], rcond=1e-9)[0])
-            if special.chdtrc(3, gain) * len(before) < SIGNIFICANCE:
-                suspects.append((gain, self.names[target]))
+            drop = float(residual[rows] @ np.linalg.lstsq(redundancy, residual[rows], rcond=1e-9)[0])
+            if special.chdtrc(3, drop) * len(before) < SIGNIFICANCE:
+                suspects.append((drop, self.names[target]))
         return Drift(
             transform_after_to_before=to_rigid(motion.inverse()),
             displacement=point(transform_points(motion, reference_point) - reference_point),
-            displacement_covariance=(S @ linear.covariance @ S.T).tolist(),
+            displacement_covariance=(point_derivative @ linear.covariance @ point_derivative.T).tolist(),
             rotation=point(Rotation.from_matrix(motion.rotation).as_rotvec()),
             probability=probability,
             deformation_probability=float(special.chdtrc(residual.size - 6, linear.rss)),
@@ -301,23 +306,23 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
             where="sweeps",
             remedy="sweep all joints of the robot",
         )
-    T, sigma = base.transform_tracker_to_base, identified.sigma
+    tracker_to_base, sigma = base.transform_tracker_to_base, identified.sigma
     posture = np.zeros(identified.n)
     if isinstance(identified, SweptAxes):  # take the arm's posture in the last sweep
         posture[:-WRIST_JOINTS] = identified.sweeps.postures[-1, :-WRIST_JOINTS]
-    nearest, miss_distance, miss_uncertainty, miss_probability = _find_point_nearest_to_axes(
+    nearest_to_axes, miss_distance, miss_uncertainty, miss_probability = _find_point_nearest_to_axes(
         identified, posture
     )
     # Each estimate: method, centre (3,) [m], derivative (3, m) with respect to the whitened readings
-    ways: list[tuple[CentreWay, FloatArray, FloatArray]] = [("axes", *nearest)]
+    estimates_by_method: list[tuple[CentreWay, FloatArray, FloatArray]] = [("axes", *nearest_to_axes)]
     if isinstance(identified, SweptAxes) and (sphere := fit_spheres(identified, posture[:-WRIST_JOINTS])):
         sphere_centre, radii, sphere_influence, was_fitted = sphere
-        ways.append(("sphere", sphere_centre, sphere_influence[:3]))
+        estimates_by_method.append(("sphere", sphere_centre, sphere_influence[:3]))
         trilaterated = _trilaterate_all_positions(
-            identified, radii, sphere_influence, was_fitted, near=nearest[0]
+            identified, radii, sphere_influence, was_fitted, rough_centre=nearest_to_axes[0]
         )
         if trilaterated is not None:
-            ways.append(("trilateration", *trilaterated))
+            estimates_by_method.append(("trilateration", *trilaterated))
 
     def express_in_both_frames(centre: FloatArray, influence: FloatArray) -> dict[str, Any]:
         """Return the fields of a `WristCentre`: position and covariance in the tracker's frame and in R0.
@@ -325,13 +330,13 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         The centre (3,) [m] is in the tracker's frame; `influence` (3, m) is the derivative of the centre with
         respect to the whitened readings.
         """
-        centre_in_base = transform_points(T, centre)
+        centre_in_base = transform_points(tracker_to_base, centre)
         # R0 may depend on more quantities than the centre does, namely the angles of the joints that do not
         # turn in a sweep; the columns of these angles come last.
         base_influence = (
             differentiate_by_rigid_motion(centre_in_base) @ base.jacobian @ base.identified.influence
         )
-        base_influence[:, : influence.shape[1]] += T.rotation @ influence
+        base_influence[:, : influence.shape[1]] += tracker_to_base.rotation @ influence
         return {
             "tracker": centre.tolist(),
             "tracker_covariance": (sigma**2 * influence @ influence.T).tolist(),
@@ -339,21 +344,33 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
             "base_covariance": (sigma**2 * base_influence @ base_influence.T).tolist(),
         }
 
-    informations = [np.linalg.inv(sigma**2 * influence @ influence.T) for _, _, influence in ways]
-    weights = np.linalg.inv(np.sum(informations, axis=0)) @ informations  # matrices whose sum is the identity
-    weighted_ways = list(zip(weights, ways, strict=True))
-    estimates = [
-        WristCentre(way=way, weight=float(np.trace(W) / 3.0), **express_in_both_frames(centre, influence))
-        for W, (way, centre, influence) in weighted_ways
+    information_matrices = [
+        np.linalg.inv(sigma**2 * influence @ influence.T) for _, _, influence in estimates_by_method
     ]
-    combined_centre = np.sum([W @ centre for W, (_, centre, _) in weighted_ways], axis=0)
-    combined_influence = np.sum([W @ influence for W, (_, _, influence) in weighted_ways], axis=0)
+    weights = (
+        np.linalg.inv(np.sum(information_matrices, axis=0)) @ information_matrices
+    )  # matrices whose sum is the identity
+    weighted_estimates = list(zip(weights, estimates_by_method, strict=True))
+    estimates = [
+        WristCentre(
+            way=method,
+            weight=float(np.trace(weight_matrix) / 3.0),
+            **express_in_both_frames(centre, influence),
+        )
+        for weight_matrix, (method, centre, influence) in weighted_estimates
+    ]
+    combined_centre = np.sum(
+        [weight_matrix @ centre for weight_matrix, (_, centre, _) in weighted_estimates], axis=0
+    )
+    combined_influence = np.sum(
+        [weight_matrix @ influence for weight_matrix, (_, _, influence) in weighted_estimates], axis=0
+    )
     return WristResult(
         estimates=estimates,
         combined=WristCentre(
             way="combined", weight=1.0, **express_in_both_frames(combined_centre, combined_influence)
         ),
-        distances=_compare_centres(ways, sigma),
+        distances=_compare_centres(estimates_by_method, sigma),
         posture=posture.tolist(),
         miss_distance=miss_distance,
         miss_uncertainty=miss_uncertainty,
@@ -363,24 +380,26 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
 
 
 def _compare_centres(
-    ways: Sequence[tuple[CentreWay, FloatArray, FloatArray]], sigma: float
+    estimates: Sequence[tuple[CentreWay, FloatArray, FloatArray]], sigma: float
 ) -> list[WristDistance]:
     """Return the distance of each pair of estimates of the wrist centre, with the p-value of a χ² test.
 
     Args:
-        ways: method, centre (3,) [m] and derivative (3, m) with respect to the whitened readings of each
-            estimate.
+        estimates: for each estimate its method, the centre (3,) [m], and the derivative (3, m) of the centre
+            with respect to the whitened readings.
         sigma: standard uncertainty of a coordinate of a reading [m].
     """
     distances = []
-    for (first, centre_1, influence_1), (second, centre_2, influence_2) in combinations(ways, 2):
-        gap, difference = centre_1 - centre_2, sigma * (influence_1 - influence_2)
-        U, singular, _ = np.linalg.svd(difference, full_matrices=False)
+    for (first, centre_1, influence_1), (second, centre_2, influence_2) in combinations(estimates, 2):
+        centre_difference, influence_difference = centre_1 - centre_2, sigma * (influence_1 - influence_2)
+        U, singular_values, _ = np.linalg.svd(influence_difference, full_matrices=False)
         # The χ² test leaves out directions in which noise moves both estimates alike.
-        distinguishable = singular > 1e-6 * max(singular[0], 1e-300)
-        statistic = float(np.sum(((U.T @ gap)[distinguishable] / singular[distinguishable]) ** 2))
+        distinguishable = singular_values > 1e-6 * max(singular_values[0], 1e-300)
+        statistic = float(
+            np.sum(((U.T @ centre_difference)[distinguishable] / singular_values[distinguishable]) ** 2)
+        )
         probability = float(special.chdtrc(int(distinguishable.sum()), statistic))
-        distance = float(np.linalg.norm(gap))
+        distance = float(np.linalg.norm(centre_difference))
         distances.append(
             WristDistance(first=first, second=second, distance=distance, probability=probability)
         )
@@ -476,17 +495,22 @@ def fit_spheres(
         determine a centre: a single sweep shows only a circle.
     """
     sweeps, readings = identified.sweeps, identified.sweeps.whitened
-    at_rest = []  # for each sweep, a mask of its positions: true if the arm is at `arm_angles` throughout
+    resting_masks = []  # for each sweep, a mask of its positions: all true if the arm stays at `arm_angles`
     for sweep in sweeps.sweeps:
         difference = np.abs(sweeps.model_angles(sweep)[:, : len(arm_angles)] - arm_angles)
-        at_rest.append(np.full(len(sweep), difference.max(initial=0.0) <= RESTING_RANGE))
-    if sum(is_at_rest.all() for is_at_rest in at_rest) < 2:  # a single sweep shows only a circle
+        resting_masks.append(np.full(len(sweep), difference.max(initial=0.0) <= RESTING_RANGE))
+    if sum(is_at_rest.all() for is_at_rest in resting_masks) < 2:  # a single sweep shows only a circle
         return None
-    present = sweeps.present & np.concatenate(at_rest)[:, None]
-    k, t = np.nonzero(present)  # position and target of each of the m fitted readings
-    points, has_target = readings.points[k, t], np.eye(present.shape[1])[t]
+    present = sweeps.present & np.concatenate(resting_masks)[:, None]
+    position_of_reading, target_of_reading = np.nonzero(
+        present
+    )  # position and target of each of the m fitted readings
+    points, has_target = (
+        readings.points[position_of_reading, target_of_reading],
+        np.eye(present.shape[1])[target_of_reading],
+    )
     # (m, 3, 3) derivative of each reading with respect to the whitened reading
-    unwhiteners = np.linalg.inv(readings.weight[k, t])
+    unwhiteners = np.linalg.inv(readings.weight[position_of_reading, target_of_reading])
 
     def compute_distances_and_directions(state: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return distances (m,) of the readings from the centre, and unit vectors (m, 3) from the centre."""
@@ -496,20 +520,26 @@ def fit_spheres(
 
     # Linear fit of ``2 c·p + (r_t² − ‖c‖²) = ‖p‖²`` about the readings' mean
     mean = points.mean(axis=0)
-    p = points - mean
-    solution = np.linalg.lstsq(np.hstack([2.0 * p, has_target]), np.sum(p**2, axis=1), rcond=None)[0]
+    centred_points = points - mean
+    solution = np.linalg.lstsq(
+        np.hstack([2.0 * centred_points, has_target]), np.sum(centred_points**2, axis=1), rcond=None
+    )[0]
     radii = np.sqrt(np.maximum(solution[3:] + solution[:3] @ solution[:3], 1e-12))
     start = np.concatenate([solution[:3] + mean, radii])
     # The weights are computed at the start values and kept: they hardly depend on the state, and with
     # constant weights the problem is ordinary least squares.
-    spread = np.linalg.norm(
+    distance_deviation = np.linalg.norm(
         np.einsum("mji,mj->mi", unwhiteners, compute_distances_and_directions(start)[1]), axis=1
     )
     try:
         state, linear = minimise(
             start,
-            lambda s: np.asarray((compute_distances_and_directions(s)[0] - has_target @ s[3:]) / spread),
-            lambda s: np.hstack([compute_distances_and_directions(s)[1], has_target]) / spread[:, None],
+            lambda s: np.asarray(
+                (compute_distances_and_directions(s)[0] - has_target @ s[3:]) / distance_deviation
+            ),
+            lambda s: (
+                np.hstack([compute_distances_and_directions(s)[1], has_target]) / distance_deviation[:, None]
+            ),
             lambda s, step: np.asarray(s + step),
             where="wrist",
         )
@@ -517,14 +547,17 @@ def fit_spheres(
         return None
     if not linear.determines(slice(0, 3)):
         return None
-    by_reading = (
-        np.einsum("mji,mj->mi", unwhiteners, compute_distances_and_directions(state)[1]) / spread[:, None]
+    distance_derivatives = (
+        np.einsum("mji,mj->mi", unwhiteners, compute_distances_and_directions(state)[1])
+        / distance_deviation[:, None]
     )
     # Columns of `influence` that belong to the coordinates of each reading
     columns = np.arange(readings.points.size).reshape(readings.points.shape)
     influence = np.zeros((len(state), identified.influence.shape[1]))
-    by_coordinate = linear.pseudo_inverse[:, :, None] * by_reading
-    influence[:, columns[k, t].ravel()] = by_coordinate.reshape(len(state), -1)
+    influence_of_coordinates = linear.pseudo_inverse[:, :, None] * distance_derivatives
+    influence[:, columns[position_of_reading, target_of_reading].ravel()] = influence_of_coordinates.reshape(
+        len(state), -1
+    )
     return state[:3], state[3:], influence, present
 
 
@@ -533,7 +566,7 @@ def _trilaterate_all_positions(
     radii: FloatArray,
     sphere_influence: FloatArray,
     present: BoolArray,
-    near: FloatArray,
+    rough_centre: FloatArray,
 ) -> tuple[FloatArray, FloatArray] | None:
     """Return the mean of the wrist centres trilaterated in all positions in which three targets were read.
 
@@ -544,7 +577,7 @@ def _trilaterate_all_positions(
         radii: (T,) distances of the targets from the centre [m].
         sphere_influence: (3 + T, m) derivative of centre and radii with respect to the whitened readings.
         present: (N, T) mask of the readings that may be used.
-        near: (3,) rough centre [m].
+        rough_centre: (3,) rough centre [m].
 
     Returns:
         The weighted mean (3,) [m] and its derivative (3, m) with respect to the whitened readings; None
@@ -553,43 +586,49 @@ def _trilaterate_all_positions(
     readings = identified.sweeps.whitened
     columns = np.arange(readings.points.size).reshape(readings.points.shape)
     read_targets = np.flatnonzero(present.any(axis=0)).tolist()
-    triples = [list(three) for three in combinations(read_targets, 3)]
-    sides = [identified.targets[three[1:]] - identified.targets[three[0]] for three in triples]
+    triples = [list(triple) for triple in combinations(read_targets, 3)]
+    sides = [identified.targets[triple[1:]] - identified.targets[triple[0]] for triple in triples]
     areas = [float(np.linalg.norm(cross(first, second))) for first, second in sides]
     if not max(areas, default=0.0) > 0.0:
         return None
-    chosen = triples[int(np.argmax(areas))]  # the three targets that span the largest triangle
-    radius_influence = sphere_influence[[3 + t for t in chosen]]
+    largest_triple = triples[int(np.argmax(areas))]  # the three targets that span the largest triangle
+    radius_influence = sphere_influence[[3 + t for t in largest_triple]]
     # Sums over the positions: of the weights, of weight · centre, and of weight · derivative
-    total_weight, centre, influence = np.zeros((3, 3)), np.zeros(3), np.zeros_like(sphere_influence[:3])
-    for k in np.flatnonzero(present[:, chosen].all(axis=1)):
+    total_weight, weighted_centre, weighted_influence = (
+        np.zeros((3, 3)),
+        np.zeros(3),
+        np.zeros_like(sphere_influence[:3]),
+    )
+    for position in np.flatnonzero(present[:, largest_triple].all(axis=1)):
         try:
-            point, by_distance, by_target = trilaterate(readings.points[k, chosen], radii[chosen], near)
+            point, distance_derivative, target_derivative = trilaterate(
+                readings.points[position, largest_triple], radii[largest_triple], rough_centre
+            )
         except MeasurementError:
             continue
-        unwhiteners = np.linalg.inv(readings.weight[k, chosen])
-        by_reading = np.einsum("itj,tjk->itk", by_target, unwhiteners).reshape(3, -1)
-        point_influence = by_distance @ radius_influence
-        weight = np.linalg.inv(by_reading @ by_reading.T + point_influence @ point_influence.T)
-        point_influence[:, columns[k, chosen].ravel()] += by_reading
+        unwhiteners = np.linalg.inv(readings.weight[position, largest_triple])
+        reading_influence = np.einsum("itj,tjk->itk", target_derivative, unwhiteners).reshape(3, -1)
+        point_influence = distance_derivative @ radius_influence
+        weight = np.linalg.inv(reading_influence @ reading_influence.T + point_influence @ point_influence.T)
+        point_influence[:, columns[position, largest_triple].ravel()] += reading_influence
         total_weight += weight
-        centre += weight @ point
-        influence += weight @ point_influence
+        weighted_centre += weight @ point
+        weighted_influence += weight @ point_influence
     if not total_weight.any():
         return None
-    inverse = np.linalg.inv(total_weight)
-    return inverse @ centre, inverse @ influence
+    mean_covariance = np.linalg.inv(total_weight)
+    return mean_covariance @ weighted_centre, mean_covariance @ weighted_influence
 
 
 def trilaterate(
-    targets: FloatArray, distances: npt.ArrayLike, near: npt.ArrayLike
+    targets: FloatArray, distances: npt.ArrayLike, approximate_point: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Find the point whose distances from three targets are known (paper, eqs 13-20).
 
     Args:
-        targets: (3, 3) P10, P11, P12 [m].
-        distances: (3,) r_0, r_1, r_2 [m].
-        near: (3,) nominal centre, to choose between the two solutions [m].
+        targets: (3, 3) positions of the three targets [m], one in each row.
+        distances: (3,) distance of the point from each target [m].
+        approximate_point: (3,) approximate position [m]; of the two solutions, the nearer one is returned.
 
     Returns:
         The point (3,) [m]; its derivative (3, 3) with respect to the distances; and its derivative (3, 3, 3)
@@ -598,8 +637,8 @@ def trilaterate(
     Raises:
         MeasurementError: the targets lie on a line, or no point has these distances.
     """
-    r, P = np.asarray(distances, dtype=np.float64), targets
-    sides = P[1:] - P[0]
+    radii = np.asarray(distances, dtype=np.float64)
+    sides = targets[1:] - targets[0]
     normal, lengths = cross(*sides), np.linalg.norm(sides, axis=1)
     area = float(np.linalg.norm(normal))
     if not area > _COLLINEAR * lengths[0] ** 2:
@@ -608,9 +647,12 @@ def trilaterate(
             where="targets",
             remedy="place the targets so that they form a triangle",
         )
-    # In the plane of the targets the spheres meet where ``2 sides · x = sides² + r_0² − r_t²``
-    foot = np.linalg.lstsq(sides, 0.5 * (lengths**2 + r[0] ** 2 - r[1:] ** 2), rcond=None)[0]
-    squared_height = float(r[0] ** 2 - foot @ foot)
+    # In the plane of the targets the spheres meet where ``2 sides · x = sides² + r_0² − r_t²``. The solution
+    # of least norm lies in this plane.
+    foot_from_first = np.linalg.lstsq(sides, 0.5 * (lengths**2 + radii[0] ** 2 - radii[1:] ** 2), rcond=None)[
+        0
+    ]
+    squared_height = float(radii[0] ** 2 - foot_from_first @ foot_from_first)
     if not squared_height > 0.0:
         raise MeasurementError(
             "no point has these distances from the three targets, or the point lies in the plane of "
@@ -619,12 +661,12 @@ def trilaterate(
             remedy="check the distances; trilateration cannot find a centre that lies in the plane of the "
             "targets",
         )
-    points = P[0] + foot + np.outer([1.0, -1.0], np.sqrt(squared_height) / area * normal)
-    centre = min(points, key=lambda point: float(np.linalg.norm(point - np.asarray(near))))
+    solutions = targets[0] + foot_from_first + np.outer([1.0, -1.0], np.sqrt(squared_height) / area * normal)
+    solution = min(solutions, key=lambda point: float(np.linalg.norm(point - np.asarray(approximate_point))))
     # Differentiate ``‖centre − P_t‖² = r_t²``: ``(centre − P_t)·(δcentre − δP_t) = r_t δr_t``
-    arms = centre - P
-    inverse = np.linalg.inv(arms)
-    return centre, inverse * r, np.einsum("it,tj->itj", inverse, arms)
+    arms = solution - targets
+    inverse_arms = np.linalg.inv(arms)
+    return solution, inverse_arms * radii, np.einsum("it,tj->itj", inverse_arms, arms)
 
 
 PARALLEL_WITHIN = 1e-3
@@ -653,7 +695,7 @@ class FlangeConvention:
 
     @classmethod
     def from_chain(cls, chain: KinematicChain) -> FlangeConvention:
-        """Return the convention with which a nominal model places the flange relative to its last two axes.
+        """Return the convention that places the flange relative to the last two axes as a model does.
 
         Raises:
             MeasurementError: there are fewer than two axes, or they are nearly parallel.
@@ -662,7 +704,11 @@ class FlangeConvention:
         return cls(None, compute_perpendicular_frame(axes, "flange").inverse() * flange)
 
     def place(self, axes: Sequence[Axis], targets: FloatArray) -> pin.SE3:
-        """Return the transform from the flange frame at angle zero to the frame in which `axes` are given.
+        """Return the transform from the flange frame at angle zero to the frame of the axes' coordinates.
+
+        Args:
+            axes: n axes at model angle zero.
+            targets: (T, 3) targets in the same frame as the axes [m].
 
         Raises:
             MeasurementError: the axes are nearly parallel, or the targets lie on a line.
@@ -719,13 +765,13 @@ def identify_model(
         """Return the targets (3 T,) [m] in the flange frame, from axes and targets in the tracker's frame."""
         return transform_points(flange.place(axes, points).inverse(), points).ravel()
 
-    T = base.transform_tracker_to_base
-    axes = [axis.transform(T) for axis in identified.axes]
+    tracker_to_base = base.transform_tracker_to_base
+    axes = [axis.transform(tracker_to_base) for axis in identified.axes]
     if nominal is not None:  # the link frames are at the points nearest to those of the nominal model
         nominal_axes, _ = _get_nominal_axes(nominal, len(axes))
         pairs = zip(axes, nominal_axes, strict=True)
         axes = [axis.represent_near(nominal_axis.point) for axis, nominal_axis in pairs]
-    flange_pose = T * flange.place(identified.axes, identified.targets)
+    flange_pose = tracker_to_base * flange.place(identified.axes, identified.targets)
     # The chain of these axes, with the names and limits of the nominal model if there is one
     names = name_joints(nominal, len(axes))
     links = [f"link_{i + 1}" for i in range(len(axes))]
@@ -739,13 +785,13 @@ def identify_model(
         links[-1] = f"{flange_link}_mount" if links[-1] == flange_link else links[-1]
     joints, origin = [], np.zeros(3)
     for joint, link, limit, axis in zip(names, links, limits, axes, strict=True):
-        step = axis.point - origin
-        joints.append(ChainJoint(joint, "revolute", np.eye(3), step, axis.direction, limit, link))
+        offset = axis.point - origin
+        joints.append(ChainJoint(joint, "revolute", np.eye(3), offset, axis.direction, limit, link))
         origin = axis.point
-    z = np.array([0.0, 0.0, 1.0])
-    step = flange_pose.translation - origin
+    z_axis = np.array([0.0, 0.0, 1.0])
+    offset = flange_pose.translation - origin
     joints.append(
-        ChainJoint(f"{names[-1]}_flange", "fixed", flange_pose.rotation, step, z, None, flange_link)
+        ChainJoint(f"{names[-1]}_flange", "fixed", flange_pose.rotation, offset, z_axis, None, flange_link)
     )
     return IdentifiedModel(
         chain=KinematicChain(name, base_link, flange_link, tuple(joints)),
@@ -794,7 +840,7 @@ class LinkGeometry:
 
     @property
     def parameters(self) -> FloatArray:
-        """Vector (5 n - 3,) of all a, then all alpha, beta, d and theta."""
+        """Link parameters (5 n - 3,): all a [m], then all alpha, beta [rad], d [m] and theta [rad]."""
         return np.concatenate([self.a, self.alpha, self.beta, self.d, self.theta])
 
 
@@ -814,38 +860,47 @@ def compute_link_geometry(
             relative to the direction from axis i to axis i + 1. If None, each perpendicular points towards
             the next axis or, where the axes meet, at most 90° away from the perpendicular before.
     """
-    z = [axis.direction for axis in axes]
-    x = [_normalise_normal_part(np.eye(3)[0], z[0], np.eye(3)[1])]
+    directions = [axis.direction for axis in axes]
+    perpendiculars = [_normalise_normal_part(np.eye(3)[0], directions[0], np.eye(3)[1])]
     # The perpendicular x[i + 1] runs from the point starts[i] on axis i to the point ends[i + 1] on axis
     # i + 1; ends[0] is the origin of frame 0.
     starts, ends, used_signs = [], [axes[0].nearest_point_to(np.zeros(3))], []
     for i, (first, second) in enumerate(pairwise(axes)):
         if parallel[i]:
             start, end = ends[-1], second.nearest_point_to(ends[-1])
-            along = (end - start) - z[i] * float((end - start) @ z[i])
+            along = (end - start) - directions[i] * float((end - start) @ directions[i])
         else:
             start, end = find_common_perpendicular_feet(first, second)
-            along = cross(z[i], z[i + 1])
+            along = cross(directions[i], directions[i + 1])
         length = float(np.linalg.norm(along))
-        along = along / length if length > _NO_DIRECTION else x[-1]
+        along = along / length if length > _NO_DIRECTION else perpendiculars[-1]
         distance = float((end - start) @ along)
-        sense = distance if abs(distance) > _LEAST_SIGNED_LENGTH else float(along @ x[-1])
+        sense = distance if abs(distance) > _LEAST_SIGNED_LENGTH else float(along @ perpendiculars[-1])
         used_signs.append((1.0 if sense >= 0.0 else -1.0) if signs is None else signs[i])
-        x.append(used_signs[-1] * along)
+        perpendiculars.append(used_signs[-1] * along)
         starts.append(start)
         ends.append(end)
     # x_n and the origin of frame n: as near to the flange frame as frame n on the last axis can be
-    x.append(_normalise_normal_part(flange.rotation[:, 0], z[-1], flange.rotation[:, 1]))
+    perpendiculars.append(
+        _normalise_normal_part(flange.rotation[:, 0], directions[-1], flange.rotation[:, 1])
+    )
     starts.append(axes[-1].nearest_point_to(flange.translation))
-    frame_n = build_right_handed_frame(x[-1], z[-1], starts[-1])
-    tilts = [float(z[i + 1] @ x[i + 1]) for i in range(len(axes) - 1)]
+    frame_n = build_right_handed_frame(perpendiculars[-1], directions[-1], starts[-1])
+    tilts = [float(directions[i + 1] @ perpendiculars[i + 1]) for i in range(len(axes) - 1)]
     return LinkGeometry(
-        a=np.array([(ends[i + 1] - starts[i]) @ x[i + 1] for i in range(len(axes) - 1)]),
-        alpha=np.array([_signed_angle(z[i], z[i + 1], x[i + 1]) for i in range(len(axes) - 1)]),
+        a=np.array([(ends[i + 1] - starts[i]) @ perpendiculars[i + 1] for i in range(len(axes) - 1)]),
+        alpha=np.array(
+            [
+                _signed_angle(directions[i], directions[i + 1], perpendiculars[i + 1])
+                for i in range(len(axes) - 1)
+            ]
+        ),
         beta=np.arcsin(np.clip(tilts, -1.0, 1.0)),
-        d=np.array([(starts[i] - ends[i]) @ z[i] for i in range(len(axes))]),
-        theta=np.array([_signed_angle(x[i], x[i + 1], z[i]) for i in range(len(axes))]),
-        base=build_right_handed_frame(x[0], z[0], ends[0]),
+        d=np.array([(starts[i] - ends[i]) @ directions[i] for i in range(len(axes))]),
+        theta=np.array(
+            [_signed_angle(perpendiculars[i], perpendiculars[i + 1], directions[i]) for i in range(len(axes))]
+        ),
+        base=build_right_handed_frame(perpendiculars[0], directions[0], ends[0]),
         tool=frame_n.inverse() * flange,
         signs=tuple(used_signs),
     )
@@ -906,30 +961,30 @@ def compare_links(
         return np.arctan2(np.sin(gap), np.cos(gap))
 
     values = compute_link_parameters(identified.axes, identified.targets)
-    spread = identified.compute_standard_uncertainties(
+    uncertainties = identified.compute_standard_uncertainties(
         identified.differentiate_quantity(compute_parameter_changes)
     )
     # Quantity and index of the joint of each parameter, in the order of `LinkGeometry.parameters`
-    labels = [(q, i) for q in ("a", "alpha", "beta") for i in range(n - 1)]
-    labels += [(q, i) for q in ("d", "theta") for i in range(n)]
-    omitted = {(q, i) for q in ("d", "theta") for i in (0, n - 1)}
+    labels = [(quantity, i) for quantity in ("a", "alpha", "beta") for i in range(n - 1)]
+    labels += [(quantity, i) for quantity in ("d", "theta") for i in range(n)]
+    omitted = {(quantity, i) for quantity in ("d", "theta") for i in (0, n - 1)}
     # Between parallel axes d is zero by definition, between other axes beta.
     omitted |= {("d" if is_parallel else "beta", i) for i, is_parallel in enumerate(parallel)}
-    gaps = values - expected.parameters
+    differences = values - expected.parameters
     return [
         LinkComparison(
-            quantity=q,
+            quantity=quantity,
             joint=nominal.joint_names[joint],
-            unit="m" if q in {"a", "d"} else "rad",
+            unit="m" if quantity in {"a", "d"} else "rad",
             nominal=nominal_value,
             identified=value,
-            difference=gap if q in {"a", "d"} else np.arctan2(np.sin(gap), np.cos(gap)),
-            standard_uncertainty=u if np.isfinite(u) else None,
+            difference=gap if quantity in {"a", "d"} else np.arctan2(np.sin(gap), np.cos(gap)),
+            standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
         )
-        for (q, joint), value, nominal_value, gap, u in zip(
-            labels, values, expected.parameters, gaps, spread, strict=True
+        for (quantity, joint), value, nominal_value, gap, uncertainty in zip(
+            labels, values, expected.parameters, differences, uncertainties, strict=True
         )
-        if (q, joint) not in omitted
+        if (quantity, joint) not in omitted
     ]
 
 
@@ -955,14 +1010,14 @@ def build_dh_table(
         parallel_within: neighbouring axes at a smaller angle [rad] are made parallel; 0 gives an exact table.
 
     Returns:
-        The table, whose `deviation` [m] is the greatest displacement of the flange because axes were made
-        parallel; and the pairs of neighbouring axes that are nearly parallel.
+        (table, nearly_parallel): the table, whose `deviation` [m] is the greatest displacement of the flange
+        because axes were made parallel; and the pairs of neighbouring axes that are nearly parallel.
     """
     axes, flange = list_chain_axes(chain)
     table_axes, nearly_parallel, made_parallel = [axes[0]], [], []
     for i, axis in enumerate(axes[1:]):
-        previous = table_axes[-1].direction
-        sine = float(np.linalg.norm(cross(previous, axis.direction)))
+        previous_direction = table_axes[-1].direction
+        sine = float(np.linalg.norm(cross(previous_direction, axis.direction)))
         is_replaced = sine < parallel_within or sine == 0.0
         if sine < LEAST_SINE:
             angle = float(np.arcsin(sine))
@@ -970,8 +1025,8 @@ def build_dh_table(
                 NearlyParallel(joint=chain.joint_names[i], angle=angle, made_parallel=is_replaced)
             )
         made_parallel.append(is_replaced)
-        sense = np.sign(previous @ axis.direction)
-        table_axes.append(Axis.through(axis.point, sense * previous) if is_replaced else axis)
+        sense = np.sign(previous_direction @ axis.direction)
+        table_axes.append(Axis.through(axis.point, sense * previous_direction) if is_replaced else axis)
     geometry = compute_link_geometry(table_axes, flange, made_parallel)
     # Row i of a modified table has a and alpha of the link before axis i; row i of a standard table has a and
     # alpha of the link behind axis i.
@@ -980,7 +1035,7 @@ def build_dh_table(
     lower, upper = zip(*(joint.limits or (None, None) for joint in chain.moving), strict=True)
     angles = np.random.default_rng(0).uniform(-np.pi, np.pi, (_RANDOM_POSTURES, len(axes)))
     # Positions of the flange in random postures, with the exact axes and with the axes of the table
-    exact, approximate = (
+    exact_positions, table_positions = (
         Motion(each, flange.translation[None], angles).points for each in (axes, table_axes)
     )
     table = IdentifiedDh(
@@ -990,6 +1045,6 @@ def build_dh_table(
         ),
         base=to_rigid(geometry.base),
         tool=to_rigid(geometry.tool),
-        deviation=float(np.linalg.norm(exact - approximate, axis=-1).max()),
+        deviation=float(np.linalg.norm(exact_positions - table_positions, axis=-1).max()),
     )
     return table, nearly_parallel

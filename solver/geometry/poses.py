@@ -133,9 +133,13 @@ class Axis:
 
     @classmethod
     def through(cls, point: npt.ArrayLike, direction: npt.ArrayLike) -> Axis:
-        """Return the axis through a point (3,) [m] along a direction (3,) of any length but zero."""
+        """Return the axis through a point (3,) [m] along a direction (3,), a vector of any length but zero.
+
+        The normals u and v of the axis's frame are chosen arbitrarily.
+        """
         a = np.array(direction, dtype=np.float64)
         a /= np.linalg.norm(a)
+        # The coordinate axis that is least parallel to `a` gives a normal of `a` without loss of digits.
         u = cross(np.eye(3)[np.argmin(np.abs(a))], a)
         u /= np.linalg.norm(u)
         return cls(pin.SE3(np.column_stack([u, cross(a, u), a]), np.array(point, dtype=np.float64)))
@@ -164,7 +168,10 @@ class Axis:
         return self.point_at(float((point - self.point) @ self.direction))
 
     def represent_near(self, point: FloatArray) -> Axis:
-        """Return the same line, represented by its point that is nearest to `point` (3,) [m]."""
+        """Return the same line with the origin of its frame at the point of the line nearest to `point`.
+
+        `point` (3,) [m] need not lie on the line.
+        """
         return Axis(pin.SE3(self.frame, self.nearest_point_to(point)))
 
     def displace(self, chart: FloatArray) -> Axis:
@@ -182,15 +189,19 @@ class Axis:
         The coordinates are displacements x and y along the normals u and v of this axis's frame [m], then
         rotations α and β about u and v [rad]. The other axis must not be perpendicular to this axis.
         """
-        w = self.frame.T @ other.direction
-        q = self.frame.T @ (other.point - self.point)
-        x, y, _ = q - w * (q[2] / w[2])
-        sine = float(np.hypot(w[0], w[1]))
-        angle_over_sine = np.arctan2(sine, w[2]) / sine if sine > 0.0 else 1.0
-        return np.array([x, y, -w[1] * angle_over_sine, w[0] * angle_over_sine])
+        direction = self.frame.T @ other.direction
+        offset = self.frame.T @ (other.point - self.point)
+        # The other axis pierces the plane of u and v at (x, y).
+        x, y, _ = offset - direction * (offset[2] / direction[2])
+        sine = float(np.hypot(direction[0], direction[1]))
+        angle_over_sine = np.arctan2(sine, direction[2]) / sine if sine > 0.0 else 1.0
+        return np.array([x, y, -direction[1] * angle_over_sine, direction[0] * angle_over_sine])
 
     def transform(self, motion: pin.SE3) -> Axis:
-        """Return the axis after a rigid motion, or in another frame; chart coordinates stay the same."""
+        """Return the axis mapped by a rigid transform: moved, or expressed in another frame.
+
+        Chart coordinates of steps are the same before and after, because the frame of the axis moves along.
+        """
         return Axis(motion * self.place)
 
 
@@ -216,7 +227,7 @@ class LinearFit:
     def from_derivatives(
         cls, residual: FloatArray, jacobian: FloatArray, group_derivative: FloatArray | None = None
     ) -> LinearFit:
-        """Build the fit by singular value decomposition, after a QR that is cheaper for many readings.
+        """Solve the linearised problem using a QR decomposition of J and the singular values of R.
 
         Args:
             residual: (m,) whitened residuals r.
@@ -228,17 +239,27 @@ class LinearFit:
             unknowns = GroupUnknowns.from_derivatives(residual, jacobian, group_derivative)
             reduced = cls.from_derivatives(unknowns.project_out(residual), unknowns.project_out(jacobian))
             return replace(reduced, group_unknowns=unknowns)
-        unit, scale = unit_columns(jacobian)
-        Q, R = np.linalg.qr(unit)
-        U, s, Vt = np.linalg.svd(R, full_matrices=False)
-        rank = int((s > _RANK_TOLERANCE * s[0]).sum()) if s.size and s[0] > 0.0 else 0
-        determined = Vt[:rank].T
-        undetermined = np.linalg.svd(determined)[0][:, rank:] if rank < len(scale) else np.zeros((rank, 0))
-        return cls(residual, Q @ U[:, :rank], determined / s[:rank] / scale[:, None], undetermined, scale)
+        scaled_jacobian, scale = unit_columns(jacobian)
+        Q, R = np.linalg.qr(scaled_jacobian)
+        U, singular_values, Vt = np.linalg.svd(R, full_matrices=False)
+        rank = (
+            int((singular_values > _RANK_TOLERANCE * singular_values[0]).sum())
+            if singular_values.size and singular_values[0] > 0.0
+            else 0
+        )
+        row_space = Vt[:rank].T
+        undetermined = np.linalg.svd(row_space)[0][:, rank:] if rank < len(scale) else np.zeros((rank, 0))
+        return cls(
+            residual,
+            Q @ U[:, :rank],
+            row_space / singular_values[:rank] / scale[:, None],
+            undetermined,
+            scale,
+        )
 
     @property
     def pseudo_inverse(self) -> FloatArray:
-        """Derivative (p, m) of the unknowns with respect to the whitened readings."""
+        """Matrix (p, m) that gives the unknowns from the whitened residuals: their derivative."""
         return np.asarray(self.inverse @ self.range_basis.T)
 
     @property
@@ -248,7 +269,10 @@ class LinearFit:
 
     @property
     def rank(self) -> int:
-        """Number of combinations of unknowns that the readings determine, including unknowns of one group."""
+        """Number of combinations of unknowns that the readings determine.
+
+        The unknowns that affect one group of readings only are counted, too.
+        """
         if self.group_unknowns is None:
             return int(self.range_basis.shape[1])
         # An unknown whose derivative is zero has a zero direction, and is not determined.
@@ -264,17 +288,18 @@ class LinearFit:
         return bool((np.linalg.norm(self.undetermined[unknowns], axis=1) < _UNDETERMINED).all())
 
     def step(self, damping: float = 0.0) -> FloatArray:
-        """Return the least-squares step (p + G,) of the p unknowns, then of the unknown of each group.
+        """Return the least-squares step (p + G,): of the p unknowns, then of the unknown of each group.
 
         Args:
-            damping: λ of Levenberg's step, added to the squares of the singular values of scaled columns.
+            damping: λ of Levenberg's step, added to the squares of the singular values of the scaled J.
         """
         inverse_squares = np.square(self.inverse * self.scale[:, None]).sum(axis=0)
         step = self.inverse @ (self.range_basis.T @ self.residual / (1.0 + damping * inverse_squares))
         if self.group_unknowns is None:
             return np.asarray(step)
-        along = self.group_unknowns.residual_along - self.group_unknowns.derivative_along @ step
-        return np.concatenate([step, along / self.group_unknowns.norms])
+        # Each group's unknown explains the rest along its own derivative.
+        rest_along = self.group_unknowns.residual_along - self.group_unknowns.derivative_along @ step
+        return np.concatenate([step, rest_along / self.group_unknowns.norms])
 
     @property
     def explained(self) -> float:
@@ -316,10 +341,13 @@ class GroupUnknowns:
         return cls(directions, norms, residual_along, np.einsum("gi,gip->gp", directions, grouped))
 
     def project_out(self, rows: FloatArray) -> FloatArray:
-        """Return rows (m,) or (m, p) without the part that the unknowns of the groups explain."""
+        """Return rows without what the groups' unknowns explain: orthogonal to their derivatives.
+
+        `rows` are residuals (m,) or columns of a Jacobian (m, p); the result has the same shape.
+        """
         grouped = rows.reshape(*self.directions.shape, -1)
-        along = np.einsum("gi,gip->gp", self.directions, grouped)
-        return np.asarray((grouped - self.directions[..., None] * along[:, None]).reshape(rows.shape))
+        components = np.einsum("gi,gip->gp", self.directions, grouped)
+        return np.asarray((grouped - self.directions[..., None] * components[:, None]).reshape(rows.shape))
 
 
 def minimise(
@@ -355,23 +383,25 @@ def minimise(
     Raises:
         MeasurementError: the fit does not converge.
     """
-    r = residual(state)
+    current_residual = residual(state)
     for _ in range(_MOST_STEPS):
         group_derivative = None if group_jacobian is None else group_jacobian(state)
-        linear = LinearFit.from_derivatives(r, jacobian(state), group_derivative)
-        if linear.explained <= max(_CONVERGED * float(np.linalg.norm(r)), _ROUNDING * readings_norm):
+        linear = LinearFit.from_derivatives(current_residual, jacobian(state), group_derivative)
+        if linear.explained <= max(
+            _CONVERGED * float(np.linalg.norm(current_residual)), _ROUNDING * readings_norm
+        ):
             return state, linear
         damping = 0.0
         for _ in range(_MOST_TRIALS):
             trial = take_step(state, linear.step(damping))
             trial_residual = residual(trial)
-            if trial_residual @ trial_residual < r @ r:
+            if trial_residual @ trial_residual < current_residual @ current_residual:
                 break
             damping = max(_LEAST_DAMPING, _DAMPING_FACTOR * damping)
         else:  # no trial lowered the residual: rounding dominates
             return state, linear
-        state, r = trial, trial_residual
-    rms = float(np.sqrt(np.mean(r**2)))
+        state, current_residual = trial, trial_residual
+    rms = float(np.sqrt(np.mean(current_residual**2)))
     if rms < max(_EXACT_RMS, sufficient_rms):
         return state, linear
     raise MeasurementError(
@@ -450,7 +480,10 @@ class TrackedReadings:
 
     @cached_property
     def weight(self) -> FloatArray:
-        """Whiteners (N, T, 3, 3) in units of 1/sigma, zero where absent."""
+        """Whitening matrices (N, T, 3, 3) in units of 1/sigma: matrix times deviation has unit covariance.
+
+        Zero for readings that are absent.
+        """
         return np.where(self.present[..., None, None], whitener(self.covariance), 0.0)
 
 
@@ -542,7 +575,7 @@ class PoseState:
     corrections: FloatArray  #: (N,) corrections of the angles [rad]
 
     def motion(self, readings: PoseReadings) -> Motion:
-        """Return the positions of axes and targets in the readings' configurations, at corrected angles."""
+        """Return the axes and targets moved to the readings' configurations, at corrected joint angles."""
         return Motion(self.axes, self.targets, readings.angles + self.corrections[:, None] * readings.slopes)
 
     def displace(self, step: FloatArray) -> PoseState:
@@ -592,11 +625,13 @@ class Motion:
 
         Columns are the four chart coordinates of each axis, then the coordinates of the targets.
         """
-        count, targets, _ = self.points.shape
-        charts = self.postures.axis_motions[..., CHART].transpose(0, 2, 1, 3).reshape(count, 1, 6, -1)
-        by_charts = differentiate_by_rigid_motion(self.points) @ charts
-        by_targets = np.einsum("nij,ts->ntisj", self.postures.flange_rotation, np.eye(targets))
-        return np.concatenate([by_charts, by_targets.reshape(count, targets, 3, -1)], axis=-1)
+        reading_count, target_count, _ = self.points.shape
+        axis_motions = (
+            self.postures.axis_motions[..., CHART].transpose(0, 2, 1, 3).reshape(reading_count, 1, 6, -1)
+        )
+        by_charts = differentiate_by_rigid_motion(self.points) @ axis_motions
+        by_targets = np.einsum("nij,ts->ntisj", self.postures.flange_rotation, np.eye(target_count))
+        return np.concatenate([by_charts, by_targets.reshape(reading_count, target_count, 3, -1)], axis=-1)
 
     def differentiate_by_angles(self) -> FloatArray:
         """Return the derivative (N, T, 3, n) of the points with respect to the joint angles [m/rad]."""
@@ -708,7 +743,10 @@ class IdentifiedAxes:
         return self.rss / (self.dof * self.sigma**2)
 
     def differentiate_quantity(self, geometry: Geometry) -> FloatArray:
-        """Return the derivative (k, 4 n + 3 T) of `geometry` with respect to charts and targets."""
+        """Return the derivative (k, 4 n + 3 T) of a quantity with respect to the axes' charts and targets.
+
+        `geometry` is the function that computes the quantity (k,) from axes and targets.
+        """
         return differentiate_geometry(self.axes, self.targets, geometry)
 
     def compute_covariance_of(self, geometry: Geometry) -> FloatArray:
@@ -730,8 +768,9 @@ class IdentifiedAxes:
         return np.where(change > _UNDETERMINED_SHARE * largest, np.inf, spread)
 
     def compute_covariances(self, jacobian: FloatArray, size: int = 3) -> FloatArray:
-        """Return the covariances (k, size, size) of k vectors; NaN where a component is undetermined.
+        """Return the covariances (k, size, size) of k vectors of `size` components.
 
+        All entries of a covariance are NaN if the readings do not determine a component of its vector.
         `jacobian` (k · size, 4 n + 3 T) is the derivative of the vectors with respect to charts and targets.
         """
         blocks = jacobian.reshape(-1, size, jacobian.shape[-1])
@@ -753,9 +792,9 @@ def differentiate_numerically(quantity: Callable[[FloatArray], FloatArray], coun
 
 
 def differentiate_geometry(axes: Sequence[Axis], targets: FloatArray, geometry: Geometry) -> FloatArray:
-    """Return the derivative (k, 4 n + 3 T) of `geometry` with respect to charts and targets.
+    """Return the derivative (k, 4 n + 3 T) of a quantity with respect to the axes' charts and the targets.
 
-    The derivative is computed using central differences.
+    `geometry` computes the quantity (k,) from axes and targets. Derivatives are central differences.
     """
 
     def evaluate_after(step: FloatArray) -> FloatArray:
@@ -770,9 +809,9 @@ def differentiate_geometry(axes: Sequence[Axis], targets: FloatArray, geometry: 
 
 
 def list_chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:
-    """Return the axes of a chain in R0 and the transform from flange to R0, both at angle zero.
+    """Return (axes, flange): the joint axes of a chain in R0, and the transform from flange to R0.
 
-    The point of each axis is the origin of its joint.
+    All joints are at angle zero. The point of each axis is the origin of its joint.
 
     Raises:
         RobotError: a joint is prismatic, so that its axis has a direction but no place.
@@ -814,13 +853,16 @@ def calibrate(
     Args:
         nominal: model within some centimetres and degrees of the truth.
         poses: more readings than unknowns; 20 or more poses over the whole work area are good practice.
-        start: rough transform from base to tracker; found from the poses if None.
+        start: rough transform from base to tracker; estimated from the poses if None.
         hold_out: whether to compute the error of predicted poses using cross-validation.
         sufficient_rms: residual [rms, whitened] below which a fit that used all steps counts as converged.
 
+    Returns:
+        Axes and targets in the tracker's frame, with their covariance.
+
     Raises:
         MeasurementError: the model has another number of joints, or the fit does not converge.
-        NotObservableError: fewer coordinates than combinations that they should determine.
+        NotObservableError: the readings have no more coordinates than there are unknowns.
     """
     axes, _ = list_chain_axes(nominal)
     if not len(axes) == poses.joint_map.n == poses.angles.shape[1]:
@@ -831,33 +873,39 @@ def calibrate(
             remedy="give the nominal model of the robot that was measured",
         )
     readings = poses.whitened
-    T, targets_in_base = _estimate_start(axes, poses, readings, start)
+    base_to_tracker, targets_in_base = _estimate_start(axes, poses, readings, start)
     start_state = PoseState(
-        tuple(axis.transform(T) for axis in axes), transform_points(T, targets_in_base), np.zeros(len(poses))
+        tuple(axis.transform(base_to_tracker) for axis in axes),
+        transform_points(base_to_tracker, targets_in_base),
+        np.zeros(len(poses)),
     )
     state, linear = fit_poses(readings, start_state, where="poses", sufficient_rms=sufficient_rms)
     rms = float(np.sqrt(np.mean(np.square(linear.residual))))
     held_out_rms = _cross_validate(nominal, poses, start, rms) if hold_out else None
-    coordinates, unknowns = 3 * int(poses.present.sum()), len(linear.scale)
-    if coordinates <= unknowns:
+    coordinate_count, unknown_count = 3 * int(poses.present.sum()), len(linear.scale)
+    if coordinate_count <= unknown_count:
         raise NotObservableError(
-            f"{coordinates} measured coordinates do not determine {unknowns} unknowns",
+            f"{coordinate_count} measured coordinates do not determine {unknown_count} unknowns",
             where="poses",
             remedy="record more poses, or more targets in each pose",
         )
-    dof = coordinates - linear.rank
-    p_value = 1.0 if poses.sigma is None else special.chdtrc(dof, linear.rss / poses.sigma**2)
+    degrees_of_freedom = coordinate_count - linear.rank
+    p_value = 1.0 if poses.sigma is None else special.chdtrc(degrees_of_freedom, linear.rss / poses.sigma**2)
     exceeds_sigma = bool(p_value < _BEYOND_NOISE_P_VALUE)
-    sigma = float(np.sqrt(linear.rss / dof)) if poses.sigma is None or exceeds_sigma else poses.sigma
+    sigma = (
+        float(np.sqrt(linear.rss / degrees_of_freedom))
+        if poses.sigma is None or exceeds_sigma
+        else poses.sigma
+    )
     influence = linear.pseudo_inverse
     if exceeds_sigma:
         influence = _compute_influence_of_poses(linear, len(poses)) / sigma
     unwhitened = np.linalg.pinv(readings.weight) @ linear.residual.reshape(*readings.points.shape, 1)
     evidence = PoseEvidence(
         positions=len(poses),
-        unknowns=unknowns,
+        unknowns=unknown_count,
         determined=linear.rank,
-        only_together=_name_undetermined_combinations(linear, len(state.axes), poses.targets),
+        only_together=_name_combinations(linear, len(state.axes), poses.targets),
         rms_residual=np.sqrt(np.mean(np.square(unwhitened[poses.present]))),
         held_out_rms=held_out_rms,
     )
@@ -869,25 +917,25 @@ def calibrate(
         influence=influence,
         sigma=sigma,
         rss=linear.rss,
-        dof=dof,
+        dof=degrees_of_freedom,
         evidence=evidence,
         exceeded_sigma=poses.sigma if exceeds_sigma else None,
         undetermined=linear.undetermined / linear.scale[:, None],
     )
 
 
-def _compute_influence_of_poses(linear: LinearFit, count: int) -> FloatArray:
-    """Return the contribution (p, N) of the residuals of each of N = `count` poses to each of p unknowns.
+def _compute_influence_of_poses(linear: LinearFit, pose_count: int) -> FloatArray:
+    """Return the contribution (p, N) of the residuals of each of N poses to each of p fitted unknowns.
 
-    The sum of the outer products of the columns is the covariance of the unknowns.
+    Columns times their transposes sum up to the covariance (p, p) of the unknowns. `pose_count` is N.
     """
     # A wrong joint angle moves all targets of a pose, so that residuals of one pose are correlated; residuals
     # of different poses are assumed independent (cluster-robust covariance, Liang and Zeger 1986). The factor
     # corrects for the degrees of freedom that the unknowns use.
-    influence = linear.pseudo_inverse.reshape(len(linear.scale), count, -1)
-    contributions = (influence * linear.residual.reshape(count, -1)).sum(axis=-1)
-    degrees_of_freedom = count - linear.rank / (linear.residual.size / count)
-    return np.asarray(contributions * np.sqrt(count / degrees_of_freedom))
+    pseudo_inverse = linear.pseudo_inverse.reshape(len(linear.scale), pose_count, -1)
+    contributions = (pseudo_inverse * linear.residual.reshape(pose_count, -1)).sum(axis=-1)
+    degrees_of_freedom = pose_count - linear.rank / (linear.residual.size / pose_count)
+    return np.asarray(contributions * np.sqrt(pose_count / degrees_of_freedom))
 
 
 def _cross_validate(nominal: KinematicChain, poses: Poses, start: pin.SE3 | None, rms: float) -> float | None:
@@ -929,36 +977,44 @@ def _estimate_start(
     target x_t. Q is first fitted as nine numbers and made a rotation, then s and x_t are fitted with Q fixed.
     A known transform `start` leaves only x_t to fit.
     """
-    k, t = np.nonzero(poses.present)
+    pose_of_reading, target_of_reading = np.nonzero(poses.present)
     # `Motion` needs a target; a target at the origin does not affect the postures.
     postures = Motion(axes, np.zeros((1, 3)), readings.angles).postures
-    rotation, shift = postures.flange_rotation[k], postures.flange_translation[k]
-    points, size = poses.points[k, t], 3 * len(k)
-    by_target = np.einsum("mij,mt->mitj", rotation, np.eye(len(poses.targets))[t]).reshape(size, -1)
+    flange_rotation, flange_position = (
+        postures.flange_rotation[pose_of_reading],
+        postures.flange_translation[pose_of_reading],
+    )
+    points, coordinate_count = poses.points[pose_of_reading, target_of_reading], 3 * len(pose_of_reading)
+    target_columns = np.einsum(
+        "mij,mt->mitj", flange_rotation, np.eye(len(poses.targets))[target_of_reading]
+    ).reshape(coordinate_count, -1)
     if start is not None:
-        local = transform_points(start.inverse(), points) - shift
-        return start, np.linalg.lstsq(by_target, local.ravel(), rcond=None)[0].reshape(-1, 3)
-    by_shift = np.tile(np.eye(3), (len(k), 1))
-    by_rotation = np.einsum("ij,mk->mijk", np.eye(3), points).reshape(size, 9)
-    system = np.hstack([by_rotation, by_shift, by_target])
-    U, _, Vt = np.linalg.svd(np.linalg.lstsq(system, shift.ravel(), rcond=None)[0][:9].reshape(3, 3))
+        local = transform_points(start.inverse(), points) - flange_position
+        return start, np.linalg.lstsq(target_columns, local.ravel(), rcond=None)[0].reshape(-1, 3)
+    shift_columns = np.tile(np.eye(3), (len(pose_of_reading), 1))
+    rotation_columns = np.einsum("ij,mk->mijk", np.eye(3), points).reshape(coordinate_count, 9)
+    system = np.hstack([rotation_columns, shift_columns, target_columns])
+    U, _, Vt = np.linalg.svd(
+        np.linalg.lstsq(system, flange_position.ravel(), rcond=None)[0][:9].reshape(3, 3)
+    )
     Q = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    right_side = (points @ Q.T - shift).ravel()
-    solution = np.linalg.lstsq(np.hstack([-by_shift, by_target]), right_side, rcond=None)[0]
+    right_side = (points @ Q.T - flange_position).ravel()
+    solution = np.linalg.lstsq(np.hstack([-shift_columns, target_columns]), right_side, rcond=None)[0]
     return pin.SE3(Q.T, -Q.T @ solution[:3]), solution[3:].reshape(-1, 3)
 
 
-def _name_undetermined_combinations(linear: LinearFit, n: int, targets: Sequence[str]) -> list[list[str]]:
+def _name_combinations(linear: LinearFit, n: int, targets: Sequence[str]) -> list[list[str]]:
     """Return, for each undetermined combination of unknowns, the names of the unknowns in it.
 
-    The combinations are chosen so that each has an unknown that is in no other combination.
+    The combinations are chosen so that each has an unknown that is in no other combination. `n` is the number
+    of axes; `targets` are the names of the targets.
     """
     names = [f"axis {i + 1} {coordinate}" for i in range(n) for coordinate in _CHART_NAMES]
     names += [f"target {target} {coordinate}" for target in targets for coordinate in "xyz"]
     # Pivoting finds the unknowns that are least determined, one for each combination.
-    _, order = qr(linear.undetermined.T, mode="r", pivoting=True)
-    pivots = np.sort(order[: linear.undetermined.shape[1]])
-    combinations = linear.undetermined @ np.linalg.inv(linear.undetermined[pivots])
+    _, unknowns_by_pivot = qr(linear.undetermined.T, mode="r", pivoting=True)
+    free_unknowns = np.sort(unknowns_by_pivot[: linear.undetermined.shape[1]])
+    combinations = linear.undetermined @ np.linalg.inv(linear.undetermined[free_unknowns])
     shares = np.abs(combinations) / np.abs(combinations).max(axis=0)  # (unknowns, combinations)
     return [
         [name for name, share in zip(names, column, strict=True) if share > _LEAST_NAMED_SHARE]

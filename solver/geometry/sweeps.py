@@ -127,7 +127,9 @@ class Sweep(TrackedReadings):
     @property
     def largest_motion(self) -> float:
         """Diagonal [m] of the box around the readings of one target, for the target that moved most."""
-        paths = [self.points[was_read, t] for t, was_read in enumerate(self.present.T) if was_read.any()]
+        paths = [
+            self.points[was_read, target] for target, was_read in enumerate(self.present.T) if was_read.any()
+        ]
         return max((float(np.linalg.norm(np.ptp(path, axis=0))) for path in paths), default=0.0)
 
 
@@ -176,7 +178,7 @@ class SweepSet:
         return self.joint_map.model_angles(sweep.angles)
 
     def find_turning_joints(self, sweep: Sweep) -> tuple[int, ...]:
-        """Return the indices of the model joints that turn in a sweep, usually one.
+        """Return the indices of the model joints that turn in a sweep, usually a single joint.
 
         With coupled axes (J2/J3 of FANUC), one joint of the controller turns two joints of the model, and two
         joints of the controller turned against each other may turn a single joint of the model.
@@ -186,12 +188,12 @@ class SweepSet:
 
     @cached_property
     def order(self) -> tuple[int, ...]:
-        """Index (n,) of the sweep that shows the axis of each model joint.
+        """Index (n,) of the sweep that shows the axis of each of the n model joints.
 
         A sweep that turns two coupled joints shows the axis of the first of them.
 
         Raises:
-            MeasurementError: a joint without a sweep.
+            MeasurementError: a joint has no sweep.
         """
         sweep_of = {min(self.find_turning_joints(sweep)): index for index, sweep in enumerate(self.sweeps)}
         missing = [joint + 1 for joint in range(self.joint_map.n) if joint not in sweep_of]
@@ -205,12 +207,12 @@ class SweepSet:
 
     @property
     def postures(self) -> FloatArray:
-        """Mean model angles (n, n) [rad] in the sweep of each model joint."""
+        """Mean angles (n, n) [rad] of the model joints (columns) in the sweep of each model joint (rows)."""
         return np.array([self.model_angles(self.sweeps[index]).mean(axis=0) for index in self.order])
 
     @property
     def present(self) -> BoolArray:
-        """Mask (N, T) of the readings that exist, over the positions of all sweeps in order."""
+        """Mask (N, T) of the targets that were read, in the N positions of all sweeps in order."""
         return np.concatenate([sweep.present for sweep in self.sweeps])
 
     @cached_property
@@ -270,21 +272,26 @@ class AxisFit:
         arms = (self.sweep.points - self.residuals - self.axis.point) @ self.axis.frame
         radial: list[float | None] = []
         axial: list[float | None] = []
-        for t in range(residuals.shape[1]):
-            rows = self.sweep.present[:, t]
-            normal_part, axial_part = residuals[rows, t, :2], residuals[rows, t, 2]
-            if self.outer_fit is None and rows.any():  # project the residuals on the radius
-                lengths = np.linalg.norm(arms[rows, t, :2], axis=1)
-                normal_part = np.sum(arms[rows, t, :2] * normal_part, axis=1) / np.maximum(lengths, 1e-300)
-            for rms_of_targets, components in ((radial, normal_part), (axial, axial_part)):
-                rms = float(np.sqrt(np.mean(components**2))) if components.size else None
-                rms_of_targets.append(rms)
+        two_axes_turn = self.outer_fit is not None
+        for target in range(residuals.shape[1]):
+            rows = self.sweep.present[:, target]
+            if not rows.any():
+                radial.append(None)
+                axial.append(None)
+                continue
+            perpendicular, axial_part = residuals[rows, target, :2], residuals[rows, target, 2]
+            if not two_axes_turn:  # project the residuals on the radius
+                radius = arms[rows, target, :2]
+                lengths = np.linalg.norm(radius, axis=1)
+                perpendicular = np.sum(radius * perpendicular, axis=1) / np.maximum(lengths, 1e-300)
+            radial.append(float(np.sqrt(np.mean(perpendicular**2))))
+            axial.append(float(np.sqrt(np.mean(axial_part**2))))
         return radial, axial
 
 
 def fit_axis(
     sweep: Sweep,
-    turned: FloatArray,
+    turned_angles: FloatArray,
     *,
     sigma: float | None = None,
     angles: AngleUse = "free",
@@ -295,7 +302,8 @@ def fit_axis(
 
     Args:
         sweep: the readings.
-        turned: (N,) model angle of the turning joint, from the controller [rad]. If two joints turn, (N, 2):
+        turned_angles: (N,) model angle of the turning joint, from the controller [rad]. If two joints turn,
+        (N, 2):
             angle of the inner joint (nearer to the base) minus its angle in the outer axis's sweep, then
             angle of the outer joint (nearer to the flange).
         sigma: standard uncertainty of a coordinate [m]; None computes sigma from the residuals.
@@ -312,12 +320,12 @@ def fit_axis(
     Raises:
         MeasurementError: the readings do not determine an axis, or the fit does not converge.
     """
-    controller_angles = turned if outer_fit is None else sweep.angles[:, sweep.joint]
-    model_angles = turned.reshape(len(sweep), -1)
+    controller_angles = turned_angles if outer_fit is None else sweep.angles[:, sweep.joint]
+    model_angles = turned_angles.reshape(len(sweep), -1)
     # Corrections of the angles have mean zero: a common rotation is the same as a turn of the targets.
-    basis = helmert(len(sweep)).T if angles == "free" else np.zeros((len(sweep), 0))
-    by_correction = np.broadcast_to(np.ones(1) if slopes is None else slopes, model_angles.shape)
-    readings = PoseReadings(model_angles, sweep.points_or_zero, sweep.weight, by_correction, basis)
+    correction_basis = helmert(len(sweep)).T if angles == "free" else np.zeros((len(sweep), 0))
+    angle_slopes = np.broadcast_to(np.ones(1) if slopes is None else slopes, model_angles.shape)
+    readings = PoseReadings(model_angles, sweep.points_or_zero, sweep.weight, angle_slopes, correction_basis)
     start = _estimate_start(sweep, readings, outer_fit)
     state, linear = fit_poses(readings, start, where=sweep.where, fitted_axes=1)
     dof = 3 * int(sweep.present.sum()) - linear.rank
@@ -335,14 +343,14 @@ def fit_axis(
         raise MeasurementError(
             f"the readings do not determine the {axis_name}", where=sweep.where, remedy=remedy
         )
-    used_sigma = float(np.sqrt(linear.rss / dof)) if sigma is None else sigma
+    sigma_of_fit = float(np.sqrt(linear.rss / dof)) if sigma is None else sigma
     motion = state.motion(readings)
     influence = linear.pseudo_inverse[: CHART_SIZE + state.targets.size]
     dependence = np.zeros((CHART_SIZE, CHART_SIZE))
-    covariance = used_sigma**2 * linear.covariance[:CHART_SIZE, :CHART_SIZE]
+    covariance = sigma_of_fit**2 * linear.covariance[:CHART_SIZE, :CHART_SIZE]
     if outer_fit is not None:
-        by_outer = readings.weight @ motion.jacobian()[..., CHART_SIZE : 2 * CHART_SIZE]
-        dependence = -influence[:CHART_SIZE] @ by_outer.reshape(-1, CHART_SIZE)
+        outer_columns = readings.weight @ motion.jacobian()[..., CHART_SIZE : 2 * CHART_SIZE]
+        dependence = -influence[:CHART_SIZE] @ outer_columns.reshape(-1, CHART_SIZE)
         covariance = covariance + dependence @ outer_fit.axis_covariance @ dependence.T
     centred = controller_angles - controller_angles.mean()
     return AxisFit(
@@ -357,7 +365,7 @@ def fit_axis(
         dependence=dependence,
         axis_covariance=covariance,
         residuals=np.where(sweep.present[..., None], readings.points - motion.points, 0.0),
-        sigma=used_sigma,
+        sigma=sigma_of_fit,
         dof=dof,
         linear=linear,
     )
@@ -366,39 +374,46 @@ def fit_axis(
 def _estimate_start(sweep: Sweep, readings: PoseReadings, outer_fit: AxisFit | None) -> PoseState:
     """Return start values of axis and targets from a linear fit of circles.
 
-    Target t moves on ``p_kt ≈ A_t + B_t cos θ_k + C_t sin θ_k``, linear in A, B and C. ``B_t × C_t`` points
-    along the axis; its length, the squared radius, weights the targets. The centres A_t lie on the axis; only
-    if an outer axis turns back by the same angle, all centres are displaced from the axis by one vector.
+    Target t moves on ``p_kt ≈ A_t + B_t cos θ_k + C_t sin θ_k`` at angles θ_k, linear in the unknown vectors
+    A,
+    B and C. ``B_t × C_t`` points along the axis; its length, the squared radius, weights the targets. The
+    centres A_t lie on the axis; only if an outer axis turns back by the same angle, all centres are displaced
+    from the axis by one vector.
 
     Raises:
         MeasurementError: no target was read often enough, or none shows a plane in which it turns.
     """
-    turned = readings.angles[:, 0]
-    columns = np.column_stack([np.ones(len(sweep)), np.cos(turned), np.sin(turned)])
-    normal, centres, weights = np.zeros(3), [], []
-    most_readings, radius = 0, np.zeros(3)  # of the target that was read most often; radius as a vector
-    for t in np.flatnonzero(sweep.present.sum(axis=0) >= columns.shape[1]):
-        rows = sweep.present[:, t]
-        A, B, C = np.linalg.lstsq(columns[rows], sweep.points[rows, t], rcond=None)[0]
-        normal += cross(B, C)
-        centres.append(A)
-        weights.append(float(np.linalg.norm(cross(B, C))))
+    turned_angles = readings.angles[:, 0]
+    columns = np.column_stack([np.ones(len(sweep)), np.cos(turned_angles), np.sin(turned_angles)])
+    normal_sum, centres, weights = np.zeros(3), [], []
+    most_readings, longest_path_radius = (
+        0,
+        np.zeros(3),
+    )  # of the target that was read most often; radius as a vector
+    for target in np.flatnonzero(sweep.present.sum(axis=0) >= columns.shape[1]):
+        rows = sweep.present[:, target]
+        centre, cosine_vector, sine_vector = np.linalg.lstsq(
+            columns[rows], sweep.points[rows, target], rcond=None
+        )[0]
+        normal_sum += cross(cosine_vector, sine_vector)
+        centres.append(centre)
+        weights.append(float(np.linalg.norm(cross(cosine_vector, sine_vector))))
         if rows.sum() > most_readings:
-            most_readings, radius = rows.sum(), B
-    if not np.linalg.norm(normal) > 0.0:
+            most_readings, longest_path_radius = rows.sum(), cosine_vector
+    if not np.linalg.norm(normal_sum) > 0.0:
         raise MeasurementError(
             "no target moved on a circle",
             where=sweep.where,
             remedy="read at least one target in three or more positions, at a distance from the axis",
         )
-    axis = Axis.through(np.average(centres, axis=0, weights=np.array(weights) + 1e-12), normal)
+    axis = Axis.through(np.average(centres, axis=0, weights=np.array(weights) + 1e-12), normal_sum)
     axes: tuple[Axis, ...] = (axis.represent_near(sweep.points[sweep.present].mean(axis=0)),)
     if outer_fit is not None:
         inner, (inner_slope, outer_slope) = axes[0], readings.slopes[0]
         # If the outer joint turns back by about the same angle, the outer axis itself moves on the circle,
         # and the inner axis is one radius away from the outer axis.
         if abs(inner_slope + outer_slope) < 0.5 * abs(inner_slope):
-            inner = Axis.through(outer_fit.axis.point - radius, inner.direction)
+            inner = Axis.through(outer_fit.axis.point - longest_path_radius, inner.direction)
         axes = (inner, outer_fit.axis)
     in_flange = Motion(axes, np.zeros((1, 3)), readings.angles).postures.to_flange(readings.points)
     present = sweep.present[..., None]
@@ -427,22 +442,22 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
         MeasurementError: a joint has no sweep, a sweep turns joints that are not coupled, or a sweep cannot
             be fitted.
     """
-    order = sweeps.order
-    starts = np.cumsum([0, *(sweep.points.size for sweep in sweeps.sweeps)])
+    sweep_of_joint = sweeps.order
+    first_columns = np.cumsum([0, *(sweep.points.size for sweep in sweeps.sweeps)])
     fits: dict[int, AxisFit] = {}
     # For each sweep, derivative of the axis's chart and the targets with respect to all whitened readings
     influences: dict[int, FloatArray] = {}
     # Last joint first: a sweep that turns two coupled joints needs the fit of the outer axis.
-    for joint, index in reversed(list(enumerate(order))):
-        sweep = sweeps.sweeps[index]
+    for joint, sweep_index in reversed(list(enumerate(sweep_of_joint))):
+        sweep = sweeps.sweeps[sweep_index]
         turning_joints, model_angles = list(sweeps.find_turning_joints(sweep)), sweeps.model_angles(sweep)
         if len(turning_joints) == 1:
-            fits[index] = fit_axis(sweep, model_angles[:, joint], sigma=sweeps.sigma, angles=angles)
+            fits[sweep_index] = fit_axis(sweep, model_angles[:, joint], sigma=sweeps.sigma, angles=angles)
         else:
-            outer_fit = fits[order[turning_joints[-1]]]
+            outer_fit = fits[sweep_of_joint[turning_joints[-1]]]
             outer_posture = sweeps.model_angles(outer_fit.sweep).mean(axis=0)
-            _refuse_unless_coupled(sweeps, sweep, outer_fit, model_angles.mean(axis=0) - outer_posture)
-            fits[index] = fit_axis(
+            _refuse_joints_not_coupled(sweeps, sweep, outer_fit, model_angles.mean(axis=0) - outer_posture)
+            fits[sweep_index] = fit_axis(
                 sweep,
                 # The inner joint's angle is relative to its angle in the outer axis's sweep.
                 model_angles[:, turning_joints] - [outer_posture[joint], 0.0],
@@ -451,19 +466,27 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
                 outer_fit=outer_fit,
                 slopes=sweeps.joint_map.matrix[turning_joints, sweep.joint],
             )
-        influences[index] = np.zeros((len(fits[index].influence), starts[-1]))
-        influences[index][:, starts[index] : starts[index + 1]] = fits[index].influence
+        influences[sweep_index] = np.zeros((len(fits[sweep_index].influence), first_columns[-1]))
+        influences[sweep_index][:, first_columns[sweep_index] : first_columns[sweep_index + 1]] = fits[
+            sweep_index
+        ].influence
         if len(turning_joints) > 1:
-            outer_influence = influences[order[turning_joints[-1]]][:CHART_SIZE]
-            influences[index][:CHART_SIZE] += fits[index].dependence @ outer_influence
-    in_order = tuple(fits[index] for index in range(len(fits)))
-    rss, dof = sum(fit.linear.rss for fit in in_order), sum(fit.dof for fit in in_order)
+            outer_influence = influences[sweep_of_joint[turning_joints[-1]]][:CHART_SIZE]
+            influences[sweep_index][:CHART_SIZE] += fits[sweep_index].dependence @ outer_influence
+    fits_of_sweeps = tuple(fits[sweep_index] for sweep_index in range(len(fits)))
+    rss, dof = sum(fit.linear.rss for fit in fits_of_sweeps), sum(fit.dof for fit in fits_of_sweeps)
     sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
-    axes_at_sweeps, points = [fits[index].axis for index in order], fits[order[-1]].target_points
+    axes_at_sweeps, points = (
+        [fits[sweep_index].axis for sweep_index in sweep_of_joint],
+        fits[sweep_of_joint[-1]].target_points,
+    )
     axes, targets = _move_axes_to_zero(axes_at_sweeps, points, sweeps.postures)
     # Derivative of axes and targets in the postures of the sweeps; below, at model angle zero
     influence_at_sweep = np.vstack(
-        [*(influences[index][:CHART_SIZE] for index in order), influences[order[-1]][CHART_SIZE:]]
+        [
+            *(influences[sweep_index][:CHART_SIZE] for sweep_index in sweep_of_joint),
+            influences[sweep_of_joint[-1]][CHART_SIZE:],
+        ]
     )
     geometry_derivative, _ = _differentiate_swept_axes(axes, axes_at_sweeps, points, sweeps.postures)
     influence = np.asarray(np.linalg.solve(geometry_derivative, influence_at_sweep), dtype=np.float64)
@@ -477,12 +500,12 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
         rss=rss,
         dof=dof,
         sweeps=sweeps,
-        fits=in_order,
-        residual=np.concatenate([fit.linear.residual for fit in in_order]),
+        fits=fits_of_sweeps,
+        residual=np.concatenate([fit.linear.residual for fit in fits_of_sweeps]),
     )
 
 
-def _refuse_unless_coupled(
+def _refuse_joints_not_coupled(
     sweeps: SweepSet, sweep: Sweep, outer_fit: AxisFit, angle_differences: FloatArray
 ) -> None:
     """Refuse a sweep that turns several model joints, unless a single controller joint turns two of them.
@@ -494,14 +517,14 @@ def _refuse_unless_coupled(
     Raises:
         MeasurementError: the sweep turns more than one controller joint, or joints that cannot be separated.
     """
-    turning = sweeps.find_turning_joints(sweep)
-    joints = " and ".join(str(joint + 1) for joint in turning)
-    inner_joint, outer_joint = turning[:2]
-    coupled = np.flatnonzero(sweeps.joint_map.matrix[:, sweep.joint])
-    moved = np.flatnonzero(np.ptp(sweep.angles, axis=0) > RESTING_RANGE)
-    if list(moved) != [sweep.joint] or len(coupled) > 2:
+    turning_joints = sweeps.find_turning_joints(sweep)
+    joints_text = " and ".join(str(joint + 1) for joint in turning_joints)
+    inner_joint, outer_joint = turning_joints[:2]
+    coupled_model_joints = np.flatnonzero(sweeps.joint_map.matrix[:, sweep.joint])
+    moved_controller_joints = np.flatnonzero(np.ptp(sweep.angles, axis=0) > RESTING_RANGE)
+    if list(moved_controller_joints) != [sweep.joint] or len(coupled_model_joints) > 2:
         raise MeasurementError(
-            f"model joints {joints} turn in one sweep",
+            f"model joints {joints_text} turn in one sweep",
             where=sweep.where,
             remedy="turn one controller joint at a time; if the joint map couples more than two joints, "
             "move the other joints so that one axis turns; check the order of the rows",
@@ -514,10 +537,11 @@ def _refuse_unless_coupled(
         )
     # The joints before the outer joint carry its axis: all of them but the inner joint must have had the same
     # angles in both sweeps.
-    carrying = [joint for joint in range(outer_joint) if joint != inner_joint]
-    if carrying and np.abs(angle_differences[carrying]).max() > RESTING_RANGE:
+    carrying_joints = [joint for joint in range(outer_joint) if joint != inner_joint]
+    if carrying_joints and np.abs(angle_differences[carrying_joints]).max() > RESTING_RANGE:
         raise MeasurementError(
-            f"this sweep turns model joints {joints}, and it was recorded in another configuration than the "
+            f"this sweep turns model joints {joints_text}, and it was recorded in another configuration "
+            "than the "
             f"{outer_fit.sweep.where}",
             where=sweep.where,
             remedy="start both sweeps from the same configuration of the other joints",
@@ -556,24 +580,28 @@ def _differentiate_swept_axes(
         The derivative (4 n + 3 T, 4 n + 3 T) with respect to charts of axes and targets at angle zero, and
         the derivative (4 n + 3 T, n, n) with respect to the joint angles in each sweep.
     """
-    n, charts = len(axes), CHART_SIZE * len(axes)
+    n, chart_count = len(axes), CHART_SIZE * len(axes)
     arm = Motion(axes, points, np.tril(postures, -1)).postures
-    geometry_derivative = np.zeros((charts + points.size,) * 2)
-    angle_derivative = np.zeros((charts + points.size, n, n))
-    for k, axis in enumerate(axes_at_sweeps):
-        rows = slice(CHART_SIZE * k, CHART_SIZE * (k + 1))
-        to_chart = axis.place.inverse().action[CHART]  # (4, 6) maps a small motion to the chart of this axis
-        motions = np.concatenate([arm.axis_motions[k, :k], arm.placement_motions[k, k : k + 1]])[..., CHART]
+    geometry_derivative = np.zeros((chart_count + points.size,) * 2)
+    angle_derivative = np.zeros((chart_count + points.size, n, n))
+    for joint, axis in enumerate(axes_at_sweeps):
+        rows = slice(CHART_SIZE * joint, CHART_SIZE * (joint + 1))
+        motion_to_chart = axis.place.inverse().action[
+            CHART
+        ]  # (4, 6) maps a small motion to the chart of this axis
+        motions = np.concatenate(
+            [arm.axis_motions[joint, :joint], arm.placement_motions[joint, joint : joint + 1]]
+        )[..., CHART]
         geometry_derivative[rows, : rows.stop] = (
-            (to_chart @ motions).transpose(1, 0, 2).reshape(CHART_SIZE, -1)
+            (motion_to_chart @ motions).transpose(1, 0, 2).reshape(CHART_SIZE, -1)
         )
-        angle_derivative[rows, k, :k] = to_chart @ arm.jacobian[k, :, :k]
+        angle_derivative[rows, joint, :joint] = motion_to_chart @ arm.jacobian[joint, :, :joint]
     motion_derivative = differentiate_by_rigid_motion(points).reshape(-1, 6)
-    geometry_derivative[charts:, :charts] = (
-        (motion_derivative @ arm.axis_motions[-1][..., CHART]).transpose(1, 0, 2).reshape(-1, charts)
+    geometry_derivative[chart_count:, :chart_count] = (
+        (motion_derivative @ arm.axis_motions[-1][..., CHART]).transpose(1, 0, 2).reshape(-1, chart_count)
     )
-    geometry_derivative[charts:, charts:] = np.kron(np.eye(len(points)), arm.flange_rotation[-1])
-    angle_derivative[charts:, -1, :-1] = motion_derivative @ arm.jacobian[-1, :, :-1]
+    geometry_derivative[chart_count:, chart_count:] = np.kron(np.eye(len(points)), arm.flange_rotation[-1])
+    angle_derivative[chart_count:, -1, :-1] = motion_derivative @ arm.jacobian[-1, :, :-1]
     return geometry_derivative, angle_derivative
 
 
@@ -592,14 +620,16 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
         MeasurementError: the sweeps together leave an axis undetermined.
     """
     sweeps, readings = identified.sweeps, identified.sweeps.whitened
-    count = len(readings.angles)
+    position_count = len(readings.angles)
     if angles == "controller":
-        readings = replace(readings, basis=np.zeros((count, 0)))
-    start = PoseState(identified.axes, identified.targets, np.zeros(count))
+        readings = replace(readings, basis=np.zeros((position_count, 0)))
+    start = PoseState(identified.axes, identified.targets, np.zeros(position_count))
     state, linear = fit_poses(readings, start, where="sweeps")
-    geometry = CHART_SIZE * identified.n + identified.targets.size  # number of unknowns of axes and targets
+    geometry_unknowns = (
+        CHART_SIZE * identified.n + identified.targets.size
+    )  # number of unknowns of axes and targets
     dof = 3 * int(sweeps.present.sum()) - linear.rank
-    if dof < 1 or not linear.determines(slice(0, geometry)):
+    if dof < 1 or not linear.determines(slice(0, geometry_unknowns)):
         raise MeasurementError(
             "the sweeps do not determine all axes and targets",
             where="sweeps",
@@ -610,8 +640,8 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
         identified,
         axes=state.axes,
         targets=state.targets,
-        covariance=sigma**2 * linear.covariance[:geometry, :geometry],
-        influence=linear.pseudo_inverse[:geometry],
+        covariance=sigma**2 * linear.covariance[:geometry_unknowns, :geometry_unknowns],
+        influence=linear.pseudo_inverse[:geometry_unknowns],
         sigma=sigma,
         rss=linear.rss,
         dof=dof,
@@ -647,17 +677,17 @@ def propagate_resting_angle_errors(swept: SweptAxes) -> tuple[FloatArray, list[i
         the index (G,) of the controller joint of each error, in order from the last joint to the first.
     """
     sweeps, n = swept.sweeps, swept.n
-    in_order = [swept.fits[index] for index in sweeps.order]
-    axes_at_sweeps, points = [fit.axis for fit in in_order], in_order[-1].target_points
+    fits_of_joints = [swept.fits[index] for index in sweeps.order]
+    axes_at_sweeps, points = [fit.axis for fit in fits_of_joints], fits_of_joints[-1].target_points
     geometry_derivative, angle_derivative = _differentiate_swept_axes(
         swept.axes, axes_at_sweeps, points, sweeps.postures
     )
     # Derivative of charts and targets at angle zero with respect to the joint angles in each sweep
-    by_posture = -np.asarray(
+    posture_derivative = -np.asarray(
         np.linalg.solve(geometry_derivative, angle_derivative.reshape(len(angle_derivative), n * n)),
         dtype=np.float64,
     )
-    columns, joints = [np.zeros((len(by_posture), 0))], []
+    displacements, joint_of_error = [np.zeros((len(posture_derivative), 0))], []
     for fit in sorted(swept.fits, key=lambda fit: -fit.sweep.joint):
         joint = fit.sweep.joint
         # `gear_error` is the standard deviation [rad] of the joint from the controller's angles, without the
@@ -667,15 +697,15 @@ def propagate_resting_angle_errors(swept: SweptAxes) -> tuple[FloatArray, list[i
         noise = fit.sigma**2 * float(np.sum(correction_rows**2))
         gear_error = float(np.sqrt(max(float(deviation @ deviation) - noise, 0.0) / (len(deviation) - 1)))
         # Group the sweeps of other joints by the angle at which this controller's joint rests
-        angles = np.array([other.sweep.angles[:, joint].mean() for other in in_order])
-        is_resting = np.array([other.sweep.joint != joint for other in in_order])
+        angles = np.array([other.sweep.angles[:, joint].mean() for other in fits_of_joints])
+        is_resting = np.array([other.sweep.joint != joint for other in fits_of_joints])
         ascending = np.sort(angles[is_resting])
-        starts = ascending[np.flatnonzero(np.diff(ascending, prepend=-np.inf) > RESTING_RANGE)]
-        group_number = np.searchsorted(starts, angles, side="right")
-        for group in range(len(starts)):
-            is_in_group = is_resting & (group_number == group + 1)
+        group_starts = ascending[np.flatnonzero(np.diff(ascending, prepend=-np.inf) > RESTING_RANGE)]
+        group_of_sweep = np.searchsorted(group_starts, angles, side="right")
+        for group in range(len(group_starts)):
+            is_in_group = is_resting & (group_of_sweep == group + 1)
             # (n, n) change of the model angles in each sweep, per change of this controller joint's angle
             angle_changes = np.where(is_in_group[:, None], sweeps.joint_map.matrix[:, joint], 0.0)
-            columns.append(gear_error * by_posture @ angle_changes.reshape(-1, 1))
-            joints.append(joint)
-    return np.hstack(columns), joints
+            displacements.append(gear_error * posture_derivative @ angle_changes.reshape(-1, 1))
+            joint_of_error.append(joint)
+    return np.hstack(displacements), joint_of_error

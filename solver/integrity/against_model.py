@@ -102,16 +102,20 @@ def propose_unit_mistakes(joints: FloatArray, prismatic: BoolArray) -> Iterator[
     """
     # Factors apply to prismatic joints only, conversions of angles to the other joints only.
     rows = np.arange(len(joints))
-    shorter, longer = (joints * np.where(prismatic, factor, 1.0) for factor in (1e-3, 1e3))
-    as_degrees, as_radians = (np.where(prismatic, joints, f(joints)) for f in (np.deg2rad, np.rad2deg))
+    shorter = joints * np.where(prismatic, 1e-3, 1.0)
+    longer = joints * np.where(prismatic, 1e3, 1.0)
+    from_degrees = np.where(prismatic, joints, np.deg2rad(joints))
+    from_radians = np.where(prismatic, joints, np.rad2deg(joints))
+    # True unit, corrected joint positions, factor on all lengths, and the change in words
     units: list[tuple[Unit, FloatArray, float, str]] = [
         ("mm", shorter, 1e-3, "all lengths divided by 1000"),
         ("m", longer, 1e3, "all lengths multiplied by 1000"),
-        ("deg", as_degrees, 1.0, "all angles taken as degrees"),
-        ("rad", as_radians, 1.0, "all angles taken as radians"),
+        ("deg", from_degrees, 1.0, "all angles taken as degrees"),
+        ("rad", from_radians, 1.0, "all angles taken as radians"),
     ]
-    for unit, angles, length, change in units:
-        yield Hypothesis(OTHER_UNITS[unit][2], angles, change, "", rows, length, unit)
+    for unit, corrected, length_factor, change in units:
+        code = OTHER_UNITS[unit][2]
+        yield Hypothesis(code, corrected, change, "", rows, length_factor, unit)
 
 
 def propose_angle_mistakes(
@@ -126,24 +130,24 @@ def propose_angle_mistakes(
     """
     angles, all_rows = joints[rows], np.arange(len(rows))
     for j, name in enumerate(names):
-        sign = np.where(np.arange(len(names)) == j, -1.0, 1.0)
+        signs = np.where(np.arange(len(names)) == j, -1.0, 1.0)
         change = f"the angle of {name} with the other sign"
         remedy = f"change the sign of {name} in every observation, or in the joint map"
-        yield Hypothesis("joint_sign_suspect", angles * sign, change, remedy, all_rows)
+        yield Hypothesis("joint_sign_suspect", angles * signs, change, remedy, all_rows)
     for j, k in combinations(range(len(names)), 2):
-        order = np.arange(len(names))
-        order[[j, k]] = k, j
+        exchanged_order = np.arange(len(names))
+        exchanged_order[[j, k]] = k, j
         change = f"the angles of {names[j]} and {names[k]} exchanged"
         remedy = f"exchange the columns of {names[j]} and {names[k]} in every observation"
-        yield Hypothesis("joints_swapped", angles[:, order], change, remedy, all_rows)
+        yield Hypothesis("joints_swapped", angles[:, exchanged_order], change, remedy, all_rows)
     for shift, neighbour in ((-1, "before"), (1, "after")):
         # Rows whose neighbour exists
-        inside = np.flatnonzero((rows + shift >= 0) & (rows + shift < len(joints)))
-        if len(inside):
+        rows_with_neighbour = np.flatnonzero((rows + shift >= 0) & (rows + shift < len(joints)))
+        if len(rows_with_neighbour):
             change = f"the angles of the row {neighbour}"
             remedy = f"shift the readings by one row: they belong to the angles of the row {neighbour}"
-            shifted = joints[rows[inside] + shift]
-            yield Hypothesis("observations_out_of_order", shifted, change, remedy, inside)
+            shifted = joints[rows[rows_with_neighbour] + shift]
+            yield Hypothesis("observations_out_of_order", shifted, change, remedy, rows_with_neighbour)
 
 
 def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
@@ -154,51 +158,59 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
         places, or no position was measured. The mask is all False if the whole set is mistaken.
     """
     # A target that was read only once has no usual place.
-    useful = view.measured & (view.measured.sum(axis=0) > 1)
-    rows = np.flatnonzero(useful.any(axis=1))
-    good = np.ones(len(useful), dtype=np.bool_)
+    comparable = view.measured & (view.measured.sum(axis=0) > 1)
+    rows = np.flatnonzero(comparable.any(axis=1))
+    may_be_checked = np.ones(len(comparable), dtype=np.bool_)
     if len(rows) < 2:
-        return [], good
-    seen = np.where(useful[..., None], view.places, np.nan)[rows]
-    place = _compute_median_places(seen)
-    if greatest_distances(seen, place).max() <= LARGEST_MODEL_ERROR:
-        exchanged, findings = _find_exchanges_under_load(view, rows, place)
-        good[exchanged] = False
-        return [*_report_mistyped_rows(view, rows, seen, place), *findings], good
+        return [], may_be_checked
+    seen_from_flange = np.where(comparable[..., None], view.places, np.nan)[rows]
+    usual_places = _compute_median_places(seen_from_flange)
+    if greatest_distances(seen_from_flange, usual_places).max() <= LARGEST_MODEL_ERROR:
+        exchanged, findings = _find_exchanges_under_load(view, rows, usual_places)
+        may_be_checked[exchanged] = False
+        return [*_report_mistyped_rows(view, rows, seen_from_flange, usual_places), *findings], may_be_checked
     # Some targets are far from their usual places: find the mistake that explains this.
-    place = find_consensus_places(seen)
-    agree = greatest_distances(seen, place) <= LARGEST_MODEL_ERROR
+    usual_places = find_consensus_places(seen_from_flange)
+    agrees = greatest_distances(seen_from_flange, usual_places) <= LARGEST_MODEL_ERROR
     sample = sample_rows(rows)
-    best, corrected_place, apart = _find_best_hypothesis(view, sample)
-    near = apart <= LARGEST_MODEL_ERROR
+    best_hypothesis, corrected_place, corrected_distances = _find_best_hypothesis(view, sample)
+    is_explained = corrected_distances <= LARGEST_MODEL_ERROR
     # `count` of the sampled rows are explained by the correction; `posted_share` is the fraction explained as
     # posted.
-    count, posted_share = int(near.sum()), float(agree.mean())
+    explained_count, posted_share = int(is_explained.sum()), float(agrees.mean())
     # The whole set is mistaken if the correction explains most rows, and clearly more than the posted values.
-    if count >= EXPLAINED * len(sample) and count / len(sample) > posted_share + 0.1:
+    if explained_count >= EXPLAINED * len(sample) and explained_count / len(sample) > posted_share + 0.1:
         effect = (
-            f"as given, the targets keep one position on the flange in {agree.sum()} of {len(rows)} "
-            f"observations; with {best.change}, in {count} of {len(near)}, within "
-            f"{length_text(float(apart[near].max()))}"
+            f"as given, the targets keep one position on the flange in {agrees.sum()} of {len(rows)} "
+            f"observations; with {best_hypothesis.change}, in {explained_count} of {len(is_explained)}, "
+            "within "
+            f"{length_text(float(corrected_distances[is_explained].max()))}"
         )
-        if best.unit is not None:
-            return [view.suspect_other_unit(best.unit, effect)], ~good  # no row may be checked further
-        return [view.build_finding(best.code, effect, best.remedy, "do_not_use")], ~good
+        if best_hypothesis.unit is not None:
+            return [
+                view.suspect_other_unit(best_hypothesis.unit, effect)
+            ], ~may_be_checked  # no row may be checked further
+        return [
+            view.build_finding(best_hypothesis.code, effect, best_hypothesis.remedy, "do_not_use")
+        ], ~may_be_checked
     # If many rows are shifted, the places of the corrected rows are right, not those of the posted rows.
-    if best.code == "observations_out_of_order" and count / len(sample) > posted_share:
-        place = corrected_place
-        agree = greatest_distances(seen, place) <= LARGEST_MODEL_ERROR
-    exchanged, under_load = _find_exchanges_under_load(view, rows[agree], place)
-    good[[*rows[~agree], *exchanged]] = False
-    findings = [*_inspect_disagreeing_rows(view, rows[~agree], seen[~agree], place), *under_load]
+    if best_hypothesis.code == "observations_out_of_order" and explained_count / len(sample) > posted_share:
+        usual_places = corrected_place
+        agrees = greatest_distances(seen_from_flange, usual_places) <= LARGEST_MODEL_ERROR
+    exchanged, findings_under_load = _find_exchanges_under_load(view, rows[agrees], usual_places)
+    may_be_checked[[*rows[~agrees], *exchanged]] = False
+    findings = [
+        *_inspect_disagreeing_rows(view, rows[~agrees], seen_from_flange[~agrees], usual_places),
+        *findings_under_load,
+    ]
     # If less than half of the rows agree, no row may be checked further.
-    return findings, good & (agree.sum() >= max(2, len(rows) // 2))
+    return findings, may_be_checked & (agrees.sum() >= max(2, len(rows) // 2))
 
 
 def _find_best_hypothesis(view: View, sample: IndexArray) -> tuple[Hypothesis, FloatArray, FloatArray]:
-    """Find the mistake in units or angles whose correction brings most rows to the same places on the flange.
+    """Find the mistake in units or angles whose correction brings most rows to the same places.
 
-    Of several such mistakes, the one with the least median distance of the targets is returned.
+    Of several such mistakes, the mistake with the least median distance of the targets is returned.
 
     Args:
         view: measurement set.
@@ -210,44 +222,51 @@ def _find_best_hypothesis(view: View, sample: IndexArray) -> tuple[Hypothesis, F
     """
     joints, trials = view.measurements.joints, []
     units = propose_unit_mistakes(joints[sample], view.robot.prismatic)
-    for h in (*units, *propose_angle_mistakes(joints, sample, view.robot.joint_names)):
-        chosen = sample[h.rows]
-        at = Postures(view.robot, view.robot.joint_map.model_angles(h.joints))
+    for hypothesis in (*units, *propose_angle_mistakes(joints, sample, view.robot.joint_names)):
+        chosen = sample[hypothesis.rows]
+        postures = Postures(view.robot, view.robot.joint_map.model_angles(hypothesis.joints))
         corrected = transform_to_flange(
-            at, h.length * view.measurements.position[chosen], view.measured[chosen]
+            postures, hypothesis.length * view.measurements.position[chosen], view.measured[chosen]
         )
-        place = find_consensus_places(corrected)
-        trials.append((h, place, greatest_distances(corrected, place)))
-    return max(trials, key=lambda each: (np.sum(each[2] <= LARGEST_MODEL_ERROR), -median(each[2])))
+        places = find_consensus_places(corrected)
+        trials.append((hypothesis, places, greatest_distances(corrected, places)))
+
+    def rank(trial: tuple[Hypothesis, FloatArray, FloatArray]) -> tuple[int, float]:
+        """Return the number of rows that a trial explains, then minus the median distance."""
+        distances = trial[2]
+        return int(np.sum(distances <= LARGEST_MODEL_ERROR)), -median(distances)
+
+    return max(trials, key=rank)
 
 
 def _inspect_disagreeing_rows(
-    view: View, rows: IndexArray, seen: FloatArray, place: FloatArray
+    view: View, rows: IndexArray, seen_from_flange: FloatArray, places: FloatArray
 ) -> Iterator[Finding]:
-    """Report the mistake of each disagreeing row: exchanged names, readings of another posture, or unknown.
+    """Report why each row disagrees: exchanged names, readings of another posture, or an unknown cause.
 
     Args:
         view: measurement set.
         rows: (K,) indices of the rows that disagree with the others.
-        seen: (K, T, 3) targets of these rows as seen from the flange [m].
-        place: (T, 3) places on the flange where the other rows see the targets [m].
+        seen_from_flange: (K, T, 3) targets of these rows in the flange frame [m].
+        places: (T, 3) places on the flange where the other rows have the targets [m].
     """
     # Row → row in whose posture its readings were taken
     true_rows: dict[int, int] = {}
-    for i, targets in zip(rows.tolist(), seen, strict=True):
-        order = _match_targets_to_places(targets, place)
-        if order is not None:
+    for i, targets in zip(rows.tolist(), seen_from_flange, strict=True):
+        exchange = _match_targets_to_places(targets, places)
+        if exchange is not None:
             yield from _report_exchanged_targets(
-                view, i, order, _match_targets_to_places(_place_loaded_targets(view, i), place)
+                view, i, exchange, _match_targets_to_places(_place_loaded_targets(view, i), places)
             )
-        elif len(true_rows) < _SEARCHED and (j := _find_posture_of_readings(view, i, place)) is not None:
+        elif len(true_rows) < _SEARCHED and (j := _find_posture_of_readings(view, i, places)) is not None:
             true_rows[i] = j
         else:
-            apart = np.nan_to_num(np.linalg.norm(targets - place, axis=1))
-            t = int(apart.argmax())
+            distances = np.nan_to_num(np.linalg.norm(targets - places, axis=1))
+            farthest = int(distances.argmax())
             yield view.build_finding(
                 "target_off_model",
-                f"target '{view.measurements.targets[t]}' is {length_text(apart[t])} away from its median "
+                f"target '{view.measurements.targets[farthest]}' is {length_text(distances[farthest])} "
+                "away from its median "
                 "position on the flange",
                 "check that positions are in R0 and in `units.length`, the angles and their order, the "
                 "joint map, and the robot's model",
@@ -279,24 +298,26 @@ def _inspect_disagreeing_rows(
         )
 
 
-def _find_posture_of_readings(view: View, i: int, place: FloatArray) -> int | None:
-    """Return the row in whose posture the readings of row i were taken; None if they fit no posture.
+def _find_posture_of_readings(view: View, row: int, places: FloatArray) -> int | None:
+    """Return the row in whose posture the readings of a row were taken; None if they fit no posture.
 
-    If several rows fit, the row nearest to i is returned.
+    If several postures fit, the row nearest in the table is returned.
 
     Args:
         view: measurement set.
-        i: index of the row with the readings.
-        place: (T, 3) places of the targets on the flange [m].
+        row: index of the row with the readings.
+        places: (T, 3) places of the targets on the flange [m].
     """
-    at = view.postures
-    expected = at.to_base(np.broadcast_to(np.nan_to_num(place), (len(at), *place.shape)))
-    known = view.measured[i] & ~np.isnan(place[:, 0])
-    if not known.any():
+    postures = view.postures
+    expected = postures.to_base(np.broadcast_to(np.nan_to_num(places), (len(postures), *places.shape)))
+    is_comparable = view.measured[row] & ~np.isnan(places[:, 0])
+    if not is_comparable.any():
         return None
-    apart = np.linalg.norm(expected[:, known] - view.measurements.position[i, known], axis=2).max(axis=1)
-    fitting = np.flatnonzero(apart <= LARGEST_MODEL_ERROR)
-    return int(fitting[np.abs(fitting - i).argmin()]) if len(fitting) else None
+    greatest_distance = np.linalg.norm(
+        expected[:, is_comparable] - view.measurements.position[row, is_comparable], axis=2
+    ).max(axis=1)
+    fitting_rows = np.flatnonzero(greatest_distance <= LARGEST_MODEL_ERROR)
+    return int(fitting_rows[np.abs(fitting_rows - row).argmin()]) if len(fitting_rows) else None
 
 
 def _place_loaded_targets(view: View, i: int) -> FloatArray:
@@ -306,35 +327,41 @@ def _place_loaded_targets(view: View, i: int) -> FloatArray:
 
 
 def _report_exchanged_targets(
-    view: View, i: int, unloaded: IndexArray | None, loaded: IndexArray | None
+    view: View, row: int, unloaded: IndexArray | None, loaded: IndexArray | None
 ) -> Iterator[Finding]:
     """Report targets of row i whose names are exchanged; one finding if both states have the same exchange.
 
     Args:
         view: measurement set.
-        i: index of the row.
+        row: index of the row.
         unloaded: (T,) index of the true target of each unloaded reading; None without an exchange.
         loaded: (T,) index of the true target of each loaded reading; None without an exchange.
     """
-    # `same` is true if both readings have the same exchange: one finding then covers both.
-    same = unloaded is not None and loaded is not None and np.array_equal(unloaded, loaded)
+    # If both states have the same exchange, one finding covers both.
+    same_exchange = unloaded is not None and loaded is not None and np.array_equal(unloaded, loaded)
     states = [("unloaded", unloaded), ("loaded", loaded)]
-    for state, order in [("unloaded and loaded", unloaded)] if same else states:
-        if order is None:
+    for state, true_targets in [("unloaded and loaded", unloaded)] if same_exchange else states:
+        if true_targets is None:
             continue
-        renamed, label = _list_wrong_names(order), view.measurements.labels[i]
+        renamed, label = _list_wrong_names(true_targets), view.measurements.labels[row]
         *names, last = (f"'{view.measurements.targets[t]}'" for t in renamed)
-        who = f"{', '.join(names)} and {last}" if names else last
-        if sorted(order[renamed]) == renamed:  # the wrong names are exchanged among each other
-            message = f"{who} are exchanged in the {state} readings of '{label}'"
-            message += f": the target named {_describe_true_names(view, order)}" if len(renamed) > 2 else ""
-            remedy = f"exchange {'' if same else 'only '}the {state} values of {who} in '{label}'"
+        names_in_words = f"{', '.join(names)} and {last}" if names else last
+        if sorted(true_targets[renamed]) == renamed:  # the wrong names are exchanged among each other
+            message = f"{names_in_words} are exchanged in the {state} readings of '{label}'"
+            message += (
+                f": the target named {_describe_true_names(view, true_targets)}" if len(renamed) > 2 else ""
+            )
+            remedy = (
+                f"exchange {'' if same_exchange else 'only '}the {state} values of "
+                f"{names_in_words} in '{label}'"
+            )
         else:  # one of the exchanged targets was not read
             message = (
-                f"in the {state} readings of '{label}' the target named {_describe_true_names(view, order)}"
+                f"in the {state} readings of '{label}' the target named "
+                f"{_describe_true_names(view, true_targets)}"
             )
-            remedy = f"repeat the observation, or remove these readings of {who}"
-        yield view.build_finding("targets_swapped", message, remedy, "do_not_use", row=i)
+            remedy = f"repeat the observation, or remove these readings of {names_in_words}"
+        yield view.build_finding("targets_swapped", message, remedy, "do_not_use", row=row)
 
 
 def _describe_true_names(view: View, order: IndexArray) -> str:
@@ -354,48 +381,54 @@ def _list_wrong_names(order: IndexArray) -> list[int]:
 
 
 def _report_mistyped_rows(
-    view: View, rows: IndexArray, seen: FloatArray, place: FloatArray
+    view: View, rows: IndexArray, seen_from_flange: FloatArray, usual_places: FloatArray
 ) -> Iterator[Finding]:
-    """Report rows in which all targets are far from their usual places, as after a typing error in an angle.
+    """Report rows in which all targets are far from their usual places, as after a mistyped angle.
 
     Args:
         view: measurement set.
         rows: (M,) indices of the rows.
-        seen: (M, T, 3) targets of these rows as seen from the flange [m].
-        place: (T, 3) median places of the targets on the flange [m].
+        seen_from_flange: (M, T, 3) targets of these rows in the flange frame [m].
+        usual_places: (T, 3) median places of the targets on the flange [m].
     """
     with np.errstate(invalid="ignore"):
-        nearest = np.fmin.reduce(np.linalg.norm(seen - place, axis=2), axis=1)
-    typical = median(nearest)
-    for b in np.flatnonzero(nearest > max(OUTLIER * typical, SMALLEST_OUTLIER)):
+        nearest_distance = np.fmin.reduce(np.linalg.norm(seen_from_flange - usual_places, axis=2), axis=1)
+    typical = median(nearest_distance)
+    for k in np.flatnonzero(nearest_distance > max(OUTLIER * typical, SMALLEST_OUTLIER)):
         yield view.build_finding(
             "target_off_model",
-            f"all targets are at least {length_text(nearest[b])} away from their median positions on "
+            f"all targets are at least {length_text(nearest_distance[k])} away from their median positions "
+            "on "
             f"the flange; typical is {length_text(typical)}",
             "check the angles of this observation for a typing error, and whether the robot stood still",
-            row=int(rows[b]),
+            row=int(rows[k]),
         )
 
 
 def _find_exchanges_under_load(
-    view: View, rows: IndexArray, place: FloatArray
+    view: View, rows: IndexArray, places: FloatArray
 ) -> tuple[list[int], list[Finding]]:
     """Find rows whose loaded readings are at the places of other targets, as after exchanged names.
 
     Args:
         view: measurement set.
-        rows: (M,) rows whose unloaded targets are in place.
-        place: (T, 3) places of the targets on the flange [m].
+        rows: (M,) rows whose unloaded targets are at their usual places.
+        places: (T, 3) places of the targets on the flange [m].
 
     Returns:
         Indices of the rows with exchanged loaded readings; and the findings about them.
     """
-    far = (np.linalg.norm(view.measurements.deflection[rows], axis=2) > LARGEST_MODEL_ERROR).any(axis=1)
-    orders = {i: _match_targets_to_places(_place_loaded_targets(view, i), place) for i in rows[far].tolist()}
-    found = {i: order for i, order in orders.items() if order is not None}
-    return list(found), [
-        each for i, order in found.items() for each in _report_exchanged_targets(view, i, None, order)
-    ]
+    deflection = np.linalg.norm(view.measurements.deflection[rows], axis=2)
+    is_far = (deflection > LARGEST_MODEL_ERROR).any(axis=1)
+    exchanges: dict[int, IndexArray] = {}
+    for row in rows[is_far].tolist():
+        exchange = _match_targets_to_places(_place_loaded_targets(view, row), places)
+        if exchange is not None:
+            exchanges[row] = exchange
+    findings: list[Finding] = []
+    for row, exchange in exchanges.items():
+        findings += _report_exchanged_targets(view, row, None, exchange)
+    return list(exchanges), findings
 
 
 def sample_rows(rows: IndexArray) -> IndexArray:
@@ -403,133 +436,67 @@ def sample_rows(rows: IndexArray) -> IndexArray:
     return np.asarray(rows[np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int))])
 
 
-def greatest_distances(seen: FloatArray, place: FloatArray) -> FloatArray:
+def greatest_distances(seen_from_flange: FloatArray, places: FloatArray) -> FloatArray:
     """Return for each row (M,) the greatest distance [m] of a target from its place; 0 if none was measured.
 
     Args:
-        seen: (M, T, 3) targets as seen from the flange [m]; NaN where not measured.
-        place: (T, 3) places of the targets on the flange [m].
+        seen_from_flange: (M, T, 3) targets as seen from the flange [m]; NaN where not measured.
+        places: (T, 3) places of the targets on the flange [m].
     """
-    return np.asarray(np.nan_to_num(np.linalg.norm(seen - place, axis=2)).max(axis=1))
+    return np.asarray(np.nan_to_num(np.linalg.norm(seen_from_flange - places, axis=2)).max(axis=1))
 
 
-def find_consensus_places(seen: FloatArray) -> FloatArray:
-    """Return the places (T, 3) of the targets on the flange [m] on which most rows (M, T, 3) agree.
+def find_consensus_places(seen_from_flange: FloatArray) -> FloatArray:
+    """Return the places (T, 3) of the targets on the flange [m] on which most rows agree.
 
     The targets of some rows, the anchors, are tried as places. The median over the rows near the best anchor
     is returned, as a median over all rows would lie between two places if half of the rows are wrong.
+
+    `seen_from_flange` (M, T, 3) are the targets of each row in the flange frame [m].
     """
-    anchors = seen[np.unique(np.linspace(0, len(seen) - 1, _ANCHORS).round().astype(int))]
-    support = [greatest_distances(seen, anchor) <= 2.0 * LARGEST_MODEL_ERROR for anchor in anchors]
-    return _compute_median_places(seen[max(support, key=lambda near: int(near.sum()))])
+    anchors = seen_from_flange[
+        np.unique(np.linspace(0, len(seen_from_flange) - 1, _ANCHORS).round().astype(int))
+    ]
+    supporting_rows = [
+        greatest_distances(seen_from_flange, anchor) <= 2.0 * LARGEST_MODEL_ERROR for anchor in anchors
+    ]
+    most_supported = max(supporting_rows, key=lambda is_near: int(is_near.sum()))
+    return _compute_median_places(seen_from_flange[most_supported])
 
 
-def _compute_median_places(seen: FloatArray) -> FloatArray:
-    """Return the median place (T, 3) of each target over rows (M, T, 3); NaN for a target never measured."""
-    ordered, count = np.sort(seen, axis=0), np.maximum((~np.isnan(seen)).sum(axis=0), 1)
-    middle = np.take_along_axis(ordered, np.stack([(count - 1) // 2, count // 2]), axis=0)
-    return np.asarray(0.5 * middle.sum(axis=0))
+def _compute_median_places(seen_from_flange: FloatArray) -> FloatArray:
+    """Return the median place (T, 3) of each target over the rows; NaN for a target never measured.
+
+    `seen_from_flange` (M, T, 3) are the targets of each row in the flange frame [m]; NaN where not measured.
+    """
+    # Sorting puts NaN last, so the middle of the first `count` values is the median of those measured.
+    ordered = np.sort(seen_from_flange, axis=0)
+    count = np.maximum((~np.isnan(seen_from_flange)).sum(axis=0), 1)
+    two_middle_values = np.take_along_axis(ordered, np.stack([(count - 1) // 2, count // 2]), axis=0)
+    return np.asarray(0.5 * two_middle_values.sum(axis=0))
 
 
-def _match_targets_to_places(seen: FloatArray, place: FloatArray) -> IndexArray | None:
-    """Match the targets of one row to places, in case their names are exchanged.
+def _match_targets_to_places(seen_from_flange: FloatArray, places: FloatArray) -> IndexArray | None:
+    """Find which target each reading of one row shows, in case the names of targets are exchanged.
 
     Args:
-        seen: (T, 3) targets of one row as seen from the flange [m]; NaN where not measured.
-        place: (T, 3) places of the targets on the flange [m].
+        seen_from_flange: (T, 3) targets of one row in the flange frame [m]; NaN where not measured.
+        places: (T, 3) places of the targets on the flange [m].
 
     Returns:
         (T,) index of the true target of each reading; None if no exchange explains the readings.
     """
-    order = np.arange(len(place))
-    read = np.flatnonzero(~np.isnan(seen[:, 0]))
-    distance = np.linalg.norm(seen[read, None] - place, axis=2)
+    true_targets = np.arange(len(places))
+    read_targets = np.flatnonzero(~np.isnan(seen_from_flange[:, 0]))
+    distance = np.linalg.norm(seen_from_flange[read_targets, None] - places, axis=2)
     distance = np.where(np.isnan(distance), np.inf, distance)
-    order[read] = distance.argmin(axis=1)
-    matched = order[read]
+    true_targets[read_targets] = distance.argmin(axis=1)
+    matched = true_targets[read_targets]
     is_far = distance.min(axis=1).max() > LARGEST_MODEL_ERROR
     # A match counts only if every target has another place and at least two targets change places.
-    if is_far or len(np.unique(matched)) < len(matched) or np.array_equal(matched, read):
+    if is_far or len(np.unique(matched)) < len(matched) or np.array_equal(matched, read_targets):
         return None
-    return order
-
-
-def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
-    """Report targets that moved on the flange, and stated noise that the distances of targets contradict.
-
-    Args:
-        view: measurement set.
-        good: (N,) mask of rows whose angles and names are right as far as known.
-    """
-    measured, names = view.measured & good[:, None], view.measurements.targets
-    places = np.where(measured[..., None], view.places, np.nan)
-    step = find_step(places, view.measurements.joints, limit_factor=_ORDERED if view.in_order else 1.0)
-    if step is not None:
-        yield view.build_finding(
-            "target_moved",
-            f"from here on, '{names[step.target]}' is displaced by {length_text(step.size)} on "
-            f"the flange, relative to the other targets: {figure(step.ratio, '.3g')} times as far as chance "
-            "allows",
-            "check that the target is attached firmly; treat it as another target from here on "
-            "(another name), or repeat",
-            "do_not_use",
-            row=step.row,
-        )
-    # Pairs of targets
-    first, second = np.triu_indices(measured.shape[1], k=1)
-    usable = (measured[:, first] & measured[:, second]).any(axis=0)
-    first, second = first[usable], second[usable]
-    if not len(first):
-        return
-    both = measured[:, first] & measured[:, second]
-    # `change` (2, N, P) is the distance of each pair less its median [m], unloaded and loaded. Distances to a
-    # target that moved are compared before and after the step separately.
-    m = view.measurements
-    states = (m.position, m.position + m.deflection)
-    lengths = np.stack([np.linalg.norm(s[:, first] - s[:, second], axis=2) for s in states])
-    change = _subtract_pair_medians(lengths, both)
-    if step is not None:
-        of_target = (first == step.target) | (second == step.target)
-        for part in (slice(None, step.row), slice(step.row, None)):
-            change[:, part, of_target] = _subtract_pair_medians(
-                lengths[:, part, of_target], both[part, of_target]
-            )
-    scatter = median(np.abs(change[:, both])) / MEDIAN_SIZE
-    sigma = np.where(both, np.hypot(view.reading_sigma[:, first], view.reading_sigma[:, second]), 0.0)
-    typical = median(sigma[both])
-    if typical > 0.0 and both.sum() >= _ENOUGH and scatter >= OVERSTATED * typical:
-        yield view.build_finding(
-            "sigma_suspect",
-            f"distances between targets scatter by {length_text(scatter)}, but the stated noise "
-            f"gives {length_text(typical)}",
-            "check the stated noise and its unit; or omit `noise` so that sigma is estimated from the "
-            "residuals",
-        )
-    # `limits` (N, P) are the greatest changes [m] that noise explains: stated noise, or the scatter of
-    # distances. The factor 4 is two states (unloaded, loaded) times two signs.
-    quantile = -special.ndtri(FALSE_ALARM / (4.0 * both.sum()))
-    scatter_limit = MODEL_ALLOWANCE * quantile * max(np.sqrt(2.0) * LEAST_SIGMA, scatter)
-    limits = np.maximum(quantile * sigma, 0.5 * scatter_limit if sigma.any() else scatter_limit)
-    for i in np.flatnonzero((np.abs(change).max(axis=0) > limits).any(axis=1)).tolist():
-        row_change = np.abs(change[:, i])
-        p = int((row_change.max(axis=0) / limits[i]).argmax())
-        # Suspect the target without which the other distances change least, and targets nearly as suspicious.
-        squares, pairs = (row_change**2).sum(axis=0), np.array([first, second])
-        present = np.unique(pairs[:, both[i]])
-        remaining = np.array([squares[(pairs != t).all(axis=0)].sum() for t in present])
-        suspects = present[remaining <= _CLEARER * (remaining.min() + (scatter + 1e-9) ** 2)]
-        who = " or ".join(f"'{names[t]}'" for t in suspects)
-        yield view.build_finding(
-            "targets_not_rigid",
-            f"the distance between '{names[first[p]]}' and '{names[second[p]]}' "
-            f"({'loaded' if row_change[1, p] > row_change[0, p] else 'unloaded'}) differs by "
-            f"{length_text(row_change[:, p].max())} from its median (limit {length_text(limits[i, p])}): "
-            f"{who} moved",
-            f"check {who} for a bump, a turned reflector or a wrong name; repeat the observation, or remove "
-            "that reading",
-            "do_not_use",
-            row=i,
-        )
+    return true_targets
 
 
 @dataclass(frozen=True)
@@ -542,19 +509,143 @@ class Step:
     ratio: float  #: displacement over the greatest displacement that chance allows
 
 
-def _subtract_pair_medians(lengths: FloatArray, both: BoolArray) -> FloatArray:
-    """Return distances (2, N, P) of P pairs less the median of each pair; zero where `both` is False.
+def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
+    """Report targets that moved on the flange, and stated noise that the distances of targets contradict.
 
     Args:
-        lengths: (2, N, P) distances of the pairs of targets, unloaded and loaded [m].
-        both: (N, P) mask of the pairs whose two targets were measured.
+        view: measurement set.
+        good: (N,) mask of rows whose angles and names are right as far as known.
     """
-    if both.all():
-        return np.asarray(lengths - np.median(lengths, axis=(0, 1)))
-    differences = np.zeros(lengths.shape)
-    for p in np.flatnonzero(both.any(axis=0)):
-        pair_lengths = lengths[:, both[:, p], p]
-        differences[:, both[:, p], p] = pair_lengths - np.median(pair_lengths)
+    measured = view.measured & good[:, None]
+    places = np.where(measured[..., None], view.places, np.nan)
+    step = find_step(places, view.measurements.joints, limit_factor=_ORDERED if view.in_order else 1.0)
+    if step is not None:
+        yield view.build_finding(
+            "target_moved",
+            f"from here on, '{view.measurements.targets[step.target]}' is displaced by "
+            f"{length_text(step.size)} on the flange, relative to the other targets: "
+            f"{figure(step.ratio, '.3g')} times as far as chance allows",
+            "check that the target is attached firmly; treat it as another target from here on "
+            "(another name), or repeat",
+            "do_not_use",
+            row=step.row,
+        )
+    # All pairs of targets that were read together at least once
+    first, second = np.triu_indices(measured.shape[1], k=1)
+    usable = (measured[:, first] & measured[:, second]).any(axis=0)
+    first, second = first[usable], second[usable]
+    if not len(first):
+        return
+    both_measured = measured[:, first] & measured[:, second]
+    changes = _compute_pair_changes(view, first, second, both_measured, step)
+    scatter = median(np.abs(changes[:, both_measured])) / MEDIAN_SIZE
+    pair_sigma = np.hypot(view.reading_sigma[:, first], view.reading_sigma[:, second])
+    sigma = np.where(both_measured, pair_sigma, 0.0)
+    typical_sigma = median(sigma[both_measured])
+    if typical_sigma > 0.0 and both_measured.sum() >= _ENOUGH and scatter >= OVERSTATED * typical_sigma:
+        yield view.build_finding(
+            "sigma_suspect",
+            f"distances between targets scatter by {length_text(scatter)}, but the stated noise "
+            f"gives {length_text(typical_sigma)}",
+            "check the stated noise and its unit; or omit `noise` so that sigma is estimated from the "
+            "residuals",
+        )
+    # `limits` (N, P) are the greatest changes [m] that noise explains: stated noise, or the scatter of
+    # distances. The factor 4 is two states (unloaded, loaded) times two signs.
+    quantile = -special.ndtri(FALSE_ALARM / (4.0 * both_measured.sum()))
+    scatter_limit = MODEL_ALLOWANCE * quantile * max(np.sqrt(2.0) * LEAST_SIGMA, scatter)
+    limits = np.maximum(quantile * sigma, 0.5 * scatter_limit if sigma.any() else scatter_limit)
+    for row in np.flatnonzero((np.abs(changes).max(axis=0) > limits).any(axis=1)).tolist():
+        pairs = np.array([first, second])
+        yield _report_changed_distance(
+            view, row, pairs, both_measured[row], np.abs(changes[:, row]), limits[row], scatter
+        )
+
+
+def _compute_pair_changes(
+    view: View, first: IndexArray, second: IndexArray, both_measured: BoolArray, step: Step | None
+) -> FloatArray:
+    """Return the distance of each pair of targets, less its median over the rows (2, N, P) [m].
+
+    The first axis is the state: unloaded, loaded. Distances to a target that moved are compared before and
+    after its step separately.
+
+    Args:
+        view: measurement set.
+        first: (P,) index of the first target of each pair.
+        second: (P,) index of the second target of each pair.
+        both_measured: (N, P) mask of the pairs whose two targets were measured.
+        step: lasting displacement of a target; None if no target moved.
+    """
+    measurements = view.measurements
+    states = (measurements.position, measurements.position + measurements.deflection)
+    distances = np.stack([np.linalg.norm(at[:, first] - at[:, second], axis=2) for at in states])
+    changes = _subtract_pair_medians(distances, both_measured)
+    if step is not None:
+        with_moved_target = (first == step.target) | (second == step.target)
+        for rows in (slice(None, step.row), slice(step.row, None)):
+            changes[:, rows, with_moved_target] = _subtract_pair_medians(
+                distances[:, rows, with_moved_target], both_measured[rows, with_moved_target]
+            )
+    return changes
+
+
+def _report_changed_distance(
+    view: View,
+    row: int,
+    pairs: IndexArray,
+    both_measured: BoolArray,
+    change: FloatArray,
+    limit: FloatArray,
+    scatter: float,
+) -> Finding:
+    """Return the finding that distances between targets changed in a row, with the suspected targets.
+
+    Args:
+        view: measurement set.
+        row: index of the row.
+        pairs: (2, P) indices of the two targets of each pair.
+        both_measured: (P,) mask of the pairs whose two targets were measured in this row.
+        change: (2, P) amounts by which the distances differ from their medians, unloaded and loaded [m].
+        limit: (P,) greatest changes that noise explains [m].
+        scatter: standard deviation of a distance [m].
+    """
+    names = view.measurements.targets
+    worst = int((change.max(axis=0) / limit).argmax())
+    # Suspect the target without which the other distances change least, and targets nearly as suspicious.
+    squares = (change**2).sum(axis=0)
+    present = np.unique(pairs[:, both_measured])
+    remaining = np.array([squares[(pairs != target).all(axis=0)].sum() for target in present])
+    suspects = present[remaining <= _CLEARER * (remaining.min() + (scatter + 1e-9) ** 2)]
+    suspects_text = " or ".join(f"'{names[target]}'" for target in suspects)
+    return view.build_finding(
+        "targets_not_rigid",
+        f"the distance between '{names[pairs[0, worst]]}' and '{names[pairs[1, worst]]}' "
+        f"({'loaded' if change[1, worst] > change[0, worst] else 'unloaded'}) differs by "
+        f"{length_text(change[:, worst].max())} from its median (limit {length_text(limit[worst])}): "
+        f"{suspects_text} moved",
+        f"check {suspects_text} for a bump, a turned reflector or a wrong name; repeat the observation, or "
+        "remove that reading",
+        "do_not_use",
+        row=row,
+    )
+
+
+def _subtract_pair_medians(distances: FloatArray, both_measured: BoolArray) -> FloatArray:
+    """Return distances of pairs of targets less the median distance of each pair (2, N, P) [m].
+
+    The result is zero where a target of the pair was not measured.
+
+    Args:
+        distances: (2, N, P) distances of the P pairs in N rows, unloaded and loaded [m].
+        both_measured: (N, P) mask of the pairs whose two targets were measured.
+    """
+    if both_measured.all():
+        return np.asarray(distances - np.median(distances, axis=(0, 1)))
+    differences = np.zeros(distances.shape)
+    for pair in np.flatnonzero(both_measured.any(axis=0)):
+        pair_lengths = distances[:, both_measured[:, pair], pair]
+        differences[:, both_measured[:, pair], pair] = pair_lengths - np.median(pair_lengths)
     return differences
 
 
@@ -581,40 +672,57 @@ def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0)
     most_targets = target_count.max()
     filled = np.where(was_read[..., None], places, 0.0)
     # Only rows in which the greatest number of targets was read, so that the mean of the others is comparable
-    rows_of_target = [np.flatnonzero(target & (target_count == most_targets)) for target in was_read.T]
+    rows_of_target = [
+        np.flatnonzero(was_target_read & (target_count == most_targets)) for was_target_read in was_read.T
+    ]
     # For each target: index, rows, and place relative to the mean of the other targets in these rows
     series = [
-        (t, rows, filled[rows, t] - (filled[rows].sum(axis=1) - filled[rows, t]) / (most_targets - 1))
-        for t, rows in enumerate(rows_of_target)
+        (
+            target,
+            rows,
+            filled[rows, target] - (filled[rows].sum(axis=1) - filled[rows, target]) / (most_targets - 1),
+        )
+        for target, rows in enumerate(rows_of_target)
         if len(rows) >= LEAST_ROWS
     ]
     if not series:
         return None
-    changes = np.concatenate([np.diff(y, axis=0) for _, _, y in series])
-    scale = estimate_coordinate_scale(np.linalg.norm(changes, axis=1)) / np.sqrt(2.0)
+    changes = np.concatenate([np.diff(relative_place, axis=0) for _, _, relative_place in series])
+    usual_scatter = estimate_coordinate_scale(np.linalg.norm(changes, axis=1)) / np.sqrt(2.0)
     degrees_of_freedom = 3.0 * len(changes) * (len(series) - 1) / len(series)
     limit = limit_factor * MODEL_ALLOWANCE * compute_norm_quantile(len(changes), degrees_of_freedom)
     posture, best = np.round(joints / SAME_ANGLE), None
-    for t, rows, y in series:
+    for target, rows, relative_place in series:
         # The most significant step (3,) [m], and the number k of rows before it
-        before = np.arange(1, len(y))
-        sums = np.cumsum(y, axis=0)
-        shifts = (sums[-1] - sums[:-1]) / (len(y) - before)[:, None] - sums[:-1] / before[:, None]
-        k = 1 + int((before * (len(y) - before) * (shifts**2).sum(axis=1)).argmax())
-        deviations = np.concatenate([y[:k] - y[:k].mean(axis=0), y[k:] - y[k:].mean(axis=0)])
-        scatter = max(scale, estimate_coordinate_scale(np.linalg.norm(deviations, axis=1)), 1e-9)
-        size = float(np.linalg.norm(shifts[k - 1]))
-        ratio = size / (limit * scatter * np.sqrt(1.0 / k + 1.0 / (len(y) - k)))
+        before = np.arange(1, len(relative_place))
+        sums = np.cumsum(relative_place, axis=0)
+        shifts = (sums[-1] - sums[:-1]) / (len(relative_place) - before)[:, None] - sums[:-1] / before[
+            :, None
+        ]
+        rows_before = 1 + int((before * (len(relative_place) - before) * (shifts**2).sum(axis=1)).argmax())
+        deviations = np.concatenate(
+            [
+                relative_place[:rows_before] - relative_place[:rows_before].mean(axis=0),
+                relative_place[rows_before:] - relative_place[rows_before:].mean(axis=0),
+            ]
+        )
+        scatter = max(usual_scatter, estimate_coordinate_scale(np.linalg.norm(deviations, axis=1)), 1e-9)
+        displacement = float(np.linalg.norm(shifts[rows_before - 1]))
+        ratio = displacement / (
+            limit * scatter * np.sqrt(1.0 / rows_before + 1.0 / (len(relative_place) - rows_before))
+        )
         if not ratio > (best.ratio if best else 1.0):
             continue
         # Within one posture, a step might be an error of the model in this posture.
-        if any(len(np.unique(posture[part], axis=0)) < 2 for part in (rows[:k], rows[k:])):
+        if any(
+            len(np.unique(posture[part], axis=0)) < 2 for part in (rows[:rows_before], rows[rows_before:])
+        ):
             continue
-        lengths = np.linalg.norm(np.delete(places[rows], t, axis=1) - places[rows, t, None], axis=2)
+        lengths = np.linalg.norm(np.delete(places[rows], target, axis=1) - places[rows, target, None], axis=2)
         lengths = lengths[:, ~np.isnan(lengths).any(axis=0)]
-        change = np.abs(np.median(lengths[k:], axis=0) - np.median(lengths[:k], axis=0))
+        change = np.abs(np.median(lengths[rows_before:], axis=0) - np.median(lengths[:rows_before], axis=0))
         if change.max(initial=0.0) > SMALLEST_MOTION:
-            best = Step(t, int(rows[k]), size, ratio)
+            best = Step(target, int(rows[rows_before]), displacement, ratio)
     return best
 
 
@@ -637,34 +745,40 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
         return
     # Columns of the fit, axes of R0 [m]: motion of the barycentre due to joint offsets, its place on the
     # flange, the base's position and the drift; then the distance of the barycentre from its median place.
-    at, targets = view.postures, measured[rows[0]]
-    points = np.zeros((len(at), 1, 3))
-    points[rows, 0] = view.measurements.position[rows][:, targets].mean(axis=1)
-    place = view.places[rows][:, targets].mean(axis=1)
-    rotation = at.flange_rotation[rows]
-    distance = np.einsum("nij,nj->ni", rotation, place - np.median(place, axis=0))
+    postures, targets = view.postures, measured[rows[0]]
+    barycentres = np.zeros((len(postures), 1, 3))
+    barycentres[rows, 0] = view.measurements.position[rows][:, targets].mean(axis=1)
+    barycentre_on_flange = view.places[rows][:, targets].mean(axis=1)
+    rotation = postures.flange_rotation[rows]
+    distance = np.einsum(
+        "nij,nj->ni", rotation, barycentre_on_flange - np.median(barycentre_on_flange, axis=0)
+    )
     base = np.broadcast_to(np.eye(3), rotation.shape)
     time = (rows - rows.mean()) / np.ptp(rows)
-    motion = time[:, None, None] * np.eye(3)
+    drift_columns = time[:, None, None] * np.eye(3)
     triangle = Triangle(model=view.robot.n + 6, motion=3)
     triangle.add(
-        np.concatenate([at.jacobian_at(points)[rows, 0], rotation, base, motion, distance[..., None]], axis=2)
+        np.concatenate(
+            [postures.jacobian_at(barycentres)[rows, 0], rotation, base, drift_columns, distance[..., None]],
+            axis=2,
+        )
     )
-    freedom = triangle.rows - view.robot.n - 9
-    if freedom < LEAST_FREEDOM:
+    degrees_of_freedom = triangle.rows - view.robot.n - 9
+    if degrees_of_freedom < LEAST_FREEDOM:
         return
     squares_without_drift, squares_with_drift = (
         triangle.residual_squares(names) for names in (["model"], ["model", "motion"])
     )
-    variance = max(squares_with_drift / freedom, _EXACT)
+    variance = max(squares_with_drift / degrees_of_freedom, _EXACT)
     ratio = (squares_without_drift - squares_with_drift) / 3.0 / variance / MODEL_ALLOWANCE**2
-    p_value = float(special.fdtrc(3.0, freedom, max(0.0, ratio)))
+    p_value = float(special.fdtrc(3.0, degrees_of_freedom, max(0.0, ratio)))
     drift = triangle.fit_with(["motion"], "model").unknowns
-    size = float(np.linalg.norm(drift))
-    if p_value < FALSE_ALARM and size > SMALLEST_MOTION:
+    drift_length = float(np.linalg.norm(drift))
+    if p_value < FALSE_ALARM and drift_length > SMALLEST_MOTION:
         yield view.build_finding(
             "drift_in_time",
-            f"over the whole set, the unloaded targets drifted by {length_text(size)} relative to the "
+            f"over the whole set, the unloaded targets drifted by {length_text(drift_length)} relative to "
+            "the "
             f"robot's model (x {length_text(drift[0])}, y {length_text(drift[1])}, z "
             f"{length_text(drift[2])}; p = {p_value:.1g})",
             "check the tracker's stand, warm-up and temperature; a deflection is affected only by "
@@ -712,14 +826,14 @@ class Springs:
     predicted: FloatArray  #: (N, T, 3) deflections [m]; zero where not read
     residual: FloatArray  #: (N, T, 3) measured less predicted [m]
     work: float  #: predicted work of the load, summed over the observations [J]; positive for springs
-    parameters: int  #: number of joints that were fitted
+    parameter_count: int  #: number of joints that were fitted
     unexplained: float  #: median residual of an observation over its median deflection
 
     @classmethod
     def fit(cls, block: RegressorBlock, rows: slice = _ALL, shift: int = 0) -> Springs:
-        """Fit compliances of either sign that minimise the sum of the residuals' lengths, not of the squares.
+        """Fit compliances of either sign to deflections, so that the sum of the residuals' lengths is least.
 
-        A few mistaken rows then hardly change the fit.
+        The sum of lengths, not of squares, keeps a few mistaken rows from changing the fit.
 
         Args:
             block: regressor and deflections of the whole set.
@@ -728,18 +842,20 @@ class Springs:
                 and posture of row i + shift.
         """
         deflection, count = block.measurements.deflection, len(block.A)
-        chosen = np.arange(count)[rows]
-        chosen = chosen[(chosen + shift >= 0) & (chosen + shift < count)]
-        chosen = chosen[:: max(1, -(-len(chosen) // _SAMPLE))]
-        A = block.A[chosen + shift].reshape(len(chosen), -1, block.A.shape[-1])
-        compliance = _minimise_distances(A, deflection[chosen].reshape(len(chosen), -1))
+        fitted_rows = np.arange(count)[rows]
+        fitted_rows = fitted_rows[(fitted_rows + shift >= 0) & (fitted_rows + shift < count)]
+        fitted_rows = fitted_rows[:: max(1, -(-len(fitted_rows) // _SAMPLE))]
+        regressor_rows = block.A[fitted_rows + shift].reshape(len(fitted_rows), -1, block.A.shape[-1])
+        compliance = _minimise_distances(
+            regressor_rows, deflection[fitted_rows].reshape(len(fitted_rows), -1)
+        )
         predicted = block.A @ compliance
         typical_deflection = median(compute_observation_norms(deflection))
         return cls(
             predicted=predicted,
             residual=deflection - predicted,
             work=float((block.torque**2).sum(axis=0) @ compliance),
-            parameters=int(np.count_nonzero(compliance)),
+            parameter_count=int(np.count_nonzero(compliance)),
             unexplained=float(median(compute_observation_norms(deflection - predicted)) / typical_deflection)
             if typical_deflection
             else 0.0,
@@ -762,11 +878,11 @@ def _minimise_distances(A: FloatArray, d: FloatArray) -> FloatArray:
     gram, moment = scaled.transpose(0, 2, 1) @ scaled, np.einsum("kij,ki->kj", scaled, d)
     weight, ridge = np.ones(len(d)), _RIDGE / len(d) * np.eye(len(visible))
     for _ in range(_ROUNDS):
-        G = np.einsum("k,kij->ij", weight, gram) / weight.sum()
-        x = np.linalg.solve(G + ridge, weight @ moment / weight.sum())
-        distance = np.linalg.norm(d - scaled @ x, axis=1)
+        weighted_gram = np.einsum("k,kij->ij", weight, gram) / weight.sum()
+        scaled_compliance = np.linalg.solve(weighted_gram + ridge, weight @ moment / weight.sum())
+        distance = np.linalg.norm(d - scaled @ scaled_compliance, axis=1)
         weight = 1.0 / np.maximum(distance, max(1e-3 * median(distance), 1e-12))
-    compliance[visible] = x / norms[visible]
+    compliance[visible] = scaled_compliance / norms[visible]
     return compliance
 
 
@@ -783,14 +899,14 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
         good: (N,) mask of rows whose angles and names are right as far as known.
     """
     rows = np.flatnonzero(good & view.loaded)
-    m = view.measurements
-    if int(m.coordinates[rows].sum()) < _ROWS_PER_JOINT * view.robot.n:
+    measurements = view.measurements
+    if int(measurements.coordinates[rows].sum()) < _ROWS_PER_JOINT * view.robot.n:
         return
-    part = m if len(rows) == len(m) else m[rows]
-    noise = BEYOND_NOISE * np.sqrt(2.0) * (m.sigma or 0.0)
-    if median(np.linalg.norm(part.deflection, axis=2)[part.present]) <= noise:
+    checked = measurements if len(rows) == len(measurements) else measurements[rows]
+    noise_limit = BEYOND_NOISE * np.sqrt(2.0) * (measurements.sigma or 0.0)
+    if median(np.linalg.norm(checked.deflection, axis=2)[checked.present]) <= noise_limit:
         return
-    block = whole_block(view.robot, part)
+    block = whole_block(view.robot, checked)
     springs = Springs.fit(block)
     whole_set_finding = _find_mistake_of_the_set(view, rows, block, springs)
     if whole_set_finding is not None:
@@ -800,22 +916,24 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     predicted = compute_observation_norms(springs.predicted)
     residual = compute_observation_norms(springs.residual)
     reversed_residual = compute_observation_norms(springs.residual + 2.0 * springs.predicted)
-    against = np.asarray((reversed_residual < FLIPPED * residual) & (predicted > noise))
-    for k in np.flatnonzero(against):
+    is_against_load = np.asarray((reversed_residual < FLIPPED * residual) & (predicted > noise_limit))
+    for position in np.flatnonzero(is_against_load):
         yield view.build_finding(
             "deflection_against_force",
-            f"under {figure(float(np.linalg.norm(part.force[k])))} N the targets moved opposite to the "
-            f"prediction from the other observations, by {length_text(predicted[k])}; with the load reversed "
-            f"only {length_text(reversed_residual[k])} remain unexplained",
+            f"under {figure(float(np.linalg.norm(checked.force[position])))} N the targets moved opposite "
+            "to the "
+            f"prediction from the other observations, by {length_text(predicted[position])}; with the load "
+            "reversed "
+            f"only {length_text(reversed_residual[position])} remain unexplained",
             "change the sign of this force, or exchange unloaded and loaded",
             "do_not_use",
-            row=int(rows[k]),
+            row=int(rows[position]),
         )
     # Readings of one coordinate and of three coordinates have different distributions: compare them
     # separately.
     for coordinates in (1, 3):
-        compared = (part.coordinates == coordinates) & ~against[:, None]
-        yield from _find_residual_outliers(view, rows, part, springs, compared)
+        compared = (checked.coordinates == coordinates) & ~is_against_load[:, None]
+        yield from _report_residual_outliers(view, rows, checked, springs, compared)
 
 
 def _find_mistake_of_the_set(
@@ -837,19 +955,20 @@ def _find_mistake_of_the_set(
             return mistake
         if shifted := _find_shifted_rows(view, rows, block, springs):
             return shifted
-    part = block.measurements
+    measurements = block.measurements
     if springs.unexplained > UNEXPLAINED:
-        typical = median(np.linalg.norm(part.deflection, axis=2)[part.present])
+        typical_deflection = median(np.linalg.norm(measurements.deflection, axis=2)[measurements.present])
         return view.build_finding(
             "deflections_unexplained",
-            f"joint compliances do not explain the deflections: of {length_text(typical)} (median), "
+            f"joint compliances do not explain the deflections: of {length_text(typical_deflection)} "
+            "(median), "
             f"{100.0 * springs.unexplained:.3g} % remain unexplained",
             "check the frame and signs of the forces, the joint map, and the order of angles and rows",
             "use",
         )
     if springs.work >= 0.0:
         return None
-    against_force = np.einsum("ntj,nj->n", part.deflection, part.force) < 0.0
+    against_force = np.einsum("ntj,nj->n", measurements.deflection, measurements.force) < 0.0
     return view.build_finding(
         "force_sign_suspect",
         f"the work of the load on the joints is {springs.work:.3g} J, but must be positive; the "
@@ -861,10 +980,15 @@ def _find_mistake_of_the_set(
 
 
 def _find_mistaken_angles(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
-    """Return the finding about mistaken angles whose correction halves the unexplained share, or None."""
-    part, trials = block.measurements, []
-    for hypothesis in propose_angle_mistakes(part.joints, np.arange(len(part)), view.robot.joint_names):
-        corrected = replace(part[hypothesis.rows], joints=hypothesis.joints)
+    """Return the finding about mistaken angles whose correction halves the unexplained share of deflections.
+
+    None is returned if no correction halves the share.
+    """
+    measurements, trials = block.measurements, []
+    for hypothesis in propose_angle_mistakes(
+        measurements.joints, np.arange(len(measurements)), view.robot.joint_names
+    ):
+        corrected = replace(measurements[hypothesis.rows], joints=hypothesis.joints)
         trials.append((Springs.fit(whole_block(view.robot, corrected)).unexplained, hypothesis))
     unexplained, best = min(trials, key=lambda pair: pair[0])
     if unexplained >= BETTER * springs.unexplained or unexplained > UNEXPLAINED:
@@ -895,15 +1019,17 @@ def _find_shifted_rows(
     longest, neighbour = np.empty(0, np.intp), ""
     for fit in fits:
         residual = compute_observation_norms(fit.residual)
-        for shift, name in ((-1, "before"), (1, "after")):
+        for shift, neighbour_name in ((-1, "before"), (1, "after")):
             shifted_residual = compute_observation_norms(deflection - np.roll(fit.predicted, -shift, axis=0))
-            better = shifted_residual < BETTER * residual
-            better[0 if shift < 0 else -1] = False  # `roll` gives the first or last row a wrong neighbour
-            marked = np.flatnonzero(better)
+            fits_neighbour_better = shifted_residual < BETTER * residual
+            fits_neighbour_better[0 if shift < 0 else -1] = (
+                False  # `roll` gives the first or last row a wrong neighbour
+            )
+            marked_rows = np.flatnonzero(fits_neighbour_better)
             # Split the marked rows into runs of successive rows, and take the longest.
-            run = max(np.split(marked, np.flatnonzero(np.diff(marked) > 1) + 1), key=len)
+            run = max(np.split(marked_rows, np.flatnonzero(np.diff(marked_rows) > 1) + 1), key=len)
             if len(run) >= _LEAST_SHIFTED and len(run) > len(longest):
-                longest, neighbour = run, name
+                longest, neighbour = run, neighbour_name
     if not len(longest):
         return None
     first, last = rows[longest[[0, -1]]].tolist()
@@ -917,81 +1043,104 @@ def _find_shifted_rows(
     )
 
 
-def _find_residual_outliers(
-    view: View, rows: IndexArray, part: Measurements, springs: Springs, compared: BoolArray
+def _report_residual_outliers(
+    view: View, rows: IndexArray, measurements: Measurements, springs: Springs, compared: BoolArray
 ) -> Iterator[Finding]:
     """Yield a finding for each reading whose residual is far above the typical residual.
 
-    Two targets of an observation whose names look exchanged give a single finding.
+    A residual is an outlier if it exceeds the typical residual by a factor, `SMALLEST_RESIDUAL` and the
+    stated
+    noise; and if it is also an unusual share of the deflection. Two targets of an observation whose names
+    look
+    exchanged give a single finding.
 
     Args:
         view: measurement set.
         rows: (M,) indices of the rows that are compared.
-        part: measurements of these rows.
+        measurements: measurements of these rows.
         springs: fit of these rows.
         compared: (M, T) mask of the readings to compare, all with the same number of coordinates.
     """
-    norm, targets = np.linalg.norm(springs.residual, axis=2), part.targets
-    count, coordinates = int(compared.sum()), int(part.coordinates[compared].max(initial=0))
-    freedom = coordinates * count - springs.parameters
-    if freedom < springs.parameters:  # too few readings for a typical residual
+    residual_norm, targets = np.linalg.norm(springs.residual, axis=2), measurements.targets
+    reading_count, coordinate_count = (
+        int(compared.sum()),
+        int(measurements.coordinates[compared].max(initial=0)),
+    )
+    degrees_of_freedom = coordinate_count * reading_count - springs.parameter_count
+    if degrees_of_freedom < springs.parameter_count:  # too few readings for a typical residual
         return
-    scale = estimate_coordinate_scale(norm[compared], coordinates) * np.sqrt(coordinates * count / freedom)
-    limit = MODEL_ALLOWANCE * compute_norm_quantile(count, freedom, coordinates) * scale
+    typical_residual = estimate_coordinate_scale(residual_norm[compared], coordinate_count) * np.sqrt(
+        coordinate_count * reading_count / degrees_of_freedom
+    )
+    limit = (
+        MODEL_ALLOWANCE
+        * compute_norm_quantile(reading_count, degrees_of_freedom, coordinate_count)
+        * typical_residual
+    )
     # Limit from the stated noise, which is known: its degrees of freedom are practically infinite.
-    noise_limit = compute_norm_quantile(count, 1e6, coordinates) * np.sqrt(2.0) * view.reading_sigma[rows]
+    noise_limit = (
+        compute_norm_quantile(reading_count, 1e6, coordinate_count) * np.sqrt(2.0) * view.reading_sigma[rows]
+    )
     # A residual has to be unusual relative to the deflection, too, as parts other than joints bend with the
     # load.
     deflection = np.maximum(
-        np.linalg.norm(part.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2)
+        np.linalg.norm(measurements.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2)
     )
-    share = norm / np.maximum(deflection, 1e-300)
-    share_limit = MODEL_ALLOWANCE * compute_norm_quantile(count, coordinates * count, coordinates)
-    share_limit *= estimate_coordinate_scale(share[compared], coordinates)
-    beyond = compared & (norm > np.maximum(max(limit, SMALLEST_RESIDUAL), noise_limit))
-    beyond &= share > min(share_limit, UNEXPLAINED)
-    for k in np.flatnonzero(beyond.any(axis=1)):
-        t = int(np.where(compared[k], norm[k], 0.0).argmax())
-        pair = find_exchanged_pair(part.deflection[k], springs.predicted[k], part.present[k])
+    relative_residual = residual_norm / np.maximum(deflection, 1e-300)
+    relative_limit = MODEL_ALLOWANCE * compute_norm_quantile(
+        reading_count, coordinate_count * reading_count, coordinate_count
+    )
+    relative_limit *= estimate_coordinate_scale(relative_residual[compared], coordinate_count)
+    is_outlier = compared & (residual_norm > np.maximum(max(limit, SMALLEST_RESIDUAL), noise_limit))
+    is_outlier &= relative_residual > min(relative_limit, UNEXPLAINED)
+    for position in np.flatnonzero(is_outlier.any(axis=1)):
+        worst_target = int(np.where(compared[position], residual_norm[position], 0.0).argmax())
+        pair = find_exchanged_pair(
+            measurements.deflection[position], springs.predicted[position], measurements.present[position]
+        )
         if pair is not None:
             yield view.build_finding(
                 "targets_swapped",
                 f"with the deflections of '{targets[pair[0]]}' and '{targets[pair[1]]}' exchanged, joint "
                 "compliances explain them twice as well",
-                f"exchange their names in '{part.labels[k]}'",
+                f"exchange their names in '{measurements.labels[position]}'",
                 "do_not_use",
-                row=int(rows[k]),
+                row=int(rows[position]),
             )
             continue
         yield view.build_finding(
             "residual_outlier",
-            f"the deflection of target '{targets[t]}' differs by {length_text(norm[k, t])} from "
-            f"the fit to all observations; typical is {length_text(scale)}",
+            f"the deflection of target '{targets[worst_target]}' differs by "
+            f"{length_text(residual_norm[position, worst_target])} from "
+            f"the fit to all observations; typical is {length_text(typical_residual)}",
             "check this reading and its load; repeat the reading"
-            + (", or identify with loss huber" if coordinates == 3 else ""),
-            row=int(rows[k]),
+            + (", or identify with loss huber" if coordinate_count == 3 else ""),
+            row=int(rows[position]),
         )
 
 
 def find_exchanged_pair(
     deflection: FloatArray, predicted: FloatArray, present: BoolArray
 ) -> tuple[int, int] | None:
-    """Return the indices of two targets whose deflections fit far better if exchanged; None for no such pair.
+    """Return the indices of two targets whose deflections fit far better if exchanged; else None.
 
     Args:
         deflection: (T, 3) measured deflections [m].
         predicted: (T, 3) predicted deflections [m].
         present: (T,) mask of the targets that were read.
     """
-    read = np.flatnonzero(present)
-    best, least = None, BETTER * float(np.linalg.norm(deflection[read] - predicted[read]))
-    for a, b in combinations(read.tolist(), 2):
+    read_targets = np.flatnonzero(present)
+    best_pair, least_distance = (
+        None,
+        BETTER * float(np.linalg.norm(deflection[read_targets] - predicted[read_targets])),
+    )
+    for first, second in combinations(read_targets.tolist(), 2):
         order = np.arange(len(present))
-        order[[a, b]] = b, a
-        distance = float(np.linalg.norm(deflection[order][read] - predicted[read]))
-        if distance < least:
-            best, least = (a, b), distance
-    return best
+        order[[first, second]] = second, first
+        distance = float(np.linalg.norm(deflection[order][read_targets] - predicted[read_targets]))
+        if distance < least_distance:
+            best_pair, least_distance = (first, second), distance
+    return best_pair
 
 
 def inspect_encoders(view: View) -> Iterator[Finding]:
@@ -1002,30 +1151,31 @@ def inspect_encoders(view: View) -> Iterator[Finding]:
     Yields:
         At most one finding of each kind for each joint.
     """
-    names, encoders = view.robot.joint_names, view.measurements.encoders  # only of rotary joints
+    joint_names, encoders = view.robot.joint_names, view.measurements.encoders  # only of rotary joints
     if encoders is None:
         return
     torque = np.concatenate([block.torque for block in regressor_blocks(view.robot, view.measurements)])
     work = encoders.deflection * np.sign(torque)
-    against = encoders.present & (-work > AGAINST_SIGMAS * np.sqrt(2.0) * encoders.sigma)
+    is_against_torque = encoders.present & (-work > AGAINST_SIGMAS * np.sqrt(2.0) * encoders.sigma)
     size = np.abs(encoders.deflection)
-    for j in np.flatnonzero(against.any(axis=0)):
-        rows = np.flatnonzero(against[:, j])
-        worst = int(rows[size[rows, j].argmax()])
+    for joint in np.flatnonzero(is_against_torque.any(axis=0)):
+        rows = np.flatnonzero(is_against_torque[:, joint])
+        worst = int(rows[size[rows, joint].argmax()])
         yield view.build_finding(
             "encoder_against_torque",
-            f"the encoder of {names[j]} shows {1e6 * encoders.deflection[worst, j]:.3g} µrad, opposite to "
-            f"the torque of {figure(torque[worst, j])} N.m, in {len(rows)} of "
-            f"{int(encoders.present[:, j].sum())} readings",
+            f"the encoder of {joint_names[joint]} shows {1e6 * encoders.deflection[worst, joint]:.3g} "
+            "µrad, opposite to "
+            f"the torque of {figure(torque[worst, joint])} N.m, in {len(rows)} of "
+            f"{int(encoders.present[:, joint].sum())} readings",
             "check the encoder's sign, which is that of the model's joint, not the controller's; that "
             "unloaded and loaded are not exchanged; and the signs of the force",
             row=worst if len(rows) == 1 else None,
         )
-    for j in np.flatnonzero(size.max(axis=0) > LARGEST_ENCODER_DEFLECTION):
-        worst = int(size[:, j].argmax())
+    for joint in np.flatnonzero(size.max(axis=0) > LARGEST_ENCODER_DEFLECTION):
+        worst = int(size[:, joint].argmax())
         yield view.build_finding(
             "encoder_deflection_implausibly_large",
-            f"the encoder of {names[j]} shows a deflection of {1e3 * size[worst, j]:.3g} mrad",
+            f"the encoder of {joint_names[joint]} shows a deflection of {1e3 * size[worst, joint]:.3g} mrad",
             "check `units.angle`, and that unloaded and loaded readings are of the same posture",
             row=worst,
         )

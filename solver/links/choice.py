@@ -291,7 +291,8 @@ def choose_weight_index(
 
     Args:
         errors: (K, W) errors of K folds for W ascending weights; NaN where no fit was certified.
-        rule: `best` takes the weight of least error, `one_standard_error` the largest whose error is within
+        rule: `best_index` takes the weight of least error, `one_standard_error` the largest whose error is
+        within
             one standard error of the least error.
         draws: number of random divisions of the same postures into folds. Further draws add no independent
             errors, so the standard error is computed for the folds of one draw.
@@ -299,18 +300,18 @@ def choose_weight_index(
     Raises:
         UnsupportedMethodError: no weight has a certified fit in every fold.
     """
-    mean = np.where(find_certified_weights(errors), errors.mean(axis=0), np.inf)
-    best = int(mean.argmin())
-    if not np.isfinite(mean[best]):
+    mean_errors = np.where(find_certified_weights(errors), errors.mean(axis=0), np.inf)
+    best_index = int(mean_errors.argmin())
+    if not np.isfinite(mean_errors[best_index]):
         raise UnsupportedMethodError(
             "the cross-validation found no penalty whose fit can be certified in every fold",
             where="link_penalty",
             remedy="omit link_penalty or give a larger one, choose fewer links, or use elasticity joints",
         )
     if rule == "best":
-        return best
-    limit = mean[best] + errors[:, best].std(ddof=1) / np.sqrt(len(errors) / draws)
-    return int(np.flatnonzero(mean <= limit).max())
+        return best_index
+    error_limit = mean_errors[best_index] + errors[:, best_index].std(ddof=1) / np.sqrt(len(errors) / draws)
+    return int(np.flatnonzero(mean_errors <= error_limit).max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,11 +341,11 @@ class HeldOut:
 
     @property
     def mean_residual(self) -> float:
-        """Mean norm of the residuals over the postures [m]."""
+        """Mean over the postures of the norm of the residuals of held-out readings [m]."""
         return float(self.by_posture.mean())
 
     def compare_residuals(self, other: HeldOut) -> tuple[float, float]:
-        """Return this model's mean residual minus another model's, and the difference's standard error [m].
+        """Return (difference, standard error) [m] of this model's mean residual minus another model's.
 
         The residuals are compared posture by posture.
         """
@@ -387,18 +388,18 @@ class Selection:
             screened: whether a test has shown that something in addition to the joints bends.
             links_may_be_base: whether the tests do not distinguish links from the base.
         """
-        names = dict.fromkeys(each.model for each in models)
-        by_name = [_pick_best_loss(models, name, LOSSES) for name in names]
-        best = min(by_name, key=lambda each: each.mean_residual)
-        simplest = find_simplest_model(by_name, best, screened=screened)
-        largest = find_richest_model(list(names), simplest)
+        model_names = dict.fromkeys(candidate.model for candidate in models)
+        best_loss_of_model = [_pick_best_loss(models, name, LOSSES) for name in model_names]
+        best = min(best_loss_of_model, key=lambda candidate: candidate.mean_residual)
+        simplest = find_simplest_model(best_loss_of_model, best, screened=screened)
+        largest = find_richest_model(list(model_names), simplest)
         return cls(
             tuple(models),
             best.model,
             simplest,
             largest,
-            _compute_gain(by_name),
-            _find_tied_model(by_name, simplest, links_may_be_base=links_may_be_base),
+            _compute_gain(best_loss_of_model),
+            _find_tied_model(best_loss_of_model, simplest, links_may_be_base=links_may_be_base),
         )
 
 
@@ -429,21 +430,24 @@ def select_model(
         UnsupportedMethodError: the requested model has no weight with a certified fit in every fold.
     """
     validation = folds.validation
-    keys = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in paths]
-    is_certified = {key: bool(find_certified_weights(paths[key].errors).any()) for key in keys}
+    models_and_losses = [(name, loss) for name in MODELS for loss in LOSSES if (name, loss) in paths]
+    is_certified = {key: bool(find_certified_weights(paths[key].errors).any()) for key in models_and_losses}
     # If no fit of the requested model is certified, its keys are kept: `choose_weight_index` then raises.
-    none_certified = not any(is_certified[key] for key in keys if key[0] == requested)
-    keys = [key for key in keys if is_certified[key] or (none_certified and key[0] == requested)]
+    none_certified = not any(is_certified[key] for key in models_and_losses if key[0] == requested)
+    models_and_losses = [
+        key for key in models_and_losses if is_certified[key] or (none_certified and key[0] == requested)
+    ]
     chosen_index = {
-        key: choose_weight_index(paths[key].errors, validation.rule, validation.draws) for key in keys
+        key: choose_weight_index(paths[key].errors, validation.rule, validation.draws)
+        for key in models_and_losses
     }
-    chosen = np.array([paths[key].compliances[:, index] for key, index in chosen_index.items()])
-    compensation, norms = _score_held_out(folds, chosen)
+    chosen_compliances = np.array([paths[key].compliances[:, index] for key, index in chosen_index.items()])
+    compensation, residual_norms = _score_held_out(folds, chosen_compliances)
     # The columns of `norms` are in the order of the folds: find the posture of each column.
     posture_of_observation = np.unique(find_first_equal(folds.measurements.joints), return_inverse=True)[1]
     posture_of_column = posture_of_observation[np.concatenate(folds.held_out)]
-    sums = np.array([np.bincount(posture_of_column, model_norms) for model_norms in norms])
-    by_posture = sums / np.bincount(posture_of_column)
+    norm_sums = np.array([np.bincount(posture_of_column, model_norms) for model_norms in residual_norms])
+    by_posture = norm_sums / np.bincount(posture_of_column)
     models = tuple(
         HeldOut(
             model=key[0],
@@ -459,19 +463,24 @@ def select_model(
     return Selection.choose_among(models, screened=screened, links_may_be_base=links_may_be_base)
 
 
-def find_simplest_model(by_name: Sequence[HeldOut], best: HeldOut, *, screened: bool) -> ModelName:
-    """Return the simplest model that predicts nearly as well as the best.
+def find_simplest_model(candidates: Sequence[HeldOut], best: HeldOut, *, screened: bool) -> ModelName:
+    """Return the simplest model that predicts nearly as well as the best model.
 
-    `by_name` lists models from simple to rich. "Nearly" means within one standard error of the difference.
-    For joints alone the limit is two standard errors, unless a test has shown that something else bends
-    (`screened`): otherwise a robot with rigid links would get a richer model in nearly half of all campaigns.
+    "Nearly" means within one standard error of the difference. For joints alone the limit is two standard
+    errors, unless a test has shown that something else bends: otherwise a robot with rigid links would get a
+    richer model in nearly half of all campaigns.
+
+    Args:
+        candidates: models from simple to rich.
+        best: model with the least residual.
+        screened: whether a test has shown that something in addition to the joints bends.
     """
     joints_limit = 1.0 if screened else CLEAR_GAIN  # in standard errors
-    compared = [(each.model, *each.compare_residuals(best)) for each in by_name]
+    compared = [(each.model, *each.compare_residuals(best)) for each in candidates]
     return next(
         model
-        for model, difference, error in compared
-        if difference <= error * (joints_limit if model == "joints" else 1.0)
+        for model, difference, standard_error in compared
+        if difference <= standard_error * (joints_limit if model == "joints" else 1.0)
     )
 
 
@@ -527,31 +536,35 @@ def _score_held_out(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, 
 
     Returns:
         The compensation (M, K), one minus the ratio of residuals to deflections; and the mean norm (M, D N)
-        of the residuals of each observation's targets [m]. The columns are in the order of the folds: each of
+        of the residuals of each observation's targets [m]. Its columns are in the order of the folds: each of
         D draws divides all N observations.
     """
     residual_sum, deflection_sum = np.zeros(compliances.shape[:2]), np.zeros(len(folds))
-    norms = [np.zeros((len(compliances), len(part))) for part in folds.held_out]
+    norms_of_folds = [
+        np.zeros((len(compliances), len(fold_observations))) for fold_observations in folds.held_out
+    ]
     start = 0  # index of the first observation of the block
     for block, rows in generate_elastic_blocks(folds.robot, folds.measurements, folds.columns):
         in_block = block.measurements
-        for k, part in enumerate(folds.held_out):
-            in_fold = select_rows_of_part(part, start, start + len(in_block))
+        for fold, fold_observations in enumerate(folds.held_out):
+            in_fold = select_rows_of_part(fold_observations, start, start + len(in_block))
             deflection, present = in_block.deflection[in_fold], in_block.present[in_fold]
-            predicted = np.einsum("btip,mp->mbti", rows[in_fold, ..., :-1], compliances[:, k])
+            predicted = np.einsum("btip,mp->mbti", rows[in_fold, ..., :-1], compliances[:, fold])
             residual = np.linalg.norm(deflection - predicted, axis=-1)
             count = np.maximum(present.sum(axis=1), 1)
-            first = int(np.searchsorted(part, start))  # position in the fold of the block's first observation
+            first_position = int(
+                np.searchsorted(fold_observations, start)
+            )  # position in the fold of the block's first observation
             mean_norm = np.where(present, residual, 0.0).sum(axis=-1) / count
-            norms[k][:, first : first + len(in_fold)] = mean_norm
-            residual_sum[:, k] += residual[:, present].sum(axis=1)
-            deflection_sum[k] += float(np.linalg.norm(deflection, axis=-1)[present].sum())
+            norms_of_folds[fold][:, first_position : first_position + len(in_fold)] = mean_norm
+            residual_sum[:, fold] += residual[:, present].sum(axis=1)
+            deflection_sum[fold] += float(np.linalg.norm(deflection, axis=-1)[present].sum())
         start += len(in_block)
     # A fold without any deflection gets a ratio of one: nothing could be compensated.
     ratio = np.divide(
         residual_sum, deflection_sum, out=np.ones_like(residual_sum), where=deflection_sum > 0.0
     )
-    return 1.0 - ratio, np.concatenate(norms, axis=1)
+    return 1.0 - ratio, np.concatenate(norms_of_folds, axis=1)
 
 
 def report_penalty(chosen: float, used: float) -> Iterator[Finding]:

@@ -92,7 +92,7 @@ class ElasticEstimate:
 
     @property
     def unexplained(self) -> float:
-        """Share of the measured deflection that no element explains."""
+        """Fraction of the measured deflection that no elastic element explains."""
         return 1.0 - sum(element.share for element in self.elements)
 
 
@@ -157,20 +157,22 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
     robot, measurements, formulation = folds.robot, folds.measurements, folds.formulate_model_fit(model)
-    scale = _compute_gap_scale(formulation, measurements.sigma)
-    unit = scale / formulation.compute_gap_unit(model)  # gap of a certificate that corresponds to one sigma
+    gap_scale = _compute_gap_scale(formulation, measurements.sigma)
+    gap_of_one_sigma = gap_scale / formulation.compute_gap_unit(
+        model
+    )  # gap of a certificate that corresponds to one sigma
     try:  # The solver aims at the desired gap; a larger gap within the accepted limit is no error.
-        gap, accepted = _DESIRED_GAP * unit, _SOLVED_GAP * unit
-        solution, threshold = formulation.fit(model, weight, gap=gap, accepted=accepted)
+        wanted_gap, accepted_gap = _DESIRED_GAP * gap_of_one_sigma, _SOLVED_GAP * gap_of_one_sigma
+        solution, threshold = formulation.fit(model, weight, gap=wanted_gap, accepted=accepted_gap)
     except SolverError as error:
         raise _build_uncertified_error(weight) from error
     columns = model.columns
     compliances, least_eigenvalue = _make_semidefinite(formulation.convert_to_compliances(solution.x), model)
-    gap = formulation.certify_gap(model, compliances, weight, solution, threshold) / unit
-    if not gap <= CERTIFIED_GAP:
+    wanted_gap = formulation.certify_gap(model, compliances, weight, solution, threshold) / gap_of_one_sigma
+    if not wanted_gap <= CERTIFIED_GAP:
         raise _build_uncertified_error(weight)
     squares, weight_of_squares = formulation.build_weighted_squares(model, compliances, weight, threshold)
-    freedom, degrees_of_freedom, sigma, chi_square = _summarise_residuals(
+    effective_freedom, degrees_of_freedom, sigma, chi_square = _summarise_residuals(
         squares, weight_of_squares, compliances, measurements.sigma
     )
     elements, prediction = _compute_element_shares(robot, measurements, model, compliances)
@@ -184,12 +186,15 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         entries=compliances,
         links=tuple(
             ElasticCompliance(
-                joint=robot.joint_names[frame], **_summarise_compliance(compliances, model, freedom, frame)
+                joint=robot.joint_names[frame],
+                **_summarise_compliance(compliances, model, effective_freedom, frame),
             )
             for frame in model.frames
             if frame != BASE
         ),
-        base=ElasticCompliance(joint=None, **_summarise_compliance(compliances, model, freedom, BASE))
+        base=ElasticCompliance(
+            joint=None, **_summarise_compliance(compliances, model, effective_freedom, BASE)
+        )
         if BASE in model.frames
         else None,
         elements=elements,
@@ -197,10 +202,13 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
         sigma=sigma,
         chi_square=chi_square,
         degrees_of_freedom=degrees_of_freedom,
-        effective_freedom=float(freedom.sum()),
+        effective_freedom=float(effective_freedom.sum()),
         parameters=len(formulation.columns),
         certificate=LinkCertificate(
-            least_eigenvalue=least_eigenvalue, dual=solution.certificate.dual, gap=gap, scale=float(scale)
+            least_eigenvalue=least_eigenvalue,
+            dual=solution.certificate.dual,
+            gap=wanted_gap,
+            scale=float(gap_scale),
         ),
         companion=_build_companion(formulation, model, compliances, weight),
     )
@@ -249,22 +257,29 @@ def fit_first_certified(folds: Folds, model: ElasticModel, weights: Sequence[flo
 def _summarise_residuals(
     squares: Formulation, weight: float, compliances: FloatArray, sigma: float | None
 ) -> tuple[FloatArray, float, float | None, float]:
-    """Compute the degrees of freedom, sigma and chi square of a fit.
+    """Compute the degrees of freedom, sigma and chi square of a fit from its residuals.
+
+    Args:
+        squares: (weighted) least-squares problem of the fit.
+        weight: weight λ of the penalty.
+        compliances: (P,) fitted compliances.
+        sigma: stated standard uncertainty of a coordinate [m]; None if unknown.
 
     Returns:
         The effective freedom (P,) of each compliance: 1 if the readings determine the compliance, 0 if the
-        penalty does; the degrees of freedom of the residuals; sigma [m], computed from the residuals if the
-        given sigma is None, and None if there are too few readings; and the chi square of the residuals, 0
-        without sigma.
+        penalty does; the degrees of freedom of the residuals; sigma [m], computed from the residuals if it is
+        not stated, None if there are too few readings; and the chi square of the residuals, 0 without sigma.
     """
-    x, rows = compliances[squares.columns] / squares.unit, squares.rows
-    freedom = np.zeros(squares.width)
-    freedom[squares.columns] = compute_effective_freedom(squares.build_squared_program(weight), x)
-    degrees_of_freedom = max(0.0, rows.readings - float(freedom.sum()))
+    parameters, rows = compliances[squares.columns] / squares.unit, squares.rows
+    effective_freedom = np.zeros(squares.width)
+    effective_freedom[squares.columns] = compute_effective_freedom(
+        squares.build_squared_program(weight), parameters
+    )
+    degrees_of_freedom = max(0.0, rows.readings - float(effective_freedom.sum()))
     squares_sum = float(np.square(rows.triangle[:, :-1] @ compliances - rows.triangle[:, -1]).sum())
     if sigma is None and degrees_of_freedom >= _LEAST_FREEDOM:
         sigma = sqrt(squares_sum / degrees_of_freedom)
-    return freedom, degrees_of_freedom, sigma, squares_sum / sigma**2 if sigma else 0.0
+    return effective_freedom, degrees_of_freedom, sigma, squares_sum / sigma**2 if sigma else 0.0
 
 
 def _compute_gap_scale(formulation: Formulation, sigma: float | None) -> float:
@@ -275,8 +290,10 @@ def _compute_gap_scale(formulation: Formulation, sigma: float | None) -> float:
     joints alone replaces sigma.
     """
     fit, rows, joint_count = formulation.squares, formulation.rows, formulation.cone.free
-    R = fit.R[:, :joint_count]
-    joints_residual = float(np.linalg.norm(R @ np.linalg.lstsq(R, fit.z, rcond=None)[0] - fit.z))
+    joint_columns = fit.R[:, :joint_count]
+    joints_residual = float(
+        np.linalg.norm(joint_columns @ np.linalg.lstsq(joint_columns, fit.z, rcond=None)[0] - fit.z)
+    )
     least_residual = float(np.linalg.norm(fit.R @ fit.near - fit.z))
     joints_scale = max(joints_residual, _LEAST_SCALE) * formulation.size
     noise = sigma or joints_scale / sqrt(max(1, rows.readings - joint_count))
@@ -318,7 +335,14 @@ def _make_semidefinite(compliances: FloatArray, model: ElasticModel) -> tuple[Fl
 def _summarise_compliance(
     compliances: FloatArray, model: ElasticModel, freedom: FloatArray, frame: int
 ) -> dict[str, Any]:
-    """Return the fields of the `ElasticCompliance` of a bending link or base, without the field `joint`."""
+    """Return the fields of the message `ElasticCompliance` of a link or the base, but the field `joint`.
+
+    Args:
+        compliances: (P,) fitted compliances.
+        model: elastic elements that bend.
+        freedom: (P,) effective degrees of freedom of each compliance.
+        frame: index of the link, or `BASE`.
+    """
     link_columns = model.columns.link_columns(frame)
     matrix = to_matrix(compliances[link_columns], 6)
     return {
@@ -345,16 +369,16 @@ def _compute_element_shares(
     coupling_diagonal = columns.coupling[find_diagonal_entries(columns.n)]
     # Kind, joint, and columns of each element. A joint's own compliance has a column as a single number, and
     # a column on the diagonal of the coupled compliance; one of the two compliances is zero.
-    parts: list[tuple[Literal["joint", "coupling", "link", "base"], str | None, IndexArray]] = [
+    elements_of_model: list[tuple[Literal["joint", "coupling", "link", "base"], str | None, IndexArray]] = [
         ("joint", robot.joint_names[joint], np.array([columns.joints[joint], coupling_diagonal[joint]]))
         for joint in range(columns.n)
     ]
     if model.name == "coupled_joints":
-        parts.append(("coupling", None, np.setdiff1d(columns.coupling, coupling_diagonal)))
+        elements_of_model.append(("coupling", None, np.setdiff1d(columns.coupling, coupling_diagonal)))
     for frame in model.frames:
         kind: Literal["link", "base"] = "base" if frame == BASE else "link"
         joint_name = None if frame == BASE else robot.joint_names[frame]
-        parts.append((kind, joint_name, columns.link_columns(frame)))
+        elements_of_model.append((kind, joint_name, columns.link_columns(frame)))
     predicted, products = [], []
     for block, rows in generate_elastic_blocks(robot, measurements, model.columns):
         # Missing readings add nothing: their rows and deflections are zero.
@@ -363,20 +387,22 @@ def _compute_element_shares(
             np.einsum("btip,bti->bp", rows[..., :-1], block.measurements.deflection) * compliances
         )
         products.append(
-            np.stack([column_products[:, part_columns].sum(axis=1) for _, _, part_columns in parts])
+            np.stack(
+                [column_products[:, part_columns].sum(axis=1) for _, _, part_columns in elements_of_model]
+            )
         )
         predicted.append(rows[..., :-1] @ compliances)
     measured = np.square(measurements.deflection).sum(axis=(1, 2))
     explained = np.concatenate(products, axis=1)
-    share = np.divide(explained, measured, out=np.zeros_like(explained), where=measured > 0.0)
+    share_of_observation = np.divide(explained, measured, out=np.zeros_like(explained), where=measured > 0.0)
     elements = tuple(
         ElementShare(
             kind=kind,
             joint=joint,
             share=float(explained[number].sum() / measured.sum()),
-            by_observation=share[number].tolist(),
+            by_observation=share_of_observation[number].tolist(),
         )
-        for number, (kind, joint, _) in enumerate(parts)
+        for number, (kind, joint, _) in enumerate(elements_of_model)
     )
     prediction = Prediction.from_predicted(measurements, np.concatenate(predicted))
     bending: Literal["links", "base"] = "base" if model.name == "joints_and_base" else "links"
@@ -441,20 +467,25 @@ class EffectiveCompliances:
         return 0.5 * (self.range[:, 1] - self.range[:, 0]) / self.quantile
 
     def widen_ranges_by(self, other: EffectiveCompliances) -> EffectiveCompliances:
-        """Return these compliances with ranges widened to contain the ranges of another model."""
-        low = np.fmin(self.range[:, 0], other.range[:, 0])
-        high = np.fmax(self.range[:, 1], other.range[:, 1])
+        """Return these compliances with ranges widened to contain the ranges of another model.
+
+        Each range still contains the compliance of this model.
+        """
+        lower = np.fmin(self.range[:, 0], other.range[:, 0])
+        upper = np.fmax(self.range[:, 1], other.range[:, 1])
         # A range that comes only from the other model need not contain this model's value: widen the range.
-        value = np.where(np.isnan(low), np.nan, self.compliance)
-        low, high = np.fmin(low, value), np.fmax(high, value)
-        return replace(self, range=np.column_stack([low, high]), quantile=min(self.quantile, other.quantile))
+        value = np.where(np.isnan(lower), np.nan, self.compliance)
+        lower, upper = np.fmin(lower, value), np.fmax(upper, value)
+        return replace(
+            self, range=np.column_stack([lower, upper]), quantile=min(self.quantile, other.quantile)
+        )
 
 
 def compute_effective_compliances(
     robot: Robot,
     elastic: ElasticEstimate,
     confidence: float,
-    richest: ElasticEstimate | None = None,
+    range_estimate: ElasticEstimate | None = None,
     *,
     publishes_ranges: bool = True,
 ) -> EffectiveCompliances:
@@ -468,35 +499,35 @@ def compute_effective_compliances(
         robot: n joints.
         elastic: estimate whose effective compliances are returned; the ranges contain them in any case.
         confidence: confidence level of the ranges.
-        richest: estimate of the richest model compared, from which the ranges are computed; None takes
+        range_estimate: estimate of the richest model compared, from which the ranges are computed; None takes
             `elastic`.
         publishes_ranges: whether the ranges may be published as intervals: only if cross-validation chose the
             penalty.
     """
-    richest = richest or elastic
-    companion = richest.companion
+    range_estimate = range_estimate or elastic
+    companion = range_estimate.companion
     rows = build_effective_rows(robot, elastic.model.columns)
-    effective, ends = rows @ elastic.entries, np.full((robot.n, 2), np.nan)
+    effective, ranges = rows @ elastic.entries, np.full((robot.n, 2), np.nan)
     quantile = student_quantile(0.5 * (1.0 + confidence), companion.degrees_of_freedom)
     if companion.sigma is not None:
         formulation = companion.formulation
         program = formulation.build_squared_program(_LIGHTER * companion.weight)
         with suppress(SolverError):  # Without a certified optimum the ranges stay unknown (NaN).
-            x = solve_cone(program, gap=_GAP).x
+            optimum = solve_cone(program, wanted_gap=_GAP).x
             # Root of the allowed increase of the objective, and the effective compliances as functions of x
             radius = quantile * companion.sigma / formulation.size
             functions = rows[:, formulation.columns] * formulation.unit
-            ends = compute_penalised_range(program, x, radius**2, functions)
-            if richest.model.name == "joints_and_base":
+            ranges = compute_penalised_range(program, optimum, radius**2, functions)
+            if range_estimate.model.name == "joints_and_base":
                 least, greatest = compute_unconstrained_range(formulation.squares, functions, radius).T
-                ends = np.column_stack([np.fmin(ends[:, 0], least), np.fmax(ends[:, 1], greatest)])
+                ranges = np.column_stack([np.fmin(ranges[:, 0], least), np.fmax(ranges[:, 1], greatest)])
     # The programs find the ends to a tolerance only: a range must contain the estimate.
-    ends[:, 0] = np.minimum(np.maximum(ends[:, 0], 0.0), effective)
-    ends[:, 1] = np.maximum(ends[:, 1], effective)
-    ends[ends[:, 0] < _NOTHING * ends[:, 1], 0] = 0.0
+    ranges[:, 0] = np.minimum(np.maximum(ranges[:, 0], 0.0), effective)
+    ranges[:, 1] = np.maximum(ranges[:, 1], effective)
+    ranges[ranges[:, 0] < _NOTHING * ranges[:, 1], 0] = 0.0
     return EffectiveCompliances(
         compliance=np.where(np.isnan(elastic.compliance), np.nan, effective),
-        range=ends,
+        range=ranges,
         quantile=quantile,
         ranges_are_published=publishes_ranges,
     )
@@ -555,17 +586,22 @@ def replace_by_effective(
 
 
 def _build_effective_joint(
-    joint: JointCompliance, effective: EffectiveCompliances, j: int, bending_words: str | None
+    joint: JointCompliance, effective: EffectiveCompliances, index: int, bending_words: str | None
 ) -> JointCompliance:
-    """Return the result of joint j with its effective compliance, and remarks on links or base that bend.
+    """Return the result of a joint with its effective compliance, and remarks on links or base that bend.
 
-    `bending_words` name the link or base that bends about the same axis; None if both are rigid. The result
-    of a joint that is not observable is returned unchanged.
+    A joint that is not observable is returned unchanged.
+
+    Args:
+        joint: result of the joint alone.
+        effective: effective compliances of all joints.
+        index: index of the joint.
+        bending_words: name of the link or base that bends about the joint's axis; None if both are rigid.
     """
-    compliance, uncertainty = float(effective.compliance[j]), float(effective.uncertainty[j])
+    compliance, uncertainty = float(effective.compliance[index]), float(effective.uncertainty[index])
     if joint.status == "not_observable" or np.isnan(compliance):
         return joint
-    low, high = effective.ends[j].tolist()
+    lower, upper = effective.ends[index].tolist()
     is_rigid = compliance < RIGID
     motion = JOINT_UNITS[joint.kind].of_link
     remark_on_sum = (
@@ -591,6 +627,6 @@ def _build_effective_joint(
         status="at_bound" if is_rigid else "identified" if uncertainty < compliance else "uncertain",
         compliance=0.0 if is_rigid else compliance,
         standard_uncertainty=uncertainty if np.isfinite(uncertainty) else None,
-        compliance_interval=(low, high) if np.isfinite([low, high]).all() else None,
+        compliance_interval=(lower, upper) if np.isfinite([lower, upper]).all() else None,
         reason="; ".join(remarks) or None,
     )

@@ -94,7 +94,7 @@ class ElasticColumns:
 
     @property
     def width(self) -> int:
-        """Number P of columns."""
+        """Number P of columns: of the joints, of their coupling, and 21 for each link and for the base."""
         return self.n + len(self.coupling) + 21 * len(self.frames)
 
     @property
@@ -109,7 +109,7 @@ class ElasticColumns:
 
     @property
     def coupling(self) -> IndexArray:
-        """(n (n + 1) / 2,) columns of the full joint compliance C_θ [m/(rad/(N·m))]."""
+        """Columns (n (n + 1) / 2,) of the full compliance matrix C_θ of the joints [m/(rad/(N·m))]."""
         return np.arange(self.n, self.n + self.n * (self.n + 1) // 2)
 
     @property
@@ -145,13 +145,16 @@ class ElasticRows:
 
     @classmethod
     def merge(cls, parts: Sequence[ElasticRows]) -> ElasticRows:
-        """Merge the rows of several parts of a set; numbers are only added, so that no digits are lost."""
+        """Merge the rows of several parts of a set; sums of squares are added, so that no digits are lost.
+
+        The rows of single targets are dropped if they become too many.
+        """
         added_fields = (f.name for f in fields(cls) if f.name not in {"triangle", "each"})
         sums = {name: sum(getattr(part, name) for part in parts) for name in added_fields}
-        each = np.concatenate([part.each for part in parts])
-        each = each if sums["targets"] <= MOST_TARGETS else each[:0]
+        rows_of_targets = np.concatenate([part.each for part in parts])
+        rows_of_targets = rows_of_targets if sums["targets"] <= MOST_TARGETS else rows_of_targets[:0]
         triangle = compute_triangular_factor(np.concatenate([part.triangle for part in parts]))
-        return cls(triangle=triangle, each=each, **sums)
+        return cls(triangle=triangle, each=rows_of_targets, **sums)
 
     def compute_residual_norms(self, compliances: FloatArray) -> FloatArray:
         """Return the norms (K,) [m] of each target's whitened residual at compliances (P,)."""
@@ -182,18 +185,21 @@ def compress_elastic_rows(
         MeasurementError: a covariance is not positive definite.
     """
     triangles = [Triangle(entries=columns.width) for _ in parts]
-    levers, each = np.zeros((len(parts), robot.n + 1)), [[np.zeros((0, 3, columns.width + 1))] for _ in parts]
+    squared_levers, rows_of_targets = (
+        np.zeros((len(parts), robot.n + 1)),
+        [[np.zeros((0, 3, columns.width + 1))] for _ in parts],
+    )
     keeps_rows = [int(measurements.present[part].sum()) <= MOST_TARGETS for part in parts]
     start = 0  # index of the first observation of the block
     for block, rows in generate_elastic_blocks(robot, measurements, columns):
-        present, in_sigma = block.measurements.present, block.whiten(rows)
+        present, whitened_rows = block.measurements.present, block.whiten(rows)
         lever = np.square(block.frames[2]).sum(axis=2)
-        for k, part in enumerate(parts):
+        for part_number, part in enumerate(parts):
             in_part = select_rows_of_part(part, start, start + len(present))
-            triangles[k].add(in_sigma[in_part], count=3 * int(present[in_part].sum()))
-            if keeps_rows[k]:
-                each[k].append(in_sigma[in_part][present[in_part]])
-            levers[k] += lever[in_part].sum(axis=0)
+            triangles[part_number].add(whitened_rows[in_part], count=3 * int(present[in_part].sum()))
+            if keeps_rows[part_number]:
+                rows_of_targets[part_number].append(whitened_rows[in_part][present[in_part]])
+            squared_levers[part_number] += lever[in_part].sum(axis=0)
         start += len(present)
     return tuple(
         ElasticRows(
@@ -205,9 +211,11 @@ def compress_elastic_rows(
             moment=float(np.square(measurements.moment[part]).sum()),
             lever=lever,
             deflection=float(np.square(measurements.deflection[part]).sum()),
-            each=np.concatenate(listed),
+            each=np.concatenate(target_rows),
         )
-        for part, triangle, lever, listed in zip(parts, triangles, levers, each, strict=True)
+        for part, triangle, lever, target_rows in zip(
+            parts, triangles, squared_levers, rows_of_targets, strict=True
+        )
     )
 
 
@@ -344,7 +352,7 @@ class Formulation:
 
     @cached_property
     def total(self) -> float:
-        """Sum of the lengths of the targets' readings [m], the unit of robust losses."""
+        """Sum of the lengths of all targets' deflections [m]: the unit of robust losses."""
         return float(np.linalg.norm(self.rows.each[..., -1], axis=1).sum())
 
     @cached_property
@@ -372,12 +380,12 @@ class Formulation:
         key = weight, gap, accepted
         if key not in self._absolute:
             self._absolute[key] = solve_robust(
-                self.build_robust_program(weight, 0.0), gap=gap, accepted=accepted
+                self.build_robust_program(weight, 0.0), wanted_gap=gap, accepted_gap=accepted
             )
         return self._absolute[key]
 
     def convert_to_compliances(self, x: FloatArray) -> FloatArray:
-        """Return the compliances (..., P) for parameters (..., p); zero in columns without a parameter."""
+        """Return the compliances (..., P) of parameters x (..., p); zero in columns without a parameter."""
         compliances = np.zeros((*x.shape[:-1], self.width))
         compliances[..., self.columns] = self.unit * x
         return compliances
@@ -408,14 +416,17 @@ class Formulation:
             accepted: greatest gap that is accepted if rounding prevents `gap`; None for `gap` itself.
 
         Returns:
-            Parameters (p,) with their certificate, and the threshold h [m] of Huber's loss: 0 for the
+            The solution, parameters (p,) with their certificate; and the threshold h [m] of Huber's loss: 0
+            for the
             absolute loss, inf for squares.
 
         Raises:
             SolverError: no optimum is certified within the accepted gap.
         """
         if model.loss == "squared":
-            return solve_cone(self.build_squared_program(weight), gap=gap, accepted=accepted), float("inf")
+            return solve_cone(
+                self.build_squared_program(weight), wanted_gap=gap, accepted_gap=accepted
+            ), float("inf")
         if model.loss == "absolute":
             return self.fit_absolute(weight, gap, accepted), 0.0
         scale = self.sigma
@@ -425,7 +436,7 @@ class Formulation:
             )
         threshold = model.threshold * scale
         return solve_robust(
-            self.build_robust_program(weight, threshold), gap=gap, accepted=accepted
+            self.build_robust_program(weight, threshold), wanted_gap=gap, accepted_gap=accepted
         ), threshold
 
     def certify_gap(
@@ -452,7 +463,7 @@ class Formulation:
         return certify_robust(program, x, solution.certificate.multipliers).gap
 
     def fit_joints_only(self) -> FloatArray:
-        """Return the exact least-squares parameters (p,) of a model of joints alone, which has no penalty."""
+        """Return the exact least-squares parameters (p,) if joints alone bend: there is no penalty."""
         R, z = self.squares.R, self.squares.z
         problem = IdentificationProblem(R, z, Bounds.positive(R.shape[1]))
         return solve_step(problem).compliance
@@ -466,7 +477,7 @@ class Formulation:
     def build_weighted_squares(
         self, model: ElasticModel, compliances: FloatArray, weight: float, threshold: float
     ) -> tuple[Formulation, float]:
-        """Return a weighted least-squares problem with the optimum of a robust fit, and its penalty's weight.
+        """Return a weighted least-squares problem with the optimum of a robust fit, and its penalty weight.
 
         A target whose residual r exceeds the threshold h has weight h/‖r‖: the sum of the weighted squares is
         stationary where Huber's loss is stationary. For the absolute loss, h is the threshold of Huber's loss
@@ -492,8 +503,9 @@ class Formulation:
     def convert_weight_to_squares(self, model: ElasticModel, compliances: FloatArray, weight: float) -> float:
         """Return the penalty's weight for plain squares that is as strong as λ is in a robust fit.
 
-        In the gradient of the absolute loss all residuals count with length one; in the gradient of squares
-        each counts with its own length. The weight is therefore multiplied by the mean length.
+        In the gradient of the absolute loss all residuals count with length 1; in the gradient of squares
+        each
+        residual counts with its own length. The weight is therefore multiplied by the mean length.
 
         Args:
             model: elastic elements that bend, and the loss.
@@ -512,44 +524,45 @@ def formulate_fit(
     """Formulate the fit of a model to some observations as an optimisation problem.
 
     Args:
-        rows: compressed rows of the observations.
+        rows: compressed rows of the observations: regressor R and readings z after a QR decomposition.
         model: elastic elements that bend, and the loss.
         visible: (n,) mask of the joints whose compliances the readings determine.
         sigma: stated standard uncertainty of one coordinate of one reading [m]; None if unknown.
 
     Raises:
-        UnsupportedMethodError: no target moved, or no load acts, so that the penalty has no scale.
+        UnsupportedMethodError: no target moved, or no load acts, so that the size of the penalty is
+            undefined.
     """
-    triangle, z = rows.triangle[:, :-1], rows.triangle[:, -1]
-    size = float(np.linalg.norm(z))
-    norms = np.linalg.norm(triangle[:, model.columns.joints], axis=0)
-    determined = visible & (norms > _NO_COLUMN * norms.max())
-    joints = np.flatnonzero(determined)
-    scale, lever = _scale_penalty(rows, size)
+    regressor, z = rows.triangle[:, :-1], rows.triangle[:, -1]
+    reading_norm = float(np.linalg.norm(z))
+    norms = np.linalg.norm(regressor[:, model.columns.joints], axis=0)
+    is_determined = visible & (norms > _NO_COLUMN * norms.max())
+    joints = np.flatnonzero(is_determined)
+    penalty_unit, lever_arms = _scale_penalty(rows, reading_norm)
     # Columns and units of the parameters: first scalar compliances, then the entries of full matrices.
-    scalars, matrices, sizes = [(joints, size / norms[joints])], [], []
-    for columns, root, is_full in model.generate_penalised_elements(determined, lever):
+    scalars, matrices, matrix_orders = [(joints, reading_norm / norms[joints])], [], []
+    for columns, penalty_root, is_full in model.generate_penalised_elements(is_determined, lever_arms):
         if is_full:
-            i, j = triangle_indices(len(root))
-            matrices.append((columns, scale / (root[i] * root[j])))
-            sizes.append(len(root))
+            i, j = triangle_indices(len(penalty_root))
+            matrices.append((columns, penalty_unit / (penalty_root[i] * penalty_root[j])))
+            matrix_orders.append(len(penalty_root))
         else:
-            scalars.append((columns, scale / root**2))
+            scalars.append((columns, penalty_unit / penalty_root**2))
     parameter_columns = np.concatenate([columns for columns, _ in scalars + matrices])
-    unit = np.concatenate([unit for _, unit in scalars + matrices])
+    units = np.concatenate([units for _, units in scalars + matrices])
     scalar_count = sum(len(columns) for columns, _ in scalars)
     return Formulation(
-        squares=LeastSquares((triangle / size)[:, parameter_columns] * unit, z / size),
-        cone=Cone(scalar_count, tuple(sizes), penalised=scalar_count - len(joints)),
+        squares=LeastSquares((regressor / reading_norm)[:, parameter_columns] * units, z / reading_norm),
+        cone=Cone(scalar_count, tuple(matrix_orders), penalised=scalar_count - len(joints)),
         columns=parameter_columns,
-        unit=unit,
+        unit=units,
         rows=rows,
-        size=size,
+        size=reading_norm,
         sigma=sigma,
     )
 
 
-def _scale_penalty(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
+def _scale_penalty(rows: ElasticRows, reading_norm: float) -> tuple[float, FloatArray]:
     """Return the unit of compliance u [m/N] and the levers ρ (n + 1,) [m] that scale the penalty.
 
     u is the root mean square deflection divided by the root mean square force. A moment is converted to the
@@ -557,24 +570,26 @@ def _scale_penalty(rows: ElasticRows, size: float) -> tuple[float, FloatArray]:
 
     Args:
         rows: compressed rows of the observations.
-        size: norm of the whitened readings [m]; zero if no target moved.
+        reading_norm: norm of the whitened readings [m]; zero if no target moved.
 
     Raises:
         UnsupportedMethodError: no target moved, or no load has a lever arm.
     """
-    lever = np.sqrt(rows.lever / rows.configurations)
-    lever = np.maximum(lever, _SHORTEST_LEVER * lever[:BASE].max())
+    lever_arms = np.sqrt(rows.lever / rows.configurations)
+    lever_arms = np.maximum(lever_arms, _SHORTEST_LEVER * lever_arms[:BASE].max())
     # Sum of the squared forces; 1.5 / lever² converts a squared moment to the squared force on a lever with
     # a direction at random. If the load point lies in the origin of every joint's frame, all levers are zero,
     # and no force is computed.
-    force = rows.force + rows.moment * float(np.mean(1.5 / lever[:BASE] ** 2)) if lever.all() else 0.0
-    if size == 0.0 or force == 0.0:
+    squared_force = (
+        rows.force + rows.moment * float(np.mean(1.5 / lever_arms[:BASE] ** 2)) if lever_arms.all() else 0.0
+    )
+    if reading_norm == 0.0 or squared_force == 0.0:
         raise UnsupportedMethodError(
             "no target moved, or no load has a lever arm, so the penalty on link compliance has no scale",
             where="elasticity",
             remedy="use elasticity joints",
         )
-    return float(np.sqrt(rows.deflection / rows.targets / (force / rows.configurations))), lever
+    return float(np.sqrt(rows.deflection / rows.targets / (squared_force / rows.configurations))), lever_arms
 
 
 def list_losses_to_compare(measurements: Measurements, losses: tuple[Loss, ...]) -> tuple[Loss, ...]:

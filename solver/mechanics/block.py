@@ -72,8 +72,8 @@ class OwnWeight:
         Returns:
             Torques (B, n) [N·m], and their derivative (B, n, n) with respect to the joint angles [N·m/rad].
         """
-        count, n = postures.q.shape
-        torque, stiffness = np.empty((count, n)), np.empty((count, n, n))
+        posture_count, n = postures.q.shape
+        torque, stiffness = np.empty((posture_count, n)), np.empty((posture_count, n, n))
         # Each entry has joints (rows of the torque), and the masses and centres for these joints' torques.
         models = [(slice(None), self.mass, self.centre)]
         if self.mass.ndim > 1:
@@ -81,10 +81,10 @@ class OwnWeight:
         for rows, mass, centre in models:
             model = copy_with_weights(robot.model, mass, centre, self.gravity)
             data = model.createData()
-            for i, q in enumerate(in_configuration_space(model, postures.q)):
-                slope = pin.computeGeneralizedGravityDerivatives(model, data, q)
+            for posture, q in enumerate(in_configuration_space(model, postures.q)):
+                derivative = pin.computeGeneralizedGravityDerivatives(model, data, q)
                 # Pinocchio returns the torques that hold the weights: those of the weights are opposite.
-                torque[i, rows], stiffness[i, rows] = -data.g[rows], -slope[rows]
+                torque[posture, rows], stiffness[posture, rows] = -data.g[rows], -derivative[rows]
         return torque, stiffness
 
 
@@ -120,8 +120,11 @@ def find_balance(
         compliance: (n,) joint compliances [rad/(N·m)].
         cases: B loads, measured or to be predicted.
         weight: own weight of the links; None neglects the weight.
-        unloaded: kinematics without the load.
-        near: kinematics of the postures from which Newton's method starts.
+        unloaded: B postures without the load.
+        near: B postures from which Newton's method starts.
+
+    Returns:
+        The loaded postures, the torques, and the stiffness due to load and weight.
 
     Raises:
         RequestError: a load has no stable equilibrium near the unloaded posture.
@@ -143,18 +146,22 @@ def find_balance(
         step = (softened @ residual[..., None])[..., 0]
         deflection = deflection + step
         if (np.abs(step) <= _LAST_STEP).all():
-            _refuse_unbalanced(np.asarray((np.abs(deflection) > _LARGEST_DEFLECTION).any(axis=1)))
-            _refuse_unbalanced(_is_unstable(softening))
+            _refuse_cases_without_balance(np.asarray((np.abs(deflection) > _LARGEST_DEFLECTION).any(axis=1)))
+            _refuse_cases_without_balance(_is_unstable(softening))
             return Balance(loaded, step, torque, stiffness, softened)
-        _refuse_unbalanced(np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1)))
+        _refuse_cases_without_balance(
+            np.asarray(~(np.abs(deflection) <= 2.0 * _LARGEST_DEFLECTION).all(axis=1))
+        )
         loaded = Postures(robot, unloaded.q + deflection)
-    raise _no_balance_error(int(np.argmax(np.abs(step).max(axis=1))))
+    raise _build_no_balance_error(int(np.argmax(np.abs(step).max(axis=1))))
 
 
 def wrench_stiffness(
     axes: FloatArray, load_jacobian: FloatArray, force: FloatArray, moment: FloatArray
 ) -> FloatArray:
     """Return the complementary stiffness ``K_c,jk = ∂τ_j/∂θ_k`` of constant wrenches (method.md §2).
+
+    A wrench turns with no joint, so that its torque τ_j about joint j changes when joint k turns by θ_k.
 
     Args:
         axes: (B, 3, n) axes of the joints in R0.
@@ -165,19 +172,23 @@ def wrench_stiffness(
     Returns:
         The stiffness K_c (B, n, n) [N·m/rad].
     """
-    axes, v = axes.transpose(1, 2, 0), load_jacobian.transpose(1, 2, 0)
-    force_cross_axes, n = cross(force.T[:, None], axes), axes.shape[1]
-    stiffness = np.empty((n, *axes.shape[1:]))
-    for j in range(n):
-        stiffness[j:, j] = stiffness[j, j:] = np.einsum("in,ikn->kn", force_cross_axes[:, j], v[:, j:])
+    axes, columns = axes.transpose(1, 2, 0), load_jacobian.transpose(1, 2, 0)
+    force_cross_axes, joint_count = cross(force.T[:, None], axes), axes.shape[1]
+    stiffness = np.empty((joint_count, *axes.shape[1:]))
+    for joint in range(joint_count):
+        stiffness[joint:, joint] = stiffness[joint, joint:] = np.einsum(
+            "in,ikn->kn", force_cross_axes[:, joint], columns[:, joint:]
+        )
     if moment.any():
         moment_terms = np.einsum("ijn,ikn->jkn", axes, cross(moment.T[:, None], axes))
-        stiffness += np.tri(n, k=-1)[..., None] * moment_terms  # only joints k before j turn the axis a_j
+        stiffness += (
+            np.tri(joint_count, k=-1)[..., None] * moment_terms
+        )  # only joints k before j turn the axis a_j
     return stiffness.transpose(2, 0, 1)
 
 
 def _invert_softening(softening: FloatArray) -> FloatArray:
-    """Return ``(I − E)⁻¹`` for matrices E (B, n, n); if all are small, by the series ``(I + E)(I + E²)…``.
+    """Return ``(I − E)⁻¹`` for matrices E (B, n, n), using the series ``(I + E)(I + E²)…`` if all are small.
 
     Raises:
         RequestError: a matrix is singular, so that a load case has no balance.
@@ -187,7 +198,7 @@ def _invert_softening(softening: FloatArray) -> FloatArray:
         try:
             return np.asarray(np.linalg.inv(identity - softening))
         except np.linalg.LinAlgError:
-            _refuse_unbalanced(np.linalg.slogdet(identity - softening).sign == 0.0)
+            _refuse_cases_without_balance(np.linalg.slogdet(identity - softening).sign == 0.0)
             raise
     power = np.ascontiguousarray(softening)
     softened = identity + power
@@ -217,13 +228,16 @@ def _is_unstable(softening: FloatArray) -> BoolArray:
     return unstable
 
 
-def _refuse_unbalanced(failed: BoolArray) -> None:
-    """Raise a `RequestError` that names the first load case marked as failed (B,), if any is marked."""
+def _refuse_cases_without_balance(failed: BoolArray) -> None:
+    """Raise a `RequestError` that names the first load case that failed, if any failed.
+
+    `failed` (B,) marks the load cases without a balance.
+    """
     if failed.any():
-        raise _no_balance_error(int(np.argmax(failed)))
+        raise _build_no_balance_error(int(np.argmax(failed)))
 
 
-def _no_balance_error(case: int) -> RequestError:
+def _build_no_balance_error(case: int) -> RequestError:
     """Return the error for the load case with this index, which has no stable equilibrium."""
     return RequestError(
         "the robot has no stable equilibrium under this load near the unloaded posture",
@@ -281,51 +295,66 @@ class RegressorBlock:
             frame's origin [N, N·m]; and (B, n + 1, 3) vectors from the origins to the load point, axes of R0
             [m].
         """
-        part = self.measurements
+        measurements = self.measurements
         axes, origin = spring_frames(self.postures)
-        lever = self.postures.to_base(part.load_point[:, None]) - origin
-        moment = part.moment[:, None] + np.cross(lever, part.force[:, None])
-        R = axes.transpose(1, 0, 2, 3)  # (n + 1, B, 3, 3)
-        wrench = np.concatenate([part.force[:, None] @ R, moment.transpose(1, 0, 2)[:, :, None] @ R], axis=-1)
-        turn = -skew(self.points - origin.transpose(1, 0, 2)[:, :, None]) @ R[:, :, None]
-        moves = np.concatenate([np.broadcast_to(R[:, :, None], turn.shape), turn], axis=-1)
-        return moves, wrench[:, :, 0], lever
+        to_load_point = self.postures.to_base(measurements.load_point[:, None]) - origin
+        moment = measurements.moment[:, None] + np.cross(to_load_point, measurements.force[:, None])
+        frame_axes = axes.transpose(1, 0, 2, 3)  # (n + 1, B, 3, 3)
+        wrench = np.concatenate(
+            [measurements.force[:, None] @ frame_axes, moment.transpose(1, 0, 2)[:, :, None] @ frame_axes],
+            axis=-1,
+        )
+        rotation_columns = -skew(self.points - origin.transpose(1, 0, 2)[:, :, None]) @ frame_axes[:, :, None]
+        target_motions = np.concatenate(
+            [np.broadcast_to(frame_axes[:, :, None], rotation_columns.shape), rotation_columns], axis=-1
+        )
+        return target_motions, wrench[:, :, 0], to_load_point
 
     @cached_property
     def shared_motion(self) -> tuple[FloatArray, FloatArray]:
-        """Compute how errors that the targets of a posture share move them, in units of the readings' noise.
+        """Compute the motion of the targets by errors that all targets of a posture share, whitened.
 
         Returns:
             (B, 3 T, n) motion by a turn of each joint [sigma per rad]; and (B, 3 T, 3) motion by a shift of
             all targets along each axis of R0 [sigma per m]; zero for targets that were not read.
         """
-        part = self.measurements
-        shift = part.project_on_directions(np.broadcast_to(np.eye(3), (*self.points.shape, 3)))
+        measurements = self.measurements
+        shift = measurements.project_on_directions(np.broadcast_to(np.eye(3), (*self.points.shape, 3)))
         motions = np.concatenate([self.jacobian, shift], axis=-1)
-        motions = whitened(part.covariance, np.where(part.present[..., None, None], motions, 0.0))
-        flat = motions.reshape(len(motions), -1, motions.shape[-1])
-        return flat[..., :-3], flat[..., -3:]
+        motions = whitened(
+            measurements.covariance, np.where(measurements.present[..., None, None], motions, 0.0)
+        )
+        rows = motions.reshape(len(motions), -1, motions.shape[-1])
+        return rows[..., :-3], rows[..., -3:]
 
     @cached_property
     def _scatter_roots(self) -> tuple[FloatArray, FloatArray]:
-        """Directions U (B, 3 T, r) of the shared errors, and the shares (B, r) that whitening takes away."""
+        """Directions U (B, 3 T, r) of the shared errors, and their reduction (B, r) by whitening."""
         scatter = self.measurements.scatter
         return compute_scatter_roots(self.shared_motion, scatter.joints, scatter.station)[:2]
 
     def whiten(self, rows: FloatArray) -> FloatArray:
         """Whiten rows (B, T, 3, k) of the targets, so that the noise of each row has variance sigma².
 
-        Each reading has its covariance Σ; errors that a posture's targets share add G Gᵀ to that of rows
-        whitened by Σ. The symmetric root ``(I + G Gᵀ)^(-1/2)`` keeps each row close to the reading that it
-        belongs to. Weights by a robust loss apply to rows of independent noise.
+        First each reading is whitened by its own covariance Σ. Errors that a posture's targets share add G Gᵀ
+        to
+        the covariance I of these rows. The symmetric root ``(I + G Gᵀ)^(-1/2)`` keeps each row close to the
+        reading
+        that it belongs to. Weights by a robust loss apply to rows of independent noise.
         """
-        part = self.measurements
-        white = whitened(part.covariance, rows)
-        if part.scatter:
-            U, less = self._scatter_roots
-            flat = white.reshape(len(rows), -1, rows.shape[-1])
-            white = (flat - U @ (less[..., None] * (U.mT @ flat))).reshape(rows.shape)
-        return white if part.weight is None else np.sqrt(part.weight)[..., None, None] * white
+        measurements = self.measurements
+        whitened_rows = whitened(measurements.covariance, rows)
+        if measurements.scatter:
+            directions, reduction = self._scatter_roots
+            flat = whitened_rows.reshape(len(rows), -1, rows.shape[-1])
+            whitened_rows = (flat - directions @ (reduction[..., None] * (directions.mT @ flat))).reshape(
+                rows.shape
+            )
+        return (
+            whitened_rows
+            if measurements.weight is None
+            else np.sqrt(measurements.weight)[..., None, None] * whitened_rows
+        )
 
 
 def compute_scatter_roots(
@@ -339,13 +368,14 @@ def compute_scatter_roots(
         station: standard deviation of the common shift along each axis, in units of sigma.
 
     Returns:
-        Directions U (B, 3 T, r); shares w (B, r) with ``I − U diag(w) Uᵀ`` the symmetric root of the inverse
-        covariance; and the variances (B, r) in these directions.
+        Directions U (B, 3 T, r), the left singular vectors of G; factors w (B, r) with ``I − U diag(w) Uᵀ``
+        the
+        symmetric root of the inverse covariance; and the variances (B, r) in these directions.
     """
-    by_joints, by_station = shared_motion
-    G = np.concatenate([joints * by_joints, station * by_station], axis=-1)
-    U, s, _ = np.linalg.svd(G, full_matrices=False)
-    variance = 1.0 + np.square(s)
+    motion_by_joints, motion_by_station = shared_motion
+    G = np.concatenate([joints * motion_by_joints, station * motion_by_station], axis=-1)
+    U, singular_values, _ = np.linalg.svd(G, full_matrices=False)
+    variance = 1.0 + np.square(singular_values)
     return U, 1.0 - 1.0 / np.sqrt(variance), variance
 
 
@@ -491,7 +521,7 @@ class Motion(NamedTuple):
 
 
 def return_no_uncertainty(_: CommonUncertainty) -> tuple[float, ...]:
-    """Return no standard uncertainty, for a term whose uncertainty is never stated with the readings."""
+    """Return an empty tuple, for a term whose uncertainty is never stated with the readings."""
     return ()
 
 
@@ -565,24 +595,29 @@ def move_by_torque(block: RegressorBlock, compliance: FloatArray, torque: FloatA
 def build_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:
     """Return the least-squares rows of a block: the columns of all terms, then a column of readings.
 
-    The columns of terms that are errors depend on the compliance (n,) of the joints [rad/(N·m)].
+    Args:
+        block: B observations.
+        terms: terms with a column for each unknown.
+        compliance: (n,) compliances of the joints, on which the columns of errors depend [rad/(N·m)].
     """
-    part = block.measurements
+    measurements = block.measurements
     motions = {term.name: term.motion(block, compliance) for term in terms}
-    targets = np.concatenate([*(m.targets for m in motions.values()), part.deflection[..., None]], axis=-1)
-    if part.direction is not None:
-        targets = part.project_on_directions(targets)
-    if not part.present.all():
-        targets[~part.present] = 0.0
+    targets = np.concatenate(
+        [*(m.targets for m in motions.values()), measurements.deflection[..., None]], axis=-1
+    )
+    if measurements.direction is not None:
+        targets = measurements.project_on_directions(targets)
+    if not measurements.present.all():
+        targets[~measurements.present] = 0.0
     widths = {name: motion.targets.shape[-1] for name, motion in motions.items()}
-    if part.encoders is None:
+    if measurements.encoders is None:
         return Rows(targets, None, widths)
     columns = [
-        np.zeros((*part.joints.shape, widths[name])) if motion.joints is None else motion.joints
+        np.zeros((*measurements.joints.shape, widths[name])) if motion.joints is None else motion.joints
         for name, motion in motions.items()
     ]
-    encoders = np.concatenate([*columns, part.encoders.deflection[..., None]], axis=-1)
-    return Rows(targets, np.where(part.encoders.present[..., None], encoders, 0.0), widths)
+    encoders = np.concatenate([*columns, measurements.encoders.deflection[..., None]], axis=-1)
+    return Rows(targets, np.where(measurements.encoders.present[..., None], encoders, 0.0), widths)
 
 
 def build_whitened_rows(block: RegressorBlock, terms: Sequence[Term], compliance: FloatArray) -> Rows:

@@ -173,96 +173,116 @@ class InverseKinematics:
         """
         angles, complete = self._solve_closed_form(poses)
         if not self._exact:
-            pose, branch = np.nonzero(np.isfinite(angles[:, :, 0]))
-            refined, reached = self.refine(poses[pose], angles[pose, branch])
-            refined[~reached] = np.nan
-            complete[pose[~reached]] = False
-            angles[pose, branch] = refined
+            pose_of_solution, branch_of_solution = np.nonzero(np.isfinite(angles[:, :, 0]))
+            refined, is_reached = self.refine(
+                poses[pose_of_solution], angles[pose_of_solution, branch_of_solution]
+            )
+            refined[~is_reached] = np.nan
+            complete[pose_of_solution[~is_reached]] = False
+            angles[pose_of_solution, branch_of_solution] = refined
             # Two equal solutions show that another solution was not found: compare all pairs of branches.
             for i in range(1, BRANCHES):
                 gaps = compute_angle_gaps(angles[:, i:], angles[:, :-i])
                 complete &= ~(np.nan_to_num(gaps, nan=np.inf) < _SAME_SOLUTION).any(axis=1)
-            is_singular = self.least_singular_value(refined[reached]) < _SINGULAR
-            complete[pose[reached][is_singular]] = False
+            is_singular = self.least_singular_value(refined[is_reached]) < _SINGULAR
+            complete[pose_of_solution[is_reached][is_singular]] = False
         return angles, complete
 
     def _solve_closed_form(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return EAIK's solutions (m, 8, 6) [rad], padded with NaN, and a mask (m,) of complete poses."""
-        solutions = [self._solver.calculate_IK(pose) for pose in poses]
+        """Return EAIK's solutions (m, 8, 6) [rad], padded with NaN, and a mask of complete poses.
+
+        `poses` (m, 4, 4) are of the flange in R0 [m]; the mask (m,) is true where no solution is missing.
+        """
+        solutions = [self._solver.calculate_IK(pose_of_solution) for pose_of_solution in poses]
         branches = [solution.Q for solution in solutions]
         counts = np.array([len(each) for each in branches])
         if not counts.any():
             return np.full((len(poses), BRANCHES, _JOINTS), np.nan), np.full(len(poses), self._exact)
-        rows = np.concatenate([each for each in branches if len(each)])
-        least_squares = np.concatenate([solution.is_LS for solution in solutions]).astype(bool)
-        complete: BoolArray = np.asarray((counts <= BRANCHES) | self._exact)
-        pose = np.repeat(np.arange(len(poses)), counts)
+        all_solutions = np.concatenate([each for each in branches if len(each)])
+        is_least_squares = np.concatenate([solution.is_LS for solution in solutions]).astype(bool)
+        is_complete: BoolArray = np.asarray((counts <= BRANCHES) | self._exact)
+        pose_of_solution = np.repeat(np.arange(len(poses)), counts)
         # Least-squares solutions mean that the pose is out of reach. An exact chain drops them; with an
         # approximate chain, Newton's method decides.
         if self._exact:
-            rows, pose = rows[~least_squares], pose[~least_squares]
-            counts = np.bincount(pose, minlength=len(poses))
+            all_solutions, pose_of_solution = (
+                all_solutions[~is_least_squares],
+                pose_of_solution[~is_least_squares],
+            )
+            counts = np.bincount(pose_of_solution, minlength=len(poses))
         else:
-            complete[pose[least_squares]] = False
+            is_complete[pose_of_solution[is_least_squares]] = False
         is_filled = np.arange(max(BRANCHES, counts.max())) < counts[:, None]
         angles = np.full((*is_filled.shape, _JOINTS), np.nan)
-        angles[is_filled] = rows
-        return angles[:, :BRANCHES], complete
+        angles[is_filled] = all_solutions
+        return angles[:, :BRANCHES], is_complete
 
-    def is_same_branch(self, q: FloatArray, near: FloatArray) -> BoolArray:
-        """Return a mask (m,) of postures `q` (m, 6) that are surely on the branch of `near` (m, 6) [rad].
+    def is_same_branch(self, angles: FloatArray, reference: FloatArray) -> BoolArray:
+        """Return a mask (m,) of postures that are surely on the same branch of solutions as a reference.
 
         The Jacobian changes by about as much as the angles. Within half the least singular value of a
         solution there is therefore no other solution.
+
+        Args:
+            angles: (m, 6) angles of the postures [rad].
+            reference: (m, 6) angles of the references [rad].
         """
-        step = np.abs(q - near).max(axis=1, initial=0.0)
-        known = np.flatnonzero(np.isfinite(step))
-        is_same = np.zeros(len(q), dtype=np.bool_)
-        least = self.least_singular_value(q[known])
-        is_same[known] = (step[known] <= 0.5 * least) & (least > _SINGULAR)
+        change = np.abs(angles - reference).max(axis=1, initial=0.0)
+        solved = np.flatnonzero(np.isfinite(change))
+        is_same = np.zeros(len(angles), dtype=np.bool_)
+        least_singular_values = self.least_singular_value(angles[solved])
+        is_same[solved] = (change[solved] <= 0.5 * least_singular_values) & (
+            least_singular_values > _SINGULAR
+        )
         return is_same
 
-    def least_singular_value(self, q: FloatArray) -> FloatArray:
-        """Return the least singular value (m,) of the flange's Jacobian at angles (m, 6), in m and rad."""
-        if not len(q):
+    def least_singular_value(self, angles: FloatArray) -> FloatArray:
+        """Return the least singular value (m,) of the flange's Jacobian at joint angles (m, 6), SI units."""
+        if not len(angles):
             return np.zeros(0)
-        postures = Postures(self.arm, q)
+        postures = Postures(self.arm, angles)
         jacobian = postures.pose_jacobian_at(postures.flange_translation[:, None])
         return np.asarray(np.linalg.svd(jacobian, compute_uv=False)[:, -1])
 
-    def follow_branches(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Follow the branches of the model's angles (m, 6) [rad] along straight lines to poses (m, 4, 4) [m].
+    def follow_branches(self, poses: FloatArray, start_angles: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Follow branches of solutions from start angles along straight lines to other poses.
+
+        Args:
+            poses: (m, 4, 4) poses of the flange to reach [m].
+            start_angles: (m, 6) model's angles at which the lines start [rad].
 
         Returns:
             The model's angles (m, 6) at the poses [rad], and a mask (m,) of poses that were reached on the
             same branch with certainty.
         """
-        start_poses, q = flange_poses(self.arm, near), near.copy()
+        start_poses, current_angles = flange_poses(self.arm, start_angles), start_angles.copy()
         # Fractions of the line: the part that is already followed, and the length of the next step.
-        followed, step = np.zeros(len(poses)), np.ones(len(poses))
+        followed_fraction, step = np.zeros(len(poses)), np.ones(len(poses))
         unfinished = np.arange(len(poses))
         while len(unfinished):
-            fraction = np.minimum(followed[unfinished] + step[unfinished], 1.0)
+            fraction = np.minimum(followed_fraction[unfinished] + step[unfinished], 1.0)
             next_poses = _interpolate_poses(start_poses[unfinished], poses[unfinished], fraction)
-            angles, is_sure = self.refine(next_poses, q[unfinished])
-            is_sure &= self.is_same_branch(angles, q[unfinished])
-            q[unfinished[is_sure]] = angles[is_sure]
-            followed[unfinished[is_sure]] = fraction[is_sure]
+            angles, is_sure = self.refine(next_poses, current_angles[unfinished])
+            is_sure &= self.is_same_branch(angles, current_angles[unfinished])
+            current_angles[unfinished[is_sure]] = angles[is_sure]
+            followed_fraction[unfinished[is_sure]] = fraction[is_sure]
             step[unfinished] *= np.where(is_sure, 2.0, 0.5)  # a failed step is tried again at half the length
-            unfinished = unfinished[(followed[unfinished] < 1.0) & (step[unfinished] >= _LEAST_STEP)]
-        return q, followed >= 1.0
+            unfinished = unfinished[(followed_fraction[unfinished] < 1.0) & (step[unfinished] >= _LEAST_STEP)]
+        return current_angles, followed_fraction >= 1.0
 
-    def refine(self, poses: FloatArray, near: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Solve for poses (m, 4, 4) [m] using Newton's method, starting from the model's angles (m, 6) [rad].
+    def refine(self, poses: FloatArray, start_angles: FloatArray) -> tuple[FloatArray, BoolArray]:
+        """Solve for poses (m, 4, 4) [m] using Newton's method, from start angles (m, 6) of the model [rad].
 
         Returns:
             The model's angles (m, 6) [rad], and a mask (m,) of the poses that are reached.
         """
-        q, reached = near.copy(), np.zeros(len(near), dtype=np.bool_)
+        angles, is_reached = start_angles.copy(), np.zeros(len(start_angles), dtype=np.bool_)
         for start in range(0, len(poses), _REFINED_AT_ONCE):
             block = slice(start, start + _REFINED_AT_ONCE)
-            q[block], reached[block] = self.refine_from(poses[block], Postures(self.arm, near[block]))
-        return q, reached
+            angles[block], is_reached[block] = self.refine_from(
+                poses[block], Postures(self.arm, start_angles[block])
+            )
+        return angles, is_reached
 
     def refine_from(self, poses: FloatArray, postures: Postures) -> tuple[FloatArray, BoolArray]:
         """Solve for poses (m, 4, 4) [m] using Newton's method, starting from m postures.
@@ -270,30 +290,30 @@ class InverseKinematics:
         Returns:
             The model's angles (m, 6) [rad], and a mask (m,) of the poses that are reached.
         """
-        q, reached = postures.q.copy(), np.zeros(len(postures), dtype=np.bool_)
+        angles, is_reached = postures.q.copy(), np.zeros(len(postures), dtype=np.bool_)
         unfinished = np.arange(len(postures))
         for step_number in range(_STEPS):
             if step_number:
-                postures = Postures(self.arm, q[unfinished])
-            gaps = np.empty((len(unfinished), 6))  # displacement and rotation vector to the poses
-            gaps[:, :3] = poses[unfinished, :3, 3] - postures.flange_translation
-            gaps[:, 3:] = rotation_vectors(poses[unfinished, :3, :3], postures.flange_rotation)
+                postures = Postures(self.arm, angles[unfinished])
+            pose_gaps = np.empty((len(unfinished), 6))  # displacement and rotation vector to the poses
+            pose_gaps[:, :3] = poses[unfinished, :3, 3] - postures.flange_translation
+            pose_gaps[:, 3:] = rotation_vectors(poses[unfinished, :3, :3], postures.flange_rotation)
             jacobian = postures.pose_jacobian_at(postures.flange_translation[:, None])
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
-            step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, gaps[..., None]))[..., 0]
+            step = (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, pose_gaps[..., None]))[..., 0]
             # Near singularities the damped step does not close the gap completely.
-            remaining_gaps = gaps - (jacobian @ step[..., None])[..., 0]
-            q[unfinished] += step
+            remaining_gaps = pose_gaps - (jacobian @ step[..., None])[..., 0]
+            angles[unfinished] += step
             is_near = np.abs(remaining_gaps).max(axis=1, initial=0.0) <= 0.5 * _REACHED
-            reached[unfinished] = is_near & (np.abs(step).max(axis=1, initial=0.0) <= _LAST_STEP)
-            unfinished = unfinished[~reached[unfinished]]
+            is_reached[unfinished] = is_near & (np.abs(step).max(axis=1, initial=0.0) <= _LAST_STEP)
+            unfinished = unfinished[~is_reached[unfinished]]
             if not len(unfinished):
                 break
-        return q, reached
+        return angles, is_reached
 
 
 def flange_poses(robot: Robot, q: FloatArray) -> FloatArray:
-    """Return the flange's poses (m, 4, 4) in R0 [m] at the model's joint positions (m, n) [rad or m]."""
+    """Return the flange's poses (m, 4, 4) in R0 [m] at the model's joint positions q (m, n) [rad or m]."""
     return Postures(robot, q).flange_pose
 
 
@@ -362,18 +382,18 @@ def choose_postures(
             where="joint_map.matrix",
         )
     joints, unreached = joint_targets.copy(), np.zeros(len(poses), dtype=np.intp)
-    previous = None if start is None else inverse.select_arm_joints(start)
-    for begin in range(0, len(poses), _POSES_AT_ONCE):
-        block = slice(begin, begin + _POSES_AT_ONCE)
-        choice = _PostureChoice(
+    previous_angles = None if start is None else inverse.select_arm_joints(start)
+    for first in range(0, len(poses), _POSES_AT_ONCE):
+        block = slice(first, first + _POSES_AT_ONCE)
+        posture_choice = _PostureChoice(
             inverse, poses[block], joint_targets[block], ranges[block], ranges_decide[block]
         )
-        previous = choice.follow(joints[block], unreached[block], previous)
-    known: BoolArray = np.asarray(np.isfinite(joints).all(axis=1))
-    angles = robot.joint_map.model_angles(np.where(known[:, None], joints, 0.0))
-    low, high = robot.limits.T
-    beyond_limits = np.maximum(low - angles, angles - high).max(axis=1) > _TOLERANCE
-    unreached[known & beyond_limits & (unreached == Unreached.NO)] = Unreached.OUT_OF_LIMITS
+        previous_angles = posture_choice.follow(joints[block], unreached[block], previous_angles)
+    is_known: BoolArray = np.asarray(np.isfinite(joints).all(axis=1))
+    angles = robot.joint_map.model_angles(np.where(is_known[:, None], joints, 0.0))
+    lower, upper = robot.limits.T
+    beyond_limits = np.maximum(lower - angles, angles - upper).max(axis=1) > _TOLERANCE
+    unreached[is_known & beyond_limits & (unreached == Unreached.NO)] = Unreached.OUT_OF_LIMITS
     return inverse.insert_held_joints(joints), unreached
 
 
@@ -425,43 +445,51 @@ class _PostureChoice:
         unreached[out_of_reach] = Unreached.OUT_OF_REACH
         path, position = np.flatnonzero(~out_of_reach), 0
         while position < len(path):
-            i = path[position]
-            if not self._is_pose[i]:  # a joint target already has its angles
+            pose = path[position]
+            if not self._is_pose[pose]:  # a joint target already has its angles
                 position += 1
-            elif self._ranges_decide[i] or previous is None:
-                joints[i], unreached[i] = self.choose_in_ranges(i, previous)
+            elif self._ranges_decide[pose] or previous is None:
+                joints[pose], unreached[pose] = self.choose_in_ranges(pose, previous)
                 position += 1
             else:  # follow the branch up to the next joint target, or pose for which the ranges decide
-                run = path[position : position + _LONGEST_RUN]
-                stop = np.flatnonzero(self._ranges_decide[run] | ~self._is_pose[run])
-                run = run[: stop[0]] if len(stop) else run
-                angles, unreached[i] = self.follow_nearest(run, previous)
-                if not unreached[i]:
-                    joints[run[: len(angles)]] = angles
-                    i = run[len(angles) - 1]
+                poses_to_follow = path[position : position + _LONGEST_RUN]
+                stops = np.flatnonzero(self._ranges_decide[poses_to_follow] | ~self._is_pose[poses_to_follow])
+                poses_to_follow = poses_to_follow[: stops[0]] if len(stops) else poses_to_follow
+                angles, unreached[pose] = self.follow_nearest(poses_to_follow, previous)
+                if not unreached[pose]:
+                    joints[poses_to_follow[: len(angles)]] = angles
+                    pose = poses_to_follow[len(angles) - 1]
                 position += len(angles)
-            previous = joints[i] if np.isfinite(joints[i]).all() else previous
+            previous = joints[pose] if np.isfinite(joints[pose]).all() else previous
         return previous
 
-    def choose_in_ranges(self, i: int, previous: FloatArray | None) -> tuple[FloatArray, Unreached]:
-        """Choose the solution of pose i within the stated ranges, the nearest to the posture before.
+    def choose_in_ranges(self, pose: int, previous: FloatArray | None) -> tuple[FloatArray, Unreached]:
+        """Choose the solution of a pose within the stated ranges, the nearest to the posture before.
+
+        Args:
+            pose: index of the pose.
+            previous: (6,) controller's angles of the posture before [rad]; None if unknown.
 
         Returns:
             Controller's angles (6,) [rad], and `Unreached.NO` or the reason why the angles must not be used.
         """
-        fits, angles = fit_to_ranges(self._robot, self._branches[i], self._ranges[i], previous)
-        found = angles[fits]
-        if not len(found):
+        fits, angles = fit_to_ranges(self._robot, self._branches[pose], self._ranges[pose], previous)
+        fitting = angles[fits]
+        if not len(fitting):
             return np.full(6, np.nan), Unreached.NOT_AS_STATED
         if previous is None:  # only one solution may fit, as no posture decides between several
-            spread = np.abs(found - found[0]).max()
+            spread = np.abs(fitting - fitting[0]).max()
             if spread > _TOLERANCE:
-                return found[0], Unreached.AMBIGUOUS
-        chosen = found[0 if previous is None else np.argmin(np.abs(found - previous).max(axis=1))]
-        if not self._complete[i]:
+                return fitting[0], Unreached.AMBIGUOUS
+        chosen = fitting[0 if previous is None else np.argmin(np.abs(fitting - previous).max(axis=1))]
+        if not self._complete[pose]:
             # Solutions may be missing; near a singularity a missing solution may be the nearer one.
-            least = self._inverse.least_singular_value(self._robot.joint_map.model_angles(chosen[None]))
-            return chosen, Unreached.NOT_FOLLOWED if least[0] < _NEAR_SINGULAR else Unreached.NO
+            least_singular_value = self._inverse.least_singular_value(
+                self._robot.joint_map.model_angles(chosen[None])
+            )
+            return chosen, Unreached.NOT_FOLLOWED if least_singular_value[
+                0
+            ] < _NEAR_SINGULAR else Unreached.NO
         return chosen, Unreached.NO
 
     def follow_nearest(self, run: IndexArray, previous: FloatArray) -> tuple[FloatArray, Unreached]:

@@ -106,10 +106,10 @@ def _build_frame_about(axis: FloatArray) -> FloatArray:
 
     The first axis is as near to x as possible, or to y if the given axis is along x.
     """
-    x, y = np.eye(3)[:2] - np.outer(axis[:2], axis)
-    across = x if np.linalg.norm(x) > 1e-6 else y
-    first = across / np.linalg.norm(across)
-    return np.stack([first, cross(axis, first), axis], axis=1)
+    x_normal_part, y_normal_part = np.eye(3)[:2] - np.outer(axis[:2], axis)
+    perpendicular = x_normal_part if np.linalg.norm(x_normal_part) > 1e-6 else y_normal_part
+    first_axis = perpendicular / np.linalg.norm(perpendicular)
+    return np.stack([first_axis, cross(axis, first_axis), axis], axis=1)
 
 
 def find_postures_within_limits(
@@ -117,7 +117,8 @@ def find_postures_within_limits(
 ) -> tuple[IndexArray, IndexArray, FloatArray, IndexArray, IndexArray]:
     """Find all postures within the limits of task and robot that bring the tool to given places.
 
-    Near a singularity the inverse kinematics may miss solutions. If the task states a posture `near`, its
+    Near a singularity the inverse kinematics may miss solutions. If the task states a posture
+    `start_angles`, its
     branch of solutions is then followed, and the posture found is used if no other solution is nearer.
 
     Args:
@@ -131,9 +132,9 @@ def find_postures_within_limits(
         [rad]. Then (S,) indices of the places that a posture reaches, within the limits or not; and (L,)
         indices of the places at which the branch could not be followed.
     """
-    count = len(task.rotation)
+    orientation_count = len(task.rotation)
     # Pose of the flange at every place in every orientation
-    poses = np.zeros((len(places), count, 4, 4))
+    poses = np.zeros((len(places), orientation_count, 4, 4))
     poses[..., 3, 3] = 1.0
     poses[..., :3, :3] = task.rotation
     poses[..., :3, 3] = places[:, None] - task.rotation @ task.place
@@ -144,24 +145,24 @@ def find_postures_within_limits(
     near_angles = None if task.near is None else inverse.select_arm_joints(task.near)
     if near_angles is not None:
         incomplete = np.flatnonzero(~complete)
-        near = np.tile(arm.joint_map.model_angles(near_angles[None]), (len(incomplete), 1))
-        followed, usable = inverse.follow_branches(goals[incomplete], near)
+        start_angles = np.tile(arm.joint_map.model_angles(near_angles[None]), (len(incomplete), 1))
+        followed, is_usable = inverse.follow_branches(goals[incomplete], start_angles)
         # The followed posture is used only if no other solution is nearer.
-        other_gaps = np.round(compute_angle_gaps(solutions[incomplete], near[:, None]), 6)
+        other_gaps = np.round(compute_angle_gaps(solutions[incomplete], start_angles[:, None]), 6)
         least_gaps = np.fmin.reduce(other_gaps, axis=1, initial=np.inf)
-        usable &= np.round(compute_angle_gaps(followed, near), 6) <= least_gaps
+        is_usable &= np.round(compute_angle_gaps(followed, start_angles), 6) <= least_gaps
         solutions[incomplete] = np.nan
-        solutions[incomplete[usable], 0] = followed[usable]
-        not_followed = np.unique(incomplete[~usable] // count)
-    pose, branch = np.nonzero(np.isfinite(solutions).all(axis=2))
+        solutions[incomplete[is_usable], 0] = followed[is_usable]
+        not_followed = np.unique(incomplete[~is_usable] // orientation_count)
+    pose_index, solution_index = np.nonzero(np.isfinite(solutions).all(axis=2))
     limits = inverse.select_arm_joints(task.limits.T).T
-    kept, angles = fit_to_ranges(arm, solutions[pose, branch], limits, near_angles)
+    is_allowed, angles = fit_to_ranges(arm, solutions[pose_index, solution_index], limits, near_angles)
     joints = inverse.insert_held_joints(angles)
-    place, orientation = np.divmod(pose, count)
-    kept &= ((joints >= task.limits[:, 0]) & (joints <= task.limits[:, 1])).all(axis=1)
+    place, orientation = np.divmod(pose_index, orientation_count)
+    is_allowed &= ((joints >= task.limits[:, 0]) & (joints <= task.limits[:, 1])).all(axis=1)
     model_angles = robot.joint_map.model_angles(joints)
-    kept &= ((model_angles >= robot.limits[:, 0]) & (model_angles <= robot.limits[:, 1])).all(axis=1)
-    return place[kept], orientation[kept], joints[kept], np.unique(place), not_followed
+    is_allowed &= ((model_angles >= robot.limits[:, 0]) & (model_angles <= robot.limits[:, 1])).all(axis=1)
+    return place[is_allowed], orientation[is_allowed], joints[is_allowed], np.unique(place), not_followed
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,28 +232,30 @@ def map_places(
         places: (P, 3) in R0 [m].
     """
     robot, result = model.robot, DeflectionMap.all_out_of_reach(len(places), model.robot.n)
-    place, orientation, joints, solved, not_followed = find_postures_within_limits(
+    place_of_posture, orientation, joints, solved_places, not_followed = find_postures_within_limits(
         robot, task, inverse, places
     )
     # Places with a posture within the limits get another status below.
-    result.status[solved] = _JOINT_LIMITS
+    result.status[solved_places] = _JOINT_LIMITS
     result.status[not_followed] = _NOT_FOLLOWED
     if not len(joints):
         return result
     home = np.zeros(robot.n) if task.near is None else task.near
     travel = np.abs(joints - home).max(axis=1, initial=0.0)
-    size = travel  # quantity that the chosen posture minimises
+    minimised = travel  # quantity that the chosen posture has the least of
     if task.near is None:
         cases = task.cases(orientation, joints)
-        size = np.linalg.norm(model.linear_displacement(cases, model.unloaded(cases)), axis=1)
+        minimised = np.linalg.norm(model.linear_displacement(cases, model.unloaded(cases)), axis=1)
     with np.errstate(divide="ignore"):
-        rank = np.round(np.log(size) / _TIE)  # sizes that differ by rounding get the same rank
+        rank = np.round(np.log(minimised) / _TIE)  # sizes that differ by rounding get the same rank
     # The last key sorts first: places, then rank, travel from home, and orientation.
-    order = np.lexsort((orientation, travel, rank, place))
-    best = order[np.unique(place[order], return_index=True)[1]]  # first posture of each place
-    loaded = map_postures(model, error, task, orientation[best], joints[best])
+    sorted_postures = np.lexsort((orientation, travel, rank, place_of_posture))
+    chosen = sorted_postures[
+        np.unique(place_of_posture[sorted_postures], return_index=True)[1]
+    ]  # first posture of each place
+    loaded = map_postures(model, error, task, orientation[chosen], joints[chosen])
     for name, column in vars(loaded).items():
-        getattr(result, name)[place[best]] = column
+        getattr(result, name)[place_of_posture[chosen]] = column
     return result
 
 
@@ -263,13 +266,13 @@ def map_postures(
     orientation: IndexArray,
     joints: FloatArray,
 ) -> DeflectionMap:
-    """Compute displacement, compliances, intervals and status of a map for P given postures.
+    """Compute displacement, compliances, intervals and status of a map in P given postures.
 
     Args:
         model: model of the loaded robot.
         error: error of the model; None if unknown.
         task: tool and wrench.
-        orientation: (P,) index of the orientation.
+        orientation: (P,) index of the tool's orientation in each posture.
         joints: (P, n) controller's angles [rad].
     """
     result = DeflectionMap.all_out_of_reach(len(joints), model.robot.n)
@@ -283,30 +286,33 @@ def map_postures(
         return result
     # The kinematics without load are used again only if no case was removed.
     cases = cases[bearable] if overloaded.any() else cases
-    bent = model.deflect(cases, None if overloaded.any() else unloaded)
-    unseen, direction = bent.unseen.any(axis=1), task.direction[orientation[bearable]]
-    result.status[bearable] = np.where(unseen, _UNSEEN, _REACHED)
-    compliance = bent.compliance
-    known_along, known_across = bent.compliance_known(direction)
-    readings = bent.interval_along(unit_vectors(bent.displacement), task.confidence)
+    deflection = model.deflect(cases, None if overloaded.any() else unloaded)
+    is_undetermined, direction = deflection.unseen.any(axis=1), task.direction[orientation[bearable]]
+    result.status[bearable] = np.where(is_undetermined, _UNSEEN, _REACHED)
+    compliance = deflection.compliance
+    known_along, known_across = deflection.compliance_known(direction)
+    readings = deflection.interval_along(unit_vectors(deflection.displacement), task.confidence)
     columns = {
-        "displacement": bent.displacement,
-        "along": np.where(known_along, compliance.along(direction), np.nan),
-        "across": np.where(known_across, compliance.across(direction), np.nan),
+        "displacement": deflection.displacement,
+        "along": np.where(known_along, compliance.compliance_along(direction), np.nan),
+        "across": np.where(known_across, compliance.greatest_compliance_across(direction), np.nan),
         "readings": np.maximum(readings, 0.0),
     }
     if error is not None:
-        bound = error.bound(cases, bent.leverage, task.confidence)
-        length = np.linalg.norm(bent.displacement, axis=1)
-        half = np.where(np.isfinite(bound.radius), bound.radius, np.nan)
+        bound = error.bound(cases, deflection.leverage, task.confidence)
+        deflection_length = np.linalg.norm(deflection.displacement, axis=1)
+        radius = np.where(np.isfinite(bound.radius), bound.radius, np.nan)
         # The interval contains that from the readings; it is NaN where the model error has no bound.
-        inner = np.where(np.isnan(half)[:, None], np.nan, columns["readings"])
-        ends = np.fmin(np.maximum(length - half, 0.0), inner[:, 0]), np.fmax(length + half, inner[:, 1])
-        columns["with_model_error"] = np.stack(ends, axis=1)
-        beyond = np.maximum(bound.load_ratio, bound.leverage_ratio)
-        columns["extrapolation"] = np.where(np.isfinite(beyond), beyond, np.inf)
+        readings_or_nan = np.where(np.isnan(radius)[:, None], np.nan, columns["readings"])
+        interval = (
+            np.fmin(np.maximum(deflection_length - radius, 0.0), readings_or_nan[:, 0]),
+            np.fmax(deflection_length + radius, readings_or_nan[:, 1]),
+        )
+        columns["with_model_error"] = np.stack(interval, axis=1)
+        extrapolation_ratio = np.maximum(bound.load_ratio, bound.leverage_ratio)
+        columns["extrapolation"] = np.where(np.isfinite(extrapolation_ratio), extrapolation_ratio, np.inf)
     for name, column in columns.items():
-        getattr(result, name)[bearable[~unseen]] = column[~unseen]
+        getattr(result, name)[bearable[~is_undetermined]] = column[~is_undetermined]
     return result
 
 
@@ -321,24 +327,28 @@ Answer = TypeVar("Answer", bound=Message)
 
 
 def build_messages_where(
-    kind: type[Answer], where: Sequence[bool] | BoolArray, **columns: npt.NDArray[Any] | Sequence[Any]
+    message_class: type[Answer],
+    has_message: Sequence[bool] | BoolArray,
+    **columns: npt.NDArray[Any] | Sequence[Any],
 ) -> list[Answer | None]:
     """Build one message for each row of columns where a mask is true; None for the other rows.
 
     Args:
-        kind: class of the messages.
-        where: (N,) rows that get a message.
+        message_class: class of the messages.
+        has_message: (N,) mask of the rows that get a message.
         columns: N values of each field of the messages, by the field's name.
 
     Returns:
         N messages or None, in the order of the rows.
     """
-    rows = np.flatnonzero(where).tolist()
-    answers: list[Answer | None] = [None] * len(where)
-    built = build_messages(kind, **{name: [column[i] for i in rows] for name, column in columns.items()})
+    rows = np.flatnonzero(has_message).tolist()
+    messages: list[Answer | None] = [None] * len(has_message)
+    built = build_messages(
+        message_class, **{name: [column[i] for i in rows] for name, column in columns.items()}
+    )
     for i, answer in zip(rows, built, strict=True):
-        answers[i] = answer
-    return answers
+        messages[i] = answer
+    return messages
 
 
 def _round_to_eight_digits(values: FloatArray) -> list[float]:
@@ -383,7 +393,8 @@ def build_stored_model(
 def _describe_joint_model(model: JointModel) -> dict[str, Any]:
     """Return the fields of a stored model in which only joints bend.
 
-    `estimate` and `covariance` of the joints in `seen` neglect the constraints, which `compliance` obeys.
+    The fields `estimate` and `covariance` are of the joints listed in `seen`; they neglect the constraints,
+    which `compliance` obeys.
     """
     names, likelihood, bounds = model.robot.joint_names, model.likelihood, model.constraints.bounds
     weight = None
@@ -461,9 +472,13 @@ def build_forward_model(
     if stored.elastic is None:
         likelihood = None
         if stored.covariance:
-            seen = np.array([robot.joint_names.index(name) for name in stored.seen], dtype=np.intp)
+            identified_joints = np.array(
+                [robot.joint_names.index(name) for name in stored.seen], dtype=np.intp
+            )
             rows_given = None if stored.information_root is None else np.array(stored.information_root)
-            likelihood = Likelihood(seen, np.array(stored.estimate), np.array(stored.covariance), rows_given)
+            likelihood = Likelihood(
+                identified_joints, np.array(stored.estimate), np.array(stored.covariance), rows_given
+            )
         model = JointModel(
             robot,
             np.array(stored.compliance),
@@ -478,16 +493,16 @@ def build_forward_model(
             degrees_of_freedom=stored.degrees_of_freedom,
         )
     else:
-        part, root = stored.elastic, None
-        if part.covariance_root:
-            root = np.zeros((len(part.columns), len(part.columns)))
-            root[np.triu_indices(len(part.columns))] = part.covariance_root
+        elastic, covariance_root = stored.elastic, None
+        if elastic.covariance_root:
+            covariance_root = np.zeros((len(elastic.columns), len(elastic.columns)))
+            covariance_root[np.triu_indices(len(elastic.columns))] = elastic.covariance_root
         model = ElasticPredictor(
             robot,
-            ElasticColumns(robot.n, tuple(robot.joint_names.index(name) for name in part.links)),
-            np.array(part.columns, dtype=np.intp),
-            np.array(part.entries),
-            root,
+            ElasticColumns(robot.n, tuple(robot.joint_names.index(name) for name in elastic.links)),
+            np.array(elastic.columns, dtype=np.intp),
+            np.array(elastic.entries),
+            covariance_root,
             np.isin(np.array(robot.joint_names), stored.seen),
             degrees_of_freedom=stored.degrees_of_freedom,
         )
@@ -500,7 +515,7 @@ def _fill_missing_limits(values: Sequence[float | None], limit: float) -> FloatA
 
 
 def build_case_results(
-    bent: Deflection,
+    deflection: Deflection,
     bound: ModelErrorBound | None,
     directions: FloatArray,
     confidence: float,
@@ -512,7 +527,7 @@ def build_case_results(
     A case that twists a joint of unknown compliance has a remark instead of numbers.
 
     Args:
-        bent: deflections of B cases.
+        deflection: deflections of B cases.
         bound: bounds of the model error of these displacements; None if the model error is unknown.
         directions: (B, 3) unit vectors along which stiffness is requested; NaN where no direction is
             requested.
@@ -520,176 +535,199 @@ def build_case_results(
         labels: names of the cases.
         budget: uncertainty budget of the run; None if the run has none.
     """
-    unseen, intervals, names = bent.unseen, bent.interval(confidence), bent.model.robot.joint_names
-    valid = np.asarray(~unseen.any(axis=1))
+    undetermined, intervals, joint_names = (
+        deflection.unseen,
+        deflection.interval(confidence),
+        deflection.model.robot.joint_names,
+    )
+    is_valid = np.asarray(~undetermined.any(axis=1))
     with_error: Sequence[cases.ModelErrorInterval | None] = [None] * len(labels)
     radius, from_readings = np.full(len(labels), np.inf), np.full((len(labels), 6, 2), np.nan)
     if intervals is not None:
-        from_readings = np.where(valid[:, None, None], intervals, np.nan)
+        from_readings = np.where(is_valid[:, None, None], intervals, np.nan)
     if bound is not None:
         radius = bound.radius
         with_error = build_messages_where(
             cases.ModelErrorInterval,
-            valid & np.isfinite(radius),
-            displacement=bound.interval(bent.displacement, intervals),
+            is_valid & np.isfinite(radius),
+            displacement=bound.interval(deflection.displacement, intervals),
             radius=radius,
             load_ratio=bound.load_ratio,
             leverage_ratio=bound.leverage_ratio,
         )
-    remarks = [[] if bound is None else _list_extrapolation_remarks(bound, b) for b in range(len(labels))]
-    for b in np.flatnonzero(~valid).tolist():
-        twisted = ", ".join(np.array(names)[unseen[b]])
-        remarks[b] = [
+    remarks = [
+        [] if bound is None else _list_extrapolation_remarks(bound, case) for case in range(len(labels))
+    ]
+    for case in np.flatnonzero(~is_valid).tolist():
+        twisted = ", ".join(np.array(joint_names)[undetermined[case]])
+        remarks[case] = [
             f"the load or own weight twists {twisted}, which the readings of the run do not determine: the "
             "prediction is not valid"
         ]
-    budgets = _build_budget_messages(bent, budget, radius, bent.model.quantile(confidence))
+    budgets = _build_budget_messages(deflection, budget, radius, deflection.model.quantile(confidence))
     return build_messages(
         cases.CaseResult,
         label=labels,
-        displacement=np.where(valid[:, None], bent.displacement, np.nan),
-        rotation=np.where(valid[:, None], bent.rotation, np.nan),
+        displacement=np.where(is_valid[:, None], deflection.displacement, np.nan),
+        rotation=np.where(is_valid[:, None], deflection.rotation, np.nan),
         readings_only=from_readings[:, :3],
         rotation_interval=from_readings[:, 3:],
         with_model_error=with_error,
-        compliance=_build_compliance_messages(bent, directions, valid),
+        compliance=_build_compliance_messages(deflection, directions, is_valid),
         remarks=remarks,
-        budget=[each if is_valid else None for each, is_valid in zip(budgets, valid, strict=True)],
+        budget=[message if valid else None for message, valid in zip(budgets, is_valid, strict=True)],
     )
 
 
-def _list_extrapolation_remarks(bound: ModelErrorBound, b: int) -> list[str]:
-    """Return remarks on how far load case b exceeds what was measured; empty if it does not exceed that."""
-    load, leverage = float(bound.load_ratio[b]), float(bound.leverage_ratio[b])
+def _list_extrapolation_remarks(bound: ModelErrorBound, case: int) -> list[str]:
+    """Return remarks on how far a load case goes beyond what was measured; empty if it does not.
+
+    `case` is the index of the load case in the bound.
+    """
+    load_ratio, leverage_ratio = float(bound.load_ratio[case]), float(bound.leverage_ratio[case])
     remarks = []
-    if np.isinf(load):
+    if np.isinf(load_ratio):
         remarks.append(f"extrapolated: no {bound.unmeasured} was measured, so the model error is unknown")
-    elif load > EXTRAPOLATED:
+    elif load_ratio > EXTRAPOLATED:
         remarks.append(
-            f"extrapolated: the load is {figure(load, '.3g')} times the greatest that was measured"
+            f"extrapolated: the load is {figure(load_ratio, '.3g')} times the greatest that was measured"
         )
-    if np.isfinite(load) and leverage > EXTRAPOLATED:
+    if np.isfinite(load_ratio) and leverage_ratio > EXTRAPOLATED:
         remarks.append(
-            f"extrapolated: the prediction here is {figure(leverage, '.3g')} times as uncertain as at the "
+            f"extrapolated: the prediction here is {figure(leverage_ratio, '.3g')} times as uncertain as "
+            "at the "
             "worst measured target"
         )
     return remarks
 
 
 def _build_compliance_messages(
-    bent: Deflection, directions: FloatArray, valid: BoolArray
+    deflection: Deflection, directions: FloatArray, valid: BoolArray
 ) -> list[cases.CartesianCompliance | None]:
     """Build the message of each load case's Cartesian compliance.
 
     Args:
-        bent: deflections of B load cases.
+        deflection: deflections of B load cases.
         directions: (B, 3) unit vectors along which stiffness is requested; NaN where no direction is
             requested.
         valid: (B,) mask of load cases that have numbers; the other cases get None.
     """
-    found, worst, requested = bent.compliance, bent.compliance.worst, ~np.isnan(directions[:, 0])
-    u = np.where(requested[:, None], directions, [1.0, 0.0, 0.0])  # any direction where none is requested
-    along = build_messages_where(
+    compliance, worst, is_requested = (
+        deflection.compliance,
+        deflection.compliance.worst,
+        ~np.isnan(directions[:, 0]),
+    )
+    directions_or_x = np.where(
+        is_requested[:, None], directions, [1.0, 0.0, 0.0]
+    )  # any direction where none is requested
+    stiffness_messages = build_messages_where(
         cases.DirectionalStiffness,
-        valid & requested,
-        direction=u,
-        lateral_free=found.stiffness_lateral_free(u),
-        lateral_blocked=found.stiffness_lateral_blocked(u),
-        rotation_blocked=found.stiffness_rotation_blocked(u),
-        compliance=found.along(u),
-        standard_uncertainty=found.deviation_along(u),
+        valid & is_requested,
+        direction=directions_or_x,
+        lateral_free=compliance.stiffness_lateral_free(directions_or_x),
+        lateral_blocked=compliance.stiffness_lateral_blocked(directions_or_x),
+        rotation_blocked=compliance.stiffness_rotation_blocked(directions_or_x),
+        compliance=compliance.compliance_along(directions_or_x),
+        standard_uncertainty=compliance.deviation_along(directions_or_x),
     )
     return build_messages_where(
         cases.CartesianCompliance,
         valid,
-        **{name: found.matrix[:, moved, load] for name, (moved, load) in _BLOCKS.items()},
-        symmetric=found.symmetric,
-        along=along,
+        **{name: compliance.matrix[:, moved, load] for name, (moved, load) in _BLOCKS.items()},
+        symmetric=compliance.symmetric,
+        along=stiffness_messages,
         worst=build_messages_where(cases.WorstDirection, valid, **vars(worst)),
     )
 
 
 def _build_budget_messages(
-    bent: Deflection, budget: Budget | None, radius: FloatArray, factor: float
+    deflection: Deflection, budget: Budget | None, radius: FloatArray, coverage_factor: float
 ) -> Sequence[cases.DeflectionBudget | None]:
-    """Build the message of the uncertainty budget of each displacement's length.
+    """Build the message of the uncertainty budget of the length of each case's displacement.
 
     Args:
-        bent: deflections of B cases.
+        deflection: deflections of B cases.
         budget: uncertainty budget of the run's compliances; without a budget all B messages are None.
         radius: (B,) model error [m]; inf where unknown.
-        factor: coverage factor of the intervals.
+        coverage_factor: coverage factor of the intervals.
     """
     if budget is None:
         return [None] * len(radius)
-    joints = bent.model.robot.joint_names
+    joints = deflection.model.robot.joint_names
     in_budget = [joints.index(name) for name in budget.joints]
     covariances = np.zeros((len(budget.components), len(joints), len(joints)))
-    for k, part in enumerate(budget.components):
-        deviations = np.array(part.contributions)
+    for k, component in enumerate(budget.components):
+        deviations = np.array(component.contributions)
         covariances[np.ix_([k], in_budget, in_budget)] = np.outer(deviations, deviations) * np.array(
-            part.correlation
+            component.correlation
         )
     budgets = []
     for contributions, model_error in zip(
-        bent.length_uncertainties(covariances).tolist(), radius.tolist(), strict=True
+        deflection.length_uncertainties(covariances).tolist(), radius.tolist(), strict=True
     ):
-        parts = {
-            part.source: size
-            for part, size in zip(budget.components, contributions, strict=True)
-            if part.source != "model_error"
+        uncertainty_of_source = {
+            component.source: size
+            for component, size in zip(budget.components, contributions, strict=True)
+            if component.source != "model_error"
         }
-        included = [part.source for part in budget.components if part.included and part.source in parts]
-        combined = hypot(*(parts[source] for source in included))
+        included = [
+            component.source
+            for component in budget.components
+            if component.included and component.source in uncertainty_of_source
+        ]
+        combined = hypot(*(uncertainty_of_source[source] for source in included))
         if isfinite(model_error):  # the radius is an expanded uncertainty
-            parts["model_error"] = model_error / factor
+            uncertainty_of_source["model_error"] = model_error / coverage_factor
         budgets.append(
             cases.DeflectionBudget(
-                contributions=parts,
+                contributions=uncertainty_of_source,
                 included=included,
                 standard_uncertainty=combined,
-                coverage_factor=factor,
-                expanded_uncertainty=factor * combined,
-                expanded_with_model_error=factor * hypot(*parts.values()),
+                coverage_factor=coverage_factor,
+                expanded_uncertainty=coverage_factor * combined,
+                expanded_with_model_error=coverage_factor * hypot(*uncertainty_of_source.values()),
             )
         )
     return budgets
 
 
-def summarise_map(table: DeflectionMap, places: FloatArray, tool: FloatArray) -> dict[str, Any]:
+def summarise_map(deflection_map: DeflectionMap, places: FloatArray, tool: FloatArray) -> dict[str, Any]:
     """Summarise a map in the fields of its message: counts, percentiles, the worst and the stiffest place.
 
     Args:
-        table: map of P places.
+        deflection_map: map of P places.
         places: (P, 3) in R0 [m].
         tool: (O, 3) direction of the tool in each orientation, in R0.
     """
-    reached, length = np.flatnonzero(table.reached), table.length
+    reached, lengths = np.flatnonzero(deflection_map.reached), deflection_map.length
     worst_and_stiffest: Sequence[cases.MapPlace | None] = (None, None)
     percentiles: dict[str, float] = {}
     if len(reached):
         # Indices of the place with the greatest deflection, and of that with the least
-        order = [reached[np.argmax(length[reached])], reached[np.argmin(length[reached])]]
+        worst_and_stiffest_index = [
+            reached[np.argmax(lengths[reached])],
+            reached[np.argmin(lengths[reached])],
+        ]
         worst_and_stiffest = build_messages(
             cases.MapPlace,
-            position=places[order],
-            joints=table.joints[order],
-            tool_direction=tool[table.orientation[order]],
-            displacement=table.displacement[order],
-            deflection=length[order],
-            readings_only=table.readings[order],
-            with_model_error=table.with_model_error[order],
-            compliance_along=table.along[order],
-            compliance_across=table.across[order],
-            extrapolation=table.extrapolation[order],
+            position=places[worst_and_stiffest_index],
+            joints=deflection_map.joints[worst_and_stiffest_index],
+            tool_direction=tool[deflection_map.orientation[worst_and_stiffest_index]],
+            displacement=deflection_map.displacement[worst_and_stiffest_index],
+            deflection=lengths[worst_and_stiffest_index],
+            readings_only=deflection_map.readings[worst_and_stiffest_index],
+            with_model_error=deflection_map.with_model_error[worst_and_stiffest_index],
+            compliance_along=deflection_map.along[worst_and_stiffest_index],
+            compliance_across=deflection_map.across[worst_and_stiffest_index],
+            extrapolation=deflection_map.extrapolation[worst_and_stiffest_index],
         )
-        deflections = np.quantile(length[reached], [percent / 100.0 for percent in _PERCENTS]).tolist()
+        deflections = np.quantile(lengths[reached], [percent / 100.0 for percent in _PERCENTS]).tolist()
         percentiles = dict(zip(map(str, _PERCENTS), deflections, strict=True))
     return {
-        "places": len(table),
-        "counts": {name: int((table.status == i).sum()) for i, name in enumerate(STATUSES)},
+        "places": len(deflection_map),
+        "counts": {name: int((deflection_map.status == i).sum()) for i, name in enumerate(STATUSES)},
         "percentiles": percentiles,
         "worst": worst_and_stiffest[0],
         "stiffest": worst_and_stiffest[1],
-        "extrapolated": int((table.extrapolation[reached] > EXTRAPOLATED).sum()),
+        "extrapolated": int((deflection_map.extrapolation[reached] > EXTRAPOLATED).sum()),
     }

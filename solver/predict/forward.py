@@ -64,70 +64,97 @@ class CartesianCompliance:
 
     @property
     def translation(self) -> FloatArray:
-        """(B, 3, 3) matrices C_tt from a force at the place to the displacement of the place [m/N]."""
+        """Translational compliances C_tt (B, 3, 3): displacement of the place per force there [m/N]."""
         return self.matrix[:, :3, :3]
 
-    def along(self, direction: FloatArray) -> FloatArray:
-        """Return ``uᵀ C_tt u`` (B,), the compliance along directions [m/N]."""
+    def compliance_along(self, direction: FloatArray) -> FloatArray:
+        """Return the compliance ``uᵀ C_tt u`` (B,) along unit vectors u (B, 3) [m/N].
+
+        C_tt (B, 3, 3) is the translational compliance.
+        """
         return np.asarray(np.einsum("bi,bij,bj->b", direction, self.translation, direction))
 
-    def across(self, direction: FloatArray) -> FloatArray:
-        """Return the greatest compliance (B,) [m/N] in the plane perpendicular to each direction.
+    def greatest_compliance_across(self, direction: FloatArray) -> FloatArray:
+        """Return the greatest compliance (B,) [m/N] in the plane perpendicular to each direction (B, 3).
 
-        This is the greater eigenvalue of the symmetric part of C_tt projected on the plane.
+        The greatest compliance is the greater eigenvalue of the symmetric part of C_tt, the translational
+        compliance, projected on the plane.
         """
         # Any vector that is not nearly parallel to the direction gives a basis of the plane.
-        helper = np.where(np.abs(direction[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-        first = unit_vectors(cross(direction.T, helper.T).T)
-        plane = np.stack([first, cross(direction.T, first.T).T], axis=1)  # (B, 2, 3)
+        not_parallel = np.where(np.abs(direction[:, :1]) < 0.6, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+        first_axis = unit_vectors(cross(direction.T, not_parallel.T).T)
+        plane = np.stack([first_axis, cross(direction.T, first_axis.T).T], axis=1)  # (B, 2, 3)
         projected = plane @ self.translation @ plane.transpose(0, 2, 1)
-        a, b, c = projected[:, 0, 0], 0.5 * (projected[:, 0, 1] + projected[:, 1, 0]), projected[:, 1, 1]
-        return np.asarray(0.5 * (a + c) + np.hypot(0.5 * (a - c), b))
+        first_diagonal, off_diagonal, second_diagonal = (
+            projected[:, 0, 0],
+            0.5 * (projected[:, 0, 1] + projected[:, 1, 0]),
+            projected[:, 1, 1],
+        )
+        return np.asarray(
+            0.5 * (first_diagonal + second_diagonal)
+            + np.hypot(0.5 * (first_diagonal - second_diagonal), off_diagonal)
+        )
 
     def stiffness_lateral_free(self, direction: FloatArray) -> FloatArray:
-        """Return ``1/(uᵀ C_tt u)`` (B,) [N/m]: force per displacement along u if motion across u is free."""
+        """Return the stiffness ``1/(uᵀ C_tt u)`` (B,) along u [N/m] if the place may also move across u.
+
+        C_tt (B, 3, 3) is the translational compliance.
+        """
         with np.errstate(divide="ignore"):
-            return 1.0 / self.along(direction)
+            return 1.0 / self.compliance_along(direction)
 
     def stiffness_lateral_blocked(self, direction: FloatArray) -> FloatArray:
-        """Return ``uᵀ C_tt⁻¹ u`` (B,) [N/m]: stiffness if motion across u is blocked; inf if singular."""
-        return _compute_inverse_form(self.translation, direction)
+        """Return the stiffness along u (B, 3) [N/m] if the place cannot move across u: ``uᵀ C_tt⁻¹ u`` (B,).
+
+        C_tt (B, 3, 3) is the translational compliance; the stiffness is infinite where C_tt is singular.
+        """
+        return _evaluate_form_of_inverse(self.translation, direction)
 
     def stiffness_rotation_blocked(self, direction: FloatArray) -> FloatArray:
         """Return ``uᵀ K_tt u`` (B,), K = C_x⁻¹ [N/m]: stiffness if all but motion along u is blocked.
 
         The stiffness is inf where C_x is singular.
         """
-        return _compute_inverse_form(self.matrix, np.pad(direction, ((0, 0), (0, 3))))
+        return _evaluate_form_of_inverse(self.matrix, np.pad(direction, ((0, 0), (0, 3))))
 
     @cached_property
     def worst(self) -> WorstDirection:
-        """Direction of the greatest compliance, with uncertainties from the law of propagation (GUM, 5.1.2).
+        """Direction of the greatest compliance λ, with uncertainties by linear propagation (GUM, 5.1.2).
 
         ``∂λ/∂c_j = vᵀ (∂C/∂c_j) v`` and ``∂v/∂c_j = Σ_m v_m v_mᵀ(∂C/∂c_j)v / (λ − λ_m)``, with the loaded
-        posture held constant.
+        posture held constant: C is the translational compliance, λ_m and v_m its eigenvalues and
+        eigenvectors, λ
+        and v the greatest of them, c_j the compliance of joint j.
         """
         symmetric = 0.5 * (self.translation + self.translation.transpose(0, 2, 1))
         values, vectors = np.linalg.eigh(symmetric)
-        worst, v = values[:, -1], fix_axis_signs(vectors[:, :, -1])
+        greatest, direction = values[:, -1], fix_axis_signs(vectors[:, :, -1])
         if self.differentiate is None:
-            unknown = np.full(len(v), np.nan)
-            return WorstDirection(worst, v, unknown, unknown)
+            unknown = np.full(len(direction), np.nan)
+            return WorstDirection(greatest, direction, unknown, unknown)
         left, right, covariance = self.differentiate()
-        # Both factors in the axes of the eigenvectors; then (B, 3, n) slopes v_mᵀ (∂C/∂c_j) v, v the last
-        # one.
-        left_m, right_m = (vectors.transpose(0, 2, 1) @ factor[:, :3] for factor in (left, right))
-        slopes = 0.5 * (left_m * right_m[:, -1:] + right_m * left_m[:, -1:])
+        # Both factors in the axes of the eigenvectors; then the slopes v_mᵀ (∂C/∂c_j) v (B, 3, n), with v the
+        # last eigenvector.
+        left_in_eigenvectors, right_in_eigenvectors = (
+            vectors.transpose(0, 2, 1) @ factor[:, :3] for factor in (left, right)
+        )
+        slopes = 0.5 * (
+            left_in_eigenvectors * right_in_eigenvectors[:, -1:]
+            + right_in_eigenvectors * left_in_eigenvectors[:, -1:]
+        )
         variance = np.einsum("bmi,ij,bmj->bm", slopes, covariance, slopes)
         with np.errstate(divide="ignore", invalid="ignore"):
-            angle_variance = (variance[:, :2] / np.square(worst[:, None] - values[:, :2])).sum(axis=1)
+            angle_variance = (variance[:, :2] / np.square(greatest[:, None] - values[:, :2])).sum(axis=1)
         # Equal eigenvalues give 0/0: the direction is then unknown, and the angle at most a quarter turn.
         angle_variance = np.where(np.isnan(angle_variance), np.inf, angle_variance)
         angle = np.minimum(np.sqrt(angle_variance), 0.5 * np.pi)
-        return WorstDirection(worst, v, np.sqrt(variance[:, -1]), angle)
+        return WorstDirection(greatest, direction, np.sqrt(variance[:, -1]), angle)
 
     def deviation_along(self, direction: FloatArray) -> FloatArray:
-        """Return the standard uncertainty (B,) of the compliance ``uᵀ C_tt u`` [m/N]; NaN if unknown."""
+        """Return the standard uncertainty (B,) of the compliance along unit vectors u (B, 3) [m/N].
+
+        NaN if the uncertainty of the joints' compliances is unknown.
+        """
         if self.differentiate is None:
             return np.full(len(direction), np.nan)
         left, right, covariance = self.differentiate()
@@ -135,7 +162,7 @@ class CartesianCompliance:
         return np.asarray(np.sqrt(np.einsum("bi,ij,bj->b", slope, covariance, slope)))
 
 
-def _compute_inverse_form(matrices: FloatArray, direction: FloatArray) -> FloatArray:
+def _evaluate_form_of_inverse(matrices: FloatArray, direction: FloatArray) -> FloatArray:
     """Return ``uᵀ A⁻¹ u`` (B,) of matrices A (B, k, k) and vectors u (B, k); inf where A is singular.
 
     Rows and columns are scaled to a unit diagonal before A is tested.
@@ -145,10 +172,12 @@ def _compute_inverse_form(matrices: FloatArray, direction: FloatArray) -> FloatA
     equilibrated = matrices / scale[:, :, None] / scale[:, None]
     singular_values = np.linalg.svd(equilibrated, compute_uv=False)
     regular = singular_values[:, -1] > _SINGULAR * singular_values[:, 0]
-    forms = np.full(len(matrices), np.inf)
-    u = (direction / scale)[regular]
-    forms[regular] = (u * np.linalg.solve(equilibrated[regular], u[..., None])[..., 0]).sum(axis=1)
-    return forms
+    values = np.full(len(matrices), np.inf)
+    scaled_direction = (direction / scale)[regular]
+    values[regular] = (
+        scaled_direction * np.linalg.solve(equilibrated[regular], scaled_direction[..., None])[..., 0]
+    ).sum(axis=1)
+    return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,16 +208,16 @@ class ForwardModel(ABC):
         """
 
     @abstractmethod
-    def compute_commands(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Compute the angles (B, n) [rad] to command for the deflected robot to reach the wanted postures.
+    def compute_commands(self, cases: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
+        """Compute the angles (B, n) to command [rad] for the deflected robot to reach the postures of `goal`.
 
         Args:
-            wanted: B loaded postures.
-            goal: kinematics of the wanted postures.
+            cases: B loads, their load points, and the places on the flange.
+            goal: B postures that would bring the places to their goals if nothing bent.
             share: (B,) share of the deflection that is compensated, 0 to 1.
 
         Raises:
-            RequestError: no angles near the wanted posture bring the loaded robot there.
+            RequestError: no angles near the posture of the goal bring the loaded robot there.
         """
 
     @abstractmethod
@@ -197,14 +226,21 @@ class ForwardModel(ABC):
 
     @abstractmethod
     def find_overloads(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
-        """Return a mask (B,) of load cases whose loads are too great for the model."""
+        """Return a mask (B,) of the load cases whose load is too great for the model.
+
+        `unloaded` are the postures of the cases without their loads.
+        """
 
     def unloaded(self, cases: LoadCases) -> Postures:
-        """Return the kinematics of load cases without their loads."""
+        """Return the postures of load cases without their loads."""
         return Postures(self.robot, self.robot.joint_map.model_angles(cases.joints))
 
     def quantile(self, confidence: float) -> float:
-        """Return the coverage factor of an interval: its half-width over the standard uncertainty."""
+        """Return the coverage factor of an interval: the half-width divided by the standard uncertainty.
+
+        Raises:
+            RequestError: the confidence is not between 0 and 1.
+        """
         if not 0.0 < confidence < 1.0:
             raise RequestError(
                 f"the confidence {confidence} is not between 0 and 1",
@@ -237,7 +273,10 @@ class Deflection(ABC):
     @property
     @abstractmethod
     def rows(self) -> FloatArray:
-        """(B, 6, p) ``∂(displacement, rotation)/∂c`` [m, then rad, / (rad/(N·m))]."""
+        """Derivatives (B, 6, p) of displacement and rotation with respect to the p compliances.
+
+        Displacement [m], then rotation [rad], per unit of compliance [rad/(N·m)].
+        """
 
     @property
     @abstractmethod
@@ -250,7 +289,7 @@ class Deflection(ABC):
     @property
     @abstractmethod
     def unseen(self) -> BoolArray:
-        """(B, n) mask of joints that the load twists, and whose compliance the readings do not determine.
+        """Mask (B, n) of the joints that the load twists, and whose compliance the readings do not determine.
 
         The numbers of a case with such a joint are not valid.
         """
@@ -291,7 +330,7 @@ class Deflection(ABC):
 
     @property
     def leverage(self) -> FloatArray:
-        """(B,) greatest standard uncertainty of a displacement in any direction [m]; zero if unknown."""
+        """Greatest standard uncertainty (B,) of a displacement in any direction [m]; zero if unknown."""
         return (
             np.zeros(len(self.motion))
             if self.covariance_root is None
@@ -361,32 +400,36 @@ class Compensation:
 
 def compensate(
     model: ForwardModel,
-    wanted: LoadCases,
+    cases: LoadCases,
     limits: CorrectionLimits | None = None,
     ramp: FloatArray | None = None,
-    hold: Callable[[FloatArray], FloatArray] | None = None,
+    keep_fixed_joints: Callable[[FloatArray], FloatArray] | None = None,
 ) -> Compensation:
-    """Compute commanded angles with which the deflected robot brings the tool to the wanted places.
+    """Compute commanded angles with which the deflected robot brings the tool to its places.
 
     Args:
         model: model of the loaded robot.
-        wanted: m load cases in the wanted loaded postures. `joints` are the controller's angles that would
-            bring the tool to the wanted places if nothing bent.
+        cases: m load cases. `joints` are the controller's angles that would bring the tool to its places if
+            nothing bent.
         limits: greatest corrections.
         ramp: (m,) fraction of each correction to apply, such as from `compute_ramp_shares`; None for full
             corrections.
-        hold: function that changes commands (m, n) so that fixed joints keep their angles and the other
-            joints reach the same poses; None if no joint is fixed.
+        keep_fixed_joints: function that changes commands (m, n) so that fixed joints keep their angles and
+            the
+            other joints reach the same poses; None if no joint is fixed.
+
+    Returns:
+        The commands, the corrections, and the deviations that remain.
 
     Raises:
         RequestError: a load twists a joint of unknown compliance, has no stable equilibrium, or cannot be
             compensated.
     """
     robot, limits = model.robot, CorrectionLimits() if limits is None else limits
-    ramp = np.ones(len(wanted)) if ramp is None else ramp
-    goal = model.unloaded(wanted)
-    wanted_poses = goal.to_base(wanted.place[:, None])[:, 0], goal.flange_rotation
-    uncorrected = model.deflect(wanted, goal)
+    ramp = np.ones(len(cases)) if ramp is None else ramp
+    goal = model.unloaded(cases)
+    goal_poses = goal.to_base(cases.place[:, None])[:, 0], goal.flange_rotation
+    uncorrected = model.deflect(cases, goal)
     if uncorrected.unseen.any():
         twisted = ", ".join(np.array(robot.joint_names)[uncorrected.unseen.any(axis=0)])
         raise RequestError(
@@ -395,34 +438,39 @@ def compensate(
             remedy="choose a run whose readings determine every joint that the process loads",
         )
     uncertainty = uncorrected.deviation_along(unit_vectors(uncorrected.displacement))
-    uncertain = uncertainty > np.linalg.norm(uncorrected.displacement, axis=1)
-    share = np.where(uncertain, 0.0, ramp)  # no correction where its direction is not known
+    is_uncertain = uncertainty > np.linalg.norm(uncorrected.displacement, axis=1)
+    share = np.where(is_uncertain, 0.0, ramp)  # no correction where its direction is not known
 
     def apply_commands(angles: FloatArray) -> tuple[Postures, FloatArray]:
         """Return the unloaded kinematics of commands (m, n), and their difference (m, 6) from the goal."""
-        commanded = Postures(robot, angles if hold is None else hold(angles))
-        place = commanded.to_base(wanted.place[:, None])[:, 0]
-        return commanded, _compute_pose_difference(*wanted_poses, place, commanded.flange_rotation)
+        commanded = Postures(robot, angles if keep_fixed_joints is None else keep_fixed_joints(angles))
+        place = commanded.to_base(cases.place[:, None])[:, 0]
+        return commanded, _compute_pose_difference(*goal_poses, place, commanded.flange_rotation)
 
-    unloaded, correction = apply_commands(model.compute_commands(wanted, goal, share))
-    # `cap` (m,) is the fraction of each correction that the limits allow.
-    size = np.stack([np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)])
+    unloaded, correction = apply_commands(model.compute_commands(cases, goal, share))
+    # `allowed_share` (m,) is the fraction of each correction that the limits allow.
+    correction_size = np.stack(
+        [np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)]
+    )
     limit = np.array([[limits.displacement], [limits.rotation]])
-    cap: FloatArray = np.min(np.where(size > limit, limit / np.where(size > 0.0, size, 1.0), 1.0), axis=0)
-    if (cap < 1.0).any():
-        reduced = model.compute_commands(wanted, goal, share * cap)
-        unloaded, correction = apply_commands(np.where(cap[:, None] < 1.0, reduced, unloaded.q))
-    reached = model.deflect(wanted, unloaded, near=goal)
+    allowed_share: FloatArray = np.min(
+        np.where(correction_size > limit, limit / np.where(correction_size > 0.0, correction_size, 1.0), 1.0),
+        axis=0,
+    )
+    if (allowed_share < 1.0).any():
+        reduced = model.compute_commands(cases, goal, share * allowed_share)
+        unloaded, correction = apply_commands(np.where(allowed_share[:, None] < 1.0, reduced, unloaded.q))
+    reached = model.deflect(cases, unloaded, near=goal)
     return Compensation(
         commanded=robot.joint_map.controller_angles(unloaded.q),
         correction=correction,
-        residual=_compute_pose_difference(*wanted_poses, reached.place, reached.axes),
+        residual=_compute_pose_difference(*goal_poses, reached.place, reached.axes),
         uncorrected=uncorrected.motion,
         uncertainty=uncertainty,
         leverage=uncorrected.leverage,
-        share=share * cap,
-        uncertain=uncertain,
-        capped=cap < 1.0,
+        share=share * allowed_share,
+        uncertain=is_uncertain,
+        capped=allowed_share < 1.0,
     )
 
 
@@ -441,42 +489,47 @@ def _compute_pose_difference(
 
 
 def compute_pose_residuals(
-    model: ForwardModel, wanted: LoadCases, goal: FloatArray, commanded: FloatArray, near: FloatArray
+    model: ForwardModel,
+    cases: LoadCases,
+    goal_poses: FloatArray,
+    commanded: FloatArray,
+    start_angles: FloatArray,
 ) -> FloatArray:
-    """Compute how far loaded poses are from the wanted poses under given commands.
+    """Compute how far loaded poses of the tool are from their goals, under given commands.
 
     Args:
         model: model of the loaded robot.
-        wanted: m loads and places.
-        goal: (m, 4, 4) wanted poses of the flange in R0 [m].
+        cases: m loads and places on the flange.
+        goal_poses: (m, 4, 4) poses that the flange must have in R0 [m].
         commanded: (m, n) angles of the model without the loads [rad].
-        near: (m, n) angles at which the search for the loaded postures starts [rad].
+        start_angles: (m, n) angles at which the search for the loaded postures starts [rad].
 
     Returns:
-        (m, 6) differences, loaded minus wanted: displacement [m], then rotation vector [rad], axes of R0.
+        (m, 6) differences, loaded minus goal: displacement [m], then rotation vector [rad], axes of R0.
 
     Raises:
         RequestError: a load has no stable equilibrium.
     """
-    unloaded, start = (Postures(model.robot, angles) for angles in (commanded, near))
-    axes, reached = goal[:, :3, :3], model.deflect(wanted, unloaded, start)
-    place = (axes @ wanted.place[..., None])[..., 0] + goal[:, :3, 3]
+    unloaded, start = Postures(model.robot, commanded), Postures(model.robot, start_angles)
+    reached = model.deflect(cases, unloaded, start)
+    axes = goal_poses[:, :3, :3]
+    place = (axes @ cases.place[..., None])[..., 0] + goal_poses[:, :3, 3]
     return _compute_pose_difference(place, axes, reached.place, reached.axes)
 
 
-def compute_ramp_shares(robot: Robot, wanted: LoadCases, length: float) -> FloatArray:
-    """Return the fraction (m,) of each correction: rising after the load begins, falling before it ends.
+def compute_ramp_shares(robot: Robot, cases: LoadCases, length: float) -> FloatArray:
+    """Return the fraction (m,) of each correction: rises after the load begins, falls before the load ends.
 
     Args:
         robot: n joints.
-        wanted: m postures along a path, with their loads.
+        cases: m postures along a path, with their loads.
         length: length of path over which the fraction rises from 0 to 1 [m]; 0 gives 1 everywhere.
     """
     if length <= 0.0:
-        return np.ones(len(wanted))
-    postures = Postures(robot, robot.joint_map.model_angles(wanted.joints))
-    steps = np.linalg.norm(np.diff(postures.to_base(wanted.place[:, None])[:, 0], axis=0), axis=1)
-    loaded = (wanted.force != 0.0).any(axis=1) | (wanted.moment != 0.0).any(axis=1)
+        return np.ones(len(cases))
+    postures = Postures(robot, robot.joint_map.model_angles(cases.joints))
+    steps = np.linalg.norm(np.diff(postures.to_base(cases.place[:, None])[:, 0], axis=0), axis=1)
+    loaded = (cases.force != 0.0).any(axis=1) | (cases.moment != 0.0).any(axis=1)
     path_before = _measure_path_since_load(loaded, steps)
     path_after = _measure_path_since_load(loaded[::-1], steps[::-1])[::-1]
     fraction: FloatArray = np.clip(np.minimum(path_before, path_after) / length, 0.0, 1.0)

@@ -98,7 +98,11 @@ class IdentifiedWeight(OwnWeight):
     root: FloatArray = field(kw_only=True)
 
     def compute_turn_root(self, postures: Postures, torque: FloatArray) -> FloatArray:
-        """Return L (B, n, r) with L Lᵀ the covariance of the joints' deflections [rad²] in B postures.
+        """Return a root L (B, n, r) of the covariance of the joints' deflections in B postures [rad].
+
+        L Lᵀ is the covariance [rad²] of the deflections of the n joints, due to the uncertainty of the
+        compliances
+        and of the own weight.
 
         Args:
             postures: B postures.
@@ -107,8 +111,8 @@ class IdentifiedWeight(OwnWeight):
         n = len(torque.T)
         # Torques (B, n, n, 4) per unit of mass, and of mass times centre, of each link
         unit_torques = postures.weight_levers @ self.gravity
-        of_weight = np.einsum("bjlp,jlpr->bjr", unit_torques, self.root[n:].reshape(n, n, 4, -1))
-        return np.asarray(torque[..., None] * self.root[:n] + of_weight)
+        weight_part = np.einsum("bjlp,jlpr->bjr", unit_torques, self.root[n:].reshape(n, n, 4, -1))
+        return np.asarray(torque[..., None] * self.root[:n] + weight_part)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +148,7 @@ class JointModel(ForwardModel):
 
     @cached_property
     def root(self) -> FloatArray:
-        """(n, n) matrix L with L Lᵀ the covariance of the unconstrained estimate [(rad/(N·m))²]."""
+        """Root L (n, n) of the covariance L Lᵀ of the unconstrained estimate [rad/(N·m)]."""
         values, vectors = np.linalg.eigh(self.covariance)
         return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
@@ -152,6 +156,11 @@ class JointModel(ForwardModel):
         self, cases: LoadCases, unloaded: Postures | None = None, near: Postures | None = None
     ) -> JointDeflection:
         """Compute the deflections in the exact balance of springs and loads.
+
+        Args:
+            cases: B load cases.
+            unloaded: postures without load; computed from the cases if None.
+            near: start of the search for the loaded postures; the unloaded postures if None.
 
         Raises:
             RequestError: a load has no stable equilibrium near the unloaded posture.
@@ -161,39 +170,48 @@ class JointModel(ForwardModel):
             self.robot, self.compliance, cases, self.weight, unloaded, near or unloaded
         )
         loaded = equilibrium.loaded
-        unloaded_place, reached = (at.to_base(cases.place[:, None]) for at in (unloaded, loaded))
+        unloaded_place = unloaded.to_base(cases.place[:, None])
+        reached = loaded.to_base(cases.place[:, None])
         jacobian = loaded.pose_jacobian_at(reached)
         # The last step of the balance is added to first order, which saves another computation of kinematics.
-        step = (jacobian @ equilibrium.step[..., None])[..., 0]
-        axes = loaded.flange_rotation + skew(step[:, 3:]) @ loaded.flange_rotation
+        pose_step = (jacobian @ equilibrium.step[..., None])[..., 0]
+        axes = loaded.flange_rotation + skew(pose_step[:, 3:]) @ loaded.flange_rotation
         rotation = rotation_vectors(axes, unloaded.flange_rotation)
         return JointDeflection(
             model=self,
-            motion=np.concatenate([(reached - unloaded_place)[:, 0] + step[:, :3], rotation], axis=1),
-            place=reached[:, 0] + step[:, :3],
+            motion=np.concatenate([(reached - unloaded_place)[:, 0] + pose_step[:, :3], rotation], axis=1),
+            place=reached[:, 0] + pose_step[:, :3],
             axes=axes,
             cases=cases,
             balance=equilibrium,
             jacobian=jacobian,
         )
 
-    def compute_commands(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Compute the angles (B, n) to command, ``q_cmd = θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` [rad].
+    def compute_commands(self, cases: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
+        """Compute the joint angles (B, n) to command [rad] so that the loaded joints reach those of `goal`.
 
-        θ are the wanted angles, s the share, c the compliances, τ the torques of the load and g those of own
-        weight. With an identified own weight, deflections include the sag: g(q_cmd) is then left out.
+        ``q_cmd = θ − s c ∘ (τ(θ) + g(θ) − g(q_cmd))`` with θ the angles of the goal, c (n,) the compliances,
+        τ the
+        torques of the load and g the torques of own weight. If the run also identified the effect of own
+        weight
+        (`weight.absolute`), deflections include the sag, and g(q_cmd) is left out.
+
+        Args:
+            cases: B loads and their load points.
+            goal: B postures that the loaded arm must reach.
+            share: (B,) share s of the correction that is applied, 0 to 1.
         """
-        step = share[:, None] * self.compliance
-        torque = goal.load(wanted.load_point, wanted.force, wanted.moment)[1]
-        commanded: FloatArray = goal.q - step * torque
+        scaled_compliance = share[:, None] * self.compliance
+        joint_torque = goal.load(cases.load_point, cases.force, cases.moment)[1]
+        commanded: FloatArray = goal.q - scaled_compliance * joint_torque
         if self.weight is None:
             return commanded
-        torque = torque + self.weight.torque_and_stiffness(self.robot, goal)[0]
+        joint_torque = joint_torque + self.weight.torque_and_stiffness(self.robot, goal)[0]
         if self.weight.absolute:
-            return goal.q - step * torque
+            return goal.q - scaled_compliance * joint_torque
         for _ in range(_WEIGHT_STEPS):
             weight_torque = self.weight.torque_and_stiffness(self.robot, Postures(self.robot, commanded))[0]
-            commanded = goal.q - step * (torque - weight_torque)
+            commanded = goal.q - scaled_compliance * (joint_torque - weight_torque)
         return commanded
 
     def linear_displacement(self, cases: LoadCases, unloaded: Postures) -> FloatArray:
@@ -206,7 +224,10 @@ class JointModel(ForwardModel):
         return np.asarray((jacobian @ rotation[..., None])[..., 0])
 
     def find_overloads(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
-        """Return a mask (B,) of loads that turn or soften a joint more than the model allows."""
+        """Return a mask (B,) of the cases whose load turns or softens a joint more than the model allows.
+
+        A joint softens where the load reduces its stiffness.
+        """
         jacobian, torque = unloaded.load(cases.load_point, cases.force, cases.moment)
         turned = np.abs(self.compliance * torque) > LARGEST_TURN
         stiffness = wrench_stiffness(unloaded.angular_jacobian, jacobian, cases.force, cases.moment)
@@ -214,8 +235,8 @@ class JointModel(ForwardModel):
         return np.asarray((turned | softened).any(axis=1))
 
     @cached_property
-    def _unseen_directions(self) -> FloatArray:
-        """(u, n) coefficients of the u combinations of compliances that the readings do not determine."""
+    def _undetermined_directions(self) -> FloatArray:
+        """Combinations (u, n) of the n compliances that the readings do not determine, one in each row."""
         identity = np.eye(self.robot.n)
         if self.likelihood is None:
             return identity[:0]
@@ -223,30 +244,35 @@ class JointModel(ForwardModel):
         if self.likelihood.given_rows is None:
             return without_estimate
         spectrum = Spectrum(self.likelihood.given_rows)
-        combinations = spectrum.null_space / spectrum.scale * spectrum.scale.max()
-        return np.concatenate([without_estimate, combinations @ identity[self.likelihood.joints]])
+        null_combinations = spectrum.null_space / spectrum.scale * spectrum.scale.max()
+        return np.concatenate([without_estimate, null_combinations @ identity[self.likelihood.joints]])
 
     def find_undetermined_joints(self, rows: FloatArray) -> BoolArray:
-        """Return a mask (B, n) of joints of undetermined compliance on which a function depends.
+        """Return a mask (B, n) of the joints that make a function uncertain without limit.
+
+        These joints have a compliance that the readings do not determine, and the function depends on it.
 
         Args:
             rows: (B, w, n) coefficients of w linear functions of the compliances in each of B cases.
         """
-        if not len(self._unseen_directions):
+        if not len(self._undetermined_directions):
             return np.zeros((len(rows), self.robot.n), dtype=np.bool_)
-        size = np.abs(rows).max(axis=(1, 2), initial=0.0)[:, None, None]
-        parts = rows @ self._unseen_directions.T  # (B, w, u)
-        matters = (np.abs(parts) > _UNSEEN * size).any(axis=1)  # (B, u)
-        joints = (matters[:, :, None] & (np.abs(self._unseen_directions) > _UNSEEN)).any(axis=1)
+        row_size = np.abs(rows).max(axis=(1, 2), initial=0.0)[:, None, None]
+        components = rows @ self._undetermined_directions.T  # (B, w, u)
+        affects_function = (np.abs(components) > _UNSEEN * row_size).any(axis=1)  # (B, u)
+        joints = (affects_function[:, :, None] & (np.abs(self._undetermined_directions) > _UNSEEN)).any(
+            axis=1
+        )
         return np.asarray(joints)
 
     def find_interval_ends(
         self, rows: FloatArray, confidence: float, *, by_profile: bool = True
     ) -> FloatArray | None:
-        """Return the ends of intervals of linear functions aᵀc under the constraints (method.md §9).
+        """Return confidence intervals of linear functions aᵀc of the compliances c, under the constraints.
 
         The unconstrained interval is cut to the bounds, and widened to contain the estimate and the interval
-        of the profile likelihood. Without the profile likelihood the coverage is the same, and the
+        of the profile likelihood (method.md §9). Without the profile likelihood the coverage is the same, and
+        the
         computation is faster, as no optimisation is needed.
 
         Args:
@@ -255,25 +281,28 @@ class JointModel(ForwardModel):
             by_profile: whether the profile likelihood widens the intervals.
 
         Returns:
-            Ends (K, 2) in the unit of aᵀc; None if no uncertainty is known.
+            Lower and upper ends (K, 2) in the unit of aᵀc; None if no uncertainty is known.
         """
         likelihood = self.likelihood
         if likelihood is None:
             return None
-        part, value, quantile = rows[:, likelihood.joints], rows @ self.compliance, self.quantile(confidence)
-        constraints, radii = self.constraints.select(likelihood.joints), np.array([quantile])
+        identified_rows, value = rows[:, likelihood.joints], rows @ self.compliance
+        constraints = self.constraints.select(likelihood.joints)
+        radii = np.array([self.quantile(confidence)])
         ends: FloatArray = compute_interval_ends(
-            likelihood, constraints, part, radii, value, by_profile=False
+            likelihood, constraints, identified_rows, radii, value, by_profile=False
         )[0]
         # With an order of joints, the interval of the profile likelihood lies within these ends already.
         if not by_profile or constraints.order:
             return ends
-        uncertain = np.flatnonzero(((part @ likelihood.covariance) * part).sum(axis=1) > 0.0)
+        uncertain = np.flatnonzero(
+            ((identified_rows @ likelihood.covariance) * identified_rows).sum(axis=1) > 0.0
+        )
         for start in range(0, len(uncertain), _BLOCK):
             block = uncertain[start : start + _BLOCK]
             with suppress(SolverError):  # the ends without the profile likelihood have the coverage, too
                 ends[block] = compute_interval_ends(
-                    likelihood, constraints, part[block], radii, value[block]
+                    likelihood, constraints, identified_rows[block], radii, value[block]
                 )[0]
         return ends
 
@@ -301,7 +330,12 @@ class JointDeflection(Deflection):
 
     @cached_property
     def rows(self) -> FloatArray:
-        """(B, 6, n) derivatives ∂motion/∂c, ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``."""
+        """Derivatives (B, 6, n) of the motion of the place with respect to the n compliances c.
+
+        They are ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``: J_x is the Jacobian of the place, K_c the
+        stiffness
+        due to the load, g the torque of own weight, τ the torques of the load.
+        """
         return np.asarray(self._motion_by_joint_turn * self._torque[:, None])
 
     @cached_property
@@ -314,7 +348,7 @@ class JointDeflection(Deflection):
 
     @property
     def unseen(self) -> BoolArray:
-        """(B, n) mask of joints of undetermined compliance that load or own weight twists."""
+        """Mask (B, n) of the joints of undetermined compliance that the load or own weight twists."""
         unseen, weight = self.model.find_undetermined_joints(self.rows), self.model.weight
         if isinstance(weight, IdentifiedWeight):
             weight_torque = np.abs(self.balance.torque - self._torque)
@@ -332,7 +366,10 @@ class JointDeflection(Deflection):
         return CartesianCompliance(matrix, symmetric, differentiate)
 
     def _differentiate_compliance(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return L and M, each (B, 6, n), with ``∂C_x/∂c_j = L_j M_jᵀ``, and the covariance (n, n) of c."""
+        """Return L and M, each (B, 6, n), with ``∂C_x/∂c_j = L_j M_jᵀ``, and the covariance (n, n) of c.
+
+        C_x (B, 6, 6) is the compliance of the loaded place; c (n,) are the compliances of the joints.
+        """
         # This is (I − K diag(c))⁻¹ = I + K (I − diag(c) K)⁻¹ diag(c), with K the stiffness due to the load.
         feedback = self.balance.stiffness @ (self.balance.softened * self.model.compliance)
         stiffened = np.eye(self.model.robot.n) + feedback
@@ -341,7 +378,7 @@ class JointDeflection(Deflection):
     def compliance_known(self, direction: FloatArray) -> tuple[BoolArray, BoolArray]:
         """Return two masks (B,): whether the compliance along a direction is known, and that across it.
 
-        A compliance is known if all joints that move the place this way have a known compliance.
+        A compliance is known if all joints that move the place in this way have a known compliance.
 
         Args:
             direction: (B, 3) unit vectors.
@@ -355,7 +392,10 @@ class JointDeflection(Deflection):
         return np.asarray(~unknown_along), np.asarray(~unknown_across)
 
     def interval(self, confidence: float) -> FloatArray | None:
-        """Return intervals (B, 6, 2) of displacement [m], then rotation [rad], under the constraints."""
+        """Return confidence intervals (B, 6, 2) of the place's displacement [m], then its rotation [rad].
+
+        The intervals respect the constraints on the compliances. `confidence` is their level.
+        """
         n = self.model.robot.n
         ends = self._find_interval_ends(self.rows.reshape(-1, n), self.motion.reshape(-1), confidence)
         return super().interval(confidence) if ends is None else ends.reshape(*self.motion.shape, 2)
@@ -406,30 +446,41 @@ class ElasticPredictor(ForwardModel):
     def from_estimate(cls, robot: Robot, elastic: ElasticEstimate) -> ElasticPredictor:
         """Build the model from an estimate of joints and links.
 
-        The covariance is that of the readings together with a normal prior; see the head of this module.
+        The covariance of the entries of the compliance matrices follows from the readings together with a
+        normal
+        prior about zero, whose standard deviation follows from the traces of the estimated matrices; see the
+        head
+        of this module.
         """
-        companion, form = elastic.companion, elastic.companion.formulation
-        entries, root = elastic.entries[form.columns], None
+        companion, formulation = elastic.companion, elastic.companion.formulation
+        entries, covariance_root = elastic.entries[formulation.columns], None
         if companion.sigma is not None:
-            x = entries / form.unit
-            penalised = x[form.cone.free : form.cone.nonnegative].reshape(-1, 6).sum(axis=1)
+            scaled_entries = entries / formulation.unit
+            traces_of_diagonal_links = (
+                scaled_entries[formulation.cone.free : formulation.cone.nonnegative]
+                .reshape(-1, 6)
+                .sum(axis=1)
+            )
             traces = [
-                *penalised,
-                *(x[place][find_diagonal_entries(size)].sum() for size, place in form.cone.blocks()),
+                *traces_of_diagonal_links,
+                *(
+                    scaled_entries[place][find_diagonal_entries(size)].sum()
+                    for size, place in formulation.cone.blocks()
+                ),
             ]
-            deviation = max(_SHARE_OF_TRACE * float(np.sqrt(np.mean(np.square(traces)))), _LEAST_PRIOR)
-            prior = np.full(len(x), deviation)
-            prior[: form.cone.free] = _JOINT_PRIOR
-            scaled = form.squares.R * (prior * form.size / float(companion.sigma or 1.0))
-            factor = np.linalg.cholesky(scaled.T @ scaled + np.eye(len(x)))
-            inverse = solve_triangular(factor, np.eye(len(x)), lower=True)
-            root = np.asarray((form.unit * prior)[:, None] * inverse.T)
+            prior_deviation = max(_SHARE_OF_TRACE * float(np.sqrt(np.mean(np.square(traces)))), _LEAST_PRIOR)
+            prior = np.full(len(scaled_entries), prior_deviation)
+            prior[: formulation.cone.free] = _JOINT_PRIOR
+            scaled_rows = formulation.squares.R * (prior * formulation.size / float(companion.sigma or 1.0))
+            factor = np.linalg.cholesky(scaled_rows.T @ scaled_rows + np.eye(len(scaled_entries)))
+            inverse = solve_triangular(factor, np.eye(len(scaled_entries)), lower=True)
+            covariance_root = np.asarray((formulation.unit * prior)[:, None] * inverse.T)
         return cls(
             robot,
             elastic.model.columns,
-            form.columns,
+            formulation.columns,
             entries,
-            root,
+            covariance_root,
             ~np.isnan(elastic.compliance),
             degrees_of_freedom=companion.degrees_of_freedom,
         )
@@ -449,28 +500,42 @@ class ElasticPredictor(ForwardModel):
         unloaded: Postures | None = None,
         near: Postures | None = None,  # noqa: ARG002  # nothing is balanced
     ) -> ElasticDeflection:
-        """Compute the deflections of joints, links and base, to first order at the unloaded posture."""
+        """Compute the deflections of joints, links and base, to first order at the unloaded posture.
+
+        Args:
+            cases: B load cases.
+            unloaded: postures without load; computed from the cases if None.
+            near: ignored, because no balance is searched.
+        """
         return self._deflect_linearly(cases, self.unloaded(cases) if unloaded is None else unloaded)
 
     def _deflect_linearly(
         self, cases: LoadCases, unloaded: Postures, share: FloatArray | None = None
     ) -> ElasticDeflection:
-        """Compute the deflections to first order in the load, times fractions `share` (B,) if given."""
+        """Compute the deflections to first order in the load, times fractions `share` (B,) unless None.
+
+        Args:
+            cases: B load cases.
+            unloaded: B postures without load, at which the model is linear.
+            share: (B,) fractions of the load's deflection.
+        """
         # Axes (B, L, 3, 3) and origins (B, L, 3) of the frames at which links and base bend
-        R, origin = (part[:, list(self.columns.frames)] for part in spring_frames(unloaded))
+        frame_axes, origin = (part[:, list(self.columns.frames)] for part in spring_frames(unloaded))
         place, load_point = (unloaded.to_base(p[:, None]) for p in (cases.place, cases.load_point))
         jacobian = unloaded.pose_jacobian_at(place)
         load_jacobian = unloaded.jacobian_at(load_point)[:, 0]
         torque = unloaded.joint_torque(load_jacobian, cases.force, cases.moment)
         # Motion of the place per motion of each frame, and the wrench of the load in each frame
-        moves = np.zeros((*R.shape[:2], 6, 6))
-        moves[..., :3, :3] = moves[..., 3:, 3:] = R
-        moves[..., :3, 3:] = -skew(place - origin) @ R
+        place_motions = np.zeros((*frame_axes.shape[:2], 6, 6))
+        place_motions[..., :3, :3] = place_motions[..., 3:, 3:] = frame_axes
+        place_motions[..., :3, 3:] = -skew(place - origin) @ frame_axes
         moment = cases.moment[:, None] + np.cross(load_point - origin, cases.force[:, None])
-        wrench = np.concatenate([cases.force[:, None, None] @ R, moment[:, :, None] @ R], axis=-1)
-        of_joints, of_links = self.matrices
-        motion = (jacobian @ (torque @ of_joints)[..., None])[..., 0]
-        motion = motion + (moves @ (wrench @ of_links).mT)[..., 0].sum(axis=1)
+        wrench = np.concatenate(
+            [cases.force[:, None, None] @ frame_axes, moment[:, :, None] @ frame_axes], axis=-1
+        )
+        joint_compliance, link_compliances = self.matrices
+        motion = (jacobian @ (torque @ joint_compliance)[..., None])[..., 0]
+        motion = motion + (place_motions @ (wrench @ link_compliances).mT)[..., 0].sum(axis=1)
         motion = motion if share is None else share[:, None] * motion
         return ElasticDeflection(
             model=self,
@@ -479,29 +544,37 @@ class ElasticPredictor(ForwardModel):
             axes=Rotation.from_rotvec(motion[:, 3:]).as_matrix() @ unloaded.flange_rotation,
             jacobian=jacobian,
             torque=torque,
-            moves=moves,
+            moves=place_motions,
             wrench=wrench[:, :, 0],
         )
 
-    def compute_commands(self, wanted: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
-        """Find the angles (B, n) to command [rad] with which the loaded places reach the goal (Newton).
+    def compute_commands(self, cases: LoadCases, goal: Postures, share: FloatArray) -> FloatArray:
+        """Find the joint angles (B, n) to command [rad] with which the loaded places reach those of `goal`.
 
-        The derivative neglects that the deflection changes with the posture; each step still gains three
-        digits.
+        Newton's method; its derivative neglects that the deflection changes with the posture, but each step
+        still
+        gains three digits.
+
+        Args:
+            cases: B loads, their load points, and the places on the flange that must reach the goal.
+            goal: B postures with which the unloaded arm would have the places at the goal.
+            share: (B,) share of the deflection that is corrected, 0 to 1.
 
         Raises:
             RequestError: the place is at a singular posture, or out of reach.
         """
-        target, q = goal.to_base(wanted.place[:, None])[:, 0], goal.q
+        target, angles = goal.to_base(cases.place[:, None])[:, 0], goal.q
         for _ in range(_NEWTON_STEPS):
-            bent = self._deflect_linearly(wanted, Postures(self.robot, q), share)
-            rotation = rotation_vectors(goal.flange_rotation, bent.axes)
-            deviation = np.concatenate([target - bent.place, rotation], axis=1)
+            loaded = self._deflect_linearly(cases, Postures(self.robot, angles), share)
+            rotation = rotation_vectors(goal.flange_rotation, loaded.axes)
+            deviation = np.concatenate([target - loaded.place, rotation], axis=1)
             if (np.abs(deviation) <= _REACHED).all():
-                return q
-            jacobian = bent.jacobian
+                return angles
+            jacobian = loaded.jacobian
             normal = jacobian @ jacobian.transpose(0, 2, 1) + _DAMPING * np.eye(6)
-            q = q + (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, deviation[..., None]))[..., 0]
+            angles = (
+                angles + (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, deviation[..., None]))[..., 0]
+            )
         raise RequestError(
             "no posture near this one brings the loaded tool to its place",
             where=f"cases[{int(np.argmax(np.abs(deviation).max(axis=1)))}]",
@@ -513,7 +586,7 @@ class ElasticPredictor(ForwardModel):
         return self._deflect_linearly(cases, unloaded).displacement
 
     def find_overloads(self, cases: LoadCases, unloaded: Postures) -> BoolArray:
-        """Return a mask (B,) of loads that turn the flange by more than a linear model describes."""
+        """Return a mask (B,) of the cases whose load turns the flange too far for a linear model."""
         angle = np.linalg.norm(self._deflect_linearly(cases, unloaded).rotation, axis=1)
         return np.asarray(angle > LARGEST_TURN)
 
@@ -531,7 +604,7 @@ class ElasticDeflection(Deflection):
 
     @cached_property
     def rows(self) -> FloatArray:
-        """(B, 6, p) derivatives of `motion` with respect to the p compliances of the model."""
+        """Derivatives (B, 6, p) of the motion of the place with respect to the p compliances of the model."""
         columns = self.model.columns
         rows = np.empty((len(self.torque), 6, columns.width))
         rows[..., columns.joints] = self.jacobian * self.torque[:, None]
@@ -574,7 +647,7 @@ MOST_LEFT_OUT: Final = 200
 """Greatest number of postures that are left out in turn, evenly spread over a larger set."""
 MOST_STEPS: Final = 500
 """Number of steps of the distribution of scores that are kept: a quantile is rounded up by at most 0.2 %."""
-_PARTS: Final = 20
+_FOLD_COUNT: Final = 20
 """Number of parts of the postures that are left out in turn in models with elastic links."""
 _SAME_POSTURE: Final = 1e-6
 """Difference of joint angles [rad] below which two observations share a posture."""
@@ -640,9 +713,13 @@ class ModelError:
         return ceil(1.0 / (1.0 - confidence) - _SLACK) - 1
 
     def quantile(self, confidence: float) -> float:
-        """Return the quantile of the scores [m] at a probability; inf if there are too few postures."""
-        step = int(np.searchsorted(self.share, confidence - _SLACK))
-        return float(self.score[step]) if step < len(self.score) else float("inf")
+        """Return the least score [m] that a fraction of the readings does not exceed.
+
+        `confidence` is the fraction; with too few postures the score is infinite. A score is the error of the
+        prediction of a held-out reading, divided by the growth of this error with the load.
+        """
+        index = int(np.searchsorted(self.share, confidence - _SLACK))
+        return float(self.score[index]) if index < len(self.score) else float("inf")
 
     @cached_property
     def deviation(self) -> float:
@@ -657,26 +734,28 @@ class ModelError:
     def bound(self, cases: LoadCases, leverage: FloatArray, confidence: float) -> ModelErrorBound:
         """Return the bound of the model error at predicted places.
 
-        Within the campaign's loads the radius grows with the root of the load, as the error is partly
+        Within the campaign's loads the radius grows with the square root of the load, as the error is partly
         elastic, partly friction. With elastic links and no stated noise, it grows with the leverage over the
         noise of a reading. Beyond the campaign's loads or leverages, it grows in proportion to them.
 
         Args:
             cases: B load cases.
-            leverage: (B,) greatest standard uncertainty of each displacement [m].
+            leverage: (B,) greatest standard uncertainty of a component of each predicted displacement [m].
             confidence: level of the bound.
         """
-        load = compute_load_sizes(cases.force, cases.moment, self.force, self.moment)
+        relative_load = compute_load_sizes(cases.force, cases.moment, self.force, self.moment)
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = np.where(
-                leverage > 0.0, leverage / (np.where(load > 0.0, load, 1.0) * self.leverage), 0.0
+            leverage_ratio = np.where(
+                leverage > 0.0,
+                leverage / (np.where(relative_load > 0.0, relative_load, 1.0) * self.leverage),
+                0.0,
             )
         growth = _compute_residual_growth(
-            np.maximum(load, self.least_load), leverage, self.noise
-        ) * np.maximum(ratio, 1.0)
+            np.maximum(relative_load, self.least_load), leverage, self.noise
+        ) * np.maximum(leverage_ratio, 1.0)
         radius = self.quantile(confidence) * growth
         unmeasured = "force" if self.force == 0.0 else "moment" if self.moment == 0.0 else None
-        return ModelErrorBound(radius, unmeasured, load, ratio, self.deviation * growth)
+        return ModelErrorBound(radius, unmeasured, relative_load, leverage_ratio, self.deviation * growth)
 
 
 def _compute_residual_growth(load: FloatArray, leverage: FloatArray, noise: float | None) -> FloatArray:
@@ -709,22 +788,22 @@ def compute_load_sizes(
 def leave_postures_out(
     robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate, model: JointModel
 ) -> ModelError:
-    """Estimate the model error: refit without each posture in turn, and predict the readings taken there.
+    """Estimate the error of the model's predictions at new postures, by refits without each posture in turn.
 
-    The refits use the run's method, weighting, bounds, weights of a robust loss, and K_c at the run's
-    compliances. Priors and an order of joints are neglected, so residuals are rather too large than too
-    small.
+    Each refit predicts the readings of the posture that was left out. The refits use the run's method,
+    weighting, bounds, weights of a robust loss, and the stiffness K_c of the loads at the run's compliances.
+    Priors and an order of joints are neglected, so residuals are rather too large than too small.
 
     Raises:
         RequestError: no posture can be left out.
         JointstiffError: a refit fails.
     """
     rounded = np.round(measurements.joints / _SAME_POSTURE)
-    posture = np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1)
+    posture_of_observation = np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1)
     loaded = (measurements.force != 0.0).any(axis=1) | (measurements.moment != 0.0).any(axis=1)
-    groups = np.unique(posture[loaded])
-    count = len(groups)
-    if count < 2:
+    left_out_postures = np.unique(posture_of_observation[loaded])
+    posture_count = len(left_out_postures)
+    if posture_count < 2:
         raise RequestError("the model error needs two postures under load", remedy="measure more postures")
     if measurements.direction is not None:
         raise RequestError(
@@ -735,71 +814,86 @@ def leave_postures_out(
         raise RequestError(
             "the uncertainty of the readings is unknown", remedy="measure more postures, or state `noise`"
         )
-    if count > MOST_LEFT_OUT:
-        groups = groups[np.linspace(0, count - 1, MOST_LEFT_OUT).astype(int)]
+    if posture_count > MOST_LEFT_OUT:
+        left_out_postures = left_out_postures[np.linspace(0, posture_count - 1, MOST_LEFT_OUT).astype(int)]
     if estimate.robust is not None:
         measurements = estimate.robust.reweight(measurements)
-    plain = replace(settings, loss="squared", prior=None, order=())
-    blocks = build_method_stacks(robot, measurements, plain, estimate)
-    fits = fit_subsets(blocks, (posture != groups[:, None]).astype(np.float64), plain.bounds)
-    of_reading = posture[np.nonzero(measurements.present)[0]]
-    left_out = np.isin(of_reading, groups)
-    compliance = np.zeros((len(of_reading), len(blocks.visible)))
-    compliance[left_out] = fits[np.searchsorted(groups, of_reading[left_out])][:, blocks.visible]
-    residual = blocks.deflection.T - np.einsum("rv,vir->ri", compliance, blocks.regressor)
-    root = blocks.regressor.transpose(2, 1, 0) @ model.root[blocks.visible]
-    # Without one of `count` postures, the covariance of the estimate grows by about this fraction.
-    added_variance = np.full(len(of_reading), 1.0 / (count - 1))
-    error = _compute_model_error(
-        measurements, np.where(left_out, of_reading, -1), residual, root, added_variance
+    linear_settings = replace(settings, loss="squared", prior=None, order=())
+    blocks = build_method_stacks(robot, measurements, linear_settings, estimate)
+    fits = fit_subsets(
+        blocks,
+        (posture_of_observation != left_out_postures[:, None]).astype(np.float64),
+        linear_settings.bounds,
     )
-    return replace(error, left_out=PostureJackknife(fits, count))
+    posture_of_reading = posture_of_observation[np.nonzero(measurements.present)[0]]
+    is_left_out = np.isin(posture_of_reading, left_out_postures)
+    compliance = np.zeros((len(posture_of_reading), len(blocks.visible)))
+    compliance[is_left_out] = fits[np.searchsorted(left_out_postures, posture_of_reading[is_left_out])][
+        :, blocks.visible
+    ]
+    residual = blocks.deflection.T - np.einsum("rv,vir->ri", compliance, blocks.regressor)
+    prediction_root = blocks.regressor.transpose(2, 1, 0) @ model.root[blocks.visible]
+    # Without one of `count` postures, the covariance of the estimate grows by about this fraction.
+    added_variance = np.full(len(posture_of_reading), 1.0 / (posture_count - 1))
+    error = _compute_model_error(
+        measurements, np.where(is_left_out, posture_of_reading, -1), residual, prediction_root, added_variance
+    )
+    return replace(error, left_out=PostureJackknife(fits, posture_count))
 
 
 def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEstimate) -> ModelError:
-    """Estimate the model error with elastic links: refit without each of `_PARTS` parts of the postures.
+    """Estimate the error of a model with elastic links, by refits without each fold in turn.
 
-    With so many parts, each fit uses nearly the whole set. If a part with whitened rows A is left out, the
-    covariance ``C = L Lᵀ`` of the entries becomes ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
+    Each refit predicts the readings of the fold that was left out, one of `_FOLD_COUNT` sets of postures, so
+    that each fit uses nearly the whole set. If a fold with whitened rows A is left out, the covariance
+    ``C = L Lᵀ`` of the compliances becomes ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
 
     Raises:
         UnsupportedMethodError: the set has one posture only.
     """
     model, sigma = ElasticPredictor.from_estimate(robot, elastic), elastic.companion.sigma
-    parts = CrossValidation(folds=_PARTS, draws=1)
-    folds = Folds(robot, measurements, elastic.model.columns, model.seen, parts)
+    cross_validation = CrossValidation(folds=_FOLD_COUNT, draws=1)
+    folds = Folds(robot, measurements, elastic.model.columns, model.seen, cross_validation)
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
-    of_reading = np.nonzero(measurements.present)[0]
-    residual, added_variance = np.empty((len(of_reading), 3)), np.empty(len(of_reading))
-    prediction_root = np.zeros((len(of_reading), 3, 1 if model.root is None else len(model.root)))
-    for number, part in enumerate(folds.held_out):
+    observation_of_reading = np.nonzero(measurements.present)[0]
+    residual, added_variance = (
+        np.empty((len(observation_of_reading), 3)),
+        np.empty(len(observation_of_reading)),
+    )
+    prediction_root = np.zeros((len(observation_of_reading), 3, 1 if model.root is None else len(model.root)))
+    for number, held_out_observations in enumerate(folds.held_out):
         compliances, _ = fit_fold(folds, elastic.model, number, (elastic.penalty,))
-        blocks = list(generate_elastic_blocks(robot, measurements[part], folds.columns))
+        blocks = list(generate_elastic_blocks(robot, measurements[held_out_observations], folds.columns))
         rows = np.concatenate([columns[block.measurements.present] for block, columns in blocks])
-        in_part = np.flatnonzero(np.isin(of_reading, part))
-        residual[in_part] = rows[..., -1] - rows[..., :-1] @ compliances[0]
-        added_variance[in_part] = len(part) / len(measurements)
+        held_out_readings = np.flatnonzero(np.isin(observation_of_reading, held_out_observations))
+        residual[held_out_readings] = rows[..., -1] - rows[..., :-1] @ compliances[0]
+        added_variance[held_out_readings] = len(held_out_observations) / len(measurements)
         if model.root is not None and sigma is not None:
             root = rows[..., model.kept] @ model.root
-            white = [
+            whitened_rows = [
                 block.whiten(columns[..., model.kept] @ model.root)[block.measurements.present]
                 for block, columns in blocks
             ]
-            AL = np.concatenate(white).reshape(-1, root.shape[-1]) / sigma
-            factor = np.linalg.cholesky(np.eye(AL.shape[1]) - AL.T @ AL)
-            prediction_root[in_part] = root @ np.linalg.inv(factor).T
-    posture = np.unique(measurements.joints, axis=0, return_inverse=True)[1].reshape(-1)
+            scaled_rows = np.concatenate(whitened_rows).reshape(-1, root.shape[-1]) / sigma
+            factor = np.linalg.cholesky(np.eye(scaled_rows.shape[1]) - scaled_rows.T @ scaled_rows)
+            prediction_root[held_out_readings] = root @ np.linalg.inv(factor).T
+    posture_of_observation = np.unique(measurements.joints, axis=0, return_inverse=True)[1].reshape(-1)
     variance = float(np.trace(covariance, axis1=-2, axis2=-1)[measurements.present].mean()) / 3.0
     # A stated sigma is subtracted from the scores, so only an estimated noise is kept.
     noise = sigma * np.sqrt(variance) if sigma and measurements.sigma is None else None
     return _compute_model_error(
-        measurements, posture[of_reading], residual, prediction_root, added_variance, noise
+        measurements,
+        posture_of_observation[observation_of_reading],
+        residual,
+        prediction_root,
+        added_variance,
+        noise,
     )
 
 
 def _compute_model_error(
     measurements: Measurements,
-    posture: IndexArray,
+    posture_of_reading: IndexArray,
     residual: FloatArray,
     prediction_root: FloatArray,
     added_variance: FloatArray,
@@ -813,24 +907,26 @@ def _compute_model_error(
 
     Args:
         measurements: N observations.
-        posture: (R,) index of each reading's posture; −1 for a posture that was not left out.
+        posture_of_reading: (R,) index of each reading's posture; −1 for a posture that was not left out.
         residual: (R, 3) residuals of the readings in fits without their postures [m]; NaN where undetermined.
         prediction_root: (R, 3, p) matrices H with H Hᵀ the covariance of a prediction [m²]; zero if unknown.
         added_variance: (R,) fraction by which the covariance grows in the fit without the posture.
         noise: standard deviation of a coordinate of a reading [m]; None if residuals grow with the load only.
     """
-    of_reading = np.nonzero(measurements.present)[0]
-    force, moment = (
+    observation_of_reading = np.nonzero(measurements.present)[0]
+    greatest_force, greatest_moment = (
         float(np.linalg.norm(each, axis=1).max()) for each in (measurements.force, measurements.moment)
     )
-    load = compute_load_sizes(measurements.force, measurements.moment, force, moment)
-    greatest = float(load.max())
-    load = load / greatest
-    loaded = load[of_reading] > 0.0
-    deviation = greatest_deviation(prediction_root)
-    scored = np.flatnonzero(loaded & (posture >= 0))
-    posture = posture[scored]
-    growth_squared = np.square(_compute_residual_growth(load[of_reading[scored]], deviation[scored], noise))
+    load = compute_load_sizes(measurements.force, measurements.moment, greatest_force, greatest_moment)
+    greatest_load = float(load.max())
+    load = load / greatest_load
+    loaded = load[observation_of_reading] > 0.0
+    prediction_deviation = greatest_deviation(prediction_root)
+    scored = np.flatnonzero(loaded & (posture_of_reading >= 0))
+    posture_of_reading = posture_of_reading[scored]
+    growth_squared = np.square(
+        _compute_residual_growth(load[observation_of_reading[scored]], prediction_deviation[scored], noise)
+    )
     trace = np.trace(measurements.covariance, axis1=-2, axis2=-1)
     variance = np.broadcast_to(trace, measurements.present.shape)[measurements.present][scored]
     # Expected square of a residual that is due to noise of the readings
@@ -839,42 +935,45 @@ def _compute_model_error(
         axis=(1, 2)
     )
     squares, remaining_share = np.square(residual[scored]).sum(axis=1) / growth_squared, 1.0
-    known = np.isfinite(squares)
-    if known.any() and (mean_square := float(squares[known].mean())) > 0.0:
-        counts = np.bincount(posture[known])
-        means = np.bincount(posture[known], squares[known])[counts > 0] / counts[counts > 0]
+    is_known = np.isfinite(squares)
+    if is_known.any() and (mean_square := float(squares[is_known].mean())) > 0.0:
+        counts = np.bincount(posture_of_reading[is_known])
+        means = np.bincount(posture_of_reading[is_known], squares[is_known])[counts > 0] / counts[counts > 0]
         # Standard error of the mean square, from the spread of the postures' means
-        error = float(means.std(ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else mean_square
-        noise_share = float((noise_squares / growth_squared)[known].mean()) / mean_square
-        remaining_share = min(1.0, max(0.0, 1.0 - noise_share) + error / mean_square)
-    score, share = merge_score_steps(posture, np.sqrt(np.where(known, remaining_share * squares, np.inf)))
+        standard_error = float(means.std(ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else mean_square
+        noise_share = float((noise_squares / growth_squared)[is_known].mean()) / mean_square
+        remaining_share = min(1.0, max(0.0, 1.0 - noise_share) + standard_error / mean_square)
+    score, share = merge_score_steps(
+        posture_of_reading, np.sqrt(np.where(is_known, remaining_share * squares, np.inf))
+    )
     return ModelError(
-        postures=len(np.unique(posture)),
+        postures=len(np.unique(posture_of_reading)),
         score=score,
         share=share,
-        force=greatest * force,
-        moment=greatest * moment,
+        force=greatest_load * greatest_force,
+        moment=greatest_load * greatest_moment,
         least_load=float(load[load > 0.0].min()),
-        leverage=float((deviation[loaded] / load[of_reading[loaded]]).max()),
+        leverage=float((prediction_deviation[loaded] / load[observation_of_reading[loaded]]).max()),
         noise=noise,
     )
 
 
 def merge_score_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Merge scores into about `MOST_STEPS` steps of their distribution; postures have equal weights.
+    """Merge scores into about `MOST_STEPS` steps of their distribution function; postures have equal weights.
 
     Args:
         posture: (R,) index of each reading's posture.
         score: (R,) score of each reading.
 
     Returns:
-        (S,) ascending scores, each the greatest of its step; and (S,) the share of scores up to each step,
-        times P/(P + 1) for P postures.
+        (S,) ascending scores, the greatest score of each step; and (S,) the share of readings with at most
+        this
+        score, times P/(P + 1) for P postures.
     """
-    postures, index, counts = np.unique(posture, return_inverse=True, return_counts=True)
+    distinct_postures, posture_index, counts = np.unique(posture, return_inverse=True, return_counts=True)
     order = np.argsort(score, kind="stable")
-    share = np.cumsum(1.0 / counts[index[order]]) / (len(postures) + 1)
+    share = np.cumsum(1.0 / counts[posture_index[order]]) / (len(distinct_postures) + 1)
     if len(order) > MOST_STEPS:
-        last = np.diff(np.ceil(MOST_STEPS * share), append=np.inf) > 0.0
-        order, share = order[last], share[last]
+        ends_step = np.diff(np.ceil(MOST_STEPS * share), append=np.inf) > 0.0
+        order, share = order[ends_step], share[ends_step]
     return score[order], share

@@ -102,14 +102,18 @@ class _Drawing:
         pieces[1::2] = [self._write(*each) for each in zip(drawn, map(bool, pieces[1::2]), strict=True)]
         if name := _NAMED.search(plain):
             self._named[name[1]] = drawn[0]
-        targets = [each for each, text in zip(drawn, pieces[::2], strict=False) if not text.endswith("qnear=")]
+        targets = [
+            each for each, text in zip(drawn, pieces[::2], strict=False) if not text.endswith("qnear=")
+        ]
         return "".join(pieces), mark if marked else None, targets
 
     def _draw(self, *, joints: bool) -> Numbers:
         """Return joint angles, or a pose as the language states it."""
         draw, is_ur = self._random.uniform, self._language == "urscript"
         if joints:
-            angles = [draw(*each) for each in ((-60, 60), (-80, -40), (40, 100), (-50, 50), (20, 80), (-90, 90))]
+            angles = [
+                draw(*each) for each in ((-60, 60), (-80, -40), (40, 100), (-50, 50), (20, 80), (-90, 90))
+            ]
             return tuple(round(each / 57.3 if is_ur else each, self._places) for each in angles)
         place = draw(400, 900), draw(-400, 400), draw(200, 700)
         if self._language == "rapid":

@@ -24,7 +24,7 @@ from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.robot import Estimate
 from jointstiff.schemas.run import JointResult, ResampledJoint, ResamplingResult
 from jointstiff.service.kinds.kind import File, Kind
-from jointstiff.service.kinds.run.kind import mean_and_deviation
+from jointstiff.service.kinds.run.kind import compute_mean_and_deviation
 from jointstiff.service.tables.report import METHOD_NAMES, Report, View, joint_reason_lines
 from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.service.tables.table import (
@@ -58,40 +58,47 @@ Cell = Callable[[ComparedRun, int], Line]
 
 
 def _make_report(_job: Comparison, result: ComparisonResult, view: View) -> Report:
-    """Return the report: ratios of two sides, then runs in a column for each method, then failed methods.
+    """Return the report of a comparison: ratios of two sides, a column for each method, failed methods.
 
     `view.details` adds rows that repeat the numbers of other rows.
     """
     parts: list[Part] = []
     if result.joints:
         parts += _list_ratio_parts(result, view.unit)
-    entries = sorted((entry for entry in result.entries if entry.joints), key=_table_sort_key)
-    methods = {_method_abbreviation(entry) for entry in entries}
-    if entries and (len(result.sides) == 1 or len(methods) > 1):
-        parts += _list_method_parts(entries, view)
+    compared_runs = sorted((entry for entry in result.entries if entry.joints), key=_table_sort_key)
+    methods = {_method_abbreviation(entry) for entry in compared_runs}
+    if compared_runs and (len(result.sides) == 1 or len(methods) > 1):
+        parts += _list_method_parts(compared_runs, view)
     return Report([*parts, *_failure_lines(result.entries)])
 
 
 def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Part]:
-    """Return tables of both sides' stiffnesses and their ratios, and a line on the avoided deflection."""
-    entry_by_id = {entry.run_id: entry for entry in result.entries}
+    """Return tables of both sides' stiffnesses and their ratios, and a line on the avoided deflection.
+
+    The avoided deflection is how much less the targets deflect on the second side.
+    """
+    run_by_id = {entry.run_id: entry for entry in result.entries}
     # The leading run of each side, from which the ratios were computed.
-    first, second = (entry_by_id[side.run_id] for side in result.sides)
-    joints, is_same_method = result.joints, _method_abbreviation(first) == _method_abbreviation(second)
+    first_run, second_run = (run_by_id[side.run_id] for side in result.sides)
+    joints, is_same_method = (
+        result.joints,
+        _method_abbreviation(first_run) == _method_abbreviation(second_run),
+    )
     parts: list[Part] = [
         Table(
             [
                 Column("joint", [joint.name for joint in joints], text=True),
-                Column("first", first.joints, unit.format_concise),
-                Column("second", second.joints, unit.format_concise),
+                Column("first", first_run.joints, unit.format_concise),
+                Column("second", second_run.joints, unit.format_concise),
                 Column("ratio", joints, lambda joint: _ratio_text(joint.ratio, joint)),
                 Column(f"{100 * result.confidence:g} % interval", joints, _interval_text),
                 Column(
                     "p", [joint.p_value for joint in joints], lambda p: "< 0.0001" if p < 1e-4 else f"{p:.2g}"
                 ),
             ],
-            title=f"Two sides, {METHOD_NAMES[first.method]}" if is_same_method else "Two sides",
-            caption=f"{unit.quantity} in {unit.label_of(first.joints)} with its standard uncertainty; ratio "
+            title=f"Two sides, {METHOD_NAMES[first_run.method]}" if is_same_method else "Two sides",
+            caption=f"{unit.quantity} in {unit.label_of(first_run.joints)} with its standard "
+            "uncertainty; ratio "
             "of the stiffnesses, second to first; p: p-value of equal stiffnesses",
         ),
         *joint_reason_lines((joint.name, joint.reason) for joint in joints),
@@ -100,35 +107,42 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
         parts.append(_ordered_table(result.ordered, unit))
     avoided = result.avoided
     if avoided is not None:
-        measured = "no observation is common to both sides"
+        measured_text = "no observation is common to both sides"
         if avoided.measured is not None:
-            percentage = _percentage_text(avoided.measured)
-            measured = f"measured {percentage} in {avoided.matching} observations on both sides"
-        predicted = format_percent(avoided.predicted)
+            percentage_text = _percentage_text(avoided.measured)
+            measured_text = f"measured {percentage_text} in {avoided.matching} observations on both sides"
+        predicted_text = format_percent(avoided.predicted)
         parts.append(
-            Line(f"  deflection avoided by the second side: {measured}; predicted {predicted} in all")
+            Line(
+                f"  deflection avoided by the second side: {measured_text}; predicted {predicted_text} in all"
+            )
         )
     return parts
 
 
 def _ratio_text(ratio: float | None, joint: JointRatio) -> str:
-    """Format a ratio of stiffnesses, rounded to two digits of the half width of its interval."""
-    low, high = joint.ratio_interval or (None, None)
-    return format_rounded(ratio, None if low is None or high is None else max(high - low, 0.0) / 2, ".3g")
+    """Format a ratio of stiffnesses with as many digits as the half width of its interval supports."""
+    lower, upper = joint.ratio_interval or (None, None)
+    return format_rounded(
+        ratio, None if lower is None or upper is None else max(upper - lower, 0.0) / 2, ".3g"
+    )
 
 
 def _interval_text(joint: JointRatio) -> str:
-    """Format Fieller's interval of a ratio, which may have no limit, or exclude a range of ratios."""
+    """Format Fieller's interval of a ratio of stiffnesses.
+
+    The interval may have no limit on a side, or consist of all ratios outside an excluded range.
+    """
     if joint.ratio_interval is None:
         return NO_NUMBER
     if joint.ratio_excluded is not None:
-        low, high = joint.ratio_excluded
-        return f"not {low:.3g} … {high:.3g}"
+        lower, upper = joint.ratio_excluded
+        return f"not {lower:.3g} … {upper:.3g}"
     return " … ".join("no limit" if end is None else _ratio_text(end, joint) for end in joint.ratio_interval)
 
 
 def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
-    """Return a table of both sides' joints, from the fit in which no joint is softer on the second side."""
+    """Return a table of both sides' joints, fitted so that no joint is softer on the second side."""
     joints = ordered.joints
 
     def format_interval(ends: tuple[float, float] | None, kind: JointKind) -> str:
@@ -157,16 +171,16 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
     )
 
 
-def _percentage_text(share: Estimate) -> str:
-    """Format a share in %, with its standard uncertainty if it has one."""
-    if not share.standard_uncertainty:
-        return format_percent(share.value)
-    return f"({100 * share.value:.2f} ± {100 * share.standard_uncertainty:.2f}) %"
+def _percentage_text(fraction: Estimate) -> str:
+    """Format a fraction in %, with its standard uncertainty if it has one."""
+    if not fraction.standard_uncertainty:
+        return format_percent(fraction.value)
+    return f"({100 * fraction.value:.2f} ± {100 * fraction.standard_uncertainty:.2f}) %"
 
 
-def _list_method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
-    """Return tables of the joints with a column for each method and a legend, and a table of whole fits."""
-    unit, resampling = view.unit, next((entry.draws for entry in entries if entry.draws), None)
+def _list_method_parts(compared_runs: Sequence[ComparedRun], view: View) -> list[Part]:
+    """Return tables of the joints with a column for each method, and a table of the fits as a whole."""
+    unit, resampling = view.unit, next((entry.draws for entry in compared_runs if entry.draws), None)
     format_cell: Cell = (
         partial(_resampled_cell, unit)
         if resampling
@@ -174,25 +188,27 @@ def _list_method_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]
     )
     # Runs with a constraint that changes no number are not shown, but the legend mentions them.
     hides_constrained = (
-        not view.details and resampling is None and _constraints_change_nothing(entries, format_cell)
+        not view.details and resampling is None and _constraints_change_nothing(compared_runs, format_cell)
     )
-    shown = [entry for entry in entries if not entry.positive] if hides_constrained else entries
-    title = f"{unit.quantity.capitalize()} in {unit.label_of(entries[0].joints)}"
+    shown_runs = (
+        [entry for entry in compared_runs if not entry.positive] if hides_constrained else compared_runs
+    )
+    title = f"{unit.quantity.capitalize()} in {unit.label_of(compared_runs[0].joints)}"
     if resampling is not None:
         title += (
             f", mean & standard deviation of\n{resampling.repetitions} fits of {resampling.size} "
             f"configurations drawn at random (seed {resampling.seed})"
         )
     legend = _legend(
-        shown,
+        shown_runs,
         hides_constrained=hides_constrained,
         resampled=resampling is not None,
-        repeats=view.details,
+        shows_repeated=view.details,
     )
-    parts: list[Part] = [*_joint_tables(shown, title, format_cell, legend, repeats=view.details)]
+    parts: list[Part] = [*_joint_tables(shown_runs, title, format_cell, legend, shows_repeated=view.details)]
     if resampling is not None:
-        parts += _shares_tables(entries, view)
-    return [*parts, _fits_table(shown, repeats=view.details)]
+        parts += _list_resampled_share_parts(compared_runs, view)
+    return [*parts, _fits_table(shown_runs, shows_repeated=view.details)]
 
 
 def _constraints_change_nothing(entries: Sequence[ComparedRun], format_cell: Cell) -> bool:
@@ -207,30 +223,35 @@ def _constraints_change_nothing(entries: Sequence[ComparedRun], format_cell: Cel
 
 
 def _joint_tables(
-    entries: Sequence[ComparedRun], title: str, format_cell: Cell, caption: str = "", *, repeats: bool
+    compared_runs: Sequence[ComparedRun],
+    title: str,
+    format_cell: Cell,
+    caption: str = "",
+    *,
+    shows_repeated: bool,
 ) -> list[Table]:
     """Return tables of the joints, each with at most `_METHODS_PER_TABLE` methods as columns.
 
     Only the first table has the caption.
     """
-    methods = list(dict.fromkeys(map(_method_abbreviation, entries)))
+    methods = list(dict.fromkeys(map(_method_abbreviation, compared_runs)))
     return [
         _joint_table(
             [
                 entry
-                for entry in entries
+                for entry in compared_runs
                 if _method_abbreviation(entry) in methods[start : start + _METHODS_PER_TABLE]
             ],
             f"{title}, continued" if start else title,
             format_cell,
             "" if start else caption,
-            repeats=repeats,
+            shows_repeated=shows_repeated,
         )
         for start in range(0, len(methods), _METHODS_PER_TABLE)
     ]
 
 
-def _shares_tables(entries: Sequence[ComparedRun], view: View) -> list[Part]:
+def _list_resampled_share_parts(entries: Sequence[ComparedRun], view: View) -> list[Part]:
     """Return tables of the share of resampled fits in which a joint is negative, rigid or undetermined.
 
     If all shares are zero, return a line that says so.
@@ -246,47 +267,62 @@ def _shares_tables(entries: Sequence[ComparedRun], view: View) -> list[Part]:
     ):
         return [Line("No fit gave a joint a negative, infinite or undetermined stiffness.")]
     title = "Fits negative / rigid / undetermined, in %"
-    return [*_joint_tables(entries, title, _shares_cell, repeats=view.details)]
+    return [*_joint_tables(entries, title, _shares_cell, shows_repeated=view.details)]
 
 
-def _repeats_free_row(
-    by_row: Mapping[tuple[SideName, bool], Mapping[str, ComparedRun]],
+def _has_numbers_of_free_row(
+    runs_by_row: Mapping[tuple[SideName, bool], Mapping[str, ComparedRun]],
     row: tuple[SideName, bool],
-    j: int,
+    joint: int,
     format_cell: Cell,
 ) -> bool:
-    """Return whether a constrained row of joint `j` has the numbers of the free row: no constraint acts."""
+    """Return whether a row with a constraint shows the same numbers of a joint as the row without it.
+
+    Then no constraint acts on the joint.
+
+    Args:
+        runs_by_row: runs by (side, constrained), then by the method's abbreviation.
+        row: (side, constrained) of the row.
+        joint: index of the joint.
+        format_cell: function that formats the cell of a run and a joint.
+    """
     side, positive = row
-    free, constrained = by_row.get((side, False)), by_row[row]
-    if not positive or free is None or free.keys() != constrained.keys():
+    free_runs, constrained_runs = runs_by_row.get((side, False)), runs_by_row[row]
+    if not positive or free_runs is None or free_runs.keys() != constrained_runs.keys():
         return False
-    return all(str(format_cell(free[name], j)) == str(format_cell(constrained[name], j)) for name in free)
+    return all(
+        str(format_cell(free_runs[name], joint)) == str(format_cell(constrained_runs[name], joint))
+        for name in free_runs
+    )
 
 
 def _joint_table(
-    entries: Sequence[ComparedRun], title: str, format_cell: Cell, caption: str, *, repeats: bool
+    compared_runs: Sequence[ComparedRun], title: str, format_cell: Cell, caption: str, *, shows_repeated: bool
 ) -> Table:
     """Return a table with a row for each joint, side and constraint, and a column for each method.
 
-    Without `repeats`, a joint has no row for a constraint that changes none of its numbers.
+    Without `shows_repeated`, a joint has no row for a constraint that changes none of its numbers.
     """
-    by_row: dict[tuple[SideName, bool], dict[str, ComparedRun]] = {}
-    for entry in sorted(entries, key=lambda each: (each.side, each.positive)):
-        by_row.setdefault((entry.side, entry.positive), {}).setdefault(_method_abbreviation(entry), entry)
-    methods = list(dict.fromkeys(map(_method_abbreviation, entries)))
-    has_two_sides = len({entry.side for entry in entries}) > 1
-    lines = [
+    runs_by_row: dict[tuple[SideName, bool], dict[str, ComparedRun]] = {}
+    for entry in sorted(compared_runs, key=lambda each: (each.side, each.positive)):
+        runs_by_row.setdefault((entry.side, entry.positive), {}).setdefault(
+            _method_abbreviation(entry), entry
+        )
+    methods = list(dict.fromkeys(map(_method_abbreviation, compared_runs)))
+    has_two_sides = len({entry.side for entry in compared_runs}) > 1
+    rows = [
         (j, joint, row)
-        for j, joint in enumerate(entries[0].joints)
-        for row in by_row
-        if repeats or not _repeats_free_row(by_row, row, j, format_cell)
+        for j, joint in enumerate(compared_runs[0].joints)
+        for row in runs_by_row
+        if shows_repeated or not _has_numbers_of_free_row(runs_by_row, row, j, format_cell)
     ]
     # Only the first row of a joint has the joint's name.
-    first_lines = {j: number for number, (j, _, _) in reversed(list(enumerate(lines)))}
+    first_lines = {j: number for number, (j, _, _) in reversed(list(enumerate(rows)))}
 
     def make_column(method: str) -> Column:
         cells = [
-            format_cell(by_row[row][method], j) if method in by_row[row] else Line("") for j, _, row in lines
+            format_cell(runs_by_row[row][method], j) if method in runs_by_row[row] else Line("")
+            for j, _, row in rows
         ]
         return Column(method, cells, as_line)
 
@@ -294,16 +330,13 @@ def _joint_table(
         [
             Column(
                 "joint",
-                [
-                    joint.name if first_lines[j] == number else ""
-                    for number, (j, joint, _) in enumerate(lines)
-                ],
+                [joint.name if first_lines[j] == number else "" for number, (j, joint, _) in enumerate(rows)],
                 text=True,
                 widest=_LONGEST_NAME,
             ),
             Column(
                 "side" if has_two_sides else "sign",
-                [_row_name(side, positive, with_side=has_two_sides) for _, _, (side, positive) in lines],
+                [_row_name(side, positive, with_side=has_two_sides) for _, _, (side, positive) in rows],
                 text=True,
             ),
             *map(make_column, methods),
@@ -336,23 +369,28 @@ def _method_abbreviation(entry: ComparedRun) -> str:
     return _METHOD_ABBREVIATIONS[entry.method] + _WEIGHTING_SUFFIXES[entry.weighting]
 
 
-def _resampled_cell(unit: StiffnessUnit, entry: ComparedRun, j: int) -> Line:
-    """Format the mean and standard deviation of a joint over the resampled fits of a run."""
-    statistics = _resampled_joint(entry, j)
-    mean, deviation = (None, None) if statistics is None else mean_and_deviation(statistics, unit)
-    if mean is None:
+def _resampled_cell(unit: StiffnessUnit, entry: ComparedRun, joint: int) -> Line:
+    """Format the mean and standard deviation of a joint's number over the resampled fits of a run."""
+    statistics = _resampled_joint(entry, joint)
+    mean_value, deviation = (
+        (None, None) if statistics is None else compute_mean_and_deviation(statistics, unit)
+    )
+    if mean_value is None:
         return Line("rigid" if statistics and statistics.share_infinite else "—", "dim")
-    text = format_rounded(mean, deviation, ".2g")
+    text = format_rounded(mean_value, deviation, ".2g")
     if deviation is not None:
         text += f" & {format_rounded(deviation, deviation)}"
     # A prismatic joint has another unit than the table, which the cell states.
     if statistics is not None and (joint_unit := unit.for_kind(statistics.kind)) is not unit:
         text += f" {joint_unit.label}"
-    return Line(text, "bad" if mean < 0 else "")
+    return Line(text, "bad" if mean_value < 0 else "")
 
 
 def _shares_cell(entry: ComparedRun, j: int) -> Line:
-    """Format the shares [%] of resampled fits in which joint `j` is negative, rigid, or undetermined."""
+    """Format the shares [%] of resampled fits in which a joint is negative, rigid, or undetermined.
+
+    `j` is the index of the joint.
+    """
     statistics = _resampled_joint(entry, j)
     if statistics is None or entry.joints[j].status == "not_observable":
         return Line("—", "dim")
@@ -365,36 +403,36 @@ def _resampled_joint(entry: ComparedRun, j: int) -> ResampledJoint | None:
     return entry.resampling.joints[j] if entry.resampling else None
 
 
-def _fits_table(entries: Sequence[ComparedRun], *, repeats: bool) -> Table:
+def _fits_table(compared_runs: Sequence[ComparedRun], *, shows_repeated: bool) -> Table:
     """Return a table with a row for each fit: explained deflection, residual, condition number.
 
-    Without `repeats`, a constrained fit with the numbers of the free fit has no row.
+    Without `shows_repeated`, a fit with a constraint that changes no number has no row.
     """
-    free = {
+    cells_of_free_run = {
         (entry.side, _method_abbreviation(entry)): _fit_cells(entry)
-        for entry in entries
+        for entry in compared_runs
         if not entry.positive
     }
-    entries = [
+    compared_runs = [
         entry
-        for entry in entries
-        if repeats
+        for entry in compared_runs
+        if shows_repeated
         or not entry.positive
-        or free.get((entry.side, _method_abbreviation(entry))) != _fit_cells(entry)
+        or cells_of_free_run.get((entry.side, _method_abbreviation(entry))) != _fit_cells(entry)
     ]
-    has_two_sides = len({entry.side for entry in entries}) > 1
+    has_two_sides = len({entry.side for entry in compared_runs}) > 1
     names = [
         f"{_method_abbreviation(entry)} {_row_name(entry.side, entry.positive, with_side=has_two_sides)}"
-        for entry in entries
+        for entry in compared_runs
     ]
     columns = [
         Column("fit", names, text=True, widest=_LONGEST_NAME),
-        Column("explained", [format_percent(entry.compensation) for entry in entries]),
-        Column("rms", [entry.rms_residual for entry in entries], number_formatter(".0f", 1e6), "µm"),
-        Column("condition", [entry.condition_number for entry in entries], number_formatter(".3g")),
+        Column("explained", [format_percent(entry.compensation) for entry in compared_runs]),
+        Column("rms", [entry.rms_residual for entry in compared_runs], number_formatter(".0f", 1e6), "µm"),
+        Column("condition", [entry.condition_number for entry in compared_runs], number_formatter(".3g")),
     ]
-    if any(entry.resampling for entry in entries):
-        cells = [_resampled_cells(entry.resampling) for entry in entries]
+    if any(entry.resampling for entry in compared_runs):
+        cells = [_resampled_cells(entry.resampling) for entry in compared_runs]
         columns.append(Column("explained, drawn", [explained for explained, _ in cells]))
         columns.append(Column("any negative", [negative for _, negative in cells]))
     return Table(columns, title="Fits as a whole", plain=True)
@@ -419,35 +457,38 @@ def _resampled_cells(resampling: ResamplingResult | None) -> tuple[str, str]:
 
 
 def _legend(
-    entries: Sequence[ComparedRun], *, hides_constrained: bool, resampled: bool, repeats: bool
+    compared_runs: Sequence[ComparedRun], *, hides_constrained: bool, resampled: bool, shows_repeated: bool
 ) -> str:
     """Return a caption that explains the abbreviations used in the tables.
 
-    `hides_constrained` is true if runs with a constraint are not shown, because no constraint is active;
-    `repeats` if rows with the numbers of free fits are shown.
+    Args:
+        compared_runs: runs in the tables.
+        hides_constrained: whether runs with a constraint are left out, because no constraint acts.
+        resampled: whether the tables show statistics of resampled fits.
+        shows_repeated: whether rows are shown that repeat the numbers of free fits.
     """
-    methods = {_METHOD_ABBREVIATIONS[entry.method]: METHOD_NAMES[entry.method] for entry in entries}
-    lengths = {f"{entry.characteristic_length:.3g}" for entry in entries if entry.characteristic_length}
+    methods = {_METHOD_ABBREVIATIONS[entry.method]: METHOD_NAMES[entry.method] for entry in compared_runs}
+    lengths = {f"{entry.characteristic_length:.3g}" for entry in compared_runs if entry.characteristic_length}
     of_lengths = f" of {', '.join(sorted(lengths))} m" if lengths else ""
     weights = {
         "characteristic_length": f"/L: translations divided by a length{of_lengths}",
         "uniform": "/u: uniform weights",
     }
-    weightings = dict.fromkeys(entry.weighting for entry in entries)
-    lines = [
+    weightings = dict.fromkeys(entry.weighting for entry in compared_runs)
+    sentences = [
         *(f"{short}: {name}" for short, name in methods.items()),
         *(weights[weighting] for weighting in weightings if weighting in weights),
-        "1, 2: first and second side" if len({entry.side for entry in entries}) > 1 else "",
+        "1, 2: first and second side" if len({entry.side for entry in compared_runs}) > 1 else "",
         "free: unconstrained",
-        f"≥ 0: compliances zero or positive{'' if repeats else ', where the constraint acts'}"
-        if any(entry.positive for entry in entries)
+        f"≥ 0: compliances zero or positive{'' if shows_repeated else ', where the constraint acts'}"
+        if any(entry.positive for entry in compared_runs)
         else "",
         "drawn: explained share of all configurations, mean & standard deviation over the drawn fits"
         if resampled
         else "3.188(17): 3.188 with standard uncertainty 0.017",
         "≥ 0 gives the same numbers as free: no constraint is active" if hides_constrained else "",
     ]
-    return "; ".join(line for line in lines if line)
+    return "; ".join(line for line in sentences if line)
 
 
 def _failure_lines(entries: Sequence[ComparedRun]) -> list[Line]:
@@ -462,33 +503,34 @@ def _failure_lines(entries: Sequence[ComparedRun]) -> list[Line]:
 
 
 def make_charts(result: ComparisonResult) -> list[Chart]:
-    """Return charts of each configuration's deflection and, for each method, of what is left over.
+    """Return charts of each configuration's deflection and, for each method, of the residual.
 
     The numbers are means over the targets. Each side has a pair of charts: figures 7 and 8 of the paper.
     """
-    drawn: list[Chart] = []
-    common, several = _common_configurations(result), len(result.sides) > 1
-    if common:
+    charts: list[Chart] = []
+    common_labels, has_two_sides = _common_configurations(result), len(result.sides) > 1
+    if common_labels:
         measured = {
-            f"{side.side} side": [_deflection_by_label(side)[label] for label in common]
+            f"{side.side} side": [_deflection_by_label(side)[label] for label in common_labels]
             for side in result.sides
         }
-        drawn.append(Chart("Measured deflection, both sides", common, measured, 1e3, "mm"))
+        charts.append(Chart("Measured deflection, both sides", common_labels, measured, 1e3, "mm"))
     for side in result.sides:
-        entries = [entry for entry in result.entries if entry.side == side.side and entry.left]
+        compared_runs = [entry for entry in result.entries if entry.side == side.side and entry.left]
         # If a method has a run with the constraint and a run without, the constrained run is drawn: it is
         # sorted last.
-        by_method = {
-            _method_abbreviation(entry): entry for entry in sorted(entries, key=lambda each: each.positive)
+        run_by_method = {
+            _method_abbreviation(entry): entry
+            for entry in sorted(compared_runs, key=lambda each: each.positive)
         }
-        place, configurations = f", {side.side} side" * several, side.configurations
-        if list(configurations) != common:
+        side_text, configurations = f", {side.side} side" * has_two_sides, side.configurations
+        if list(configurations) != common_labels:
             series = {"measured": side.deflection}
-            drawn.append(Chart(f"Measured deflection{place}", configurations, series, 1e3, "mm"))
+            charts.append(Chart(f"Measured deflection{side_text}", configurations, series, 1e3, "mm"))
         # What is left over is a hundredth of the deflection: the methods differ on an axis of their own.
-        left = {name: entry.left for name, entry in by_method.items()}
-        drawn.append(Chart(f"Left over after compensation{place}", configurations, left, 1e6, "µm"))
-    return [replace(chart, quantity="residual" if chart.unit == "µm" else "deflection") for chart in drawn]
+        residuals = {name: entry.left for name, entry in run_by_method.items()}
+        charts.append(Chart(f"Left over after compensation{side_text}", configurations, residuals, 1e6, "µm"))
+    return [replace(chart, quantity="residual" if chart.unit == "µm" else "deflection") for chart in charts]
 
 
 def _deflection_by_label(side: ComparedSide) -> dict[str, float | None]:
@@ -558,7 +600,7 @@ _RATIOS: Final = {
 def entries_sheet(job: Comparison) -> Sheet:
     """Return the file `table.csv`: a row for each run and joint; a failed run has one row, with its error.
 
-    A number that is unknown, or an upper limit that does not exist, is an empty cell.
+    An unknown number, or an upper limit that does not exist, is an empty cell.
     """
     rows: list[_Row] = []
     # Each joint with its statistics over the resampled fits; a failed run has one pair without joint.

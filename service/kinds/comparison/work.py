@@ -98,25 +98,29 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
         SolverError: an optimum could not be certified.
     """
     runs_by_set: dict[str, list[MeasuredRun]] = {}
-    for each in runs:
-        runs_by_set.setdefault(each.run.request.measurement_set_id, []).append(each)
+    for compared in runs:
+        runs_by_set.setdefault(compared.run.request.measurement_set_id, []).append(compared)
     # With one set there is only the first side.
     runs_by_side = dict(zip(_SIDES, runs_by_set.values(), strict=False))
-    leading = {name: side_runs[0] for name, side_runs in runs_by_side.items()}
+    leading_runs = {side_name: side_runs[0] for side_name, side_runs in runs_by_side.items()}
     sides = [
-        _make_side_message(name, side_runs, leading[name].run) for name, side_runs in runs_by_side.items()
+        _make_side_message(side_name, side_runs, leading_runs[side_name].run)
+        for side_name, side_runs in runs_by_side.items()
     ]
     side_of_set = {side.measurement_set_id: side for side in sides}
-    assessments = [each.run.result.assessment for each in runs if each.run.result is not None]
+    assessments = [compared.run.result.assessment for compared in runs if compared.run.result is not None]
     # Only the first warning of each code and place is kept.
     warnings: dict[tuple[str, str | None], Finding] = {}
-    for finding in (finding for each in runs for finding in _list_warnings(each.run)):
+    for finding in (finding for compared in runs for finding in _list_warnings(compared.run)):
         warnings.setdefault((finding.code, finding.where), finding)
     result = ComparisonResult(
         assessment=combine_assessments(assessments or [Assessment(verdict="do_not_use", reasons=[_NO_FIT])]),
         confidence=request.confidence or runs[0].run.request.confidence,
         sides=sides,
-        entries=[_make_entry(each.run, side_of_set[each.run.request.measurement_set_id]) for each in runs],
+        entries=[
+            _make_entry(compared.run, side_of_set[compared.run.request.measurement_set_id])
+            for compared in runs
+        ],
         joints=[],
         avoided=None,
         ordered=None,
@@ -124,7 +128,7 @@ def compare_runs(inputs: Inputs, request: ComparisonRequest, runs: Sequence[Meas
     )
     if len(runs_by_side) == 1:
         return result.model_copy(update={"assessment": assess_with_run("comparison", [], result.assessment)})
-    return _add_ratios(inputs, request, runs_by_side, leading, result)
+    return _add_comparison_of_sides(inputs, request, runs_by_side, leading_runs, result)
 
 
 def _list_warnings(run: Run) -> list[Finding]:
@@ -133,7 +137,10 @@ def _list_warnings(run: Run) -> list[Finding]:
 
 
 def _make_entry(run: Run, side: ComparedSide) -> ComparedRun:
-    """Return the message of a compared run; its field `left` has the residual [m] of each configuration."""
+    """Return the message of a compared run.
+
+    Its field `left` has the mean length of the residual in each configuration of the side [m].
+    """
     result, request = run.result, run.request
     residuals = {} if result is None else result.mean_lengths("residual")
     return ComparedRun(
@@ -155,9 +162,12 @@ def _make_entry(run: Run, side: ComparedSide) -> ComparedRun:
     )
 
 
-def _make_side_message(name: SideName, runs: Sequence[MeasuredRun], leading: Run) -> ComparedSide:
-    """Return the message of a side: set, leading run, and measured deflection [m] of each configuration."""
-    results = [each.run.result for each in runs if each.run.result is not None]
+def _make_side_message(name: SideName, runs: Sequence[MeasuredRun], leading_run: Run) -> ComparedSide:
+    """Return the message of a side: its set, its leading run, and each configuration's mean deflection [m].
+
+    The leading run is the run from which ratios are computed.
+    """
+    results = [measured_run.run.result for measured_run in runs if measured_run.run.result is not None]
     lengths: dict[str, float] = {}
     for result in results:
         # A run that leaves out observations has no deflection of them: another run may have it.
@@ -166,42 +176,46 @@ def _make_side_message(name: SideName, runs: Sequence[MeasuredRun], leading: Run
     labels = list(runs[0].prepared.measurements.labels)
     return ComparedSide(
         side=name,
-        measurement_set_id=leading.request.measurement_set_id,
-        run_id=leading.id,
+        measurement_set_id=leading_run.request.measurement_set_id,
+        run_id=leading_run.id,
         configurations=labels,
         deflection=[lengths.get(label) for label in labels],
     )
 
 
-def _add_ratios(
+def _add_comparison_of_sides(
     inputs: Inputs,
     request: ComparisonRequest,
     runs_by_side: Mapping[SideName, Sequence[MeasuredRun]],
-    leading: Mapping[SideName, MeasuredRun],
+    leading_run_of_side: Mapping[SideName, MeasuredRun],
     result: ComparisonResult,
 ) -> ComparisonResult:
-    """Return a copy of `result` with stiffness ratios, avoided deflection and, on request, the ordered fit.
+    """Return a copy of a result with the comparison of its two sides.
+
+    Added are the ratios of stiffnesses, the avoided deflection (how much less the targets deflect on the
+    second
+    side), warnings, the assessment and, on request, the ordered fit.
 
     Args:
         inputs: source of measurement sets, which are fetched by id.
         request: request of the comparison; with `ordered`, no joint may be softer on the second side.
         runs_by_side: all runs of each side.
-        leading: the first run of each side, from which ratios are computed.
+        leading_run_of_side: the first run of each side, from which ratios are computed.
         result: result of the comparison so far.
 
     Raises:
         RequestError: a leading run has failed, or the runs cannot be compared.
     """
-    leading_runs = [(name, each.run, each.run.result) for name, each in leading.items()]
-    failed = next((name for name, _, run_result in leading_runs if run_result is None), None)
-    if failed is not None:
+    leading_runs = [(name, each.run, each.run.result) for name, each in leading_run_of_side.items()]
+    failed_side = next((name for name, _, run_result in leading_runs if run_result is None), None)
+    if failed_side is not None:
         raise RequestError(
-            f"the run of the {failed} measurement set has failed",
+            f"the run of the {failed_side} measurement set has failed",
             where="run_ids",
             remedy="read the `error` of the run, and give a run that succeeded",
         )
-    sides = [_make_solver_side(inputs, leading[name], runs_by_side[name]) for name in _SIDES]
-    pair = compare_sides(
+    sides = [_make_solver_side(inputs, leading_run_of_side[name], runs_by_side[name]) for name in _SIDES]
+    side_comparison = compare_sides(
         *sides,
         confidence=result.confidence,
         ordered=request.ordered,
@@ -212,13 +226,15 @@ def _add_ratios(
     ]
     if models_differ(sides[0].robot, sides[1].robot):
         warnings.append(_OTHER_MODEL)
-    if pair.unlike and pair.unit_mistake is None:
+    if side_comparison.unlike and side_comparison.unit_mistake is None:
         warnings.append(
             Finding(
                 code="configurations_differ",
                 weight="use",
-                message=f"{len(pair.unlike)} observations have the same label but different postures or "
-                f"loads, or no common target; the first of these observations is '{pair.unlike[0]}'",
+                message=f"{len(side_comparison.unlike)} observations have the same label but different "
+                "postures or "
+                "loads, or no common target; the first of these observations is "
+                f"'{side_comparison.unlike[0]}'",
                 remedy="measure the same postures under the same load, or give different labels",
             )
         )
@@ -230,18 +246,24 @@ def _add_ratios(
         for name, each in run_assessments.items()
     ]
     # A mistake of units is also the reason why no observations match.
-    reasons = [pair.unit_mistake] if pair.unit_mistake else [] if pair.avoided.matching else [_NOTHING_COMMON]
-    no_ratio = [joint.name for joint in pair.joints if joint.ratio is None]
-    if no_ratio:
-        message = f"the ratio of stiffnesses is unknown for {', '.join(no_ratio)}"
+    reasons = (
+        [side_comparison.unit_mistake]
+        if side_comparison.unit_mistake
+        else []
+        if side_comparison.avoided.matching
+        else [_NOTHING_COMMON]
+    )
+    joints_without_ratio = [joint.name for joint in side_comparison.joints if joint.ratio is None]
+    if joints_without_ratio:
+        message = f"the ratio of stiffnesses is unknown for {', '.join(joints_without_ratio)}"
         remedy = "measure both sets with loads that twist these joints"
         reasons.append(make_reason("numbers_missing", "use_with_care", message, remedy))
     return result.model_copy(
         update={
             "assessment": assess_with_run("comparison", reasons, combine_assessments(assessments)),
-            "joints": pair.joints,
-            "avoided": pair.avoided,
-            "ordered": pair.ordered,
+            "joints": side_comparison.joints,
+            "avoided": side_comparison.avoided,
+            "ordered": side_comparison.ordered,
             "warnings": warnings,
         }
     )
@@ -253,13 +275,18 @@ def _add_side_to_place(finding: Finding, side: SideName) -> Finding:
     return finding.model_copy(update={"where": where})
 
 
-def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[MeasuredRun]) -> Side:
-    """Return a side for the solver, from its leading run and, for ratios, its run without constraints.
+def _make_solver_side(inputs: Inputs, leading_run: MeasuredRun, runs: Sequence[MeasuredRun]) -> Side:
+    """Return a side for the solver, from its leading run and its run without constraints.
+
+    Args:
+        inputs: source of measurement sets.
+        leading_run: run from which ratios are computed.
+        runs: all runs of the side, among which the run without constraints is searched.
 
     Raises:
         RequestError: the leading run has elastic links or base, was identified by own weight, or uses priors.
     """
-    run, prepared = leading.run, leading.prepared
+    run, prepared = leading_run.run, leading_run.prepared
     if run.request.weight is not None or run.request.priors:
         obstacle = "was identified by own weight" if run.request.weight is not None else "uses priors"
         raise RequestError(
@@ -274,8 +301,8 @@ def _make_solver_side(inputs: Inputs, leading: MeasuredRun, runs: Sequence[Measu
         prepared = inputs.measured(set_id, "run_ids", run.request.leave_out)
     causes = [cause.name_and_first_label for cause in run.request.causes]
     refuted = list_refuted(prepared.measurements, prepared.warnings)
-    trusted = leave_out(prepared.measurements, refuted)
-    measurements = fit_causes(prepared.robot, trusted, causes)
+    trusted_readings = leave_out(prepared.measurements, refuted)
+    measurements = fit_causes(prepared.robot, trusted_readings, causes)
     k_c = run.result.complementary_stiffness if run.result else None
     model = _rebuild_joint_model(run, prepared.robot)
     return Side(
@@ -341,41 +368,40 @@ def _influential_options(run: Run) -> dict[str, Any]:
 def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
     """Return a run's estimate before constraints: n compliances with their covariance (n, n).
 
-    The estimate also has the parts of the covariance: a part from the readings, and one from each assumed
-    error.
+    The estimate also has the parts of the covariance: one from the readings, and one from each assumed error.
     """
     model, result = _rebuild_joint_model(run, robot), run.result
     if result is None:
         raise ValueError("a run without a result has no model")
-    joints, likelihood, n = result.joints, model.likelihood, robot.n
-    values = [np.nan if joint.compliance is None else joint.compliance for joint in joints]
-    compliance = np.array(values, dtype=np.float64)
+    joints, likelihood, joint_count = result.joints, model.likelihood, robot.n
+    compliances_or_nan = [np.nan if joint.compliance is None else joint.compliance for joint in joints]
+    compliance = np.array(compliances_or_nan, dtype=np.float64)
     has_compliance, undetermined = np.isfinite(compliance), np.isnan(compliance)
-    covariance = np.zeros((n, n))
+    covariance = np.zeros((joint_count, joint_count))
     readings: FloatArray | None = None
     assumed: dict[str, FloatArray] = {}
-    load_point = np.zeros((n, 0))
+    load_point = np.zeros((joint_count, 0))
     # The likelihood has the estimate before constraints, of the joints that the readings determine.
     if likelihood is not None and result.budget is not None:
         compliance[likelihood.joints] = likelihood.centre
         compliance[~has_compliance] = np.nan
-        undetermined = ~np.isin(np.arange(n), likelihood.joints)
+        undetermined = ~np.isin(np.arange(joint_count), likelihood.joints)
         covariance[np.ix_(likelihood.joints, likelihood.joints)] = likelihood.covariance
         covariance *= np.outer(has_compliance, has_compliance)
         # Rows and columns of the joints that the uncertainty budget has.
         budget_entries = np.ix_(np.flatnonzero(has_compliance), np.flatnonzero(has_compliance))
-        for part in result.budget.components:
-            part_covariance = np.zeros((n, n))
-            part_covariance[budget_entries] = np.outer(part.contributions, part.contributions) * np.array(
-                part.correlation
-            )
-            if part.source == "readings":
+        for component in result.budget.components:
+            part_covariance = np.zeros((joint_count, joint_count))
+            part_covariance[budget_entries] = np.outer(
+                component.contributions, component.contributions
+            ) * np.array(component.correlation)
+            if component.source == "readings":
                 readings = part_covariance
-            elif part.source.startswith("assumed_"):
-                assumed[part.source.removeprefix("assumed_")] = part_covariance
-            if part.responses is not None:
-                load_point = np.zeros((n, 3))
-                load_point[has_compliance] = part.responses
+            elif component.source.startswith("assumed_"):
+                assumed[component.source.removeprefix("assumed_")] = part_covariance
+            if component.responses is not None:
+                load_point = np.zeros((joint_count, 3))
+                load_point[has_compliance] = component.responses
     return FreeEstimate(
         compliance=compliance,
         covariance=covariance,
@@ -408,8 +434,8 @@ def request_comparison(
 ) -> ComparisonRequest:
     """Make the runs of one set or of two sets, and return the request that compares these runs.
 
-    Each of two sets gets a leading run and, if a constraint is active in the leading run, also a run
-    without constraints.
+    Each of two sets gets a leading run, from which ratios are computed, and, if a constraint is active in the
+    leading run, also a run without constraints.
 
     Args:
         sets: one set to compare methods, or two sets to compare with each other.
@@ -425,21 +451,24 @@ def request_comparison(
         for constraint in options.constraints
     ]
     runs: list[Run] = []
-    for each in sets:
-        set_options = each.options.model_dump(exclude={"leave_out"})
+    for compared_set in sets:
+        set_options = compared_set.options.model_dump(exclude={"leave_out"})
         # An elasticity that the user names is kept, so that any elasticity but `joints` is refused later.
         elasticity = set_options["elasticity"]
         named_elasticity = {} if elasticity == "automatic" else {"elasticity": elasticity}
         leading = RunOptions.model_validate({**set_options, **common, **named_elasticity})
         run_options = method_options
         if len(sets) > 1:
-            run_options = [leading, *(other for other in method_options if other != leading)]
+            run_options = [
+                leading,
+                *(method_option for method_option in method_options if method_option != leading),
+            ]
 
         # `each` and `leading` are bound as defaults, because they change with the loop.
         def make_run(
-            chosen: RunOptions, each: ComparedSet = each, leading: RunOptions = leading
+            chosen: RunOptions, compared_set: ComparedSet = compared_set, leading: RunOptions = leading
         ) -> Run | None:
-            readings = {"measurement_set_id": each.set_id, "leave_out": list(each.leave_out)}
+            readings = {"measurement_set_id": compared_set.set_id, "leave_out": list(compared_set.leave_out)}
             request = RunRequest.model_validate({**chosen.model_dump(), **readings})
             return identify(request, chosen != leading)
 

@@ -53,7 +53,7 @@ class FleetWork(Work):
         self._inputs = inputs
         self._first = 0  # number of the first set in `_sets`; not 0 in the work of a single step
         self._sets = inputs.named_sets(request.measurement_set_ids, "measurement_set_ids")
-        _refuse_count(len(self._sets))
+        _refuse_wrong_set_count(len(self._sets))
         run = request.run
         self._options = {name: getattr(run, name) for name in run.model_fields_set}
         # Resampling or elastic links make a run slow: then each set is a step of its own.
@@ -66,7 +66,10 @@ class FleetWork(Work):
         self.details = {"request": request.model_copy(update={"measurement_set_ids": set_ids})}
 
     def steps(self) -> tuple[Span, ...]:
-        """Return a step for each block of sets; no steps if one block has all sets and no run takes steps."""
+        """Return the steps of the work, one for each block of sets.
+
+        There are no steps if one block has all sets and no run takes steps.
+        """
         return () if self._is_quick else self._blocks
 
     def compute(self, span: Span) -> Arrays:
@@ -84,20 +87,25 @@ class FleetWork(Work):
             "sizes": np.array([len(row) for row in rows]),
         }
 
-    def conclude(self, parts: Sequence[Arrays]) -> FleetResult:
+    def conclude(self, arrays_of_steps: Sequence[Arrays]) -> FleetResult:
         """Return the result of the fleet: the rows of all sets, and the number of sets with each outcome.
 
-        `parts` are the arrays of all steps; if empty, all sets are identified now.
+        `arrays_of_steps` are the arrays of all steps; if empty, all sets are identified now.
         """
-        table = concatenate_steps(parts or map(self.compute, self._blocks))
-        ends = np.cumsum(table["sizes"])
-        texts = np.split(table["rows"], ends[:-1])
+        table = concatenate_steps(arrays_of_steps or map(self.compute, self._blocks))
+        row_ends = np.cumsum(table["sizes"])
+        texts = np.split(table["rows"], row_ends[:-1])
         rows = [FleetRow.model_validate_json(text.tobytes()) for text in texts]
         counts = Counter(map(outcome_of_row, rows))
         return FleetResult(counts={name: counts[name] for name in get_args(FleetOutcome)}, rows=rows)
 
     def detach_for_step(self, span: Span) -> FleetWork:
-        """Return work with the sets of a step in memory, for another process, which cannot use the store."""
+        """Return a copy of this work that has the measurement sets of one step in memory.
+
+        A process without access to the store can then compute the step. `span` has the first set of the step,
+        and
+        one past the last.
+        """
         step_work, sets = copy(self), self._sets[slice(*span)]
         in_memory = _SetsInMemory.fetch(self._inputs, sets, self._options)
         vars(step_work).update(_inputs=in_memory, _sets=sets, _first=span[0], details={})
@@ -141,9 +149,9 @@ class _SetsInMemory:
 
     @classmethod
     def fetch(cls, inputs: Inputs, sets: Iterable[NamedSet], options: Mapping[str, Any]) -> _SetsInMemory:
-        """Fetch sets from the store, without the observations that the option `leave_out` names.
+        """Fetch measurement sets from the store, without the observations that the option `leave_out` names.
 
-        Instead of a set that cannot be used, the error is kept.
+        For a set that cannot be used, the error is kept in place of the set.
         """
         fetched = dict[str, PreparedSet | JointstiffError]()
         for named_set in sets:
@@ -179,8 +187,8 @@ def _make_row(named_set: NamedSet, result: RunResult | None, error: Problem | No
     )
 
 
-def _refuse_count(count: int) -> None:
-    """Raise a `RequestError` if a fleet has no set, or too many."""
+def _refuse_wrong_set_count(count: int) -> None:
+    """Raise a `RequestError` if a fleet has no measurement set, or more than `MAX_SETS`."""
     if count == 0:
         raise RequestError(
             "the store has no measurement set with loads",

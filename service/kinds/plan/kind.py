@@ -41,8 +41,10 @@ _CRITERIA = {
 
 
 def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
-    """Return the joints' predicted uncertainties, the list of readings, and lines on the plan's quality."""
-    struck_out = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items())
+    """Return the report of a plan: predicted uncertainties, list of readings, quality of the plan."""
+    infeasible_text = ", ".join(
+        f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items()
+    )
     # A certificate is a proved lower bound of the list's efficiency.
     certificate = (
         "certified:"
@@ -53,21 +55,21 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
         f"{certificate} the list gives at least {100 * result.efficiency:.1f} % of the information of the "
         f"best possible list (criterion: {_CRITERIA[result.criterion]})",
         f"{result.feasible} of {result.considered} readings were feasible"
-        + (f"; not feasible: {struck_out}" if struck_out else ""),
+        + (f"; not feasible: {infeasible_text}" if infeasible_text else ""),
     ]
     if result.goal_share is not None:
         goal = job.request.goal
-        reached = (
+        goal_text = (
             f"a load point {length_text(result.goal_share * goal.mistake)} off its place shows (80 % power)"
             if isinstance(goal, LoadPointGoal)
             else f"the noise of the readings gives {result.goal_share:.2f} of the uncertainty that the goal "
             "allows"
         )
-        lines.append(f"{len(result.readings)} readings are the fewest that meet the goal: {reached}")
-    blocks = max((each.block for each in result.readings), default=1)
-    if blocks > 1:
+        lines.append(f"{len(result.readings)} readings are the fewest that meet the goal: {goal_text}")
+    block_count = max((each.block for each in result.readings), default=1)
+    if block_count > 1:
         lines.append(
-            f"the list has {blocks} blocks: you can stop after any block, and still have a good plan"
+            f"the list has {block_count} blocks: you can stop after any block, and still have a good plan"
         )
     if result.elastic_links:
         lines.append("the plan allows for elastic links, because joints alone do not explain the deflection")
@@ -108,7 +110,7 @@ def _joints_table(result: PlanResult) -> Table:
     return Table(columns if measured else columns[:2], title=title, caption=caption)
 
 
-def _relative_uncertainty(joint: PlannedJoint, uncertainty: float | None) -> float | None:
+def _compute_relative_uncertainty(joint: PlannedJoint, uncertainty: float | None) -> float | None:
     """Return the relative uncertainty of a joint's compliance, which is also that of its stiffness.
 
     `uncertainty` is the standard uncertainty of the compliance. Return None if `uncertainty` or the
@@ -125,7 +127,7 @@ def _uncertainty_cell(joint: PlannedJoint, uncertainty: float | None) -> str | N
 
     Return None if the uncertainty is unknown.
     """
-    relative = _relative_uncertainty(joint, uncertainty)
+    relative = _compute_relative_uncertainty(joint, uncertainty)
     if relative is not None:
         return f"{figure(100 * relative, '.2g')} %"
     unit = "nm/N" if joint.kind == "prismatic" else "nrad/(N·m)"
@@ -133,7 +135,7 @@ def _uncertainty_cell(joint: PlannedJoint, uncertainty: float | None) -> str | N
 
 
 def _readings_table(job: Plan, result: PlanResult, *, has_tick_boxes: bool) -> Table:
-    """Return the table of readings: posture, force, direction.
+    """Return the table of the planned readings: label, posture, force, direction of force and of gauges.
 
     `has_tick_boxes` adds two columns of boxes to tick on paper: measured without load, and with load.
     """
@@ -188,29 +190,31 @@ def _force_direction_text(job: Plan, reading: PlannedReading) -> str:
         return (
             f"to anchor {reading.anchor + 1}, {_position_text(job.request.load.anchors[reading.anchor])} mm"
         )
-    size = hypot(*reading.force)
-    if not size:
+    force_size = hypot(*reading.force)
+    if not force_size:
         return "own weight"
-    unit = [part / size for part in reading.force]
-    return "down" if unit[2] < _DOWN else _vector_text(unit)
+    unit_vector = [component / force_size for component in reading.force]
+    return "down" if unit_vector[2] < _DOWN else _vector_text(unit_vector)
 
 
 def _gauge_direction_text(reading: PlannedReading) -> str:
     """Return a gauge's direction as text that `import` reads: an axis of R0 such as "z", or components."""
     direction = reading.direction or (0.0, 0.0, 0.0)
     # −`_DOWN` is just below 1: such a component is along its axis.
-    axis = next((axis for axis, part in zip("xyz", direction, strict=True) if abs(part) > -_DOWN), None)
+    axis = next(
+        (axis for axis, component in zip("xyz", direction, strict=True) if abs(component) > -_DOWN), None
+    )
     return axis or _vector_text(direction)
 
 
-def _vector_text(unit: Sequence[float]) -> str:
+def _vector_text(unit_vector: Sequence[float]) -> str:
     """Format the components of a unit vector, such as "x +0.50  y +0.00  z -0.87"."""
-    return "  ".join(f"{axis} {part:+.2f}" for axis, part in zip("xyz", unit, strict=True))
+    return "  ".join(f"{axis} {component:+.2f}" for axis, component in zip("xyz", unit_vector, strict=True))
 
 
 def _position_text(position: Sequence[float]) -> str:
     """Format the coordinates of a position [m] in mm, such as "-60, 20, 180"."""
-    return ", ".join(f"{1e3 * part:.0f}" for part in position)
+    return ", ".join(f"{1e3 * coordinate:.0f}" for coordinate in position)
 
 
 def readings_sheet(plan: Plan) -> Sheet:
@@ -298,7 +302,7 @@ def make_charts(result: PlanResult) -> list[Chart]:
     """Return a chart of each joint's standard uncertainty: after this plan, after random plans, and now."""
     joints, all_known = result.joints, all(joint.relative is not None for joint in result.joints)
     # Without the compliance of every joint, uncertainties of compliances are drawn, not relative ones.
-    plotted_value = _relative_uncertainty if all_known else lambda _, uncertainty: uncertainty
+    plotted_value = _compute_relative_uncertainty if all_known else lambda _, uncertainty: uncertainty
     series = {
         "this plan": [plotted_value(joint, joint.standard_uncertainty) for joint in joints],
         "random plans": [plotted_value(joint, joint.random) for joint in joints],

@@ -114,10 +114,10 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
     robot, prepared = plan_input.robot, plan_input.prepared
     # What the campaign so far tells; NaN and None where it is unknown.
     nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
-    so_far = None if prepared is None else prepared.measurements
+    campaign_readings = None if prepared is None else prepared.measurements
     if prepared is not None and isinstance(request.load, OwnWeight):
-        by_weight = RunOptions(weight=request.load)
-        result = run_by_weight(robot, prepared.measurements, by_weight, prepared.warnings)
+        weight_options = RunOptions(weight=request.load)
+        result = run_by_weight(robot, prepared.measurements, weight_options, prepared.warnings)
         sigma, assessment = result.sigma, result.assessment
         nominal = np.array([joint.compliance or np.nan for joint in result.joints])
         refuse_unaccepted(
@@ -131,17 +131,21 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
         settings = Settings.from_options(RunOptions(), robot)
         joints = JointsAlone(robot, prepared.measurements, settings, prepared.warnings)
         estimate, screening = joints.estimate, joints.screening
-        sigma, so_far = estimate.sigma, joints.measurements
+        sigma, campaign_readings = estimate.sigma, joints.measurements
         # A compliance with a great uncertainty is no nominal value: it stays NaN.
-        for j, joint in enumerate(estimate.joints):
-            u = joint.standard_uncertainty
-            if joint.compliance and u is not None and u < _LARGEST_RELATIVE_UNCERTAINTY * joint.compliance:
-                nominal[j] = joint.compliance
+        for index, joint in enumerate(estimate.joints):
+            uncertainty = joint.standard_uncertainty
+            if (
+                joint.compliance
+                and uncertainty is not None
+                and uncertainty < _LARGEST_RELATIVE_UNCERTAINTY * joint.compliance
+            ):
+                nominal[index] = joint.compliance
         prediction = predict(
             robot,
             joints.measurements,
             estimate.compliance,
-            balanced=estimate.balanced,
+            balanced_compliance=estimate.balanced,
             statements=estimate.statements,
         )
         solver_assessment = assess(joints, estimate, prediction, screening)
@@ -157,8 +161,10 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
         )
         unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
     # If the robot's own weight is the load, positions without another load are readings, too.
-    if so_far is not None and so_far.unloaded_only is not None:
-        so_far = replace(so_far, present=so_far.present | so_far.unloaded_only)
+    if campaign_readings is not None and campaign_readings.unloaded_only is not None:
+        campaign_readings = replace(
+            campaign_readings, present=campaign_readings.present | campaign_readings.unloaded_only
+        )
     if isinstance(request.goal, DecisionGoal) or getattr(request.goal, "force", None) is not None:
         raise RequestError(
             "a plan cannot have a decision as its goal, nor a goal for the deflection under a force "
@@ -168,9 +174,14 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
             "load; or pursue this goal in a live campaign",
         )
     design_request = to_design_request(
-        request, robot, nominal=nominal, sigma=sigma, unexplained=unexplained, so_far=so_far
+        request,
+        robot,
+        nominal=nominal,
+        sigma=sigma,
+        unexplained=unexplained,
+        campaign_readings=campaign_readings,
     )
-    names, _ = choose_targets(request, robot, so_far)
+    names, _ = choose_targets(request, robot, campaign_readings)
     plan_result = to_plan_result(
         design_request, plan_campaign(robot, design_request), robot, names, assessment
     )
@@ -216,17 +227,18 @@ def to_design_request(
     nominal: FloatArray,
     sigma: float | None,
     unexplained: float | None,
-    so_far: Measurements | None,
+    campaign_readings: Measurements | None,
 ) -> PlanRequest:
     """Convert a posted request to the solver's request for a plan, with arrays in SI units.
 
     Args:
-        request: as it was posted.
+        request: the request as it was posted.
         robot: n joints.
         nominal: (n,) compliances from the campaign so far [rad/(N·m)]; NaN for an unknown compliance.
-        sigma: standard deviation of the campaign's readings [m]; None if it is unknown.
-        unexplained: share of the campaign's mean deflection that elastic joints do not explain; or None.
-        so_far: readings of the campaign; None if the plan begins a campaign.
+        sigma: standard deviation of a coordinate of the campaign's readings [m]; None if it is unknown.
+        unexplained: share of the campaign's mean deflection that elastic joints do not explain; None if
+            unknown.
+        campaign_readings: readings of the campaign so far; None if the plan begins a campaign.
 
     Raises:
         RequestError: a joint that the request names does not exist; load, targets or a stiffness are
@@ -241,7 +253,7 @@ def to_design_request(
         # Uncertainty of the compliance c = 1/k: u(c) = u(k)/k².
         prior_uncertainty[j] = prior.standard_uncertainty / prior.stiffness**2
         nominal[j] = 1.0 / prior.stiffness
-    names, targets = choose_targets(request, robot, so_far)
+    names, targets = choose_targets(request, robot, campaign_readings)
     own_weight = request.load if isinstance(request.load, OwnWeight) else None
     if own_weight and not (robot.bodies and np.isfinite(nominal).any()):
         raise RequestError(
@@ -263,26 +275,28 @@ def to_design_request(
             remedy="omit `work_area`, `tracker` and `directions`; give the noise of the readings as `sigma`",
         )
     planned_sigma = request.sigma or sigma or _SIGMA
-    wanted_joints = [robot.joint_index(name, "joints") for name in request.joints]
-    area, directions = request.work_area, _gauge_directions(request)
+    requested_joints = [robot.joint_index(name, "joints") for name in request.joints]
+    area, directions = request.work_area, _convert_gauge_directions(request)
     lack_of_fit = unexplained is not None and _LACK_OF_FIT < unexplained < 1.0
     return PlanRequest(
         equipment=Equipment(
             targets=targets,
-            load_point=_choose_load_point(request, so_far),
-            loads=_choose_loads(request, robot, so_far),
+            load_point=_choose_load_point(request, campaign_readings),
+            loads=_choose_loads(request, robot, campaign_readings),
             sigma=planned_sigma,
             instrument=None if request.tracker is None else to_instrument(request.tracker, 1.0),
-            scatter=_choose_scatter(request, so_far, (sigma or planned_sigma) / planned_sigma, planned_sigma),
+            scatter=_choose_scatter(
+                request, campaign_readings, (sigma or planned_sigma) / planned_sigma, planned_sigma
+            ),
         ),
         readings=request.readings,
         nominal=nominal,
         prior=prior_uncertainty,
-        cell=_check_facing(request.surroundings, names),
+        cell=_order_reflector_directions(request.surroundings, names),
         criterion=request.criterion or ("relative_a" if area is None else "work_area"),
-        postures=_candidate_postures(request, robot),
+        postures=_convert_candidate_postures(request, robot),
         candidates=request.candidates,
-        joints=np.array(wanted_joints, dtype=np.intp) if wanted_joints else None,
+        joints=np.array(requested_joints, dtype=np.intp) if requested_joints else None,
         work_area=None if area is None else np.array(area),
         directions=directions,
         links=lack_of_fit if request.elastic_links is None else request.elastic_links,
@@ -290,7 +304,7 @@ def to_design_request(
         link_share=unexplained / (1.0 - unexplained) if unexplained and lack_of_fit else _LINK_SHARE,
         angle=request.distinct_angle,
         validation=request.validation,
-        so_far=so_far,
+        so_far=campaign_readings,
         own_weight_rows=None
         if own_weight is None
         else make_planned_rows_function(
@@ -322,9 +336,13 @@ def to_plan_result(
         assessment: verdict on the campaign so far; None if the plan begins a campaign.
     """
     parameters = plan.pool.parameters
-    chosen = parameters.joints
-    c = parameters.nominal[chosen]  # compliances to which the plan's uncertainties are relative
-    known = parameters.known[chosen]  # true if the compliance is known, false for a guess of its size
+    joint_indices = parameters.joints
+    compliance = parameters.nominal[
+        joint_indices
+    ]  # compliances to which the plan's uncertainties are relative
+    is_known = parameters.known[
+        joint_indices
+    ]  # true if the compliance is known, false for a guess of its size
     digits = len(str(len(plan.joints)))  # of the greatest number in a label
     return plans.PlanResult(
         efficiency=plan.efficiency,
@@ -350,16 +368,18 @@ def to_plan_result(
         load_point=request.equipment.load_point,
         joints=build_messages(
             plans.PlannedJoint,
-            name=[robot.joint_names[j] for j in chosen],
-            kind=[robot.joint_kinds[j] for j in chosen],
-            standard_uncertainty=c * plan.uncertainty,
-            relative=np.where(known, plan.uncertainty, np.nan),
-            before=c * plan.uncertainty_before,
-            random=c * plan.random_plans.uncertainty,
-            one_at_a_time=c * plan.one_at_a_time.uncertainty,
+            name=[robot.joint_names[j] for j in joint_indices],
+            kind=[robot.joint_kinds[j] for j in joint_indices],
+            standard_uncertainty=compliance * plan.uncertainty,
+            relative=np.where(is_known, plan.uncertainty, np.nan),
+            before=compliance * plan.uncertainty_before,
+            random=compliance * plan.random_plans.uncertainty,
+            one_at_a_time=compliance * plan.one_at_a_time.uncertainty,
         ),
         left_out=[
-            name for j, name in enumerate(robot.joint_names) if request.joints is None and j not in chosen
+            name
+            for j, name in enumerate(robot.joint_names)
+            if request.joints is None and j not in joint_indices
         ],
         criterion=request.criterion,
         elastic_links=request.links,
@@ -375,7 +395,7 @@ def to_plan_result(
 
 
 def choose_targets(
-    request: plans.PlanRequest, robot: Robot, so_far: Measurements | None
+    request: plans.PlanRequest, robot: Robot, campaign_readings: Measurements | None
 ) -> tuple[tuple[str, ...], FloatArray]:
     """Return names and positions (T, 3) [m, flange frame] of T targets, from the request or the campaign.
 
@@ -384,15 +404,15 @@ def choose_targets(
     """
     if request.targets:
         return tuple(request.targets), np.array(list(request.targets.values()))
-    if so_far is None:
+    if campaign_readings is None:
         raise RequestError(
             "the positions of the targets are missing",
             where="targets",
             remedy="give `targets`: name and position of at least one target, in the flange frame, in m",
         )
-    positions = targets_in_flange(robot, so_far)
-    if so_far.direction is None:
-        return so_far.targets, positions
+    positions = targets_in_flange(robot, campaign_readings)
+    if campaign_readings.direction is None:
+        return campaign_readings.targets, positions
     if not request.directions:
         raise RequestError(
             "the campaign was measured with gauges, but the plan has no directions along which gauges read",
@@ -402,27 +422,32 @@ def choose_targets(
     # A campaign has one target for each direction of a gauge: keep the first target at each position,
     # rounded to 1 µm.
     _, first_targets = np.unique(np.round(positions, 6), axis=0, return_index=True)
-    kept = np.sort(first_targets)
-    return tuple(so_far.targets[t] for t in kept), positions[kept]
+    kept_targets = np.sort(first_targets)
+    return tuple(campaign_readings.targets[t] for t in kept_targets), positions[kept_targets]
 
 
 def _choose_scatter(
-    request: plans.PlanRequest, so_far: Measurements | None, ratio: float, sigma: float
+    request: plans.PlanRequest, campaign_readings: Measurements | None, sigma_ratio: float, sigma: float
 ) -> Scatter:
-    """Return the errors that targets of a posture will share: as requested, else those of the campaign.
+    """Return the errors that all targets of a posture will share: as requested, else those of the campaign.
 
     Args:
-        request: request that may state the repeatability.
-        so_far: readings of the campaign, whose shared errors are in units of their own sigma; None without.
-        ratio: sigma of the campaign over that of the plan.
+        request: request that may state the repeatability of the joints.
+        campaign_readings: readings of the campaign, whose shared errors are in units of their own sigma; None
+            without a campaign.
+        sigma_ratio: sigma of the campaign divided by that of the plan.
         sigma: standard uncertainty of a coordinate of a planned reading [m], the unit of the result.
     """
-    known = NO_SCATTER if so_far is None else so_far.scatter
-    joints = ratio * known.joints if request.repeatability is None else request.repeatability / sigma
-    return Scatter(joints, ratio * known.station)
+    campaign_scatter = NO_SCATTER if campaign_readings is None else campaign_readings.scatter
+    joints = (
+        sigma_ratio * campaign_scatter.joints
+        if request.repeatability is None
+        else request.repeatability / sigma
+    )
+    return Scatter(joints, sigma_ratio * campaign_scatter.station)
 
 
-def _choose_load_point(request: plans.PlanRequest, so_far: Measurements | None) -> FloatArray:
+def _choose_load_point(request: plans.PlanRequest, campaign_readings: Measurements | None) -> FloatArray:
     """Return the load point (3,) in the flange frame [m], from the request or else from the campaign.
 
     The campaign's load point is that of its greatest force. Without a campaign, it is the flange's origin.
@@ -430,13 +455,15 @@ def _choose_load_point(request: plans.PlanRequest, so_far: Measurements | None) 
     if request.load_point is not None:
         refuse_far_point(request.load_point, "load_point")
         return np.array(request.load_point)
-    if so_far is None:
+    if campaign_readings is None:
         return np.zeros(3)
-    point: FloatArray = so_far.load_point[int(np.argmax(np.linalg.norm(so_far.force, axis=1)))]
+    point: FloatArray = campaign_readings.load_point[
+        int(np.argmax(np.linalg.norm(campaign_readings.force, axis=1)))
+    ]
     return point
 
 
-def _choose_loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements | None) -> Loads:
+def _choose_loads(request: plans.PlanRequest, robot: Robot, campaign_readings: Measurements | None) -> Loads:
     """Return the loads of the request or, if the request has none, loads like those of the campaign.
 
     If all forces of the campaign pull down, the load is a dead weight, otherwise a force in any direction;
@@ -452,8 +479,10 @@ def _choose_loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements
         anchors = np.array(load.anchors) if isinstance(load, plans.Cable) else np.empty((0, 3))
         newtons = load.newtons if isinstance(load, plans.DeadWeight) else load.force
         return Loads(load.kind, newtons, limits, anchors)
-    newtons = 0.0 if so_far is None else float(np.linalg.norm(so_far.force, axis=1).max())
-    if so_far is None or newtons == 0.0:
+    newtons = (
+        0.0 if campaign_readings is None else float(np.linalg.norm(campaign_readings.force, axis=1).max())
+    )
+    if campaign_readings is None or newtons == 0.0:
         raise RequestError(
             "the loads are missing",
             where="load",
@@ -461,12 +490,16 @@ def _choose_loads(request: plans.PlanRequest, robot: Robot, so_far: Measurements
             "mass of a dead_weight in kg",
         )
     # A force counts as pulling down if it is at most about 2.6° from the vertical.
-    pulls_down = so_far.force[:, 2] < -0.999 * np.linalg.norm(so_far.force, axis=1)
+    pulls_down = campaign_readings.force[:, 2] < -0.999 * np.linalg.norm(campaign_readings.force, axis=1)
     return Loads("dead_weight" if pulls_down.all() else "any_direction", newtons, limits)
 
 
-def _gauge_directions(request: plans.PlanRequest) -> FloatArray | None:
-    """Return unit vectors (D, 3) along which gauges can read; None for a tracker, which reads x, y and z."""
+def _convert_gauge_directions(request: plans.PlanRequest) -> FloatArray | None:
+    """Return unit vectors (D, 3) along which gauges can read; None for a tracker, which reads x, y and z.
+
+    Raises:
+        RequestError: a direction is zero, or the plan has a tracker, too.
+    """
     if not request.directions:
         return None
     vectors = np.array(request.directions)
@@ -482,10 +515,13 @@ def _gauge_directions(request: plans.PlanRequest) -> FloatArray | None:
     return np.asarray(vectors / length)
 
 
-def _check_facing(surroundings: plans.Surroundings, names: tuple[str, ...]) -> plans.Surroundings:
-    """Check that `facing` has a direction for each target; return a copy with `facing` in targets' order.
+def _order_reflector_directions(
+    surroundings: plans.Surroundings, names: tuple[str, ...]
+) -> plans.Surroundings:
+    """Return the surroundings with `facing`, the directions of the reflectors, in the order of the targets.
 
-    `facing` has the direction in which the reflector of each target faces.
+    Raises:
+        RequestError: `facing` has not exactly one direction, other than zero, for each target.
     """
     if not surroundings.facing:
         return surroundings
@@ -500,8 +536,8 @@ def _check_facing(surroundings: plans.Surroundings, names: tuple[str, ...]) -> p
     return surroundings.model_copy(update={"facing": in_order})
 
 
-def _candidate_postures(request: plans.PlanRequest, robot: Robot) -> FloatArray | None:
-    """Return the P postures (P, n) of the request to choose from; None if the request has no postures."""
+def _convert_candidate_postures(request: plans.PlanRequest, robot: Robot) -> FloatArray | None:
+    """Return the postures (P, n) of the request from which the plan chooses; None without such postures."""
     if not request.postures:
         return None
     for i, posture in enumerate(request.postures):

@@ -42,11 +42,11 @@ class _Frames:
     of_target: IndexArray  # (t,) row of `poses` for each target
 
     def select(self, targets: IndexArray) -> FloatArray:
-        """Return the frames (m, 4, 4) [m] of m targets, given by index."""
+        """Return the frames (m, 4, 4) [m] of m targets, given the indices of the targets."""
         return np.asarray(self.poses[self.of_target[targets]])
 
     def select_inverse(self, targets: IndexArray) -> FloatArray:
-        """Return the inverses (m, 4, 4) [m] of the frames of m targets, given by index."""
+        """Return the inverses (m, 4, 4) [m] of the frames of m targets, given the indices of the targets."""
         inverse = np.tile(np.eye(4), (len(self.poses), 1, 1))
         inverse[:, :3, :3] = self.poses[:, :3, :3].transpose(0, 2, 1)
         inverse[:, :3, 3] = -(inverse[:, :3, :3] @ self.poses[:, :3, 3:])[..., 0]
@@ -65,15 +65,15 @@ class ProgramFrames:
 
     @classmethod
     def from_program(cls, program: Program, options: ProgramOptions) -> ProgramFrames:
-        """Find the poses of all frames that a program uses, in the program or in the options.
+        """Find the poses of all tool and base frames that a program uses, in the program or in the options.
 
         Raises:
             RequestError: a frame has no numbers, has two sets of numbers, or is not in the program; or its
                 numbers do not form a pose.
         """
         notation, targets = choose_frame_notation(program), program.targets
-        world = _stated_pose(notation, options.world, "world")
-        flange = _stated_pose(notation, options.flange, "flange")
+        world = _read_stated_pose(notation, options.world, "world")
+        flange = _read_stated_pose(notation, options.flange, "flange")
         # A target in joint angles needs its base only for a load along the axes of the base; index −1 means
         # that the target has no base frame.
         unused = targets.given_as_joints & (options.axes != "base")
@@ -110,9 +110,11 @@ class ProgramFrames:
         return flange
 
     def positions(self, program: Program, indices: IndexArray) -> FloatArray:
-        """Return positions (m, 3) of m targets in R0 [m]; rows of targets in joint angles are meaningless."""
-        length_unit = np.array([each.length for each in program.targets.notations])  # in m
-        position = length_unit[program.targets.notation[indices], None] * program.targets.values[indices, :3]
+        """Return positions (m, 3) in R0 [m] of m targets, by index; rows of joint targets are meaningless."""
+        metres_per_unit = np.array([each.length for each in program.targets.notations])  # in m
+        position = (
+            metres_per_unit[program.targets.notation[indices], None] * program.targets.values[indices, :3]
+        )
         base = self.base.select(indices)
         return np.asarray((base[:, :3, :3] @ position[..., None])[..., 0] + base[:, :3, 3])
 
@@ -129,14 +131,14 @@ class ProgramFrames:
             if notation.is_joints:
                 continue
             if notation.has_pose:
-                new = notation.from_poses(poses[rows], programmed)
+                new_numbers = notation.from_poses(poses[rows], programmed)
             else:
-                new = programmed.copy()
-                new[:, :3] = poses[rows, :3, 3] / notation.length
+                new_numbers = programmed.copy()
+                new_numbers[:, :3] = poses[rows, :3, 3] / notation.length
                 # The program's axis vector points from tip to spindle and keeps its length.
                 axis_length = np.linalg.norm(programmed[:, 3:], axis=1, keepdims=True)
-                new[:, 3:] = -axis_length * poses[rows, :3, 2][:, : notation.count]
-            numbers[rows, : new.shape[1]] = new
+                new_numbers[:, 3:] = -axis_length * poses[rows, :3, 2][:, : notation.count]
+            numbers[rows, : new_numbers.shape[1]] = new_numbers
         return numbers
 
     def _poses_from_axis(self, notation: Notation, numbers: FloatArray) -> FloatArray:
@@ -154,82 +156,84 @@ class ProgramFrames:
                 remedy="give `tool_x`, the direction of the tool's x axis in the base",
             )
         # The program's tool axis points from tip to spindle; without one, the tool points down.
-        axis = np.tile([0.0, 0.0, 1.0], (len(numbers), 1))
+        programmed_axis = np.tile([0.0, 0.0, 1.0], (len(numbers), 1))
         if notation.orientation is Orientation.TOOL_AXIS:
-            axis = numbers[:, 3:]
-        z = -axis / np.linalg.norm(axis, axis=1, keepdims=True)
-        x = self.x_axis - (z @ self.x_axis)[:, None] * z
-        size = np.linalg.norm(x, axis=1, keepdims=True)
-        if not (size > _LEAST_SINE * np.linalg.norm(self.x_axis)).all():
+            programmed_axis = numbers[:, 3:]
+        tool_axis = -programmed_axis / np.linalg.norm(programmed_axis, axis=1, keepdims=True)
+        tool_x = self.x_axis - (tool_axis @ self.x_axis)[:, None] * tool_axis
+        length = np.linalg.norm(tool_x, axis=1, keepdims=True)
+        if not (length > _LEAST_SINE * np.linalg.norm(self.x_axis)).all():
             raise RequestError(
                 "`tool_x` is parallel to the tool's axis", where="tool_x", remedy="give another direction"
             )
-        x = x / size
+        tool_x = tool_x / length
         poses = np.tile(np.eye(4), (len(numbers), 1, 1))
-        poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2] = x, np.cross(z, x), z
+        poses[:, :3, 0], poses[:, :3, 1], poses[:, :3, 2] = tool_x, np.cross(tool_axis, tool_x), tool_axis
         poses[:, :3, 3] = numbers[:, :3] * notation.length
         return poses
 
 
 def _find_target_frames(
-    outer: FloatArray,
+    reference: FloatArray,
     notation: Notation,
-    stated: Sequence[ProgramFrame],
+    stated_frames: Sequence[ProgramFrame],
     frames: Sequence[FrameName],
-    chosen: IndexArray,
-    where: str,
+    frame_of_target: IndexArray,
+    field: str,
 ) -> _Frames:
     """Return the tool or base frames of all targets, with numbers of the program or of the request.
 
     Args:
-        outer: (4, 4) pose [m] to which the frames are relative: world in R0, or the controller's flange.
+        reference: (4, 4) pose [m] to which the frames are relative: world in R0, or the controller's flange.
         notation: how the program writes the numbers of frames.
-        stated: frames with numbers in the request.
+        stated_frames: frames with numbers in the request.
         frames: frames that the program names.
-        chosen: (t,) index of each target's frame in `frames`; −1 for `outer` itself.
-        where: field of the request, `tools` or `bases`, for errors.
+        frame_of_target: (t,) index of each target's frame in `frames`; −1 for `reference` itself.
+        field: field of the request, `tools` or `bases`, for errors.
 
     Raises:
         RequestError: a frame has no numbers, has two sets of numbers, or is not in the program; or its
             numbers do not form a pose.
     """
     stated_poses: dict[str | None, FloatArray] = {
-        _fold_name(frame.name): _stated_pose(notation, frame.values, f"{where}[{i}].values")
-        for i, frame in enumerate(stated)
+        _fold_name(frame.name): _read_stated_pose(notation, frame.values, f"{field}[{i}].values")
+        for i, frame in enumerate(stated_frames)
     }
-    if len(stated_poses) < len(stated):
+    if len(stated_poses) < len(stated_frames):
         raise RequestError(
             "two frames have the same name, or two frames have no name",
-            where=where,
+            where=field,
             remedy="give each frame only once",
         )
-    poses = np.tile(outer, (len(frames) + 1, 1, 1))  # the last pose is `outer`, for index −1
-    used: set[str | None] = set()
-    for index in np.unique(chosen[chosen >= 0]).tolist():
+    poses = np.tile(reference, (len(frames) + 1, 1, 1))  # the last pose is `reference`, for index −1
+    used_names: set[str | None] = set()
+    for index in np.unique(frame_of_target[frame_of_target >= 0]).tolist():
         frame = frames[index]
         if frame.pose is None:
-            used.add(key := _find_stated_frame(frame, stated_poses, where))
-            poses[index] = outer @ stated_poses[key]
+            used_names.add(stated_name := _find_stated_frame(frame, stated_poses, field))
+            poses[index] = reference @ stated_poses[stated_name]
         elif _fold_name(frame.name) in stated_poses:
             reason = f"the program itself defines the numbers of the frame {quote_text(frame.name)}"
-            raise RequestError(reason, where=where, remedy="omit this frame")
+            raise RequestError(reason, where=field, remedy="omit this frame")
         else:
-            poses[index] = outer @ frame.pose
+            poses[index] = reference @ frame.pose
     # A frame that the program does not use is refused, because its name may be misspelt.
-    for name in (frame.name for frame in stated if _fold_name(frame.name) not in used):
+    for name in (frame.name for frame in stated_frames if _fold_name(frame.name) not in used_names):
         reason = (
             "a frame without name is not used, because every frame of the program has numbers"
             if name is None
             else f"the program does not use the frame {quote_text(name)}"
         )
-        raise RequestError(reason, where=where, remedy="omit this frame, or correct its name")
-    return _Frames(poses, chosen)
+        raise RequestError(reason, where=field, remedy="omit this frame, or correct its name")
+    return _Frames(poses, frame_of_target)
 
 
 def _find_stated_frame(
-    frame: FrameName, stated_poses: Mapping[str | None, FloatArray], where: str
+    frame: FrameName, stated_poses: Mapping[str | None, FloatArray], field: str
 ) -> str | None:
-    """Return the key of a frame's pose in `stated_poses`: the frame's name, or None for a pose without name.
+    """Return the key of the pose of a program's frame in `stated_poses`: its name, or None.
+
+    The key None is for a pose that the request states without a name.
 
     Raises:
         RequestError: `stated_poses` has neither key.
@@ -239,7 +243,7 @@ def _find_stated_frame(
             return key
     raise RequestError(
         f"the program uses the frame {quote_text(frame.name)}, but does not define its numbers",
-        where=where,
+        where=field,
         remedy=f"give the numbers: {{'name': {frame.name!r}, 'values': [...]}}",
     )
 
@@ -249,14 +253,23 @@ def _fold_name(name: str | None) -> str | None:
     return None if name is None else name.upper()
 
 
-def _stated_pose(notation: Notation, values: Sequence[float] | None, where: str) -> FloatArray:
-    """Return the pose (4, 4) [m] from a frame's numbers in the request; the identity if `values` is None."""
+def _read_stated_pose(notation: Notation, values: Sequence[float] | None, field: str) -> FloatArray:
+    """Return the pose (4, 4) [m] of a frame from its numbers in the request; the identity without numbers.
+
+    Args:
+        notation: how the program writes the numbers of frames.
+        values: position, then orientation, in the program's units; None for no numbers.
+        field: field of the request, for errors.
+
+    Raises:
+        RequestError: the numbers do not form a pose.
+    """
     if values is None:
         return np.eye(4)
     if len(values) != 3 + notation.count or not notation.is_valid_orientation(np.array(values)):
         raise RequestError(
             f"a frame needs {3 + notation.count} numbers that form a pose",
-            where=where,
+            where=field,
             remedy=f"give the position, then {notation.orientation.value}, in the program's units",
         )
     return notation.to_pose(values)
@@ -279,16 +292,19 @@ class _Word:
     bit: int | None = None  # bit of the number that is 1 for angles below zero; None for the whole number
 
     def ranges(self, numbers: FloatArray) -> FloatArray:
-        """Return least and greatest angle (m, 2) [rad] that each number (m,) allows; ∓inf for NaN."""
+        """Return the least and greatest angle (m, 2) [rad] that each number of a word allows; ∓inf for NaN.
+
+        `numbers` (m,) are the word's numbers at m targets.
+        """
         if self.bit is not None:
             is_negative = np.nan_to_num(numbers).astype(np.int64) >> self.bit & 1
-            low, high = np.where(is_negative, -np.inf, 0.0), np.where(is_negative, 0.0, np.inf)
+            lower, upper = np.where(is_negative, -np.inf, 0.0), np.where(is_negative, 0.0, np.inf)
         elif self.kind == "quadrant":
-            low, high = np.pi / 2 * numbers, np.pi / 2 * (numbers + 1)
+            lower, upper = np.pi / 2 * numbers, np.pi / 2 * (numbers + 1)
         else:
-            low, high = 2 * np.pi * numbers - np.pi, 2 * np.pi * numbers + np.pi
+            lower, upper = 2 * np.pi * numbers - np.pi, 2 * np.pi * numbers + np.pi
         unknown = np.isnan(numbers)
-        return np.stack([np.where(unknown, -np.inf, low), np.where(unknown, np.inf, high)], axis=1)
+        return np.stack([np.where(unknown, -np.inf, lower), np.where(unknown, np.inf, upper)], axis=1)
 
     def update_number(self, number: int, angle: float) -> int:
         """Return the number that allows an angle [rad]; bits of `number` for other joints are kept."""
@@ -322,17 +338,19 @@ class StatedConfigurations:
         )
 
     def ranges(self, indices: Sequence[int] | IndexArray) -> FloatArray:
-        """Return least and greatest angle (m, 6, 2) [rad] of each joint that the configurations allow.
+        """Return the least and greatest angle (m, 6, 2) [rad] of each joint that configurations allow.
 
-        Angles are the controller's; limits are ∓inf for a joint without stated configuration.
+        `indices` are those of m targets. Angles are the controller's; limits are ∓inf for a joint without
+        stated
+        configuration.
         """
         rows = np.asarray(indices, dtype=np.intp)
         ranges = np.tile([-np.inf, np.inf], (len(rows), 6, 1))
-        for word, column, members in self._iterate_words(rows):
-            low, high = word.ranges(self._word_numbers(rows[members], column)).T
-            stated = ranges[members, word.joint]
-            ranges[members, word.joint] = np.stack(
-                [np.maximum(stated[:, 0], low), np.minimum(stated[:, 1], high)], 1
+        for word, column, rows_with_word in self._iterate_words(rows):
+            lower, upper = word.ranges(self._word_numbers(rows[rows_with_word], column)).T
+            stated = ranges[rows_with_word, word.joint]
+            ranges[rows_with_word, word.joint] = np.stack(
+                [np.maximum(stated[:, 0], lower), np.minimum(stated[:, 1], upper)], 1
             )
         return ranges
 
@@ -349,22 +367,28 @@ class StatedConfigurations:
             corrected: (m, 6) controller's angles after the correction [rad].
         """
         changed: dict[tuple[int, int], int] = {}  # numbers by target and column
-        for word, column, members in self._iterate_words(indices):
-            numbers = self._word_numbers(indices[members], column)
-            low, high = word.ranges(numbers).T
-            before, after = programmed[members, word.joint], corrected[members, word.joint]
-            agreed_before = (low - _NEAR <= before) & (before <= high + _NEAR)
-            disagrees_after = (after < low - _ROUNDING) | (after > high + _ROUNDING)
-            for i in np.flatnonzero(agreed_before & disagrees_after & np.isfinite(numbers)):
+        for word, column, rows_with_word in self._iterate_words(indices):
+            numbers = self._word_numbers(indices[rows_with_word], column)
+            lower, upper = word.ranges(numbers).T
+            before, after = programmed[rows_with_word, word.joint], corrected[rows_with_word, word.joint]
+            agreed_before = (lower - _NEAR <= before) & (before <= upper + _NEAR)
+            disagrees_after = (after < lower - _ROUNDING) | (after > upper + _ROUNDING)
+            for row in np.flatnonzero(agreed_before & disagrees_after & np.isfinite(numbers)):
                 # A number with sign bits has several joints: earlier changes of other bits are kept.
-                key = int(indices[members[i]]), column
-                changed[key] = word.update_number(changed.get(key, int(numbers[i])), float(after[i]))
+                key = int(indices[rows_with_word[row]]), column
+                changed[key] = word.update_number(changed.get(key, int(numbers[row])), float(after[row]))
         return [
             (index, self._edit_number(index, column, number)) for (index, column), number in changed.items()
         ]
 
     def _edit_number(self, index: int, column: int, number: int) -> Edit:
-        """Return the edit (start, end, text) of the source that writes the number of a target's word."""
+        """Return the edit (start, end, text) of the source for a new number of a configuration word.
+
+        Args:
+            index: index of the target.
+            column: column of the word among the target's numbers.
+            number: new number.
+        """
         targets = self._program.targets
         start, end = targets.spans[index, column].tolist()
         text = self._program.sources[targets.source[index]].text[start:end]
@@ -374,17 +398,22 @@ class StatedConfigurations:
         return start, end, f"{text[: -len(digits) - 1]}{number:0{len(digits)}b}'"
 
     def _iterate_words(self, indices: IndexArray) -> Iterator[tuple[_Word, int, IndexArray]]:
-        """Yield (word, column of the word's numbers, positions (k,) in `indices` of the word's targets)."""
+        """Yield (word, column, positions) for each configuration word of some targets.
+
+        `column` is the word's column among the numbers of a target; `positions` (k,) are the positions in
+        `indices`
+        of the targets that have the word.
+        """
         targets = self._program.targets
         words = [tuple(name for name, _ in literal.words) for literal in targets.literals]
         word_lists = list(dict.fromkeys(words))  # each different list of words, once
         list_of_literal = np.array([word_lists.index(names) for names in words], dtype=np.intp)
         list_of_target = list_of_literal[targets.literal[indices]]
         for i, names in enumerate(word_lists):
-            members = np.flatnonzero(list_of_target == i)
+            positions = np.flatnonzero(list_of_target == i)
             for column, name in enumerate(names, NUMBERS):
                 for word in _WORDS[name]:
-                    yield word, column, members
+                    yield word, column, positions
 
     def _word_numbers(self, indices: IndexArray, column: int) -> FloatArray:
         """Return the numbers (m,) of a word at m targets; NaN if the number is a fraction or too great."""
@@ -476,28 +505,37 @@ class Visits:
                 program.sources[0].name, None, "the program has no move", "send a program with moves"
             )
             raise ProgramError([fault])
-        unique, first_visit, index_in_unique = np.unique(visits, return_index=True, return_inverse=True)
+        visited_targets, first_visit, index_in_unique = np.unique(
+            visits, return_index=True, return_inverse=True
+        )
         # Renumber the targets from the order of their indices to the order of their first visits.
-        order = np.argsort(first_visit)
-        rank = np.empty_like(order)
-        rank[order] = np.arange(len(order))
-        first, number = first_visit[order], rank[index_in_unique]
-        names = [program.targets.names[i] for i in unique[order].tolist()] if table is not None else ()
+        visit_order = np.argsort(first_visit)
+        rank = np.empty_like(visit_order)
+        rank[visit_order] = np.arange(len(visit_order))
+        first_visits, target_numbers = first_visit[visit_order], rank[index_in_unique]
+        names = (
+            [program.targets.names[i] for i in visited_targets[visit_order].tolist()]
+            if table is not None
+            else ()
+        )
         lines = program.moves.line[program.moves.move_of_visit]
-        loads = collect_loads(options, table, lines, number + 1, names, measure_lengths)
+        loads = collect_loads(options, table, lines, target_numbers + 1, names, measure_lengths)
         if not (loads.of_visit.any() or options.absolute):
             raise RequestError(
                 "no move is under load",
                 where="segments" if options.load is None else "load",
                 remedy="give loads for lines that contain moves, or for points that moves visit",
             )
-        load = loads.of_visit[first]
+        load_of_target = loads.of_visit[first_visits]
         reason = "moves visit this target under two different loads"
         _refuse_targets(
-            program, visits[loads.of_visit != load[number]], reason, "use a separate target for each load"
+            program,
+            visits[loads.of_visit != load_of_target[target_numbers]],
+            reason,
+            "use a separate target for each load",
         )
-        loaded = np.flatnonzero((load > 0) | options.absolute)
-        return cls(visits, unique[order], number, first, loads, loaded)
+        loaded_targets = np.flatnonzero((load_of_target > 0) | options.absolute)
+        return cls(visits, visited_targets[visit_order], target_numbers, first_visits, loads, loaded_targets)
 
 
 def measure_lengths(
@@ -529,30 +567,30 @@ def measure_lengths(
 def find_path(
     program: Program, options: ProgramOptions, robot: Robot, inverse: InverseKinematics, visits: Visits
 ) -> ProgramPath:
-    """Find the wanted posture and the load of each visited target, and return the path.
+    """Find the programmed posture and the load of each visited target, and return the path.
 
     Raises:
         RequestError: a field of the request is missing, or does not fit the program.
         ProgramError: the robot does not reach targets, or their arm configurations are ambiguous.
     """
-    frames, stated = ProgramFrames.from_program(program, options), StatedConfigurations(program)
-    joints = find_wanted_postures(program, options, frames, stated, robot, inverse, visits.targets)
+    frames, configurations = ProgramFrames.from_program(program, options), StatedConfigurations(program)
+    joints = find_wanted_postures(program, options, frames, configurations, robot, inverse, visits.targets)
     # All visits of a target must have the posture of its first visit; angles may differ by whole turns.
     difference = joints - joints[visits.first][visits.number]
-    apart = np.abs(difference - 2 * np.pi * np.round(difference / (2 * np.pi))).max(axis=1)
+    angle_gaps = np.abs(difference - 2 * np.pi * np.round(difference / (2 * np.pi))).max(axis=1)
     reason = "moves reach this target in two different configurations of the arm"
     remedy = "use a separate target for each configuration"
-    _refuse_targets(program, visits.targets[apart > _EQUAL_POSTURES], reason, remedy)
+    _refuse_targets(program, visits.targets[angle_gaps > _EQUAL_POSTURES], reason, remedy)
     loads = visits.loads.values[visits.loads.of_visit[visits.first]]
     with as_request_errors("program"):
-        wanted = joints[visits.first]
+        first_postures = joints[visits.first]
         # The feed follows the visits, so the poses of all visits are needed.
         angles = robot.joint_map.model_angles(joints)
         poses = flange_poses(robot, angles if options.axes == "feed" or options.cut else angles[visits.first])
         force, moment = turn_loads_to_base(options, frames, visits, poses, loads)
         load_point, place = find_load_points(options, frames, visits.order)
-        cases = LoadCases(wanted.copy(), force, moment, load_point, place)
-    return ProgramPath(program, frames, stated, visits.order, cases)
+        cases = LoadCases(first_postures.copy(), force, moment, load_point, place)
+    return ProgramPath(program, frames, configurations, visits.order, cases)
 
 
 def _refuse_targets(program: Program, targets: IndexArray, reason: str, remedy: str) -> None:
@@ -562,7 +600,7 @@ def _refuse_targets(program: Program, targets: IndexArray, reason: str, remedy: 
 
 
 def _make_fault(program: Program, target: int, reason: str, remedy: str) -> Fault:
-    """Return a fault at a target, given by index, with the target's file, line and name."""
+    """Return a fault at a target, with its file, line and name; `target` is the index of the target."""
     targets = program.targets
     name = f"{quote_text(targets.names[target])}: " if targets.names[target] else ""
     return Fault(
@@ -574,15 +612,23 @@ def find_wanted_postures(
     program: Program,
     options: ProgramOptions,
     frames: ProgramFrames,
-    stated: StatedConfigurations,
+    configurations: StatedConfigurations,
     robot: Robot,
     inverse: InverseKinematics,
     visits: IndexArray,
     start: FloatArray | None = None,
 ) -> FloatArray:
-    """Return the wanted posture (v, n) at each visit, as the controller shows it [rad or m].
+    """Return the programmed posture (v, n) at each visit of a target, as the controller shows it [rad or m].
 
-    The posture near the first target is `start` (n,), or that of the options.
+    Args:
+        program: program with the targets.
+        options: options of the request.
+        frames: tool and base frames of the targets.
+        configurations: configurations of the arm that the program states.
+        robot: n joints.
+        inverse: kinematics of the robot.
+        visits: (v,) index of the target at each visit.
+        start: (n,) posture near the first target; None takes that of the options.
 
     Raises:
         ProgramError: a target is not reached, or its arm configuration is ambiguous.
@@ -592,11 +638,11 @@ def find_wanted_postures(
     programmed_joints = np.where(is_joint_target[:, None], targets.values[visits, :6] * angle_unit, np.nan)
     _refuse_changed_configuration_letters(program, visits, is_joint_target)
     poses = frames.flange_poses(program, visits)
-    ranges = stated.ranges(visits)
+    ranges = configurations.ranges(visits)
     has_configuration = np.isfinite(ranges).any(axis=(1, 2))
     start = convert_start_joints(options, robot) if start is None else start
     # A linear move keeps the arm's configuration; a joint move takes the configuration that is stated.
-    takes_stated = program.moves.is_visit_of_joint_move & has_configuration & stated.binds_joint_moves
+    takes_stated = program.moves.is_visit_of_joint_move & has_configuration & configurations.binds_joint_moves
     with as_request_errors("robot"):
         joints, unreached = choose_postures(inverse, poses, programmed_joints, ranges, takes_stated, start)
     faults = [
@@ -652,7 +698,10 @@ def _refuse_changed_configuration_letters(
 def find_load_points(
     options: ProgramOptions, frames: ProgramFrames, targets: IndexArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return load points (m, 3) and tool centres (m, 3) of m targets, given by index, flange frame [m]."""
+    """Return load points (m, 3) and tool centres (m, 3) of m targets in the flange frame [m].
+
+    `targets` are indices; without a load point in the options, the load acts at the tool centre.
+    """
     place = frames.tool.select(targets)[:, :3, 3].copy()
     if options.load_point is None:
         return place.copy(), place

@@ -144,7 +144,10 @@ class WrittenPoints:
 
     @cached_property
     def counted(self) -> BoolArray:
-        """(k,) mask of the points whose deflections count: all, or those under load if all are written."""
+        """Mask (k,) of the points whose deflections count in summaries.
+
+        All points count if only points under load are written; else those under load, if any are.
+        """
         cases = self.path.cases[self.corrections.points] if len(self.corrections.points) else None
         if cases is None or self.path.programmed is None:
             return np.ones(len(self.corrections.points), dtype=np.bool_)
@@ -152,7 +155,7 @@ class WrittenPoints:
         return loaded if loaded.any() else ~loaded
 
     def summarize_sizes(self, sizes: FloatArray) -> Spread | None:
-        """Return median, 95 % quantile and maximum of sizes (k,) [m] that count; None if there are none."""
+        """Return median, 95 % quantile and maximum of the sizes (k,) [m] that count; None without any."""
         sizes = sizes[self.counted]
         if not len(sizes):
             return None
@@ -161,49 +164,54 @@ class WrittenPoints:
 
     @cached_property
     def _intervals(self) -> FloatArray:
-        """Two intervals of each deflection (2, k, 2) [m]: from readings only, and with model error.
+        """Confidence intervals of each deflection (2, k, 2) [m]: from readings only, then with model error.
 
         NaN where an interval is unknown.
         """
         corrections = self.corrections
-        half = np.stack([self.quantile * corrections.uncertainty, corrections.model_error])
-        half = np.where(np.isfinite(half), half, np.nan)
+        half_widths = np.stack([self.quantile * corrections.uncertainty, corrections.model_error])
+        half_widths = np.where(np.isfinite(half_widths), half_widths, np.nan)
         # half[0] is from readings only, half[1] with model error.
         # The interval with model error must not be narrower than the interval from readings only.
-        half[1] = np.where(np.isnan(half[1]), np.nan, np.fmax(half[0], half[1]))
+        half_widths[1] = np.where(np.isnan(half_widths[1]), np.nan, np.fmax(half_widths[0], half_widths[1]))
         deflection = _vector_lengths(corrections.uncorrected[:, :3])
-        return np.stack([np.maximum(deflection - half, 0.0), deflection + half], axis=2)
+        return np.stack([np.maximum(deflection - half_widths, 0.0), deflection + half_widths], axis=2)
 
     def list_worst_points(self) -> list[ProgramPoint]:
         """Return at most `MAX_WORST` points with the greatest deflections, greatest first."""
         corrections, targets = self.corrections, self.path.program.targets
-        order = np.argsort(-_vector_lengths(corrections.uncorrected[:, :3]), kind="stable")[:MAX_WORST]
-        points = corrections.points[order]
+        worst_first = np.argsort(-_vector_lengths(corrections.uncorrected[:, :3]), kind="stable")[:MAX_WORST]
+        points = corrections.points[worst_first]
         worst_targets = self.path.targets[points]
-        readings, with_error = self._intervals[:, order]
+        readings, with_error = self._intervals[:, worst_first]
         names = [targets.names[i] for i in worst_targets.tolist()]
         return messages.build_messages(
             ProgramPoint,
             number=points + 1,
-            name=["".join(sign if sign.isprintable() else "?" for sign in name) for name in names],
+            name=[
+                "".join(character if character.isprintable() else "?" for character in name) for name in names
+            ],
             line=targets.line[worst_targets],
             place=self.place[points],
-            deflection=_vector_lengths(corrections.uncorrected[order, :3]),
-            deflection_rotation=_vector_lengths(corrections.uncorrected[order, 3:]),
-            correction=_vector_lengths(corrections.correction[order, :3]),
-            correction_rotation=_vector_lengths(corrections.correction[order, 3:]),
-            standard_uncertainty=corrections.uncertainty[order],
+            deflection=_vector_lengths(corrections.uncorrected[worst_first, :3]),
+            deflection_rotation=_vector_lengths(corrections.uncorrected[worst_first, 3:]),
+            correction=_vector_lengths(corrections.correction[worst_first, :3]),
+            correction_rotation=_vector_lengths(corrections.correction[worst_first, 3:]),
+            standard_uncertainty=corrections.uncertainty[worst_first],
             interval=readings,
             interval_with_model_error=with_error,
-            residual=_vector_lengths(self.residual[order, :3]),
-            residual_rotation=_vector_lengths(self.residual[order, 3:]),
-            rounding=self.rounding[order],
-            share=corrections.share[order],
-            capped=corrections.capped[order],
+            residual=_vector_lengths(self.residual[worst_first, :3]),
+            residual_rotation=_vector_lengths(self.residual[worst_first, 3:]),
+            rounding=self.rounding[worst_first],
+            share=corrections.share[worst_first],
+            capped=corrections.capped[worst_first],
         )
 
     def _loaded_columns(self, block: slice) -> FloatArray:
-        """Return the numbers (b, 22) in the columns `_LOADED_COLUMNS` for a block of b points under load."""
+        """Return the numbers (b, 22) of b points under load, in the columns `_LOADED_COLUMNS`.
+
+        `block` is the range of the points among the corrections.
+        """
         corrections = self.corrections
         return np.column_stack(
             [
@@ -236,8 +244,8 @@ class WrittenPoints:
         remark[corrections.points[corrections.uncertain]] = _REMARKS.index(_UNCERTAIN)
         targets = path.program.targets
         names = "\n".join([targets.names[i] for i in path.targets.tolist()]).encode("latin-1")
-        files = np.array([source.name for source in path.program.sources])
-        source, line = (
+        file_names = np.array([source_of_point.name for source_of_point in path.program.sources])
+        source_of_point, line_of_point = (
             targets.source[path.targets].astype(np.uint8),
             targets.line[path.targets].astype(np.int32),
         )
@@ -245,10 +253,18 @@ class WrittenPoints:
         # Neighbouring points differ little: stored as differences of their bits, first bytes together, then
         # second bytes and so on, a column is compressed to a third.
         differences = (np.diff(column.view(np.uint32), prepend=np.uint32(0)) for column in numbers)
-        byte_planes = (np.ascontiguousarray(each.view(np.uint8).reshape(-1, 4).T) for each in differences)
+        byte_planes = (
+            np.ascontiguousarray(difference.view(np.uint8).reshape(-1, 4).T) for difference in differences
+        )
         for plane in byte_planes:
             np.save(content, plane, allow_pickle=False)
-        for array in (remark, source, line, files, np.frombuffer(names, dtype=np.uint8)):
+        for array in (
+            remark,
+            source_of_point,
+            line_of_point,
+            file_names,
+            np.frombuffer(names, dtype=np.uint8),
+        ):
             np.save(content, array, allow_pickle=False)
         return content.getvalue()
 
@@ -273,7 +289,7 @@ def points_sheet(content: bytes) -> Sheet:
 
 
 def _motions_in_mm(motion: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return displacements (k, 3) [mm], their lengths (k,) [mm], and rotation angles (k,) [mrad].
+    """Return (displacements (k, 3) [mm], their lengths (k,) [mm], rotation angles (k,) [mrad]).
 
     `motion` (k, 6) [m, rad] has displacements, then rotation vectors.
     """
@@ -305,16 +321,18 @@ def write_compensated_program(
     robot, program = model.robot, path.program
     _refuse_out_of_limits(path, robot, corrections)
     targets, rewriting = path.targets[corrections.points], Rewriting(program)
-    residual, changed = np.empty((len(targets), 6)), np.zeros(len(targets), dtype=np.bool_)
+    residual, is_changed = np.empty((len(targets), 6)), np.zeros(len(targets), dtype=np.bool_)
     unreached: list[int] = []
     for rows in rewriting.blocks(targets):
-        block = targets[rows]
+        block_targets = targets[rows]
         corrected = Postures(robot, robot.joint_map.model_angles(corrections.commanded[rows]))
         written = _write_corrected_numbers(path, corrections, rows, corrected, inverse, rewriting)
-        programmed = program.targets.values[block, :NUMBERS]
-        changed[rows] = (np.isfinite(programmed) & (programmed != written)).any(axis=1)
+        programmed = program.targets.values[block_targets, :NUMBERS]
+        is_changed[rows] = (np.isfinite(programmed) & (programmed != written)).any(axis=1)
         cases = path.cases[corrections.points[rows]]
-        residual[rows], reached = _compute_residuals(path, cases, block, written, corrected, model, inverse)
+        residual[rows], reached = _compute_residuals(
+            path, cases, block_targets, written, corrected, model, inverse
+        )
         unreached += corrections.points[rows[~reached]].tolist()
     if unreached:
         reason = "the robot does not reach the corrected target"
@@ -325,8 +343,8 @@ def write_compensated_program(
         corrections=corrections,
         residual=residual,
         rounding=np.asarray(np.linalg.norm(residual[:, :3] - corrections.residual[:, :3], axis=1)),
-        changed=changed,
-        place=_wanted_positions(path, robot),
+        changed=is_changed,
+        place=_compute_programmed_positions(path, robot),
         arm=inverse.select_arm_joints(path.cases.joints),
         quantile=quantile,
     )
@@ -341,7 +359,7 @@ def _write_corrected_numbers(
     inverse: InverseKinematics,
     rewriting: Rewriting,
 ) -> FloatArray:
-    """Write the corrected numbers of b targets into the text; return the numbers (b, 7) as written.
+    """Write the corrected numbers of b targets into the program's text; return the numbers (b, 7) as written.
 
     Args:
         path: path of the program.
@@ -352,28 +370,33 @@ def _write_corrected_numbers(
         rewriting: text of the program, in which the numbers are replaced.
     """
     targets, points = path.program.targets, corrections.points[rows]
-    block = path.targets[points]
-    is_joint_target, angle_unit = targets.given_as_joints[block], targets.angle_unit[block, None]
-    numbers = path.frames.numbers_of_poses(path.program, block, corrected.flange_pose)
+    block_targets = path.targets[points]
+    is_joint_target, angle_unit = (
+        targets.given_as_joints[block_targets],
+        targets.angle_unit[block_targets, None],
+    )
+    numbers = path.frames.numbers_of_poses(path.program, block_targets, corrected.flange_pose)
     programmed = path.cases.joints if path.programmed is None else path.programmed
     programmed_arm = inverse.select_arm_joints(programmed[points])
     corrected_arm = inverse.select_arm_joints(corrections.commanded[rows])
     numbers[is_joint_target, :6] = (corrected_arm / angle_unit)[is_joint_target]
     # A target without correction keeps its text, unless it is reached in another posture.
-    moves = corrections.share[rows] > 0.0
+    is_corrected = corrections.share[rows] > 0.0
     if path.programmed is not None:
-        moves |= ~is_joint_target
-    numbers[~moves] = np.nan
+        is_corrected |= ~is_joint_target
+    numbers[~is_corrected] = np.nan
     # Only targets that are poses state a configuration of the arm, which a correction can make wrong.
-    poses = np.flatnonzero(~is_joint_target & moves)
-    word_edits = path.stated.list_word_edits(block[poses], programmed_arm[poses], corrected_arm[poses])
-    return rewriting.replace(block, numbers, word_edits)
+    corrected_poses = np.flatnonzero(~is_joint_target & is_corrected)
+    word_edits = path.stated.list_word_edits(
+        block_targets[corrected_poses], programmed_arm[corrected_poses], corrected_arm[corrected_poses]
+    )
+    return rewriting.replace(block_targets, numbers, word_edits)
 
 
 def _compute_residuals(
     path: ProgramPath,
     cases: LoadCases,
-    block: IndexArray,
+    targets: IndexArray,
     written: FloatArray,
     corrected: Postures,
     model: ForwardModel,
@@ -384,7 +407,7 @@ def _compute_residuals(
     Args:
         path: path of the program.
         cases: programmed postures of b targets, with loads.
-        block: (b,) indices of the targets.
+        targets: (b,) indices of the targets.
         written: (b, 7) numbers of the targets in the compensated program.
         corrected: corrected postures before the numbers were rounded.
         model: model of the loaded robot.
@@ -395,34 +418,34 @@ def _compute_residuals(
     """
     robot, program, frames = model.robot, path.program, path.frames
     is_joint_target, angle_unit = (
-        program.targets.given_as_joints[block],
-        program.targets.angle_unit[block, None],
+        program.targets.given_as_joints[targets],
+        program.targets.angle_unit[targets, None],
     )
     pose_rows = np.flatnonzero(~is_joint_target)
     # Angles of the written numbers: read directly from joint targets, solved for pose targets.
     written_angles = robot.joint_map.model_angles(inverse.insert_held_joints(written[:, :6] * angle_unit))
-    written_poses = frames.flange_poses(program, block[pose_rows], written[pose_rows])
+    written_poses = frames.flange_poses(program, targets[pose_rows], written[pose_rows])
     corrected_arm = inverse.select_arm_joints(corrected.q)
     # If all targets are poses of a robot without linear axes, the kinematics are not computed again.
-    start = corrected if inverse.arm is robot and len(pose_rows) == len(block) else None
+    start = corrected if inverse.arm is robot and len(pose_rows) == len(targets) else None
     arm_angles, pose_reached = inverse.refine_from(
         written_poses, start or Postures(inverse.arm, corrected_arm[pose_rows])
     )
     written_angles[pose_rows] = inverse.insert_held_joints(arm_angles, of_model=True)
-    reached = np.ones(len(block), dtype=np.bool_)
+    reached = np.ones(len(targets), dtype=np.bool_)
     reached[pose_rows] = pose_reached
     wanted_angles = robot.joint_map.model_angles(cases.joints)
     wanted_poses = flange_poses(robot, wanted_angles)
     if path.programmed is None:  # the program's own numbers, without the rounding of a posture
-        programmed = program.targets.values[block, :NUMBERS]
-        wanted_poses[pose_rows] = frames.flange_poses(program, block[pose_rows], programmed[pose_rows])
+        programmed = program.targets.values[targets, :NUMBERS]
+        wanted_poses[pose_rows] = frames.flange_poses(program, targets[pose_rows], programmed[pose_rows])
     # The loaded robot is near the wanted posture, moved by the rounding of the written numbers.
-    near = wanted_angles + written_angles - corrected.q
-    return compute_pose_residuals(model, cases, wanted_poses, written_angles, near), reached
+    start_angles = wanted_angles + written_angles - corrected.q
+    return compute_pose_residuals(model, cases, wanted_poses, written_angles, start_angles), reached
 
 
-def _wanted_positions(path: ProgramPath, robot: Robot) -> FloatArray:
-    """Return the wanted positions (m, 3) of the tool's centre point, in R0 [m]."""
+def _compute_programmed_positions(path: ProgramPath, robot: Robot) -> FloatArray:
+    """Return the programmed positions (m, 3) of the tool's centre point, in R0 [m]."""
     positions = path.frames.positions(path.program, path.targets)
     joint_targets = np.flatnonzero(path.program.targets.given_as_joints[path.targets])
     if len(joint_targets):
@@ -548,12 +571,12 @@ class ProgramWork(Work):
 
     @cached_property
     def _ramp(self) -> FloatArray:
-        """Share (m,) of the full correction at each point, which rises and falls along `ramp_length`."""
+        """Share (m,) of the full correction at each point: it rises and falls along `ramp_length`."""
         length = LENGTH[self._request.units.length] * self._request.ramp_length
         return compute_ramp_shares(self._run_model.model.robot, self._path.cases, length)
 
     def steps(self) -> Sequence[Span]:
-        """Return spans of the points under load as steps; no steps for a short program."""
+        """Return the steps of the work as spans of the points under load; no steps for a short program."""
         points = max(len(self._program.targets), len(self._program.moves.visits))
         return () if points <= MAX_QUICK_POINTS else self._spans()
 
@@ -562,7 +585,7 @@ class ProgramWork(Work):
         return cut_into_spans(len(self._points()), STEP_POINTS)
 
     def _points(self) -> IndexArray:
-        """Return the indices of the points of the path that are written: those under load."""
+        """Return the indices of the path's points that are written: the points under load."""
         return self._visits.loaded
 
     def compute(self, span: Span) -> Arrays:
@@ -575,7 +598,7 @@ class ProgramWork(Work):
         return self._correct(span)
 
     def _correct(self, span: Span) -> Arrays:
-        """Compute the corrections of a span of points under load, as `compute` does.
+        """Compute the corrections of a span of points under load, as the fields of `Corrections` by name.
 
         Raises:
             RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
@@ -585,7 +608,7 @@ class ProgramWork(Work):
         model, inverse = self._run_model.model, self._inverse
 
         def hold_linear_axes(commanded: FloatArray) -> FloatArray:
-            # Only the arm makes the correction: linear axes keep their positions.
+            """Return commands with which only the arm makes the correction: linear axes do not move."""
             return inverse.reach_with_held_joints(model.robot, commanded)
 
         try:
@@ -652,40 +675,46 @@ class ProgramWork(Work):
         Raises:
             VerdictError: limits reduce corrections, and the request has no `accept_verdict`.
         """
-        unchanged, points = len(self._program.left_moves), len(corrections.points)
-        moves, capped = len(self._program.moves) + unchanged, int(corrections.capped.sum())
+        unchanged_count, point_count = len(self._program.left_moves), len(corrections.points)
+        move_count, capped_count = len(self._program.moves) + unchanged_count, int(corrections.capped.sum())
         lengths = np.linalg.norm(corrections.uncorrected[:, :3], axis=1)
         turn = np.abs(corrections.commanded - self._path.cases.joints[corrections.points]).max(
             axis=1, initial=0.0
         )
-        near_singularity, run = int((turn > _SINGULAR_TURN).sum()), self._run_model.result
+        near_singularity_count, run = int((turn > _SINGULAR_TURN).sum()), self._run_model.result
         reasons = [
             *self._list_reasons(),
             *find_implausible_deflection(float(lengths.max(initial=0.0)), run),
             *find_far_points([*np.unique(self._path.cases.load_point, axis=0).tolist()]),
-            *find_beyond_campaign(int((corrections.extrapolation > EXTRAPOLATED).sum()), points, "points"),
+            *find_beyond_campaign(
+                int((corrections.extrapolation > EXTRAPOLATED).sum()), point_count, "points"
+            ),
         ]
         if self.corrects and not corrections.correction.any():
             message = "nothing is corrected: no point is loaded, or each deflection is below its uncertainty"
             remedy = "state the load; measure more if the deflections matter"
             reasons.append(make_reason("nothing_corrected", "use_with_care", message, remedy))
-        if unchanged:
-            message = f"{moves - unchanged} of {moves} moves were corrected, {unchanged} were left unchanged"
+        if unchanged_count:
+            message = (
+                f"{move_count - unchanged_count} of {move_count} moves were corrected, "
+                f"{unchanged_count} were left unchanged"
+            )
             remedy = "check that the unchanged moves need no correction"
             reasons.append(make_reason("moves_left", "use_with_care", message, remedy))
-        if capped:
-            verdict: Verdict = "do_not_use" if capped == points else "use_with_care"
-            message = f"the limits reduce the corrections of {capped} of {points} points"
+        if capped_count:
+            verdict: Verdict = "do_not_use" if capped_count == point_count else "use_with_care"
+            message = f"the limits reduce the corrections of {capped_count} of {point_count} points"
             remedy = "check the load and its unit, then raise `max_displacement` or `max_rotation`"
             reasons.append(make_reason("corrections_capped", verdict, message, remedy))
-        if near_singularity:
+        if near_singularity_count:
             message = (
-                f"{near_singularity} of {points} points are near a singularity: joints turn by over "
+                f"{near_singularity_count} of {point_count} points are near a singularity: joints turn by "
+                "over "
                 f"{_SINGULAR_TURN:g} rad"
             )
             remedy = "move the part away from the singularity"
             reasons.append(make_reason("near_singularity", "use_with_care", message, remedy))
-        if capped and self._request.accept_verdict is None:
+        if capped_count and self._request.accept_verdict is None:
             items = [("the program", each.message, each.remedy) for each in reasons]
             raise VerdictError.for_result(
                 "a program whose corrections exceed the limits", "max_displacement", items
@@ -742,15 +771,15 @@ class ProgramWork(Work):
         lines: dict[str, list[int]] = {}
         for remark in self._program.left_alone:
             lines.setdefault(remark.text, []).append(remark.line)
-        for each in self._program.left_moves:
-            lines.setdefault(f"left unchanged: {each.reason}; {each.remedy}", []).append(each.line)
+        for move in self._program.left_moves:
+            lines.setdefault(f"left unchanged: {move.reason}; {move.remedy}", []).append(move.line)
         uncorrected = [f"{_line_numbers(numbers)}: {reason}" for reason, numbers in lines.items()]
         hidden = len(uncorrected) - _MAX_REMARKS
-        more = [f"… and {hidden} more remarks"] if hidden > 0 else []
+        last_line = [f"… and {hidden} more remarks"] if hidden > 0 else []
         remarks = self._run_model.remarks(self._request.confidence)
         if self._request.cut is not None:
             remarks.append(self.cut_remark)
-        return [*remarks, *uncorrected[:_MAX_REMARKS], *more]
+        return [*remarks, *uncorrected[:_MAX_REMARKS], *last_line]
 
 
 def _line_numbers(lines: Sequence[int]) -> str:

@@ -56,10 +56,13 @@ _GRADES: Final = {0.05: "well determined", 0.2: "determined"}
 """Words for a good joint, by the greatest half width of the interval relative to the stiffness."""
 
 
-def _make_report(job: Run, result: RunResult, view: View) -> Report:
-    """Return the report: joints, summary of the fit, and advice; `view.details` adds the evidence."""
+def _make_report(run: Run, result: RunResult, view: View) -> Report:
+    """Return the report of a run: joints, summary of the fit, own weight, choice of model, and advice.
+
+    `view.details` adds the evidence.
+    """
     parts: list[Part] = [
-        _joints_table(job, result, view.unit),
+        _joints_table(run, result, view.unit),
         *joint_reason_lines((joint.name, joint.reason) for joint in result.joints),
         _fit_summary(result),
     ]
@@ -73,8 +76,8 @@ def _make_report(job: Run, result: RunResult, view: View) -> Report:
         parts += _choice_lines(result.choice, result.links, details=view.details)
         evidence += _choice_evidence(result.choice, result.links) if view.details else []
     if result.resampling is not None:
-        evidence += [Line(""), resampling_table(job, result.resampling, view.unit)]
-    return Report(parts, evidence, list(_advice_lines(job, result, details=view.details)))
+        evidence += [Line(""), resampling_table(run, result.resampling, view.unit)]
+    return Report(parts, evidence, list(_advice_lines(run, result, details=view.details)))
 
 
 def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
@@ -103,10 +106,11 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
 def before_after_table(before: RunResult, after: RunResult, unit: StiffnessUnit) -> Table:
     """Return a table that compares two runs: verdict, explained deflection, residual and stiffnesses.
 
-    `before` and `after` are results of the same joints, such as before and after readings were left out.
+    `before` and `after` are results with the same joints, such as before and after readings were left out.
     """
 
     def format_cells(result: RunResult) -> list[str]:
+        """Return the cells of a result's column, from its verdict down to the last joint."""
         explained = result.compensation
         cells = {joint.name: unit.cells(joint) for joint in result.joints}
         return [
@@ -174,16 +178,16 @@ def _prior_cell(joint: JointResult, *, has_prior: bool) -> str:
 def _fit_summary(result: RunResult) -> Line:
     """Return a line with the explained share of the deflection, the residual, and sigma."""
     compensation = result.compensation
-    explained = (
+    explained_text = (
         "" if compensation is None else f"explains {100 * compensation:.1f} % of the mean deflection, "
     )
-    sigma = (
+    sigma_text = (
         ""
         if result.sigma is None
         else f", sigma of a reading {length_text(result.sigma)} ({result.goodness.sigma_source})"
     )
     return Line(
-        f"  {explained}residual {length_text(result.rms_residual)} rms (3-D){sigma}"
+        f"  {explained_text}residual {length_text(result.rms_residual)} rms (3-D){sigma_text}"
         f"{_repeatability_text(result.goodness)}"
     )
 
@@ -215,10 +219,12 @@ def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str
 
 def _advised_reading_text(advice: Advice, kinds: Sequence[JointKind]) -> str:
     """Describe an advised reading in words: force, direction and posture."""
-    size = sqrt(sum(part**2 for part in advice.force))
-    direction = ", ".join(f"{part / size + 0.0:.2f}" for part in advice.force)  # + 0.0 turns −0 into 0
+    force_size = sqrt(sum(component**2 for component in advice.force))
+    direction = ", ".join(
+        f"{component / force_size + 0.0:.2f}" for component in advice.force
+    )  # + 0.0 turns −0 into 0
     posture = advice.observation or f"{posture_text(advice.joints, kinds)} if free of collisions"
-    return f"{figure(size)} N along ({direction}) in posture {posture}"
+    return f"{figure(force_size)} N along ({direction}) in posture {posture}"
 
 
 def _predicted_gain_text(run: Run, advice: Advice, joint: JointResult) -> str:
@@ -258,7 +264,7 @@ def detail_lines(result: RunResult) -> list[Line]:
         *_budget_lines(result),
         *_complementary_stiffness_lines(result),
         *([f"causes tested with the joints, p-value: {causes}"] if causes else []),
-        *_identifiability_lines(result.identifiability),
+        *_list_identifiability_lines(result.identifiability),
     )
     return [*suspicious, *(Line(f"  {line}", "dim") for line in others)]
 
@@ -308,16 +314,20 @@ def _budget_lines(result: RunResult) -> Iterator[str]:
     if budget is None:
         return
     compliances = [joint.compliance for joint in result.joints if joint.name in budget.joints]
-    for part in budget.components:
-        shares = [100 * u / abs(c) for u, c in zip(part.contributions, compliances, strict=True) if c]
-        if shares:
+    for component in budget.components:
+        percentages = [
+            100 * contribution / abs(compliance)
+            for contribution, compliance in zip(component.contributions, compliances, strict=True)
+            if compliance
+        ]
+        if percentages:
             # If least and greatest share have the same text, the set has one member, and one number is shown.
-            ends = sorted({f"{min(shares):.2g}", f"{max(shares):.2g}"}, key=float)
-            excluded = "" if part.included else ", not in the intervals"
-            source = _UNCERTAINTY_SOURCES.get(part.source, part.source)
+            range_texts = sorted({f"{min(percentages):.2g}", f"{max(percentages):.2g}"}, key=float)
+            excluded = "" if component.included else ", not in the intervals"
+            source = _UNCERTAINTY_SOURCES.get(component.source, component.source)
             yield (
-                f"uncertainty from {source} (type {part.evaluation}{excluded}): "
-                f"{' to '.join(ends)} % of a compliance"
+                f"uncertainty from {source} (type {component.evaluation}{excluded}): "
+                f"{' to '.join(range_texts)} % of a compliance"
             )
 
 
@@ -326,13 +336,18 @@ def _complementary_stiffness_lines(result: RunResult) -> Iterator[str]:
     k_c = result.complementary_stiffness
     if k_c is None:
         return
-    shift = "" if k_c.largest_shift is None else f" by at most {k_c.largest_shift:.2g} std. uncertainties"
+    shift_text = (
+        "" if k_c.largest_shift is None else f" by at most {k_c.largest_shift:.2g} std. uncertainties"
+    )
     treatment = (
         f"included ({k_c.iterations} refit{'s' if k_c.iterations > 1 else ''}); it changes"
         if k_c.included
         else "neglected; including it changes"
     )
-    yield f"complementary stiffness {treatment} a compliance{shift} (K_c/k at most {k_c.largest_ratio:.2g})"
+    yield (
+        f"complementary stiffness {treatment} a compliance{shift_text} (K_c/k at most "
+        f"{k_c.largest_ratio:.2g})"
+    )
 
 
 def _suspicious_lines(result: RunResult) -> Iterator[str]:
@@ -351,12 +366,14 @@ def _suspicious_lines(result: RunResult) -> Iterator[str]:
         yield f"and {hidden} more"
 
 
-def _identifiability_lines(found: Identifiability) -> Iterator[str]:
+def _list_identifiability_lines(identifiability: Identifiability) -> Iterator[str]:
     """Yield observability indices, the condition number, and the joints that are determined worst."""
-    if found.observability is not None and found.condition_number is not None:
-        indices = ", ".join(f"{name.upper()} {value:.2g}" for name, value in found.observability.items())
-        yield f"observability {indices}; condition number {found.condition_number:.3g}"
-    yield from found.weakest
+    if identifiability.observability is not None and identifiability.condition_number is not None:
+        indices = ", ".join(
+            f"{name.upper()} {value:.2g}" for name, value in identifiability.observability.items()
+        )
+        yield f"observability {indices}; condition number {identifiability.condition_number:.3g}"
+    yield from identifiability.weakest
 
 
 _MODEL_NAMES = {
@@ -373,7 +390,10 @@ _CHOICE_SOURCES = {"given": "given", "cross_validation": "by cross-validation"}
 
 
 def _choice_lines(choice: ModelChoice, links: LinksResult | None, *, details: bool) -> list[Part]:
-    """Return a line on the elastic model; none if the user chose the model, or the details have a table."""
+    """Return a line on the chosen elastic model.
+
+    Return no line if the user chose the model, or if the details have a table of the model.
+    """
     if links is not None:
         return [] if details else [links_line(links, choice)]
     return [] if choice.source == "given" else [Line(f"  {choice.message}", "dim")]
@@ -390,7 +410,7 @@ def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
     """Return tables and lines on elastic links: shares, compliances, compared models, certificate."""
     certificate = links.certificate
     # With squared loss the gap is of all fitted readings together, otherwise of a residual's mean length.
-    of_optimum = "of the optimum" if choice.loss == "squared" else "of the optimum, per target"
+    gap_reference = "of the optimum" if choice.loss == "squared" else "of the optimum, per target"
     parts: list[Part] = [_elements_table(links)]
     if links.links:
         parts.append(_links_table(links, choice.elasticity))
@@ -405,7 +425,7 @@ def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
             f"({_CHOICE_SOURCES[links.penalty_source]})"
         ),
         f"the readings determine {links.effective_freedom:.1f} of {links.parameters} parameters",
-        f"certified: within {certificate.gap:.1e} sigma {of_optimum}; no negative eigenvalue",
+        f"certified: within {certificate.gap:.1e} sigma {gap_reference}; no negative eigenvalue",
     )
     return parts + [Line(f"  {line}", "dim") for line in lines]
 
@@ -497,7 +517,10 @@ def _base_table(base: ElasticCompliance) -> Table:
 
 
 def _principal_compliances(link: ElasticCompliance, motion: str) -> str:
-    """Format a link's principal compliances, for "translation" [µm/kN] or for "rotation" [µrad/(kN·m)]."""
+    """Format the principal compliances of a link: translation [µm/kN] or rotation [µrad/(kN·m)].
+
+    `motion` is "translation" or "rotation".
+    """
     values = link.translation if motion == "translation" else link.rotation
     rounding_error = _NO_COMPLIANCE * values[0].value  # values are sorted, greatest first
     return ", ".join(f"{1e9 * each.value if each.value > rounding_error else 0.0:.3g}" for each in values)
@@ -538,8 +561,8 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
     The compensation is the share of the mean deflection that a fit explains, over all configurations.
     """
     options = run.request.resampling
-    sample = f"{options.size} configurations drawn at random" if options else ""
-    moments = [mean_and_deviation(joint, unit) for joint in resampling.joints]
+    sample_text = f"{options.size} configurations drawn at random" if options else ""
+    moments = [compute_mean_and_deviation(joint, unit) for joint in resampling.joints]
     joints, compensation = resampling.joints, resampling.compensation_mean
     deviation = resampling.compensation_deviation
     names: list[str] = [joint.name for joint in joints]
@@ -553,15 +576,26 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
     return Table(
         [
             Column("joint", names, text=True),
-            make_column("mean", [_rounded_or_dash(mean, u) for mean, u in moments], compensation),
-            make_column("deviation", [_rounded_or_dash(u, u) for _, u in moments], deviation),
+            make_column(
+                "mean",
+                [_rounded_or_dash(mean, deviation_of_joint) for mean, deviation_of_joint in moments],
+                compensation,
+            ),
+            make_column(
+                "deviation",
+                [
+                    _rounded_or_dash(deviation_of_joint, deviation_of_joint)
+                    for _, deviation_of_joint in moments
+                ],
+                deviation,
+            ),
             make_column("negative", [f"{100 * joint.share_negative:.3g} %" for joint in joints], None),
             make_column("rigid", [f"{100 * joint.share_infinite:.3g} %" for joint in joints], None),
             make_column(
                 "undetermined", [f"{100 * joint.share_undetermined:.3g} %" for joint in joints], None
             ),
         ],
-        title=f"{resampling.repetitions} fits of {sample}",
+        title=f"{resampling.repetitions} fits of {sample_text}",
         caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation of one fit; "
         "compensation: explained share over all configurations",
     )
@@ -572,10 +606,14 @@ def _rounded_or_dash(value: float | None, uncertainty: float | None) -> str:
     return NO_NUMBER if value is None else format_rounded(value, uncertainty)
 
 
-def mean_and_deviation(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[float | None, float | None]:
-    """Return mean and standard deviation, over all fits, of a joint's stiffness or compliance in `unit`.
+def compute_mean_and_deviation(
+    joint: ResampledJoint, unit: StiffnessUnit
+) -> tuple[float | None, float | None]:
+    """Return mean and standard deviation over all resampled fits of a joint's stiffness (or compliance).
 
-    Both numbers are None if one of the fits does not determine the joint.
+    The numbers are in `unit`, which is of stiffness or of compliance. Both are None if a fit does not
+    determine
+    the joint.
     """
     moments = (
         (joint.compliance_mean, joint.compliance_deviation)
@@ -588,26 +626,26 @@ def mean_and_deviation(joint: ResampledJoint, unit: StiffnessUnit) -> tuple[floa
 
 
 def make_charts(result: RunResult) -> list[Chart]:
-    """Return charts: stiffnesses, contributions of the joints, measured deflection, and residual."""
-    drawn: list[Chart] = []
+    """Return charts of stiffnesses, contributions of the joints, measured deflection and residual."""
+    charts: list[Chart] = []
     for kind, factor, unit in (("revolute", 1e-6, "10⁶ N·m/rad"), ("prismatic", 1e-6, "N/µm")):
         joints = [joint for joint in result.joints if joint.kind == kind]
         if any(joint.stiffness is not None for joint in joints):
             series = {"stiffness": [joint.stiffness for joint in joints]}
-            ends = {"stiffness": [joint.stiffness_interval for joint in joints]}
+            intervals = {"stiffness": [joint.stiffness_interval for joint in joints]}
             names, title = [joint.name for joint in joints], "Stiffness with its interval"
-            drawn.append(Chart(title, names, series, factor, unit, "joints", ends, True, "stiffness"))
+            charts.append(Chart(title, names, series, factor, unit, "joints", intervals, True, "stiffness"))
     if result.contributions:
         shares = {"contribution": [each.share for each in result.contributions]}
         names, title = [each.joint for each in result.contributions], "Contribution to the deflection"
-        drawn.append(Chart(title, names, shares, 1e2, "%", "joints", quantity="contribution"))
+        charts.append(Chart(title, names, shares, 1e2, "%", "joints", quantity="contribution"))
     # Residuals are a hundredth of the deflections: each of them has its own axis.
-    measured, left = result.mean_lengths("deflection"), result.mean_lengths("residual")
-    series, left_series = {"measured": [*measured.values()]}, {"left over": [*left.values()]}
+    measured, residuals = result.mean_lengths("deflection"), result.mean_lengths("residual")
+    series, residual_series = {"measured": [*measured.values()]}, {"left over": [*residuals.values()]}
     return [
-        *drawn,
+        *charts,
         Chart("Measured deflection", [*measured], series, 1e3, "mm", quantity="deflection"),
-        Chart("Left over by the model", [*left], left_series, 1e6, "µm", quantity="residual"),
+        Chart("Left over by the model", [*residuals], residual_series, 1e6, "µm", quantity="residual"),
     ]
 
 

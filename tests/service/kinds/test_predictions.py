@@ -14,7 +14,7 @@ from jointstiff.schemas.plan import Plan, PlanRequest, Surroundings
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.importing.reading import SourceFile
 from jointstiff.service.kinds.plan.kind import _readings_table, readings_sheet
-from jointstiff.service.kinds.plan.work import _check_facing
+from jointstiff.service.kinds.plan.work import _order_reflector_directions
 from jointstiff.service.resources.imports import import_files
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import TARGETS, default_arm, equilibrium, robot_document, simulate_campaign
@@ -207,4 +207,4 @@ def test_what_is_known_beforehand_counts(parts, robot):
 def test_each_target_faces_somewhere_or_none_does(second):
     facing = Surroundings.model_construct(facing={"P10": (0.0, 0.0, 1.0)} | second)
     with pytest.raises(RequestError, match="`facing` has directions for P10"):
-        _check_facing(facing, ("P10", "P11"))
+        _order_reflector_directions(facing, ("P10", "P11"))

@@ -314,5 +314,5 @@ def test_a_lower_limit_is_shown_but_of_a_result_that_is_not_to_be_used(unit, kin
 
 def test_a_column_without_a_name_and_without_a_cell_is_printed():
     """As of a trend in which no joint changed yet."""
-    table = text_table(["joint", "", "p-value"], [["joint_1", "", "0.3"]], texts=[0, 1])
+    table = text_table(["joint", "", "p-value"], [["joint_1", "", "0.3"]], left_aligned=[0, 1])
     assert "joint_1" in printed(terminal.lay_out_parts([table]))

@@ -65,7 +65,7 @@ def assessed(robot, measurements, *, findings=None, prior=None, **options):
         findings = tuple(inspect_measurements(robot, measurements, degrees=False))
     joints = JointsAlone(robot, measurements, settings, findings)
     found = joints.estimate
-    prediction = predict(robot, measurements, found.compliance, balanced=found.balanced)
+    prediction = predict(robot, measurements, found.compliance, balanced_compliance=found.balanced)
     return assess(joints, found, prediction, joints.screening), found
 
 

@@ -83,9 +83,9 @@ def cone_of(program):
 def solved(program):
     """The solution, and by how much its certificate lets the objective exceed the optimum."""
     if isinstance(program, SemidefiniteProgram):
-        solution = solve_cone(program, gap=GAP)
+        solution = solve_cone(program, wanted_gap=GAP)
         return solution, solution.certificate.gap**2
-    solution = solve_robust(program, gap=1e-7)
+    solution = solve_robust(program, wanted_gap=1e-7)
     return solution, solution.certificate.gap
 
 
@@ -146,7 +146,7 @@ def test_a_single_matrix_has_the_known_optimum():
     size = float(np.linalg.norm(z))
     weight = 0.2 / size
     program = SemidefiniteProgram(LeastSquares(np.eye(15), z / size), Cone(0, (5,)), weight)
-    found = solve_cone(program, gap=1e-7).x * size
+    found = solve_cone(program, wanted_gap=1e-7).x * size
     expected = (vectors * np.maximum(values - 0.1, 0.0)) @ vectors.T
     np.testing.assert_allclose(to_matrix(found, 5), expected, atol=1e-6)
 
@@ -155,7 +155,7 @@ def test_a_single_matrix_has_the_known_optimum():
 def test_a_wrong_answer_gets_no_certificate(monkeypatch, spoil):
     """Whatever the solver says: an answer with status Solved that is wrong is refused."""
     program = random_program(2, cone=Cone(2, (3, 2)), weight=1e-2)
-    right = solve_cone(program, gap=GAP).x
+    right = solve_cone(program, wanted_gap=GAP).x
     wrong = {"shifted": right + 1e-2, "shrunk": 0.9 * right, "zero": 0.0 * right}[spoil]
     wrong = program.cone.project(wrong)
     excess = objective(program, wrong) - objective(program, right)
@@ -163,13 +163,13 @@ def test_a_wrong_answer_gets_no_certificate(monkeypatch, spoil):
     monkeypatch.setattr(SemidefiniteProgram, "find_interior_point", lambda *_: wrong)
     monkeypatch.setattr(Face, "step", lambda *_: None)
     with pytest.raises(SolverError, match=r"its gap is \S+, above"):
-        solve_cone(program, gap=GAP)
+        solve_cone(program, wanted_gap=GAP)
 
 
 def test_of_answers_that_do_not_do_the_best_is_kept(monkeypatch):
     """They are sought in the unit of the readings and in that of their residual: nothing here, so 1e-9."""
     program = random_program(2, cone=Cone(2, (3, 2)), weight=1e-2)
-    right, asked = solve_cone(program, gap=GAP).x, []
+    right, asked = solve_cone(program, wanted_gap=GAP).x, []
 
     def proposed(self, tolerance, unit):
         asked.append(unit)
@@ -177,7 +177,7 @@ def test_of_answers_that_do_not_do_the_best_is_kept(monkeypatch):
 
     monkeypatch.setattr(SemidefiniteProgram, "find_interior_point", proposed)
     monkeypatch.setattr(Face, "step", lambda *_: None)
-    found = solve_cone(program, gap=1e-12, accepted=10.0)
+    found = solve_cone(program, wanted_gap=1e-12, accepted_gap=10.0)
     np.testing.assert_allclose(found.x, program.cone.project(right + 1e-3), rtol=1e-12)
     assert set(asked) == {1.0, 1e-9}
 
@@ -185,7 +185,7 @@ def test_of_answers_that_do_not_do_the_best_is_kept(monkeypatch):
 def test_a_robust_certificate_bounds_any_point_by_any_dual():
     """Truth from outside: the excess of a point's objective, whatever multipliers are proposed."""
     program, rng = robust_program(7, 0.02), np.random.default_rng(7)
-    best = objective(program, solve_robust(program, gap=1e-8).x)
+    best = objective(program, solve_robust(program, wanted_gap=1e-8).x)
     for _ in range(20):
         x = program.loss.cone.project(rng.standard_normal(program.loss.cone.dimension))
         gap = certify_robust(program, x, 3.0 * rng.standard_normal((15, 3))).gap
@@ -279,13 +279,16 @@ def test_effective_freedom_is_the_divergence_of_the_fit(seed):
     step = 1e-3
 
     def fitted(z):
-        return program.fit.R @ solve_cone(replace(program, fit=LeastSquares(program.fit.R, z)), gap=1e-7).x
+        return (
+            program.fit.R
+            @ solve_cone(replace(program, fit=LeastSquares(program.fit.R, z)), wanted_gap=1e-7).x
+        )
 
     divergence = 0.0
     for k, unit in enumerate(np.eye(len(program.fit.z))):
         ends = [fitted(program.fit.z + sign * step * unit)[k] for sign in (1, -1)]
         divergence += (ends[0] - ends[1]) / (2 * step)
-    freedom = compute_effective_freedom(program, solve_cone(program, gap=1e-7).x)
+    freedom = compute_effective_freedom(program, solve_cone(program, wanted_gap=1e-7).x)
     assert freedom.sum() == pytest.approx(divergence, abs=1e-2)
     assert 0.0 < freedom.sum() < program.cone.dimension
 

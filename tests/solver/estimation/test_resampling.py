@@ -225,7 +225,7 @@ def test_a_summary_of_numbers_that_are_known():
     assert found.compensation_deviation == pytest.approx(0.2)
     assert found.compensation_interval == pytest.approx((0.6, 0.8))
     hidden = summarise_resamples(
-        draws, ["a", "b", "c"], hidden=np.array([False, True, False]), confidence=0.5
+        draws, ["a", "b", "c"], is_hidden=np.array([False, True, False]), confidence=0.5
     )
     assert hidden.joints[0] == a
     assert hidden.joints[1] == c.model_copy(update={"name": "b"})

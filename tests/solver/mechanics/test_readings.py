@@ -289,7 +289,7 @@ class TestIncluded:
     def test_prediction_is_the_exact_balance(self, pulls):
         robot, measurements = pulls
         found = estimate(robot, measurements, complementary_stiffness="included")
-        included = predict(robot, measurements, found.compliance, balanced=found.compliance)
+        included = predict(robot, measurements, found.compliance, balanced_compliance=found.compliance)
         linear = predict(robot, measurements, found.compliance)
         load = measurements.force, measurements.moment, LOAD_POINT
         unloaded, loaded = deflections(ARM, measurements.joints, *load, POINTS)

@@ -66,7 +66,7 @@ def test_a_joint_that_no_load_twisted_is_unseen_in_all_cases():
 def test_compliances_have_an_uncertainty_and_a_worst_direction():
     found = MODEL.deflect(CASES).compliance
     u = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.6, 0, 0.8], [0, -0.6, 0.8], [0.8, 0.6, 0]], dtype=float)
-    along, across, worst = found.along(u), found.across(u), found.worst
+    along, across, worst = found.compliance_along(u), found.greatest_compliance_across(u), found.worst
     assert 1e6 * along == pytest.approx([3.141895, 2.423065, 1.971073, 0.155313, 2.199808, 2.15969], rel=1e-4)
     assert 1e6 * across == pytest.approx(
         [1.777102, 2.757403, 1.646789, 3.682386, 1.899832, 2.158045], rel=1e-4
