@@ -5,7 +5,7 @@
   const UNIT =
     /%|°|‰|\b(?:mm|µm|μm|m|km|rad|mrad|µrad|deg|N|kN|kg|g|s|ms|min|h|Hz|MB|kB|m²|s²)\b|N·m|Nm|\/rad|\/m\b|\/N\b/;
   const ALONE = /\b(?:scale|ratio|times|weight|p value|correlation|singular values|condition number|degrees of freedom)\b|×|χ²|O[₁-₅]|R$|versions|direction|points along|\bcondition\b|std\. uncertaint/i; // pure numbers
-  const BARS = ".header, .sections, .gobar, .selection, .toasts, .tip, .skip";
+  const BARS = ".header, .sections, .gobar, .selection, .toasts, .tip, .skip, .head .folded[open]"; // layers above the view
   const BLOCK = "td, th, dd, dt, li, p, label, figcaption, h1, h2, h3, legend, summary, option, button, output, [role=cell], [role=columnheader], .gain, .figures > span, svg";
 
   let known = new Map();
@@ -176,7 +176,7 @@
         [top, bottom] = [Math.max(top, box.top), Math.min(bottom, box.bottom)];
         if (right < left || bottom < top) break;
       }
-      const chart = drawn?.getBoundingClientRect();
+      const chart = drawn && getComputedStyle(drawn).overflow !== "visible" ? drawn.getBoundingClientRect() : null;
       if (chart && (line.left < chart.left - 1.5 || line.right > chart.right + 1.5)) faults.add(`"${words(node)}" is cut off by its drawing`);
     }
     return [...faults];
@@ -215,8 +215,17 @@
     return first <= most ? [] : [`the first number stands at ${Math.round(first)} px`];
   }
 
-  /** All faults at a width, on a screen or on paper. */
-  window.seeing = (paper, mostRow, mostFirst, mostStiffness) => {
+  /** Faults of the view as it comes: the first number and the first stiffness stand too low [px]; 0 for no limit. */
+  window.first = (mostFirst, mostStiffness) => {
+    [known, read] = [new Map(), new Map()];
+    return [
+      ...(mostFirst ? firstNumber(mostFirst) : []),
+      ...(mostStiffness ? firstStiffness(mostStiffness) : []),
+    ];
+  };
+
+  /** All other faults at a width, on a screen or on paper, with what is folded opened. */
+  window.seeing = (paper, mostRow) => {
     [known, read] = [new Map(), new Map()];
     return [
       ...overlaps(),
@@ -225,8 +234,6 @@
       ...cutTexts(),
       ...headings(),
       ...(mostRow ? highRows(mostRow) : []),
-      ...(mostFirst ? firstNumber(mostFirst) : []),
-      ...(mostStiffness ? firstStiffness(mostStiffness) : []),
     ];
   };
 })();

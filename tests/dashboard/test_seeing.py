@@ -74,22 +74,24 @@ def stored(database):
     return database[1]
 
 
-def limits(view: str, width: int, media: str) -> list[float | bool]:
-    """Return whether it is paper, and the most height of a row, above the first number and stiffness; 0: none."""
-    if media == "print":
-        return [width >= PAPER, 0, 0, 0]
+def limits_of_first(view: str, width: int) -> list[int]:
+    """Return the most above the first number and above the first stiffness [px]; 0 for no limit."""
+    if width > PHONE or view == "#/" or view.endswith(ASKING):
+        return [0, 0]
+    return [0, FIRST_STIFFNESS] if IS_RUN.match(view) else [FIRST, 0]
+
+
+def limits(width: int, media: str) -> list[float | bool]:
+    """Return whether it is paper, and the most height of a row [px]; 0 for no limit."""
     row = ROW["phone"] if width <= PHONE else ROW["desk"] if width >= DESK else 0
-    is_run = IS_RUN.match(view) and not view.endswith(ASKING)
-    shows = view != "#/" and not view.endswith(ASKING)
-    first = FIRST if width <= PHONE and shows and not is_run else 0
-    return [False, row, first, FIRST_STIFFNESS if width <= PHONE and is_run else 0]
+    return [media == "print" and width >= PAPER, 0 if media == "print" else row]
 
 
 def test_faults_are_seen(visit):
     page = visit("desktop").page
     page.set_content(Path(__file__).with_name("seeing_faults.html").read_text(encoding="utf-8"))
     page.evaluate(LOOK)
-    found = "\n".join(page.evaluate("seeing(false, 44, 10, 10)"))
+    found = "\n".join(page.evaluate("[...seeing(false, 44), ...first(10, 10)]"))
     wanted = (
         *("overlap", 'no unit beside "3.25"', "is cut off", "a row of 9", "the first number stands at"),
         *('"do not use" is cut off by its box', "a heading of level 3 after one of level 1"),
@@ -128,12 +130,14 @@ def test_every_view_can_be_read_and_tapped_in_few_sizes_of_type(visit, stored, l
             page.evaluate("drawn()")
             if (shift := page.evaluate("window.shifted")) > MOST_SHIFT:
                 faults.setdefault(f"{view}: what is shown moves", []).append(f"{width} by {shift:.2f}")
+            for fault in page.evaluate("(limits) => first(...limits)", limits_of_first(view, width)):
+                faults.setdefault(f"{view}: {fault}", []).append(f"{width}")
             for media in media_of_width:
                 medium, scheme = MEDIA[media]
                 page.emulate_media(media=medium, color_scheme=scheme)
                 page.evaluate(OPENED)
                 page.evaluate("drawn()")
-                seen = page.evaluate("(limits) => seeing(...limits)", limits(view, width, media))
+                seen = page.evaluate("(limits) => seeing(...limits)", limits(width, media))
                 for fault in seen + (page.evaluate("ill()") if media == "light" else []):
                     faults.setdefault(f"{view}: {fault}", []).append(f"{width} {media}")
             pairs[width] |= set(page.evaluate("pairs()"))

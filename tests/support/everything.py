@@ -101,7 +101,7 @@ def many(filling: Filling, url: str) -> dict[str, str]:
     robot = filling.add("robots", document["robot"])
     measured = filling.measure(document, robot)
     template = Template(robot, measured, filling.run(measured))
-    copies = Copies([template], ROBOTS, RUNS, names=Names(set="check {:04}"))
+    copies = Copies([template], ROBOTS, RUNS, names=Names(set="check {:04}", first_serial_number=5_100))
     engine = make_engine(url)
     copies.add_robots_and_sets(engine)
     copies.add_runs(engine)
