@@ -4,7 +4,7 @@
   const NOTATION = /3\.188\(17\): .*/; // says how uncertainties are written
   const UNIT =
     /%|°|‰|\b(?:mm|µm|μm|m|km|rad|mrad|µrad|deg|N|kN|kg|g|s|ms|min|h|Hz|MB|kB|m²|s²)\b|N·m|Nm|\/rad|\/m\b|\/N\b/;
-  const ALONE = /\b(?:scale|ratio|times|weight|p value|correlation|singular values|condition number|degrees of freedom)\b|×|χ²|O[₁-₅]|R$|versions|direction|points along|\bcondition\b|std\. uncertaint/i; // pure numbers
+  const ALONE = /\b(?:scale|ratio|times|weight|p value|correlation|singular values|condition number|degrees of freedom)\b|×|χ²|O[₁-₅]|R$|versions|direction|points along|\bcondition\b|std\. uncertaint|parameters|penalty|\bsigma\b|K_c\/k|combination of|\bdetermine\b/i; // pure numbers
   const BARS = ".header, .sections, .gobar, .selection, .toasts, .tip, .skip, .head .folded[open]"; // layers above the view
   const BLOCK = "td, th, dd, dt, li, p, label, figcaption, h1, h2, h3, legend, summary, option, button, output, [role=cell], [role=columnheader], .gain, .figures > span, svg";
 

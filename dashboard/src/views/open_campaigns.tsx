@@ -3,6 +3,7 @@ import { api } from "../api/calls";
 import { problemOf } from "../api/problem";
 import { queries } from "../api/queries";
 import { ActionButton, Busy } from "../components/basics";
+import { isKnown } from "../components/choosers";
 import { DeleteButton, Rows } from "../components/list";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
@@ -14,9 +15,10 @@ import { send, useQuery } from "../state/query";
 const words = later.measure;
 
 /** Campaigns that are still measured, on this device or another. */
-export function OpenCampaigns() {
-  const { data: open, problem } = useQuery(queries.sets({ open: true, limit: 20 }));
-  if (open === undefined && problem === null) return <Busy />;
+export function OpenCampaigns({ as: Heading }: { as: "h2" | "h3" }) {
+  const listed = useQuery(queries.sets({ open: true, limit: 20 }));
+  if (!isKnown(listed)) return <Busy />;
+  const { data: open } = listed;
   if (!open || open.items.length === 0) return null;
   const failed = (error: unknown) => toast(problemOf(error).detail);
   const remove = (id: string, name: string) =>
@@ -26,7 +28,7 @@ export function OpenCampaigns() {
     }, failed);
   return (
     <>
-      <h3>{words.goOn}</h3>
+      <Heading>{words.goOn}</Heading>
       <Rows
         rows={open.items.map(({ id, name, observation_count: count }) => ({
           id,

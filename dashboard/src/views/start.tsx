@@ -4,7 +4,7 @@ import { api } from "../api/calls";
 import { queries } from "../api/queries";
 import type { MeasurementSet } from "../api/types";
 import { Busy, LinkButton, ProblemNote, Button, Empty, Show, Title, lazy } from "../components/basics";
-import { RobotSelect, SetSelect } from "../components/choosers";
+import { isKnown, RobotSelect, SetSelect } from "../components/choosers";
 import { RequestFields } from "../components/fields";
 import { Findings, Preview } from "../components/findings";
 import { type Campaign, factsOf, statesNoise } from "../lib/campaign";
@@ -160,7 +160,7 @@ export function StartView({ query }: { query: URLSearchParams }) {
   return (
     <>
       <Title plain={text.app.measure}>{text.start.title}</Title>
-      {needed.some(({ data, problem }) => data === undefined && problem === null) ? (
+      {!needed.every(isKnown) ? (
         <Busy />
       ) : (
         <div class={idle ? "start" : "start begun"}>
@@ -211,7 +211,7 @@ function GoOn() {
   return (
     <section class="go-on" aria-labelledby="go-on">
       <h2 id="go-on">{text.start.goOn}</h2>
-      <OpenCampaigns />
+      <OpenCampaigns as="h3" />
       <ChangedRobots />
       <Recent />
     </section>
