@@ -153,7 +153,9 @@ async function twinsOf({ content_hash }: Robot): Promise<RunColumn[]> {
 
 /** Nothing, while there is only one robot of the kind. */
 function Twins({ robot }: { robot: Robot }) {
-  const twins = useQuery({ queryKey: ["twins", robot.id], queryFn: () => twinsOf(robot) }).data ?? [];
+  const found = useQuery({ queryKey: ["twins", robot.id], queryFn: () => twinsOf(robot) });
+  if (!isKnown(found)) return <Busy />;
+  const twins = found.data ?? [];
   if (twins.length < 2) return null;
   const ids = twins.slice(0, MOST_RUNS).map(({ run }) => run.id);
   return (
