@@ -111,7 +111,7 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
     <figure class="figure" ref={figure}>
       <figcaption>
         <div>
-          <h3>{title}</h3>
+          <h2>{title}</h2>
         </div>
         {tools && <div class="tools">{tools}</div>}
       </figcaption>

@@ -315,7 +315,7 @@ export function ProblemNote({ problem, retry, restore }: NoteProps) {
   const listed = problem.errors?.some(({ reason }) => problem.detail.endsWith(reason));
   return (
     <div class="note bad" role="alert">
-      <h3>{problem.title}</h3>
+      <h2>{problem.title}</h2>
       {!listed && (
         <p>
           <Prose text={problem.detail} />
@@ -406,7 +406,7 @@ export const Seen = ({ warning }: { warning: { where: string | null; message: st
 export function Empty({ title, hint, children }: { title: string; hint: string; children?: ComponentChildren }) {
   return (
     <div class="empty">
-      <h3>{title}</h3>
+      <h2>{title}</h2>
       <p>{hint}</p>
       {children}
     </div>

@@ -424,13 +424,15 @@ interface SideProps {
 
 /** A side of a comparison: a set, which is identified, or a run. */
 function Side({ runs, ...field }: SideProps) {
-  const { options, search } = useSetChoices(field.value.startsWith("set:") ? field.value.slice("set:".length) : "");
+  const { options, search, known } = useSetChoices(
+    field.value.startsWith("set:") ? field.value.slice("set:".length) : "",
+  );
   const ofRuns = runs.map((run) => ({
     value: `run:${run.id}`,
     label: words.runSide(run.measurement_set_name ?? "…", howOf(run), timeText(run.created_at)),
   }));
   const ofSets = options.map(({ value, label }) => ({ value: `set:${value}`, label }));
-  return <SearchedSelect {...field} search={search} options={[...ofSets, ...ofRuns]} />;
+  return <SearchedSelect {...field} search={search} known={known} options={[...ofSets, ...ofRuns]} />;
 }
 
 function StartPair({ newest: sets }: { newest: MeasurementSetSummary[] }) {

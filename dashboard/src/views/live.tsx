@@ -221,7 +221,8 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
 }
 
 /** The postures of the plan of a set; none without one. */
-function usePlanned({ open: { plan_id: id } }: OpenSet): live.Planned[] {
+function usePlanned({ open }: OpenSet): live.Planned[] {
+  const id = open?.plan_id; // a closed campaign has no options
   const { data } = useQuery({ ...queries.plan(id ?? ""), enabled: id != null, persister: onDevice.persisterFn });
   return data?.result?.readings ?? [];
 }

@@ -280,10 +280,10 @@ function Sliced({ loaded, look, label }: { loaded: Loaded; look: Look; label: st
   const place = places[chosen];
   return (
     <section class="card">
-      <h3>
+      <h2>
         <NameLink to={["runs", run.id]}>{set.name}</NameLink>{" "}
         <small class="soft">{text.methods[run.request.method]}</small>
-      </h3>
+      </h2>
       <div ref={box}>{width > 0 && <SliceChart {...look} {...{ slice, places, width, label }} />}</div>
       {place && <Numbers place={place} map={map} />}
     </section>
@@ -403,7 +403,7 @@ export function ProgramView({ id }: { id: string }) {
         about: <a href={link(["runs", run.id])}>{text.run.kind}</a>,
         first: job.result?.files.map((file) => (
           <Download look="primary" href={api.programFile(id, file.name)}>
-            {programWords.download(file.name)}
+            <span class="clip">{programWords.download(file.name)}</span>
           </Download>
         )),
         actions: job.result && <Download href={api.jobs.file(id, "points.csv")}>{programWords.table}</Download>,

@@ -30,7 +30,7 @@ export function MeasureView({ query }: { query: URLSearchParams }) {
   return (
     <>
       <Head plain={words.title} first={<TrySimulated />} />
-      <OpenCampaigns />
+      <OpenCampaigns as="h2" />
       <Show of={robots} instead={({ items }) => items.length === 0 && <NoRobots />}>
         {({ items }) => (
           <Show of={planId ? plan : { ...plan, data: null }}>

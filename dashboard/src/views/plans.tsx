@@ -3,7 +3,7 @@ import { useState, useEffect } from "preact/hooks";
 import { api } from "../api/calls";
 import { queries } from "../api/queries";
 import type { JointKind, MeasurementSet, PlanResult, Robot } from "../api/types";
-import { Button, ActionButton, Show, Title, Download, LinkButton, Name, NameLink } from "../components/basics";
+import { Busy, Button, ActionButton, Show, Title, Download, LinkButton, Name, NameLink } from "../components/basics";
 import { fixed } from "../lib/format";
 import { equipmentOf, unchanged, toFillIn } from "../lib/live";
 import { position, positionUnit } from "../lib/stiffness";
@@ -132,15 +132,17 @@ async function equippedSet(id: string): Promise<{ set: MeasurementSet; equipment
 }
 
 /** The last campaign of a robot and what it was measured with; undefined until it is known, null if there is none. */
-export const useEquipped = (robot: string) =>
-  useQuery({
+export function useEquipped(robot: string) {
+  const { data, problem } = useQuery({
     queryKey: ["equipped", robot],
     queryFn: async () => {
       const [last] = (await ask(queries.sets({ robot_id: robot, limit: 1 }))).items;
       return last ? equippedSet(last.id) : null;
     },
     enabled: robot !== "",
-  }).data;
+  });
+  return robot === "" || problem ? null : data;
+}
 
 /** `after`: the run of the campaign so far, whose causes and omitted readings hold on. */
 function Begin({ given, after }: { given: string; after: string | null }) {
@@ -175,7 +177,7 @@ function Begin({ given, after }: { given: string; after: string | null }) {
   const joints = ofRobot?.joints.map(({ name }) => name) ?? [];
   const [robots, sets] = [useRobotChoices(kind === "robot" ? id : ""), useSetChoices(kind === "set" ? id : "")];
   const form = { of: "PlanRequest", value: asked, change, terms: { ...EQUIPMENT, joints } };
-  const equipment = <Equipment {...form} />;
+  const equipment = campaign === undefined ? <Busy /> : <Equipment {...form} />;
   return (
     <Form action={start} look="card form">
       <p>{words.intro}</p>
@@ -187,6 +189,7 @@ function Begin({ given, after }: { given: string; after: string | null }) {
             find: (q) => [robots, sets].forEach(({ search }) => search?.find(q)),
           }
         }
+        known={robots.known && sets.known}
         value={subject}
         change={pick}
         options={[
