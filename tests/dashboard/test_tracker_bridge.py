@@ -70,8 +70,13 @@ def paired(page: Page) -> str:
 
 def test_a_tracker_fills_the_form_and_a_reading_costs_two_taps(visit, api):
     """A phone, a real service, the command at the tracker's computer, and no scrolling between readings."""
-    stream = Stream()
-    page = (visited := visit("phone")).page
+    with Stream() as stream:
+        measured(visit("phone"), api, stream)
+
+
+def measured(visited, api, stream):
+    """Measure five readings with a stream."""
+    page = visited.page
     campaign = declared(api)
     address = f"{campaign}/next"
     visited.go(f"#/measure/{campaign.rpartition('/')[2]}")
@@ -84,15 +89,14 @@ def test_a_tracker_fills_the_form_and_a_reading_costs_two_taps(visit, api):
         page.wait_for_timeout(300)
         page.evaluate(COUNT)
         boxes = page.locator(".live-readings input")
-        expect(
-            page.get_by_role("status").filter(has_text="the source has jumped")
-        ).to_be_visible()  # not there yet
+        jumped = page.get_by_role("status").filter(has_text="the source has jumped")
+        expect(jumped).to_be_visible()  # the arm is not in its posture yet
         for number in range(1, 6):
             following = api.get(address).json()["next"]
             assert following["label"] == f"m{number:02d}"
             expect(page.get_by_role("heading", name=f"Next: m{number:02d}")).to_be_visible()
             stream.drive(following, "unloaded")
-            keep = page.get_by_role("button", name="Keep, then hang the load")
+            keep = page.get_by_role("button", name="Keep, then load")
             expect(keep).to_be_enabled()
             keep.tap()
             stream.drive(following, "loaded")

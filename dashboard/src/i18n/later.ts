@@ -135,7 +135,7 @@ export const later = {
       away: "Tracker: not connected",
       reads: (read: number, targets: number, far: string | null) =>
         `Tracker: ${read} of ${targets} read${far === null ? "" : `, moved up to ${far}`}`,
-      keep: { unloaded: "Keep, then hang the load", loaded: "Keep, then take the load off" },
+      keep: { unloaded: "Keep, then load", loaded: "Keep, then unload" },
       back: "Unloaded again",
     },
     simulate: "Simulate this reading",
