@@ -32,6 +32,7 @@ from jointstiff.service.kinds.work import (
     unexpected_failure,
     unpack_arrays,
 )
+from jointstiff.service.live.bridges import TrackerBridges
 from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.problems import (
     NotFoundError,
@@ -388,6 +389,7 @@ class Parts(Resources):
         self.trends = Trends(store)  # trends of the robots
         # The live campaigns: closing a campaign creates a run.
         self.live = OpenSets(self, lambda *run: self.jobs["run"].create(*run).id)
+        self.bridges = TrackerBridges(store, self.live.is_open)  # from trackers to pages
 
     def trend(self, robot_id: str, query: TrendQuery) -> Trend:
         """Return the trend of a robot.

@@ -6,6 +6,7 @@ import asyncio
 import json
 import threading
 from collections.abc import Coroutine, Mapping
+from concurrent.futures import Future
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeVar, cast
 from urllib.parse import quote
@@ -196,7 +197,7 @@ class _SetInService:
         return run, state
 
 
-class _SourceThread:
+class SourceThread:
     """Thread with an event loop, in which a source can receive data between readings."""
 
     def __init__(self) -> None:
@@ -206,12 +207,16 @@ class _SourceThread:
 
     def run_coroutine(self, coroutine: Coroutine[Any, Any, Value]) -> Value:
         """Run a coroutine in the thread; wait for its end and return its value."""
-        future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+        future = self.start_coroutine(coroutine)
         try:
             return future.result()
         except BaseException:
             future.cancel()
             raise
+
+    def start_coroutine(self, coroutine: Coroutine[Any, Any, Value]) -> Future[Value]:
+        """Start a coroutine in the thread; return its future, which can be cancelled."""
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
 
     def close(self) -> None:
         """Stop the event loop and end the thread."""
@@ -251,7 +256,7 @@ class LiveMeasurement:
         self._scales = Scales.from_units(post.units, robot.robot)
         self.source, self._wait = source, wait
         self.joint_names, self.joint_kinds = robot.robot.joint_names, robot.robot.joint_kinds
-        self._loop: _SourceThread | None = None
+        self._loop: SourceThread | None = None
         self._checked: CheckedSource | None = None
         self._confirmed = False
         self.state = measured_set.state()  #: results of the readings so far, and the next planned reading
@@ -451,7 +456,7 @@ class LiveMeasurement:
             )
         if self._loop is not None:
             return
-        self._loop = _SourceThread()
+        self._loop = SourceThread()
         self._checked = CheckedSource(self.source, self._make_source_setting(), self._wait)
         try:
             self._loop.run_coroutine(self._checked.open())
@@ -512,7 +517,7 @@ class LiveMeasurement:
         decision to skip the posture or to stop.
         """
         source_thread, checked_source = (
-            cast("_SourceThread", self._loop),
+            cast("SourceThread", self._loop),
             cast("CheckedSource", self._checked),
         )
         positions: list[dict[str, Point]] = []
@@ -553,7 +558,7 @@ class LiveMeasurement:
         """
         if self._confirmed:
             return
-        profile = cast("_SourceThread", self._loop).run_coroutine(
+        profile = cast("SourceThread", self._loop).run_coroutine(
             cast("CheckedSource", self._checked).profile(posture)
         )
         if profile is not None and not person.confirms(profile):

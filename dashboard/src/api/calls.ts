@@ -172,6 +172,8 @@ const sets = {
   restore: (set: string) => changeSet(set, { deleted: false }),
 };
 
+const bridgeAt = (bridge: string): string => `/v1/bridges/${id(bridge)}`;
+
 export const api = {
   session: () => read<of.Session>(client.GET(SESSION)),
   signIn: (secret: { key: string } | { link: string }) =>
@@ -220,6 +222,20 @@ export const api = {
     followed: (set: string) => `/v1/measurement-sets/${id(set)}/next?follow=true`,
     /** The address of a drawing: the page's own address as a QR code, for a tablet. */
     code: (set: string, page: string) => withQuery(`/v1/measurement-sets/${id(set)}/code.svg`, { page }),
+  },
+
+  /** Bridges from trackers, which the description of the API leaves out: paths and messages are stated here. */
+  bridges: {
+    open: (set: string) =>
+      read<of.Paired>(
+        client.POST(`/v1/measurement-sets/${id(set)}/bridge` as "/v1/measurement-sets/{set_id}/close", setPath(set)),
+      ),
+    show: (bridge: string, stand: of.BridgeStand) =>
+      read<undefined>(client.PUT(`${bridgeAt(bridge)}/stand` as never, { body: stand } as never)),
+    end: (bridge: string) => read<undefined>(client.DELETE(bridgeAt(bridge) as never, {} as never)),
+    /** Fails with 404 when the bridge has ended. */
+    check: (bridge: string) => read<undefined>(client.HEAD(bridgeAt(bridge) as never, {} as never)),
+    followed: (bridge: string) => bridgeAt(bridge),
   },
 
   jobs,

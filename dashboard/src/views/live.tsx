@@ -33,6 +33,7 @@ import { position, labelOf, inUnit } from "../lib/stiffness";
 import { type Vector, norm, times } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
 import { useAction, go, link, toast } from "../state/action";
+import { type Bridge, useBridge, useTracked } from "../state/bridge";
 import { keepPage } from "../state/device";
 import { recalled, remember } from "../state/kept";
 import { useKinematics } from "../state/kinematics";
@@ -45,6 +46,7 @@ import { type DecimalMark, type Left, type Pasting, usePasting } from "../state/
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { loadOf, shownJoint } from "./plans";
+import { TrackerCard, TrackerSaid } from "./tracker";
 
 const words = later.measure;
 const MAX_BYTES = 8 * 1024 * 1024;
@@ -64,6 +66,7 @@ type Own = live.Stand & { again?: string };
 
 function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: LiveState }) {
   const gone = useFollowed(set.id, state.state === "closed");
+  const bridge = useBridge(set.id, state.state === "closed");
   const waits = useWaiting(set.id);
   const { waiting } = waits;
   const away = gone || waits.away;
@@ -171,7 +174,7 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
             {doubts.length > 0 && !own ? null : stand ? (
               <Posture
                 key={`${label} ${JSON.stringify(stand.joints)}`}
-                {...{ set, robot, label, stand, state }}
+                {...{ set, robot, label, stand, state, bridge }}
                 isOwn={own && (own.again ? words.repeats(own.again) : words.own)}
                 back={() => setOwn(null)}
                 send={(observation) => {
@@ -211,6 +214,7 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
               state={state}
               withdraw={(withdrawn, reason) => change.run({ withdrawn: { [withdrawn]: reason } })}
             />
+            <TrackerCard bridge={bridge} />
             <Code id={set.id} />
             {phone && simulated}
           </div>
@@ -285,6 +289,7 @@ interface PostureProps {
   label: string;
   stand: live.Stand;
   state: LiveState;
+  bridge: Bridge;
   /** What to call a posture that was not suggested. */
   isOwn: string | null;
   back: () => void;
@@ -295,20 +300,33 @@ interface PostureProps {
 const kindsOf = (robot: Robot): JointKind[] => robot.joints.map(({ kind }) => kind);
 
 /** One posture: the arm, its angles, the load, and the boxes for its readings. */
-function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: PostureProps) {
+function Posture({ set, robot, label, stand, state, bridge, isOwn, back, send, skip }: PostureProps) {
   const kinds = kindsOf(robot);
   const unloadedOnly = set.open.load?.kind === "own_weight";
   const targets = (Object.keys(set.open.targets ?? {}).length > 0 ? set.open.targets : set.flange_targets) as Record<
     string,
     Vector
   >;
-  const [rows, setRows] = useState<live.Rows>(() => drafted(set.id, stand, Object.keys(targets)));
-  const latest = useRef(rows);
-  const change = (by: (rows: live.Rows) => live.Rows) => {
-    latest.current = by(latest.current);
-    setRows(latest.current);
-    remember(draftKey(set.id), { joints: stand.joints, rows: latest.current });
+  const [draft, setDraft] = useState<Draft>(() => drafted(set.id, stand, Object.keys(targets)));
+  const latest = useRef(draft);
+  const put = (part: Partial<Draft>) => {
+    latest.current = { ...latest.current, ...part };
+    setDraft(latest.current);
+    remember(draftKey(set.id), latest.current);
   };
+  const { rows, column } = draft;
+  const change = (by: (rows: live.Rows) => live.Rows) => put({ rows: by(latest.current.rows) });
+  const byTracker = useRef(new Set<string>());
+  const read = useTracked(bridge, { label, joints: stand.joints, force: stand.force }, column, ({ points }) => {
+    const before = byTracker.current;
+    byTracker.current = new Set(Object.keys(points));
+    change((now) => live.tracked(now, column, points, before));
+  });
+  const readInto = (next: keyof live.Typed) => {
+    byTracker.current = new Set();
+    put({ column: next });
+  };
+  const following = read && !unloadedOnly ? followingColumn(column, rows) : null;
   const pasting = usePasting(rows, change);
   const { kinematics, problem } = useKinematics({ robot_id: robot.id }, [stand.joints]);
   const posture = kinematics?.[0];
@@ -364,6 +382,14 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
       </p>
       {!phone && why}
       <ReadingsTable {...{ rows, change, unloadedOnly, pasting }} />
+      {read && (
+        <TrackerSaid
+          {...{ rows }}
+          reading={read}
+          connected={bridge.state?.connected ?? false}
+          loaded={column === "loaded"}
+        />
+      )}
       {set.instrument === live.SIMULATED && (
         <div class="row">
           <Button disabled={!posture} onClick={() => simulate(false)}>
@@ -375,10 +401,21 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
         </div>
       )}
       <div class="go">
-        <Button look="primary big" disabled={lacking !== null || pasting.busy} onClick={tell} acts>
-          {words.send}
-        </Button>
-        {skip && (
+        {following ? (
+          <Button look="primary big" disabled={!live.isComplete(rows, column)} onClick={() => readInto(following)} acts>
+            {words.tracker.keep[column as "unloaded" | "loaded"]}
+          </Button>
+        ) : (
+          <Button look="primary big" disabled={lacking !== null || pasting.busy} onClick={tell} acts>
+            {words.send}
+          </Button>
+        )}
+        {read && column !== "unloaded" && (
+          <Button look="quiet" onClick={() => readInto("unloaded")}>
+            {words.tracker.back}
+          </Button>
+        )}
+        {skip && !(read && column !== "unloaded") && (
           <Button look="quiet" onClick={skip} acts>
             {words.skip}
           </Button>
@@ -407,12 +444,31 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
   );
 }
 
-/** What was typed for this posture before the page was left. */
-function drafted(id: string, stand: live.Stand, targets: string[]): live.Rows {
-  const draft = recalled(draftKey(id)) as { joints: number[]; rows: live.Rows } | null;
-  const blank = Object.fromEntries(targets.map((name) => [name, { unloaded: "", loaded: "" }]));
-  return draft && JSON.stringify(draft.joints) === JSON.stringify(stand.joints) ? { ...blank, ...draft.rows } : blank;
+/** What was read in a posture, and the column that a tracker fills. */
+interface Draft {
+  joints: number[];
+  rows: live.Rows;
+  column: keyof live.Typed;
 }
+
+/** What was read in this posture before the page was left. */
+function drafted(id: string, { joints }: live.Stand, targets: string[]): Draft {
+  const draft = recalled(draftKey(id)) as Partial<Draft> | null;
+  const rows = Object.fromEntries(targets.map((name) => [name, { unloaded: "", loaded: "" }]));
+  const blank: Draft = { joints, rows, column: "unloaded" };
+  if (!draft || JSON.stringify(draft.joints) !== JSON.stringify(joints)) return blank;
+  return { ...blank, ...draft, rows: { ...rows, ...draft.rows } };
+}
+
+/** The column that a tracker fills after another one; null if the reading is complete then. */
+function followingColumn(column: keyof live.Typed, rows: live.Rows): keyof live.Typed | null {
+  if (column === "unloaded") return "loaded";
+  return column === "loaded" && readsAgain(rows) ? "unloaded_after" : null;
+}
+
+/** Whether the targets are read again after the load was taken off. */
+const readsAgain = (rows: live.Rows): boolean =>
+  Object.values(rows).some(({ unloaded_after: after }) => after !== undefined);
 
 interface RowsProps {
   rows: live.Rows;
@@ -423,7 +479,11 @@ interface RowsProps {
 
 function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
   const phone = usePhone();
-  const [again, setAgain] = useState(() => Object.values(rows).some((typed) => typed.unloaded_after));
+  const again = readsAgain(rows);
+  const readAgain = () =>
+    change((now) =>
+      Object.fromEntries(Object.entries(now).map(([target, typed]) => [target, { unloaded_after: "", ...typed }])),
+    );
   const columns: (keyof live.Typed)[] = unloadedOnly
     ? ["unloaded"]
     : ["unloaded", "loaded", ...(again ? (["unloaded_after"] as const) : [])];
@@ -443,7 +503,7 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
       <legend>
         <b>{words.readings}</b> <small class="soft">{words.readingsHint}</small> <SignButton />
         {!unloadedOnly && !again && (
-          <Button look="quiet" aria-label={words.readAgainAfter} onClick={() => setAgain(true)}>
+          <Button look="quiet" aria-label={words.readAgainAfter} onClick={readAgain}>
             {phone ? words.afterShort : words.readAgainAfter}
           </Button>
         )}
