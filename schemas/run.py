@@ -103,7 +103,7 @@ BudgetSource = Annotated[
     str,
     Field(
         description="Source: `readings`, a stated error (`force_scale`, `force_direction`, `load_point`, "
-        "`target_places`, `axes`), `assumed_load_point`, `assumed_force_scale`, `fitted_causes`, "
+        "`target_places`, `axes`, `drift`), `assumed_load_point`, `assumed_force_scale`, `fitted_causes`, "
         "`model_error` or `complementary_stiffness`."
     ),
 ]

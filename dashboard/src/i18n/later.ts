@@ -346,6 +346,7 @@ export const later = {
       "force.direction": "Direction of the force",
       load_point: "Uncertainty of the load point",
       target_places: "Uncertainty of the targets’ positions",
+      drift: "Drift from one observation to the next",
       encoder_sigma: "Secondary encoder",
       repeatability: "Repeatability of a joint",
     },

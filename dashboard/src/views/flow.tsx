@@ -48,6 +48,7 @@ export const NOISE: Terms = {
   units: {
     load_point: [mm, 1e-3],
     target_places: [mm, 1e-3],
+    drift: ["µm", 1e-6],
     "force.direction": ["mrad", 1e-3],
     "instrument.station": [mm, 1e-3],
   },
@@ -111,7 +112,7 @@ export function Advanced({ form: { run, setRun, noise, setNoise, request }, join
             />
             <SchemaFields
               of="Noise"
-              show={["sigma", "instrument", "force", "load_point", "target_places", "encoder_sigma", "repeatability"]}
+              show={["sigma", "instrument", "force", "load_point", "target_places", "drift", "encoder_sigma", "repeatability"]}
               value={noise}
               change={setNoise}
               terms={NOISE}

@@ -109,7 +109,7 @@ def test_a_record_with_its_load_point_among_the_options_alone_is_completed(clien
     with monkeypatch.context() as earlier:
         earlier.setattr(
             stored_sets,
-            "complete_targets_and_load_point",
+            "complete_declaration",
             lambda sent, options: sent.model_copy(update={"open": options}),
         )
         made = post(client, "/v1/measurement-sets", body)["id"]
