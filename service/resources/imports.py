@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from jointstiff.solver.mechanics.robot import Robot
 
 _LENGTHS: Final = frozenset(("sigma", "station", "constant", "load_point", "target_places", "position"))
-"""Fields of the request, and of its `noise`, that hold lengths."""
+"""Fields of the request, and of its `noise`, that are lengths."""
 
 
 class ImportRefusedError(FilesError):
