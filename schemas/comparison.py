@@ -197,7 +197,7 @@ class ConfigurationShare(Message):
 
     observation: Name
     side: Literal["first", "second", "both"] = Field(description="Sides that have this observation.")
-    measured: Estimate | None = Field(description="Measured fraction; only if both sides have the observation.")
+    measured: Estimate | None = Field(description="Measured fraction; null if a side lacks the observation.")
     predicted: float | None = Field(
         description="Predicted fraction; null if a joint that deflects here is not observable on one side."
     )
