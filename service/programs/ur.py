@@ -165,7 +165,7 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
         first, *more = list(split_outside_brackets(line.text[: end - 1], start + call.end()))
         if call[1] == "get_inverse_kin":
             if len(more) > 3 or "tcp=" in text:  # the fifth argument is a tool
-                raise Misread("get_inverse_kin is called with its own tool")
+                raise Misread("the call of get_inverse_kin states a tool")
             for each in more:  # angles near the answer, and tolerances
                 found += line.read_expression(line.text[slice(*each)].removeprefix("qnear="))
             return _read_target(line, *first, found)
