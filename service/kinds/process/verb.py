@@ -12,6 +12,7 @@ from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.process.kind import PROCESS
 from jointstiff.service.kinds.program.verb import gather_files
 from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import read_plan_source
 
 if TYPE_CHECKING:
@@ -19,9 +20,9 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from jointstiff.schemas.deflection import LinkMass
-    from jointstiff.schemas.measurement import Units
     from jointstiff.schemas.process import Process
     from jointstiff.schemas.program import Cut, ProcessLoad, ProgramFrame
+    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, Matrix, OnProgress, Source, Vector
 
 
@@ -32,7 +33,7 @@ class ProcessFields(TypedDict, total=False):
     masses: Sequence[LinkMass | Mapping[str, Any]]
     confidence: float
     accept_verdict: Literal["do_not_use"] | None
-    units: str | Units | Mapping[str, Any]
+    units: AnyUnits
     accuracy_option: Literal["off", "same_as_measured", "compensates_load"]
     load: ProcessLoad | Mapping[str, Any] | None
     segments: Sequence[ProcessLoad | Mapping[str, Any]]
@@ -90,8 +91,8 @@ def process(
         source: what `identify` returned, or a campaign, which is identified now; or an arm that was not
             measured: a robot document, or the name of an arm of the catalogue.
         path: the program, a .src with its .dat, or a CSV table of poses; or an array of poses of the tool
-            in R0: (N, 4, 4) [m], or (N, 6) with X, Y, Z [m] and rotation vector [rad]. The tool is the flange
-            unless `tools` states another.
+            in R0, in the units of the call: (N, 4, 4), or (N, 6) with X, Y, Z and rotation vector. The tool
+            is the flange unless `tools` states another.
         forces: one force (3,), forces (N, 3) of the points of an array, a milling cut (fields of `Cut`), or
             the CSV file of a load for each point, along `axes`.
         options: a `ProcessOptions`; keyword arguments replace options of the same name.
@@ -113,6 +114,8 @@ def process(
         OSError: a file cannot be read.
         ValueError: an array of poses or forces has another shape.
     """
+    from jointstiff.service.conversion.arguments import complete_units
+
     with JobMonitor(on_progress, cancel, executor) as monitor:
         door, named_options = door.begun(monitor), dict[str, Any](fields)
         # A run is used as it is; a robot, or the name of an arm, has no run.
@@ -126,18 +129,21 @@ def process(
         arrays = [each for each in path if not isinstance(each, str | PathLike)]
         contents = dict[str, bytes]()
         if options is None:
-            request |= {"units": {"length": "m", "angle": "deg", "force": "N"}, "accuracy_option": "off"}
+            request["accuracy_option"] = "off"
+        stated_units = named_options.get("units", None if options is None else options.units)
+        with as_campaign_error(""):
+            units = complete_units(stated_units)
         if arrays:
-            contents, defaults = _write_poses(arrays)
+            contents, defaults = _write_poses(arrays, units)
             request |= defaults
         if forces is not None:
-            named_options |= _state_forces(forces, contents)
+            named_options |= _state_forces(forces, contents, units["force"])
         files_sent, named_options = gather_files([Path(each) for each in files], named_options)
         request |= merge_options(ProcessOptions, options, named_options)
         return door.done(PROCESS, request, contents | files_sent, monitor)
 
 
-def _write_poses(arrays: list[Any]) -> tuple[dict[str, bytes], dict[str, Any]]:
+def _write_poses(arrays: list[Any], units: Mapping[str, str]) -> tuple[dict[str, bytes], dict[str, Any]]:
     """Write an array of poses as the table of a path; return it by name, and default options for it.
 
     Raises:
@@ -146,13 +152,22 @@ def _write_poses(arrays: list[Any]) -> tuple[dict[str, bytes], dict[str, Any]]:
     import numpy as np
     from scipy.spatial.transform import Rotation
 
+    from jointstiff.service.conversion.units import ANGLE
+
     poses = np.asarray(arrays[0], dtype=np.float64)
     if len(arrays) > 1 or poses.shape[1:] not in {(4, 4), (6,)}:
         raise ValueError("the path must be one array of poses, (N, 4, 4) or (N, 6), or files")
     if poses.ndim == 3:
-        rotation = Rotation.from_matrix(poses[:, :3, :3]).as_rotvec()
+        rotation = Rotation.from_matrix(poses[:, :3, :3]).as_rotvec() / ANGLE[units["angle"]]
         poses = np.column_stack([poses[:, :3, 3], rotation])
-    lines = ["x [m],y [m],z [m],rx [rad],ry [rad],rz [rad]"]
+    lines = [
+        ",".join(
+            [
+                *(f"{axis} [{units['length']}]" for axis in "xyz"),
+                *(f"r{axis} [{units['angle']}]" for axis in "xyz"),
+            ]
+        )
+    ]
     lines += [",".join(f"{number:.15g}" for number in row) for row in poses.tolist()]
     zero = [0.0] * 6
     defaults = {
@@ -164,8 +179,12 @@ def _write_poses(arrays: list[Any]) -> tuple[dict[str, bytes], dict[str, Any]]:
     return {"path.csv": "\n".join(lines).encode() + b"\n"}, defaults
 
 
-def _state_forces(forces: Any, contents: dict[str, bytes]) -> dict[str, Any]:  # noqa: ANN401 - arrays, files
-    """Return the options that state forces; a table of forces is added to the contents of files.
+def _state_forces(
+    forces: Any,  # noqa: ANN401 - arrays, files
+    contents: dict[str, bytes],
+    unit: str,
+) -> dict[str, Any]:
+    """Return the options that state forces; a table of forces, in `unit`, is added to the contents of files.
 
     Raises:
         ValueError: an array of forces has another shape.
@@ -181,7 +200,7 @@ def _state_forces(forces: Any, contents: dict[str, bytes]) -> dict[str, Any]:  #
         return {"force": array.tolist()}
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError("forces must be one force (3,), or forces (N, 3) of the points")
-    lines = ["point,Fx [N],Fy [N],Fz [N]"]
+    lines = [",".join(["point", *(f"F{axis} [{unit}]" for axis in "xyz")])]
     lines += [
         ",".join([str(number), *(f"{each:.15g}" for each in row)])
         for number, row in enumerate(array.tolist(), 1)
