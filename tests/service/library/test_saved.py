@@ -35,7 +35,7 @@ KINDS = [
     "imported",
     "trend",
 ]
-IN_PROCESS = [name for name in KINDS if name not in {"fleet", "trend"}]  # both need a store
+IN_PROCESS = [*(name for name in KINDS if name != "trend"), "rehearsal"]  # a trend needs a store
 
 
 @pytest.fixture(scope="module")
@@ -57,12 +57,14 @@ def results_of(door, document):
         "imported": door.import_files(
             EXAMPLES / "readings.csv", encoders="motor", load_point=(0, 0, 120), robot=document["robot"]
         ),
+        "fleet": door.fleet(run),
     }
 
 
 @pytest.fixture(scope="module")
 def in_process(document):
-    return results_of(js, document)
+    results = results_of(js, document)
+    return results | {"rehearsal": js.rehearse(results["run"])}
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +72,6 @@ def by_client(document, served_in_process):
     with Client(served_in_process.url) as client:
         results = results_of(client, document)
         set_id = results["run"].request.measurement_set_id
-        results["fleet"] = client.fleets.wait(client.fleets.create({"measurement_set_ids": [set_id]}))
         results["trend"] = client.trend(client.measurement_sets.get(set_id).robot_id)
         yield results
 
@@ -118,6 +119,12 @@ def test_every_verb_accepts_a_saved_run(door, request, tmp_path, document):
     assert str(js.compare(file, constraints=["positive"])) == str(results["comparison"])  # other ids of runs
     program = js.compensate(file, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
     assert program.result.worst == results["program"].result.worst
+    turned = js.process(file, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4)
+    assert turned.result.turned == results["process"].result.turned
+    of_method = loaded.process(EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4)
+    assert of_method.result.turned == turned.result.turned
+    assert js.fleet(file).result.rows[0].stiffness == results["fleet"].result.rows[0].stiffness
+    assert js.rehearse(file).joints == js.rehearse(results["run"]).joints
     for predicted in (
         js.predict(file, POSTURES, FORCE, at=(0, 0, 120)),
         loaded.predict(POSTURES, FORCE, at=(0, 0, 120)),
