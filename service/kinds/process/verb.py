@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from jointstiff.schemas.process import ProcessOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.process.kind import PROCESS
-from jointstiff.service.kinds.program.verb import gather_files
+from jointstiff.service.kinds.program.verb import CompensateFields, gather_files
 from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
 from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import read_plan_source
@@ -19,44 +19,13 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from concurrent.futures import Executor
 
-    from jointstiff.schemas.deflection import LinkMass
     from jointstiff.schemas.process import Process
-    from jointstiff.schemas.program import Cut, ProcessLoad, ProgramFrame
-    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, Matrix, OnProgress, Source, Vector
 
 
-class ProcessFields(TypedDict, total=False):
-    """Options of `process`."""
+class ProcessFields(CompensateFields, total=False):
+    """Options of `process`: those of `compensate`, and what may be chosen."""
 
-    absolute: bool
-    masses: Sequence[LinkMass | Mapping[str, Any]]
-    confidence: float
-    accept_verdict: Literal["do_not_use"] | None
-    units: AnyUnits
-    accuracy_option: Literal["off", "same_as_measured", "compensates_load"]
-    load: ProcessLoad | Mapping[str, Any] | None
-    segments: Sequence[ProcessLoad | Mapping[str, Any]]
-    loads: File | None
-    cut: Cut | Mapping[str, Any] | None
-    axes: Literal["robot", "tool", "base", "feed"]
-    spindle: Vector | None
-    load_point: Vector | None
-    tools: Sequence[ProgramFrame | Mapping[str, Any]]
-    bases: Sequence[ProgramFrame | Mapping[str, Any]]
-    world: Vector | None
-    flange: Vector | None
-    tool_x: Vector | None
-    start: Vector | None
-    max_displacement: float | None
-    max_rotation: float | None
-    ramp_length: float
-    leave_alone: Sequence[str]
-    leave_others: bool
-    trust_routines: bool
-    external_axes: Literal["carry_nothing"] | None
-    format: Literal["csv", "krl", "fanuc", "rapid", "ur"] | None
-    mark: bool
     turn: Literal["free", "keep"] | Vector
     turns: int
     branches: Literal["keep", "free"]
@@ -69,7 +38,6 @@ class ProcessFields(TypedDict, total=False):
     place_turns: int
     correct: bool
     force_uncertainty: float | None
-    force: Vector
 
 
 def process(
@@ -137,7 +105,7 @@ def process(
             contents, defaults = _write_poses(arrays, units)
             request |= defaults
         if forces is not None:
-            named_options |= _state_forces(forces, contents, units["force"])
+            named_options |= _state_forces(forces, contents, units)
         files_sent, named_options = gather_files([Path(each) for each in files], named_options)
         request |= merge_options(ProcessOptions, options, named_options)
         return door.done(PROCESS, request, contents | files_sent, monitor)
@@ -182,9 +150,9 @@ def _write_poses(arrays: list[Any], units: Mapping[str, str]) -> tuple[dict[str,
 def _state_forces(
     forces: Any,  # noqa: ANN401 - arrays, files
     contents: dict[str, bytes],
-    unit: str,
+    units: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return the options that state forces; a table of forces, in `unit`, is added to the contents of files.
+    """Return the options that state forces; a table of forces in `units` is added to the contents of files.
 
     Raises:
         ValueError: an array of forces has another shape.
@@ -200,7 +168,7 @@ def _state_forces(
         return {"force": array.tolist()}
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError("forces must be one force (3,), or forces (N, 3) of the points")
-    lines = [",".join(["point", *(f"F{axis} [{unit}]" for axis in "xyz")])]
+    lines = [",".join(["point", *(f"F{axis} [{units['force']}]" for axis in "xyz")])]
     lines += [
         ",".join([str(number), *(f"{each:.15g}" for each in row)])
         for number, row in enumerate(array.tolist(), 1)
