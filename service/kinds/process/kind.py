@@ -190,7 +190,7 @@ def make_charts(result: ProcessResult) -> list[Chart]:
         return []
     names = [f"{degrees(each):.0f}°" for each in result.fixed_turns]
     series = {"the same turn along the path": result.fixed_deflections}
-    return [Chart("Deflection at fixed turns", names, series, 1e6, "µm", "turns")]
+    return [Chart("Deflection at fixed turns", names, series, 1e6, "µm", "turns", quantity="deflection")]
 
 
 _AREA: Final = ("x [m]", "y [m]", "deflection [m]")
