@@ -174,25 +174,44 @@ def merge_options(
         TypeError: the options are not of type `message`, or state other units than `units`.
         CampaignError: the text of units or goal is not understood.
     """
-    from jointstiff.service.conversion.arguments import complete_units, convert_to_si
-
     if not isinstance(options, message | None):
         raise TypeError(f"options must be a {message.__name__}, not a {type(options).__name__}")
     merged = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
-    stated = {name: value for name, value in fields.items() if name != "units"}
-    with as_campaign_error(""):
-        units = complete_units(fields.get("units", merged.get("units")))
-        if "units" in merged and complete_units(merged["units"]) != units:
-            raise TypeError("`options` state their own units: leave `units` out")
-        merged |= convert_to_si(message, stated, units, joint_kinds)
-    if "units" in message.model_fields:
-        known: Any = message.model_fields["units"].annotation  # readings of geometry have no unit of force
-        merged["units"] = {name: unit for name, unit in units.items() if name in known.model_fields}
+    if "units" in message.model_fields or any(not isinstance(each, str | bool) for each in fields.values()):
+        merged = _merge_numbers(message, merged, fields, joint_kinds)
+    else:  # without numbers, so that a `Client` imports no numerics
+        merged |= {name: value for name, value in fields.items() if name != "units"}
     if isinstance(merged.get("goal"), str):
         from jointstiff.service.conversion.units import parse_goal_text
 
         with as_campaign_error(""):
             merged["goal"] = parse_goal_text(merged["goal"])
+    return merged
+
+
+def _merge_numbers(
+    message: type[Message],
+    merged: dict[str, Any],
+    fields: Mapping[str, Any],
+    joint_kinds: JointKinds | None,
+) -> dict[str, Any]:
+    """Return fields of a request with keyword arguments, converted to the units of the request.
+
+    Raises:
+        TypeError: the fields of the request state other units than the argument `units`.
+        CampaignError: the units are not understood.
+    """
+    from jointstiff.service.conversion.arguments import complete_units, convert_to_si
+
+    stated = {name: value for name, value in fields.items() if name != "units"}
+    with as_campaign_error(""):
+        units = complete_units(fields.get("units", merged.get("units")))
+        if "units" in merged and complete_units(merged["units"]) != units:
+            raise TypeError("`options` state their own units: leave `units` out")
+        merged = merged | convert_to_si(message, stated, units, joint_kinds)
+    if "units" in message.model_fields:
+        known: Any = message.model_fields["units"].annotation  # readings of geometry have no unit of force
+        merged["units"] = {name: unit for name, unit in units.items() if name in known.model_fields}
     return merged
 
 
