@@ -218,6 +218,7 @@ def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) ->
         "force": _parse_force(values["force"]),
         "timeout": values["timeout"],
         "source_options": _line_options(values["source"], values, sample=not values["yes"]),
+        "units": "m, rad, N, N.m",
         **stated,
     }
     if values["server"] is None:

@@ -16,12 +16,14 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.comparison import ComparedMethod, Comparison
     from jointstiff.schemas.options import Resampling, RunOptions
+    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
 
 
 class CompareFields(TypedDict, total=False):
     """Options of `compare`."""
 
+    units: AnyUnits
     ordered: bool
     same_load_point: bool
     confidence: float | None

@@ -13,7 +13,7 @@ from jointstiff.schemas.process import (
     ProcessRequest,
     ProcessResult,
 )
-from jointstiff.service.kinds.kind import File, Kind
+from jointstiff.service.kinds.kind import Kind, list_table_files
 from jointstiff.service.kinds.program.kind import CONTENT, make_points_sheet
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import (
@@ -188,7 +188,7 @@ def make_charts(result: ProcessResult) -> list[Chart]:
         return []
     names = [f"{degrees(each):.0f}°" for each in result.fixed_turns]
     series = {"the same turn along the path": result.fixed_deflections}
-    return [Chart("Deflection at fixed turns", names, series, 1e6, "µm", "turns")]
+    return [Chart("Deflection at fixed turns", names, series, 1e6, "µm", "turns", quantity="deflection")]
 
 
 _AREA: Final = ("x [m]", "y [m]", "deflection [m]")
@@ -233,41 +233,12 @@ PROCESS: Final = Kind[Process, ProcessRequest](
     is_form=True,
     to_answer=lambda document: CONTENT.sub('"content":null', document),
     files=(
-        File(
-            name="points.csv",
-            description="all points",
-            sheet=make_points_sheet,
-            made_of="result",
+        *list_table_files("points", "all points", make_points_sheet),
+        *list_table_files(
+            "turns", "turn, deflection before and after, and joints of each point", _choice_sheet("turns")
         ),
-        File(
-            name="points.json",
-            description="the table, column by column, with units",
-            sheet=make_points_sheet,
-            made_of="result",
-        ),
-        File(
-            name="turns.csv",
-            description="turn, deflection before and after, and joints of each point",
-            sheet=_choice_sheet("turns"),
-            made_of="result",
-        ),
-        File(
-            name="turns.json",
-            description="the table, column by column, with units",
-            sheet=_choice_sheet("turns"),
-            made_of="result",
-        ),
-        File(
-            name="places.csv",
-            description="all places that were tried, with their deflection",
-            sheet=_choice_sheet("places"),
-            made_of="result",
-        ),
-        File(
-            name="places.json",
-            description="the table, column by column, with units",
-            sheet=_choice_sheet("places"),
-            made_of="result",
+        *list_table_files(
+            "places", "all places that were tried, with their deflection", _choice_sheet("places")
         ),
     ),
     examples=_EXAMPLES,

@@ -17,9 +17,9 @@ from jointstiff_client.api.measurement_sets import create_import, create_measure
 from jointstiff_client.api.plans import create_plan
 from jointstiff_client.api.robots import compute_kinematics, create_robot
 from jointstiff_client.api.runs import create_run
-from jointstiff_client.models.create_import_body import CreateImportBody
 from jointstiff_client.models.comparison import Comparison
 from jointstiff_client.models.comparison_request import ComparisonRequest
+from jointstiff_client.models.create_import_body import CreateImportBody
 from jointstiff_client.models.dh_model import DhModel
 from jointstiff_client.models.dh_model_convention import DhModelConvention
 from jointstiff_client.models.dh_row import DhRow

@@ -204,6 +204,7 @@ def array_options(p):
         "axes": "feed",
         "spindle": p.spindle[0].tolist(),
         "tools": [{"values": [*p.place[0].tolist(), 0.0, 0.0, 0.0]}],
+        "units": "m, deg, N",
     }
 
 
