@@ -216,14 +216,7 @@ def test_first_load_of_a_result_is_small_and_asks_no_one_else(visit, stored):
     visited.page.on(
         "console", lambda m: policy_breaches.append(m.text) if "Content Security" in m.text else None
     )
-    sizes: dict[str, int] = {}
-
-    def weigh(request):
-        if request.url.startswith("http"):
-            size = request.sizes()
-            sizes[request.url] = size["responseBodySize"] + size["responseHeadersSize"]
-
-    visited.page.on("requestfinished", weigh)
+    sizes = visited.weigh()
     visited.go(f"#/runs/{stored.run}")
     visited.page.get_by_role("table", name="Joint stiffness").wait_for()
     visited.page.wait_for_load_state("networkidle")
@@ -250,14 +243,7 @@ START_REQUESTS = 12
 
 def test_the_start_is_small_and_asks_little(visit, stored):
     visited = visit("phone")
-    sizes: dict[str, int] = {}
-
-    def weigh(request):
-        if request.url.startswith("http"):
-            size = request.sizes()
-            sizes[request.url] = size["responseBodySize"] + size["responseHeadersSize"]
-
-    visited.page.on("requestfinished", weigh)
+    sizes = visited.weigh()
     visited.page.goto(visited.url)
     visited.page.locator(".rows .badge").first.wait_for()
     visited.page.wait_for_load_state("networkidle")

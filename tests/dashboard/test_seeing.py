@@ -199,3 +199,27 @@ def test_one_can_skip_to_the_content(visit, stored):
     assert skip.bounding_box()["y"] >= 0
     visited.page.keyboard.press("Enter")
     assert visited.page.evaluate("document.activeElement.id") == "content"
+
+
+def test_one_of_two_thousand_runs_is_found_by_its_name(visit, stored):
+    visited = visit("phone", view="#/runs")
+    page = visited.page
+    expect(page.get_by_text(re.compile(r"^100 of 2[ ,\u202f]?0\d\d$"))).to_be_visible()
+    page.get_by_label("Search").fill("check 0012")
+    expect(page.locator(".rows .item")).to_have_count(1)
+    expect(page.locator(".rows .item")).to_contain_text("KR 240 cell 12")
+
+
+START_BUDGET, START_REQUESTS = 140_000, 12
+"""Most bytes over the wire and requests of the start view with thousands of runs."""
+
+
+def test_the_start_is_small_beside_two_thousand_runs(visit, stored):
+    visited = visit("phone")
+    sizes = visited.weigh()
+    visited.page.goto(visited.url)
+    visited.page.locator(".rows .badge").first.wait_for()
+    visited.page.wait_for_load_state("networkidle")
+    print(f"start {sum(sizes.values())} B in {len(sizes)} requests")  # noqa: T201
+    assert 60_000 < sum(sizes.values()) <= START_BUDGET
+    assert len(sizes) <= START_REQUESTS

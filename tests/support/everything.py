@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from copy import deepcopy
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from support import live
 from support.api import CANCEL, DELETE, job_at, post
@@ -22,10 +22,12 @@ CASES: Final = Path(__file__).parents[1] / "cases" / "campaigns"
 EXAMPLES: Final = Path(__file__).parents[2] / "examples"
 ROBOTS, RUNS = 60, 2_000
 """Numbers of copied robots and runs."""
-LONG: Final = "an arm of the third cell beside the paint shop, refitted in the spring, its gear of axis 2 exchanged"
+LONG: Final = (
+    "an arm of the third cell beside the paint shop, refitted in the spring, its gear of axis 2 exchanged"
+)
 LONG_WORD: Final = LONG.replace(" ", "_").replace(",", "")[:96].ljust(100, "x")
 assert len(LONG) == len(LONG_WORD) == 100
-LINKS: Final = {"elasticity": "diagonal_links", "link_penalty": 0.01}
+LINKS: Final[dict[str, Any]] = {"elasticity": "diagonal_links", "link_penalty": 0.01}
 
 
 @cache
@@ -114,7 +116,7 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
     robot = filling.add("robots", robot_document(default_arm()))
     places = {name: list(place) for name, place in TARGETS.items()}
 
-    def measure(encoders: str, seed: int) -> str:
+    def measure(encoders: Literal["motor", "secondary"], seed: int) -> str:
         document = simulate_campaign(
             default_arm(encoders), configurations=12, load="dead_weight", encoders=encoders, seed=seed
         )
@@ -123,6 +125,7 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
     first, second = measure("motor", 3), measure("secondary", 4)
     run, other = filling.run(first), filling.run(second)
     runs = [run, filling.run(first, method="decoupled_partial_pose")]
+    sweeps = json.loads((EXAMPLES / "sweeps.json").read_text(encoding="utf-8"))
     plan = {
         "measurement_set_id": first,
         "readings": 6,
@@ -141,7 +144,8 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
         "long_program": filling.program("programs", run, 400, "pocket.src"),
         "process": filling.program("processes", run, 6),
         "geometry": filling.add(
-            "geometries", json.loads((EXAMPLES / "sweeps.json").read_text(encoding="utf-8")) | {"name": "sweeps"}
+            "geometries",
+            json.loads((EXAMPLES / "sweeps.json").read_text(encoding="utf-8")) | {"name": "sweeps"},
         ),
     } | maps(filling, run)
 
@@ -230,7 +234,9 @@ def with_long_names(filling: Filling) -> dict[str, str]:
     """A run of which robot, set and program have names of 100 characters."""
     document = campaign("stated_plain")
     robot = filling.add("robots", document["robot"] | {"name": LONG})
-    measured = filling.measure(document, robot, name=LONG_WORD, serial_number=LONG, operator=LONG, instrument=LONG)
+    measured = filling.measure(
+        document, robot, name=LONG_WORD, serial_number=LONG, operator=LONG, instrument=LONG
+    )
     run = filling.run(measured)
     return {
         "long_robot": robot,

@@ -294,6 +294,7 @@ export const en = {
     sure: (reasons: string[]) =>
       ["The verdict on this run is: do not use.", ...reasons, "Continue anyway?"].join("\n\n"),
     despite: "Computed despite this verdict.",
+    onRun: (count: number) => `Show ${count === 1 ? "the reason" : `${count} reasons`} on the run`,
     any: "Any verdict",
     show: (observation: string) => `Show ${observation} in 3D`,
     actions: {
@@ -488,7 +489,7 @@ export const en = {
   },
   list: {
     search: "Search",
-    searchHint: "Name, robot, serial number",
+    searchHint: "Name, robot, serial number, operator, instrument",
     sort: "Order",
     filter: "Filter and order",
     sorts: { newest: "Newest first", oldest: "Oldest first", name: "By name" },

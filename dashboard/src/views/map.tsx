@@ -166,6 +166,7 @@ export function MapView({ id, query }: { id: string; query: URLSearchParams }) {
       head={({ job, own: { run, set } }) => ({
         name: job.request.name ?? words.title(set.name),
         list: link(["runs", run.id]),
+        run,
         about: <NameLink to={["runs", run.id]}>{set.name}</NameLink>,
         actions:
           job.result &&
@@ -397,10 +398,11 @@ export function ProgramView({ id }: { id: string }) {
       id={id}
       kind={programWords.kind}
       load={(signal) => loadProgram(id, signal)}
-      head={({ job, run }) => ({
+      head={({ job, run, set }) => ({
         name: (job.request.files ?? [])[0]?.name ?? programWords.kind,
         list: link(["runs", run.id]),
-        about: <a href={link(["runs", run.id])}>{text.run.kind}</a>,
+        run,
+        about: <NameLink to={["runs", run.id]}>{set.name}</NameLink>,
         first: job.result?.files.map((file) => (
           <Download look="primary" href={api.programFile(id, file.name)}>
             <span class="clip">{programWords.download(file.name)}</span>

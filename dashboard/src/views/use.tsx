@@ -1,7 +1,7 @@
 /** What a result is used for: deflections that are predicted, maps of a work area, programs that are corrected, files; each asked for in a tab of its run. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/calls";
-import type { DeflectionResult, Posture, Problem, RunResult } from "../api/types";
+import type { DeflectionResult, Posture, Problem, Run, RunResult } from "../api/types";
 import { ActionButton, Busy, Button, Download, Facts, LinkButton, Prose, Toggle } from "../components/basics";
 import { Select, RequestFields } from "../components/fields";
 import { SchemaFields, DropZone, type Terms } from "../components/schema_form";
@@ -119,7 +119,7 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
       {found?.question === JSON.stringify(asked) && (
         <section class="card" aria-live="polite">
           <Bent found={found} result={result} />
-          <Answer answer={found.answer} />
+          <Answer answer={found.answer} run={run} />
         </section>
       )}
     </div>
@@ -151,7 +151,8 @@ function Bent({ found: { posture, point, force, answer }, result }: { found: Pre
   );
 }
 
-export function Answer({ answer: { assessment, cases, confidence, remarks } }: { answer: DeflectionResult }) {
+export function Answer({ answer, run }: { answer: DeflectionResult; run?: Run }) {
+  const { assessment, cases, confidence, remarks } = answer;
   const [found] = cases;
   if (!found) return null;
   const level = percent(confidence);
@@ -164,7 +165,9 @@ export function Answer({ answer: { assessment, cases, confidence, remarks } }: {
   const length = budget ? um(size, budget.expanded_uncertainty) : significant(size * 1e6, 3);
   return (
     <>
-      {(assessment.headline ?? assessment.verdict !== "use") && <VerdictCard assessment={assessment} context={null} />}
+      {(assessment.headline ?? assessment.verdict !== "use") && (
+        <VerdictCard assessment={assessment} context={null} of={run} />
+      )}
       {displacement && (
         <Facts
           facts={[
