@@ -52,6 +52,7 @@ export const en = {
     done: "What you began is done.",
     show: "Show it",
   },
+  question: { yes: "Continue", no: "Cancel" },
   signIn: {
     title: "Sign in",
     hint: "This service requires a key. Enter yours once; this device stays signed in for at most 7 days, or 8 hours without use. Create keys with `jointstiff keys create`.",

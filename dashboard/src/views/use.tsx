@@ -18,6 +18,7 @@ import { type PartProps, type RunContext, usePostures } from "./run_context";
 import { VerdictCard } from "../components/job_page";
 import { boxAround } from "../lib/map";
 import { recalled, remember } from "../state/kept";
+import { sure } from "../state/question";
 import { useDraft } from "../state/session";
 
 const words = later.predict;
@@ -402,9 +403,12 @@ const fileWords = later.runFiles;
 export function RunFiles({ context, result: { assessment } }: PartProps) {
   const run = context.run.id;
   const refused = assessment.verdict === "do_not_use";
-  const sure = (event: Event) => {
-    if (refused && !confirm(text.assessment.sure(assessment.reasons.map(({ message }) => message))))
-      event.preventDefault();
+  /** The file of a result that is not to be used is asked about first. */
+  const asked = async (event: Event & { currentTarget: HTMLAnchorElement }) => {
+    if (!refused) return;
+    event.preventDefault();
+    const { href } = event.currentTarget;
+    if (await sure(text.assessment.sure(assessment.reasons.map(({ message }) => message)))) location.assign(href);
   };
   return (
     <section class="card">
@@ -419,7 +423,7 @@ export function RunFiles({ context, result: { assessment } }: PartProps) {
           <LinkButton
             key={format}
             href={api.jobs.file(run, `model.${format}${refused ? "?accept_verdict=do_not_use" : ""}`)}
-            onClick={sure}
+            onClick={(event) => void asked(event)}
             title={fileWords.models[format][1]}
             download
           >
