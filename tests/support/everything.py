@@ -143,10 +143,7 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
         "program": filling.program("programs", run, 6),
         "long_program": filling.program("programs", run, 400, "pocket.src"),
         "process": filling.program("processes", run, 6),
-        "geometry": filling.add(
-            "geometries",
-            json.loads((EXAMPLES / "sweeps.json").read_text(encoding="utf-8")) | {"name": "sweeps"},
-        ),
+        "geometry": filling.add("geometries", sweeps | {"name": "sweeps"}),
     } | maps(filling, run)
 
 

@@ -38,7 +38,7 @@ export function CampaignFlow({ opened, robot: asked, set: chosenSet, setSet, tak
   const { data: robots } = useQuery(queries.robots(ROBOTS));
   const { data: sets } = useQuery(queries.sets(SETS));
   const [choice, setChoice] = useState<{ of: Campaign | null; robot: string }>({ of: null, robot: asked });
-  const form = useRunForm();
+  const form = useRunForm(opened?.kind === "campaign" ? opened.name : chosenSet);
   const campaign = opened?.kind === "campaign" ? opened.campaign : null;
   const storedId = opened ? "" : chosenSet;
   const before = choice.robot === FROM_FILE ? "" : choice.robot;

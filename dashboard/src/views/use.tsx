@@ -19,7 +19,7 @@ import { VerdictCard } from "../components/job_page";
 import { boxAround } from "../lib/map";
 import { recalled, remember } from "../state/kept";
 import { sure } from "../state/question";
-import { useDraft } from "../state/session";
+import { useDraft, useTypedValue } from "../state/session";
 
 const words = later.predict;
 
@@ -68,8 +68,8 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
     const force = rounded(loadOf(set, observation, posture).force, 1) as unknown as Vector;
     return { joints: rounded(observation.joints.map(shown), 3), force };
   };
-  const [chosen, setChosen] = useState("0");
-  const [asked, setAsked] = useState<Fields>({
+  const [chosen, setChosen] = useTypedValue(`predict/${run.id}/posture`, "0");
+  const [asked, setAsked] = useTypedValue<Fields>(`predict/${run.id}`, {
     load_point: rounded(times(point, 1e3 * unit.length), 3),
     ...measured(0),
   });
@@ -206,7 +206,7 @@ export function MapForm({ context }: { context: RunContext }) {
 function AskMap({ context: { run, set }, postures }: { context: RunContext; postures: Posture[] }) {
   const start = useMemo(() => proposal(set, postures), [set, postures]);
   const [asked, change] = useDraft<Fields>(`map/${run.id}`, start);
-  const [near, setNear] = useState("");
+  const [near, setNear] = useTypedValue(`map/${run.id}/near`, "");
   const make = useAction(async () => {
     const { angle } = factors(set.units);
     const joints = near && set.observations[Number(near)]?.joints.map((value) => value * angle);
