@@ -44,6 +44,7 @@ export const processWords = {
     direction: "Direction",
   },
   branches: { keep: "As programmed", free: "Free: joints in turns.csv, no program" },
+  objectives: { rms: "Root mean square of the deflection", greatest: "Greatest deflection" },
   make: "Find the least deflection",
   download: (name: string) => `Download ${name}`,
   turnsTable: "Turns (CSV)",
