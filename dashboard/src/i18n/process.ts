@@ -43,7 +43,7 @@ export const processWords = {
     width: "Width across the feed",
     direction: "Direction",
   },
-  branches: { keep: "As programmed", free: "Free: joints in turns.csv, no program" },
+  branches: { keep: "As programmed", free: "Free: a program only if it can state them" },
   objectives: { rms: "Root mean square of the deflection", greatest: "Greatest deflection" },
   make: "Find the least deflection",
   download: (name: string) => `Download ${name}`,

@@ -110,8 +110,6 @@ def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
     if result.places:
         parts += _place_parts(result)
     parts += [Line(f"set in the controller: {_frame_text(each)}") for each in result.frames]
-    if job.request.branches == "free":
-        parts.append(Line("the branches are free: move to the joints in turns.csv; no program is written"))
     return Report([*parts, *map(Line, result.remarks)])
 
 
