@@ -18,7 +18,7 @@ ROW = {"phone": 72, "desk": 44}
 FIRST = 400
 """A phone shows the first number of a result within this height [px]."""
 ASKING = (
-    *("/report", "}/map", "/program", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
+    *("/report", "}/map", "/program", "/process", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
     *("of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/fleets"),
 )
 """Views that ask, or hand out files: they have no number of their own to show first."""
