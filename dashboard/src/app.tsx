@@ -78,6 +78,7 @@ const ComparisonView = lazy(async () => (await import("./views/compare")).Compar
 const TrendView = lazy(async () => (await import("./views/trend")).TrendView);
 const MapView = lazy(async () => (await import("./views/map")).MapView);
 const ProgramView = lazy(async () => (await import("./views/map")).ProgramView);
+const ProcessView = lazy(async () => (await import("./views/process")).ProcessView);
 const RobotsView = lazy(async () => (await import("./views/robots")).RobotsView);
 const RobotView = lazy(async () => (await import("./views/robots")).RobotView);
 const RobotNewView = lazy(async () => (await import("./views/robot_new")).RobotNewView);
@@ -160,6 +161,7 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
   ["runs", [RunsView, RunView]],
   ["programs", [RunsView, ProgramView, "runs"]],
   ["maps", [RunsView, MapView, "runs"]],
+  ["processes", [RunsView, ProcessView, "runs"]],
   ["sets", [() => <RobotsView list="sets" />, SetView, "robots"]],
   ["geometries", [GeometriesView, GeometryView, "robots"]],
   ["fleets", [FleetsView, FleetView, "robots"]],

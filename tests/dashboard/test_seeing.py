@@ -31,7 +31,7 @@ new PerformanceObserver((list) => {
 }).observe({ type: "layout-shift", buffered: true });
 """
 ASKING = (
-    *("/report", "}/map", "/program", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
+    *("/report", "}/map", "/program", "/process", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
     *("of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/fleets"),
     *("{cancelled}", "{deleted}", "{empty_map}", "{live_fresh}"),
 )

@@ -61,7 +61,7 @@ class Filling:
     def run(self, measured: str, **options: object) -> str:
         return self.add("runs", {"measurement_set_id": measured} | options)
 
-    def program(self, kind: str, run: str, points: int, name: str = "corner.src") -> str:
+    def program(self, kind: str, run: str, points: int, name: str = "corner.src", **more: object) -> str:
         """Post a program of a smooth path; return the id of the job of a kind."""
         options = {
             "run_id": run,
@@ -71,7 +71,7 @@ class Filling:
             "tools": [{"values": [10.0, -20.0, 215.5, 0.0, 0.0, 0.0]}],
             "bases": [{"values": [0.0] * 6}],
             "start": [math.degrees(angle) for angle in START],
-        }
+        } | more
         files = {"files": (name, program_text("krl", tool_poses(path(points)), 4).encode())}
         data = {"options": json.dumps(options)}
         answer = self.client.post(f"/v1/{kind}?wait=60", data=data, files=files)
@@ -126,6 +126,7 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
     run, other = filling.run(first), filling.run(second)
     runs = [run, filling.run(first, method="decoupled_partial_pose")]
     sweeps = json.loads((EXAMPLES / "sweeps.json").read_text(encoding="utf-8"))
+    box = [[1200.0, -200.0, 700.0], [1500.0, 200.0, 700.0]]  # mm
     plan = {
         "measurement_set_id": first,
         "readings": 6,
@@ -143,6 +144,7 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
         "program": filling.program("programs", run, 6),
         "long_program": filling.program("programs", run, 400, "pocket.src"),
         "process": filling.program("processes", run, 6),
+        "placed": filling.program("processes", run, 6, place=box, grid=[2, 2, 1], place_turns=2),
         "geometry": filling.add("geometries", sweeps | {"name": "sweeps"}),
     } | maps(filling, run)
 

@@ -254,10 +254,10 @@ function ActionButtons({ action, context }: { action: Action; context: RunContex
 export const variantBy = (run: Run, action: Action): Promise<Run> => api.apply(run.id, action);
 
 /** Kinds with a report for information; that of a run has a tab of its own, where it is signed. */
-const REPORTED: readonly Collection[] = ["comparisons", "fleets", "plans", "maps", "programs"];
+const REPORTED: readonly Collection[] = ["comparisons", "fleets", "plans", "maps", "programs", "processes"];
 
 /** Made from a run, whose verdict they carry. */
-const CARRIED: readonly Collection[] = ["plans", "maps", "programs"];
+const CARRIED: readonly Collection[] = ["plans", "maps", "programs", "processes"];
 
 export interface PageJob extends Standing {
   request: object;
@@ -389,7 +389,10 @@ function Actions({ collection, job, name, list }: ActionsProps) {
     list,
     deleted: text.deletion.done(name),
   });
-  const kind = collection.replace(/ies$/, "y").replace(/s$/, "");
+  const kind = collection
+    .replace(/ies$/, "y")
+    .replace(/sses$/, "ss")
+    .replace(/(?<!s)s$/, "");
   const download = () => saveJson(job, fileName(`${kind}-${job.id}`, "json"));
   return (
     <>

@@ -32,7 +32,7 @@ interface SliceProps extends Pick<Look, "values" | "scale" | "chosen" | "choose"
   label: string;
 }
 
-function SliceChart({ slice, places, values, scale, chosen, choose, width, label }: SliceProps) {
+export function SliceChart({ slice, places, values, scale, chosen, choose, width, label }: SliceProps) {
   const { u, v, cells } = slice;
   const columns = cells[0]?.length ?? 1;
   const position = (index: number | undefined, axis: 0 | 1 | 2) => places[index ?? 0]?.position[axis] ?? 0;
@@ -116,7 +116,7 @@ function SliceChart({ slice, places, values, scale, chosen, choose, width, label
 }
 
 /** Place of a value between the ends of a scale; NaN where there is none. */
-const share = (value: number | undefined, [low, high]: readonly [number, number]): number =>
+export const share = (value: number | undefined, [low, high]: readonly [number, number]): number =>
   value === undefined ? Number.NaN : Math.min(1, Math.max(0, (value - low) / (high - low || 1)));
 
 function rampFill(part: number): string | undefined {
@@ -126,7 +126,7 @@ function rampFill(part: number): string | undefined {
 }
 
 /** The colours with their ends in numbers. */
-function RampLegend({ scale: [low, high], unit, label }: { scale: Look["scale"]; unit: string; label: string }) {
+export function RampLegend({ scale: [low, high], unit, label }: { scale: Look["scale"]; unit: string; label: string }) {
   const digits = Math.max(0, 2 - Math.floor(Math.log10(high || 1)));
   return (
     <p class="ramp-legend">
@@ -145,7 +145,7 @@ const words = later.map;
 /** A map with what it is about; without places while it goes on. */
 async function load(id: string, signal: AbortSignal) {
   const map = await api.maps.one(id, signal);
-  const places = map.result ? maps.placesOf(await ask(queries.mapTable(id))) : [];
+  const places = map.result ? maps.placesOf(await ask(queries.table(id, "map"))) : [];
   return { map, places, ...(await contextOfEnded(map.request.run_id)) };
 }
 
@@ -387,7 +387,7 @@ const COARSEST = 25;
 
 async function loadProgram(id: string, signal: AbortSignal) {
   const job = await api.programs.one(id, signal);
-  const points = job.result ? maps.pointsOf(await ask(queries.programPoints(id))) : [];
+  const points = job.result ? maps.pointsOf(await ask(queries.table(id, "points"))) : [];
   return { job, points, ...(await contextOfEnded(job.request.run_id)) };
 }
 
@@ -468,7 +468,7 @@ function Path({ loaded: { points, robot } }: { loaded: Awaited<ReturnType<typeof
 }
 
 /** Greatest length of a path along an axis, 0.1 m at least. */
-function lengthOf(places: Vector[]): number {
+export function lengthOf(places: Vector[]): number {
   const ends = ([0, 1, 2] as const).map((axis) => extent(places.map((place) => place[axis])) ?? [0, 0]);
   return Math.max(0.1, ...ends.map(([low = 0, high = 0]) => high - low));
 }

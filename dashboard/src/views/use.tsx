@@ -24,7 +24,10 @@ import { useDraft, useTypedValue } from "../state/session";
 const words = later.predict;
 
 /** What must be done first: what is not understood is written again, then what is missing is given, in order. */
-function lackOf(asked: Fields, needed: Partial<Record<keyof typeof later.form.lacking, unknown>>): string | null {
+export function lackOf(
+  asked: Fields,
+  needed: Partial<Record<keyof typeof later.form.lacking, unknown>>,
+): string | null {
   const typed = unreadIn(asked);
   if (typed !== null) return later.form.unread(typed);
   const missing = Object.entries(needed).find(([, value]) => !value)?.[0];
@@ -262,10 +265,10 @@ function proposal(set: RunContext["set"], postures: Posture[]): Fields {
   };
 }
 
-const LAST_FORCE = "force.last";
+export const LAST_FORCE = "force.last";
 
 /** The process force that was used last on this device, for an empty field: nobody typed it here. */
-function LastForce({ force, use }: { force: unknown; use: (force: number[]) => void }) {
+export function LastForce({ force, use }: { force: unknown; use: (force: number[]) => void }) {
   const last = recalled(LAST_FORCE) as number[] | null;
   if (force || !last) return null;
   return (
@@ -298,12 +301,54 @@ const unknownRoutines = (problem: Problem | null): string[] => [
   ),
 ];
 
+export interface Files {
+  files: File[];
+  take: (file: File) => void;
+  remove: (file: File) => void;
+}
+
+/** Files that are dropped one by one: one of the same name takes the place of the one before. */
+export function useFiles(changed?: () => void): Files {
+  const [files, setFiles] = useState<File[]>([]);
+  return {
+    files,
+    take: (file) => {
+      setFiles((before) => [...before.filter((one) => one.name !== file.name), file]);
+      changed?.();
+    },
+    remove: (file) => setFiles((before) => before.filter((one) => one !== file)),
+  };
+}
+
+/** Where files of a program are dropped, and those that were. */
+export const ProgramFiles = ({ of, title, hint }: { of: Files; title: string; hint: string }) => (
+  <>
+    <DropZone title={title} hint={hint} button={programWords.choose} accept={programWords.accept} take={of.take} />
+    {of.files.length > 0 && (
+      <ul>
+        {of.files.map((file) => (
+          <li>
+            <bdi>{file.name}</bdi>{" "}
+            <Button look="quiet" onClick={() => of.remove(file)}>
+              {programWords.remove}
+            </Button>
+          </li>
+        ))}
+      </ul>
+    )}
+  </>
+);
+
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
 export function ProgramForm({ context: { run } }: { context: RunContext }) {
-  const [files, setFiles] = useState<File[]>([]);
   const [asked, change] = useDraft<Fields>(`programs/${run.id}`, {});
   const [leave, setLeave] = useState(false);
   const [trust, setTrust] = useState<string[]>([]); // routines that the user trusts, as the question named them
+  const sent = useFiles(() => {
+    setLeave(false); // confirmed for the lines of another program
+    setTrust([]);
+  });
+  const { files } = sent;
   const force = (asked["load"] as Fields | undefined)?.["force"];
   const make = useAction(async () => {
     const units = { length: "mm", angle: "deg", force: "N" };
@@ -323,34 +368,11 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
       terms={{ labels: { values: programWords[name] }, within: `${name}[0].` }}
     />
   );
-  const take = (file: File) => {
-    setFiles((before) => [...before.filter((one) => one.name !== file.name), file]);
-    setLeave(false); // confirmed for the lines of another program
-    setTrust([]);
-  };
   return (
     <RequestFields action={make} look="card form">
       <h2>{programWords.form}</h2>
       <p>{programWords.formNote}</p>
-      <DropZone
-        title={programWords.drop}
-        hint={programWords.dropHint}
-        button={programWords.choose}
-        accept={programWords.accept}
-        take={take}
-      />
-      {files.length > 0 && (
-        <ul>
-          {files.map((file) => (
-            <li>
-              <bdi>{file.name}</bdi>{" "}
-              <Button look="quiet" onClick={() => setFiles(files.filter((one) => one.name !== file.name))}>
-                {programWords.remove}
-              </Button>
-            </li>
-          ))}
-        </ul>
-      )}
+      <ProgramFiles of={sent} title={programWords.drop} hint={programWords.dropHint} />
       <SchemaFields
         of="ProgramRequest"
         show={["accuracy_option", "axes", "start"]}

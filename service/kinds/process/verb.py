@@ -92,8 +92,9 @@ def process(
         path: the program, a .src with its .dat, or a CSV table of poses; or an array of poses of the tool
             in R0: (N, 4, 4) [m], or (N, 6) with X, Y, Z [m] and rotation vector [rad]. The tool is the flange
             unless `tools` states another.
-        forces: one force (3,), forces (N, 3) of the points of an array, a milling cut (fields of `Cut`), or
-            the CSV file of a load for each point, along `axes`.
+        forces: one force (3,); forces (N, 3) of the points of an array; a table (K, 4) of lengths along the
+            path [m] and forces, interpolated at the points; a milling cut (fields of `Cut`); or the CSV file
+            of a load for each point or length. Forces are along `axes` [N].
         options: a `ProcessOptions`; keyword arguments replace options of the same name.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
             notebook, if it takes more than 2 s.
@@ -179,13 +180,15 @@ def _state_forces(forces: Any, contents: dict[str, bytes]) -> dict[str, Any]:  #
     array = np.asarray(forces, dtype=np.float64)
     if array.shape == (3,):
         return {"force": array.tolist()}
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise ValueError("forces must be one force (3,), or forces (N, 3) of the points")
-    lines = ["point,Fx [N],Fy [N],Fz [N]"]
-    lines += [
-        ",".join([str(number), *(f"{each:.15g}" for each in row)])
-        for number, row in enumerate(array.tolist(), 1)
-    ]
+    if array.ndim != 2 or array.shape[1] not in {3, 4}:
+        raise ValueError(
+            "forces must be one force (3,), forces (N, 3) of the points, or lengths with forces (K, 4)"
+        )
+    first = "length [m]"
+    if array.shape[1] == 3:
+        first, array = "point", np.column_stack([np.arange(1, len(array) + 1), array])
+    lines = [f"{first},Fx [N],Fy [N],Fz [N]"]
+    lines += [",".join(f"{each:.15g}" for each in row) for row in array.tolist()]
     contents["forces.csv"] = "\n".join(lines).encode() + b"\n"
     return {"loads": "forces.csv"}
 
