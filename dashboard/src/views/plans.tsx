@@ -39,20 +39,36 @@ export function Postures({ result, robot }: { result: PlanResult; robot: Robot }
     <div class="flow">
       <section class="card" aria-labelledby="postures">
         <h2 id="postures">{words.postures}</h2>
-        <ol class="postures">
-          {readings.map((each, i) => (
-            <li class={i === chosen ? "shown" : undefined}>
-              <b>{each.label}</b>
-              <Button look="quiet" onClick={() => choose(i)}>
-                <span>
-                  <span class="hidden">{words.show(each.label)}: </span>
-                  {each.joints.map((value, j) => shownJoint(value, robot.joints[j]?.kind, 0)).join("  ")}{" "}
-                  <small class="soft">{loadOf(each)}</small>
-                </span>
-              </Button>
-            </li>
-          ))}
-        </ol>
+        <div class="scroll">
+          <table class="postures">
+            <thead>
+              <tr>
+                <th>{words.reading}</th>
+                {robot.joints.map(({ name, kind }) => (
+                  <th class="number">
+                    <Name>{name}</Name> [{positionUnit(kind).trim()}]
+                  </th>
+                ))}
+                <th>{words.load}</th>
+              </tr>
+            </thead>
+            <tbody>
+              {readings.map((each, i) => (
+                <tr class={i === chosen ? "shown" : undefined} onClick={() => choose(i)}>
+                  <th scope="row">
+                    <Button look="quiet" aria-label={words.show(each.label)} aria-pressed={i === chosen}>
+                      {each.label}
+                    </Button>
+                  </th>
+                  {each.joints.map((value, j) => (
+                    <td class="number">{fixed(position(value, robot.joints[j]?.kind), 0)}</td>
+                  ))}
+                  <td>{loadOf(each)}</td>
+                </tr>
+              ))}
+            </tbody>
+          </table>
+        </div>
       </section>
       {shown && (
         <section class="card sticky" aria-labelledby="current">
