@@ -1,5 +1,6 @@
 /** Places of a map and points of a compensated program as their tables have them, and what of them is drawn. */
 import type { MapRequest } from "../api/types";
+import { extent, roundStep } from "./format";
 import { type Columns, numeric, readerOf } from "./json";
 import { radians } from "./stiffness";
 import { norm, subtract, type Vector } from "./vector";
@@ -146,10 +147,11 @@ export function pointsOf(table: Columns): PathPoint[] {
   });
 }
 
-/** Ends of equal bins from zero that hold all values, and how many values of each series are in each bin. */
-export function binned(series: number[][], count: number): { width: number; counts: number[][] } {
-  const most = Math.max(...series.flat().filter(Number.isFinite), 0) || 1;
-  const width = most / count;
+/** Bins of a round width from zero that hold all values, about so many, and the number of values of each series in each. */
+export function binned(series: number[][], about: number): { width: number; counts: number[][] } {
+  const most = extent(series.flat())?.[1] || 1;
+  const width = roundStep(most, about);
+  const count = Math.max(1, Math.ceil(most / width));
   const counts = series.map((values) => {
     const found = Array<number>(count).fill(0);
     for (const value of values) {

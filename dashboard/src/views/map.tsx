@@ -496,7 +496,7 @@ function Charts({ points, level, chosen, choose }: ChartsProps) {
     both.map(({ values }) => values),
     BINS,
   );
-  const digits = Math.max(0, 2 - Math.floor(Math.log10(width)));
+  const digits = Math.max(0, -Math.floor(Math.log10(width) + 1e-9));
   const axis = programWords.alongAxis;
   return (
     <>
@@ -512,7 +512,7 @@ function Charts({ points, level, chosen, choose }: ChartsProps) {
       <BarFigure
         title={programWords.often}
         note={programWords.oftenNote(`${significant(width, 2)} ${mm}`)}
-        names={counts[0]?.map((_, i) => fixed((i + 0.5) * width, digits)) ?? []}
+        names={counts[0]?.map((_, i) => fixed(i * width, digits)) ?? []}
         series={both.map(({ label }, i) => ({ mark: `method-${i}`, label, values: counts[i] ?? [] }))}
         unit={programWords.points}
         named={programWords.binAxis}
