@@ -513,7 +513,7 @@ function Charts({ points, level, chosen, choose }: ChartsProps) {
         title={programWords.often}
         note={programWords.oftenNote(`${significant(width, 2)} ${mm}`)}
         names={counts[0]?.map((_, i) => fixed(i * width, digits)) ?? []}
-        series={both.map(({ label }, i) => ({ mark: `method-${i}`, label, values: counts[i] ?? [] }))}
+        series={both.map(({ mark, label }, i) => ({ mark, label, values: counts[i] ?? [] }))}
         unit={programWords.points}
         named={programWords.binAxis}
       />

@@ -242,7 +242,7 @@ function ChangedRobots() {
 }
 
 function Recent() {
-  const recent = useQuery(queries.runs({ limit: 20 }));
+  const recent = useQuery(queries.runs({ limit: 50 }));
   return (
     <>
       <h3>{text.start.recent}</h3>
