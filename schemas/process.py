@@ -71,8 +71,8 @@ class ProcessOptions(ProgramOptions):
     )
     branches: Literal["keep", "free"] = Field(
         default="keep",
-        description="Branch of the inverse kinematics: the program's, or `free`: the controller must be "
-        "sent the joints of turns.csv, and no program is written.",
+        description="Branch of the inverse kinematics: the program's, or `free`: a program is written only "
+        "if it can state the branches; else see turns.csv.",
     )
     step: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="deg")] = Field(
         default=None,

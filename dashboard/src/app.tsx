@@ -18,6 +18,7 @@ import {
   lazy,
 } from "./components/basics";
 import { TextField, Select } from "./components/fields";
+import { QuestionDialog } from "./components/question";
 import { useAction, go, type Route, useRoute, dismiss, toast, useToasts } from "./state/action";
 import { text } from "./i18n";
 import { listen } from "./lib/events";
@@ -139,6 +140,7 @@ export function App() {
         </Boundary>
       </main>
       <Toasts />
+      <QuestionDialog />
       <Tip />
     </SettingsContext.Provider>
   );

@@ -5,7 +5,7 @@ the force are common to both ways, so that they cancel to a large part. The mode
 bend although the model has none, is known from postures that were held out: its spread along a direction
 counts once for each way, as common to all points of the way, and as independent of the other way. In
 simulations with such links the true difference is in its interval in more than 99 % of the cases, and the
-interval from the readings alone is in the wrong order in 7 %; see `benchmarks/studies/ways.py`.
+interval from the readings alone is in the wrong order in 6 %; see `benchmarks/studies/ways.py`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,11 @@
-"""A process on the page: from the form of a run to the path in 3D, the chart along it and the map of places."""
+"""A process on the page: its form, the path in 3D, the chart along it and the map of places."""
 
 import re
 
+import pytest
 from playwright.sync_api import expect
-from support.browsing import file_of
+from support.api import posted
+from support.browsing import campaign, file_of
 from support.programs import START, path, tool_poses
 
 from jointstiff.simulator.programs import program_text
@@ -11,6 +13,12 @@ from jointstiff.simulator.programs import program_text
 PROGRAM = program_text("krl", tool_poses(path(6)), 4)
 MIDDLE = [1588.0, 379.0, 1431.0]
 """Near the middle of the path [mm]."""
+
+
+@pytest.fixture(scope="module")
+def run(api):
+    """A run whose readings determine all joints."""
+    return posted(api, campaign(load="pull", configurations=20, seed=7))["id"]
 
 
 def fill_form(page):
@@ -28,8 +36,8 @@ def fill_form(page):
     page.get_by_label("Greatest motion of a joint").fill("60")
 
 
-def test_from_a_run_to_a_turned_and_placed_program(visit, stored, api):
-    page = visit("desk", view=f"#/runs/{stored.run}/process").page
+def test_from_a_run_to_a_turned_and_placed_program(visit, run, api):
+    page = visit("desktop", view=f"#/runs/{run}/process").page
     make = page.get_by_role("button", name="Find the least deflection")
     expect(make).to_be_disabled()
     fill_form(page)
@@ -54,8 +62,10 @@ def test_from_a_run_to_a_turned_and_placed_program(visit, stored, api):
     assert len(chart.locator("path.line").all()) == 3
     chart.locator("rect.hit").click(position={"x": 2, "y": 40})
     expect(page.get_by_text("Point 1, line 7")).to_be_visible()
-    places = page.locator("section", has_text="Places of the workpiece").last
-    expect(places.get_by_text("100 %")).to_be_visible()
+    places = page.locator("section").filter(
+        has=page.get_by_role("heading", name="Places of the workpiece", exact=True)
+    )
+    expect(places.get_by_text(re.compile("^100.%$"))).to_be_visible()
     places.locator("svg.slice").click(position={"x": 70, "y": 20})
     position = places.locator("dd, td").filter(has_text=f"{low[0]:.0f}, {high[1]:.0f}")
     expect(position.first).to_be_visible()
@@ -64,20 +74,20 @@ def test_from_a_run_to_a_turned_and_placed_program(visit, stored, api):
     assert b"LIN" in download.value.path().read_bytes()
 
 
-def test_a_cut_and_limits_of_the_turn_are_what_is_posted(visit, stored, api):
-    page = visit("phone", view=f"#/runs/{stored.run}/process").page
+def test_a_cut_and_limits_of_the_turn_are_what_is_posted(visit, run, api):
+    page = visit("phone", view=f"#/runs/{run}/process").page
     fill_form(page)
     page.get_by_role("radio", name="that of a cut").check(force=True)
     page.get_by_label("Material").select_option("aluminium")
     for label, value in {
-        "Diameter of the tool": "16",
+        "Diameter of the tool [mm]": "16",
         "Number of teeth": "3",
-        "Speed of the spindle": "200",
-        "Feed": "60",
-        "Depth along the spindle": "4",
-        "Width across the feed": "16",
+        "Speed of the spindle [1/s]": "200",
+        "Feed [mm/s]": "60",
+        "Depth along the spindle [mm]": "4",
+        "Width across the feed [mm]": "16",
     }.items():
-        page.get_by_label(label).fill(value)
+        page.get_by_role("textbox", name=label).fill(value)
     page.get_by_role("radio", name="Within limits").check(force=True)
     page.get_by_label("Least and greatest turn").fill("-30, 40")
     page.get_by_role("button", name="Find the least deflection").click()
@@ -88,8 +98,8 @@ def test_a_cut_and_limits_of_the_turn_are_what_is_posted(visit, stored, api):
     assert (request["cut"]["diameter"], request["cut"]["feed"]) == (0.016, 0.06)
 
 
-def test_a_table_of_loads_is_sent_with_the_program(visit, stored, api):
-    page = visit("desk", view=f"#/runs/{stored.run}/process").page
+def test_a_table_of_loads_is_sent_with_the_program(visit, run, api):
+    page = visit("desktop", view=f"#/runs/{run}/process").page
     fill_form(page)
     page.get_by_role("radio", name="in a table").check(force=True)
     rows = "".join(f"{point},300,400,-1400\n" for point in range(1, 7))

@@ -31,7 +31,7 @@ new PerformanceObserver((list) => {
 }).observe({ type: "layout-shift", buffered: true });
 """
 ASKING = (
-    *("/report", "}/map", "/program", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
+    *("/report", "}/map", "/program", "/process", "/predict", "/new", "plans?robot={robot}", "?set={set}"),
     *("of-this-name", "compare/methods", "compare/pairs", "#/geometries", "#/fleets"),
     *("{cancelled}", "{deleted}", "{empty_map}", "{live_fresh}"),
 )
@@ -108,44 +108,45 @@ MOST_SIZES, MOST_WEIGHTS = 5, 3
 
 
 @pytest.mark.parametrize(
-    "looked_at",
+    ("width", "media_of_width"),
     [
-        pytest.param(BY_DAY, id="by day"),
-        pytest.param(dict.fromkeys(WIDTHS, tuple(MEDIA)), id="each night", marks=pytest.mark.slow),
+        *(pytest.param(*day, id=f"{day[0]} px by day") for day in BY_DAY.items()),
+        *(
+            pytest.param(width, tuple(MEDIA), id=f"{width} px each night", marks=pytest.mark.slow)
+            for width in WIDTHS
+        ),
     ],
 )
-def test_every_view_can_be_read_and_tapped_in_few_sizes_of_type(visit, stored, looked_at):
+def test_every_view_can_be_read_and_tapped_in_few_sizes_of_type(visit, stored, width, media_of_width):
     visited = visit("desktop")  # a mouse: the smallest targets
     page = visited.page
     page.add_init_script(SHIFTS)
+    page.set_viewport_size({"width": width, "height": 844 if width <= PHONE else 1000})
     faults: dict[str, list[str]] = {}
-    pairs: dict[int, set[str]] = {width: set() for width in looked_at}
-    for width, media_of_width in looked_at.items():
-        page.set_viewport_size({"width": width, "height": 844 if width <= PHONE else 1000})
-        for view in VIEWS:
-            page.emulate_media(media="screen", color_scheme="light")
-            visited.go(view.format(**stored))
-            visited.settle()
-            page.evaluate(LOOK)
+    pairs: set[str] = set()
+    for view in VIEWS:
+        page.emulate_media(media="screen", color_scheme="light")
+        visited.go(view.format(**stored))
+        visited.settle()
+        page.evaluate(LOOK)
+        page.evaluate("drawn()")
+        if (shift := page.evaluate("window.shifted")) > MOST_SHIFT:
+            faults[f"{view}: what is shown moves by {shift:.2f}"] = ["loading"]
+        for fault in page.evaluate("(limits) => first(...limits)", limits_of_first(view, width)):
+            faults[f"{view}: {fault}"] = ["loading"]
+        for media in media_of_width:
+            medium, scheme = MEDIA[media]
+            page.emulate_media(media=medium, color_scheme=scheme)
+            page.evaluate(OPENED)
             page.evaluate("drawn()")
-            if (shift := page.evaluate("window.shifted")) > MOST_SHIFT:
-                faults.setdefault(f"{view}: what is shown moves", []).append(f"{width} by {shift:.2f}")
-            for fault in page.evaluate("(limits) => first(...limits)", limits_of_first(view, width)):
-                faults.setdefault(f"{view}: {fault}", []).append(f"{width}")
-            for media in media_of_width:
-                medium, scheme = MEDIA[media]
-                page.emulate_media(media=medium, color_scheme=scheme)
-                page.evaluate(OPENED)
-                page.evaluate("drawn()")
-                seen = page.evaluate("(limits) => seeing(...limits)", limits(width, media))
-                for fault in seen + (page.evaluate("ill()") if media == "light" else []):
-                    faults.setdefault(f"{view}: {fault}", []).append(f"{width} {media}")
-            pairs[width] |= set(page.evaluate("pairs()"))
+            seen = page.evaluate("(limits) => seeing(...limits)", limits(width, media))
+            for fault in seen + (page.evaluate("ill()") if media == "light" else []):
+                faults.setdefault(f"{view}: {fault}", []).append(media)
+        pairs |= set(page.evaluate("pairs()"))
     assert not faults, "\n".join(f"{fault} at {', '.join(at)}" for fault, at in faults.items())
-    for found in pairs.values():
-        assert len(found) <= MOST_PAIRS, sorted(found)
-        assert len({pair.split()[0] for pair in found}) <= MOST_SIZES
-        assert len({pair.split()[1] for pair in found}) <= MOST_WEIGHTS
+    assert len(pairs) <= MOST_PAIRS, sorted(pairs)
+    assert len({pair.split()[0] for pair in pairs}) <= MOST_SIZES
+    assert len({pair.split()[1] for pair in pairs}) <= MOST_WEIGHTS
 
 
 COLOURS = {"runOnly": {"type": "rule", "values": ["color-contrast", "link-in-text-block"]}}
@@ -199,3 +200,27 @@ def test_one_can_skip_to_the_content(visit, stored):
     assert skip.bounding_box()["y"] >= 0
     visited.page.keyboard.press("Enter")
     assert visited.page.evaluate("document.activeElement.id") == "content"
+
+
+def test_one_of_two_thousand_runs_is_found_by_its_name(visit, stored):
+    visited = visit("phone", view="#/runs")
+    page = visited.page
+    expect(page.get_by_text(re.compile(r"^100 of 2[ ,\u202f]?0\d\d$"))).to_be_visible()
+    page.get_by_label("Search").fill("check 0012")
+    expect(page.locator(".rows .item")).to_have_count(1)
+    expect(page.locator(".rows .item")).to_contain_text("KR 240 cell 12")
+
+
+START_BUDGET, START_REQUESTS = 140_000, 12
+"""Most bytes over the wire and requests of the start view with thousands of runs."""
+
+
+def test_the_start_is_small_beside_two_thousand_runs(visit, stored):
+    visited = visit("phone")
+    sizes = visited.weigh()
+    visited.page.goto(visited.url)
+    visited.page.locator(".rows .badge").first.wait_for()
+    visited.page.wait_for_load_state("networkidle")
+    print(f"start {sum(sizes.values())} B in {len(sizes)} requests")  # noqa: T201
+    assert 60_000 < sum(sizes.values()) <= START_BUDGET
+    assert len(sizes) <= START_REQUESTS

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from copy import deepcopy
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from support import live
 from support.api import CANCEL, DELETE, job_at, post
@@ -27,7 +27,7 @@ LONG: Final = (
 )
 LONG_WORD: Final = LONG.replace(" ", "_").replace(",", "")[:96].ljust(100, "x")
 assert len(LONG) == len(LONG_WORD) == 100
-LINKS: Final = {"elasticity": "diagonal_links", "link_penalty": 0.01}
+LINKS: Final[dict[str, Any]] = {"elasticity": "diagonal_links", "link_penalty": 0.01}
 
 
 @cache
@@ -61,7 +61,7 @@ class Filling:
     def run(self, measured: str, **options: object) -> str:
         return self.add("runs", {"measurement_set_id": measured} | options)
 
-    def program(self, kind: str, run: str, points: int, name: str = "corner.src") -> str:
+    def program(self, kind: str, run: str, points: int, name: str = "corner.src", **more: object) -> str:
         """Post a program of a smooth path; return the id of the job of a kind."""
         options = {
             "run_id": run,
@@ -71,7 +71,7 @@ class Filling:
             "tools": [{"values": [10.0, -20.0, 215.5, 0.0, 0.0, 0.0]}],
             "bases": [{"values": [0.0] * 6}],
             "start": [math.degrees(angle) for angle in START],
-        }
+        } | more
         files = {"files": (name, program_text("krl", tool_poses(path(points)), 4).encode())}
         data = {"options": json.dumps(options)}
         answer = self.client.post(f"/v1/{kind}?wait=60", data=data, files=files)
@@ -116,7 +116,7 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
     robot = filling.add("robots", robot_document(default_arm()))
     places = {name: list(place) for name, place in TARGETS.items()}
 
-    def measure(encoders: str, seed: int) -> str:
+    def measure(encoders: Literal["motor", "secondary"], seed: int) -> str:
         document = simulate_campaign(
             default_arm(encoders), configurations=12, load="dead_weight", encoders=encoders, seed=seed
         )
@@ -125,6 +125,8 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
     first, second = measure("motor", 3), measure("secondary", 4)
     run, other = filling.run(first), filling.run(second)
     runs = [run, filling.run(first, method="decoupled_partial_pose")]
+    sweeps = json.loads((EXAMPLES / "sweeps.json").read_text(encoding="utf-8"))
+    box = [[1200.0, -200.0, 700.0], [1500.0, 200.0, 700.0]]  # mm
     plan = {
         "measurement_set_id": first,
         "readings": 6,
@@ -142,10 +144,8 @@ def of_one_arm(filling: Filling) -> dict[str, str]:
         "program": filling.program("programs", run, 6),
         "long_program": filling.program("programs", run, 400, "pocket.src"),
         "process": filling.program("processes", run, 6),
-        "geometry": filling.add(
-            "geometries",
-            json.loads((EXAMPLES / "sweeps.json").read_text(encoding="utf-8")) | {"name": "sweeps"},
-        ),
+        "placed": filling.program("processes", run, 6, place=box, grid=[2, 2, 1], place_turns=2),
+        "geometry": filling.add("geometries", sweeps | {"name": "sweeps"}),
     } | maps(filling, run)
 
 

@@ -52,6 +52,7 @@ export const en = {
     done: "What you began is done.",
     show: "Show it",
   },
+  question: { yes: "Continue", no: "Cancel" },
   signIn: {
     title: "Sign in",
     hint: "This service requires a key. Enter yours once; this device stays signed in for at most 7 days, or 8 hours without use. Create keys with `jointstiff keys create`.",
@@ -295,6 +296,7 @@ export const en = {
     sure: (reasons: string[]) =>
       ["The verdict on this run is: do not use.", ...reasons, "Continue anyway?"].join("\n\n"),
     despite: "Computed despite this verdict.",
+    onRun: (count: number) => `Show ${count === 1 ? "the reason" : `${count} reasons`} on the run`,
     any: "Any verdict",
     show: (observation: string) => `Show ${observation} in 3D`,
     actions: {
@@ -490,7 +492,7 @@ export const en = {
   },
   list: {
     search: "Search",
-    searchHint: "Name, robot, serial number",
+    searchHint: "Name, robot, serial number, operator, instrument",
     sort: "Order",
     filter: "Filter and order",
     sorts: { newest: "Newest first", oldest: "Oldest first", name: "By name" },

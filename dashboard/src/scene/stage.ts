@@ -77,7 +77,7 @@ export class Stage {
   }
 
   /** Hold these points in view; `reach` is the size of the arm [m]. */
-  room(points: Vector[]): void {
+  room(points: Vector[], near = false): void {
     const reach = Math.max(0.2, ...points.map(norm));
     if (Math.abs(reach / this.#reach - 1) > 0.35) {
       this.#reach = reach;
@@ -85,7 +85,7 @@ export class Stage {
       this.#shown = null;
     }
     const foot = this.#reach * 0.16;
-    this.#orbit.frame([...points, [foot, foot, 0], [-foot, -foot, 0]]);
+    this.#orbit.frame(near ? points : [...points, [foot, foot, 0], [-foot, -foot, 0]]);
     this.request();
   }
 

@@ -31,6 +31,7 @@ import { link, useAction, parse } from "../state/action";
 import { SearchedSelect, SetSelect, useSetChoices } from "../components/choosers";
 import { SETS } from "../state/choices";
 import { ask, useQuery } from "../state/query";
+import { useTypedValue } from "../state/session";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { howOf } from "../lib/ways";
@@ -394,8 +395,9 @@ export function CompareView({ kind }: { kind: string }) {
 }
 
 function StartMethods({ newest }: { newest: MeasurementSetSummary[] }) {
-  const [set, setSet] = useState(parse(location.hash).query.get("set") ?? newest[0]?.id ?? "");
-  const [resample, setResample] = useState(false);
+  const given = parse(location.hash).query.get("set") ?? "";
+  const [set, setSet] = useTypedValue(`methods/${given}`, given || (newest[0]?.id ?? ""));
+  const [resample, setResample] = useTypedValue(`methods/${given}/resample`, false);
   const start = useAction(async () => {
     const count = resample ? (await ask(queries.set(set))).observations.length : 0;
     const resampling = resample ? { size: Math.max(1, Math.round(count / 2)), repetitions: 200, seed: 1 } : null;
@@ -443,13 +445,15 @@ function StartPair({ newest: sets }: { newest: MeasurementSetSummary[] }) {
   const other = unlike ?? others[0] ?? sets[1];
   const [begin, end] = unlike?.encoders === "secondary" ? [newest, unlike] : [other, newest];
   const query = parse(location.hash).query;
-  const [sides, setSides] = useState([
+  const form = `pair/${query.get("first") ?? ""}/${query.get("second") ?? ""}`;
+  const [sides, setSides] = useTypedValue(form, [
     query.get("first") ?? `set:${begin?.id ?? ""}`,
     query.get("second") ?? `set:${end?.id ?? ""}`,
   ]);
-  const [ordered, setOrdered] = useState(unlike !== undefined && !query.has("first") && !query.has("second"));
-  const [sameLoadPoint, setSameLoadPoint] = useState(false);
-  const [methods, setMethods] = useState(false);
+  const isOrdered = unlike !== undefined && !query.has("first") && !query.has("second");
+  const [ordered, setOrdered] = useTypedValue(`${form}/ordered`, isOrdered);
+  const [methods, setMethods] = useTypedValue(`${form}/methods`, false);
+  const [sameLoadPoint, setSameLoadPoint] = useTypedValue(`${form}/same_load_point`, false);
   const start = useAction(async () => {
     const pair = await compareSides(sides, { ordered, same_load_point: sameLoadPoint }, methods);
     return link(["compare", "methods", pair.id]);

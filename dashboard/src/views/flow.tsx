@@ -9,6 +9,7 @@ import { text } from "../i18n";
 import { later } from "../i18n/later";
 import type { ComponentChildren } from "preact";
 import type { Action } from "../state/action";
+import { useTypedValue } from "../state/session";
 
 const words = later.settings;
 const { mm } = text.units;
@@ -54,10 +55,10 @@ export const NOISE: Terms = {
   },
 };
 
-/** What a run and its noise are told. */
-export function useRunForm() {
-  const [run, setRun] = useState<Fields>({});
-  const [noise, setNoise] = useState<StatedNoise>({});
+/** What a run and its noise are told; `readings`: a name of what is identified, which has a form of its own. */
+export function useRunForm(readings: string) {
+  const [run, setRun] = useTypedValue<Fields>(`identify/${readings}`, {});
+  const [noise, setNoise] = useTypedValue<StatedNoise>(`identify/${readings}/noise`, {});
   return { run, setRun, noise, setNoise, request: (set: string) => requestOf(set, run) };
 }
 

@@ -43,6 +43,7 @@ import { client, onDevice, useQuery } from "../state/query";
 import { discardReading, putState, sendReadings, useWaiting, type Waits as Waited } from "../state/readings";
 import { useSettings } from "../state/session";
 import { type DecimalMark, type Left, type Pasting, usePasting } from "../state/pasting";
+import { askFor, sure } from "../state/question";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { loadOf, shownJoint } from "./plans";
@@ -95,7 +96,7 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
     if (read) setOwn({ ...live.standOf(read, set.units, kindsOf(robot)), again: doubted });
   };
   const close = useAction(async () => {
-    if (state.state === "measuring" && !confirm(words.sureToClose)) return;
+    if (state.state === "measuring" && !(await sure(words.sureToClose))) return;
     const closed = await api.openSets.close(set.id);
     putState(set.id, closed);
     if (closed.run_id) go(link(["runs", closed.run_id]));
@@ -808,8 +809,8 @@ function Record({ state, withdraw }: { state: LiveState; withdraw: (label: strin
     ]
       .filter(Boolean)
       .join(", ");
-  const ask = (label: string) => {
-    const reason = prompt(words.why_withdrawn(label))?.trim();
+  const ask = async (label: string) => {
+    const reason = (await askFor(words.why_withdrawn(label), ""))?.trim();
     if (reason) withdraw(label, reason);
   };
   return (
@@ -825,7 +826,7 @@ function Record({ state, withdraw }: { state: LiveState; withdraw: (label: strin
             note: words.states[keptIn(state).kept.includes(one.label) ? "kept" : one.state],
             how: about(one),
             actions: one.state !== "withdrawn" && (
-              <Button look="quiet" onClick={() => ask(one.label)} acts>
+              <Button look="quiet" onClick={() => void ask(one.label)} acts>
                 {words.withdraw}
               </Button>
             ),

@@ -8,6 +8,8 @@ import { goesOn } from "../api/follow";
 import { queries } from "../api/queries";
 import type { Map as WorkMap } from "../api/types";
 import { Busy, Download, NameLink, Choice, Facts, ProblemNote, useWidth } from "../components/basics";
+import { AlongPath } from "../charts/along_path";
+import { BarFigure } from "../charts/figure";
 import { Handle, Select } from "../components/fields";
 import { Going, JobPage, JobLines, JobTables } from "../components/job_page";
 import { freshKey } from "../lib/json";
@@ -166,6 +168,7 @@ export function MapView({ id, query }: { id: string; query: URLSearchParams }) {
       head={({ job, own: { run, set } }) => ({
         name: job.request.name ?? words.title(set.name),
         list: link(["runs", run.id]),
+        run,
         about: <NameLink to={["runs", run.id]}>{set.name}</NameLink>,
         actions:
           job.result &&
@@ -276,7 +279,7 @@ function Sliced({ loaded, look, label }: { loaded: Loaded; look: Look; label: st
   const { map, places, run, set } = loaded;
   const { across, layer, chosen } = look;
   const [box, width] = useWidth<HTMLDivElement>();
-  const slice = maps.sliceOf(map.request.grid, across, layer);
+  const slice = maps.sliceOf(map.request.grid, across, layer, map.request.area);
   const place = places[chosen];
   return (
     <section class="card">
@@ -397,10 +400,11 @@ export function ProgramView({ id }: { id: string }) {
       id={id}
       kind={programWords.kind}
       load={(signal) => loadProgram(id, signal)}
-      head={({ job, run }) => ({
+      head={({ job, run, set }) => ({
         name: (job.request.files ?? [])[0]?.name ?? programWords.kind,
         list: link(["runs", run.id]),
-        about: <a href={link(["runs", run.id])}>{text.run.kind}</a>,
+        run,
+        about: <NameLink to={["runs", run.id]}>{set.name}</NameLink>,
         first: job.result?.files.map((file) => (
           <Download look="primary" href={api.programFile(id, file.name)}>
             <span class="clip">{programWords.download(file.name)}</span>
@@ -420,8 +424,10 @@ export function ProgramView({ id }: { id: string }) {
   );
 }
 
-function Path({ loaded: { points, robot } }: { loaded: Awaited<ReturnType<typeof loadProgram>> }) {
+function Path({ loaded: { job, points, robot } }: { loaded: Awaited<ReturnType<typeof loadProgram>> }) {
+  const confidence = job.result?.confidence ?? 0.95;
   const [when, setWhen] = useState<"before" | "after">("before");
+  const [look, setLook] = useState<keyof typeof programWords.looks>("path");
   const [chosen, setChosen] = useState(0);
   const drawn = useMemo(() => maps.thinned(points, MOST_DRAWN), [points]);
   const point = points[chosen];
@@ -437,32 +443,90 @@ function Path({ loaded: { points, robot } }: { loaded: Awaited<ReturnType<typeof
   };
   if (!posture || !point) return <Busy label={text.scene.loading} />;
   const { flange_origin: flange } = posture;
+  const path = drawn.map((one) => one.place);
   return (
-    <section class="scene">
-      <div class="view">
-        <ArmView
-          posture={posture}
-          axes={false}
-          predicted={[{ from: flange, along: subtract(point.place, flange) }]}
-          cloud={cloud}
-          room={[...roomOf([posture]), ...drawn.map((one) => one.place)]}
-          label={programWords.view}
-        />
-      </div>
-      <div class="controls">
-        <Choice
-          label={programWords.colour}
-          value={when}
-          change={setWhen}
-          options={{ before: text.assessment.before, after: programWords.afterShort }}
-        />
-        <RampLegend scale={[0, most]} unit={text.units.mm} label={programWords.off} />
-        <Handle label={programWords.choosePoint} count={points.length} value={chosen} change={setChosen}>
-          {programWords.point(point.number, point.line)}
-        </Handle>
-      </div>
-    </section>
+    <>
+      <section class="scene">
+        <div class="view">
+          <ArmView
+            posture={posture}
+            axes={false}
+            predicted={[{ from: flange, along: subtract(point.place, flange) }]}
+            cloud={cloud}
+            room={look === "path" ? around(path) : [...roomOf([posture]), ...path]}
+            near={look === "path"}
+            label={programWords.view}
+          />
+        </div>
+        <div class="controls">
+          <Choice
+            label={programWords.colour}
+            value={when}
+            change={setWhen}
+            options={{ before: text.assessment.before, after: programWords.afterShort }}
+          />
+          <RampLegend scale={[0, most]} unit={text.units.mm} label={programWords.off} />
+          <Choice label={programWords.look} value={look} change={setLook} options={programWords.looks} />
+          <Handle label={programWords.choosePoint} count={points.length} value={chosen} change={setChosen}>
+            {programWords.point(point.number, point.line)}
+          </Handle>
+        </div>
+      </section>
+      <Charts points={points} level={percent(confidence)} chosen={chosen} choose={setChosen} />
+    </>
   );
+}
+
+interface ChartsProps {
+  points: maps.PathPoint[];
+  /** Of the intervals. */
+  level: string;
+  chosen: number;
+  choose: (point: number) => void;
+}
+
+/** Distances from the targets along the path, and how often each distance is found. */
+function Charts({ points, level, chosen, choose }: ChartsProps) {
+  const { mm } = text.units;
+  const both = [
+    { mark: "as-sent", label: text.assessment.before, values: points.map(({ deflection }) => deflection) },
+    { mark: "as-corrected", label: programWords.afterShort, values: points.map(({ residual }) => residual) },
+  ];
+  const { width, counts } = maps.binned(
+    both.map(({ values }) => values),
+    BINS,
+  );
+  const digits = Math.max(0, -Math.floor(Math.log10(width) + 1e-9));
+  const axis = programWords.alongAxis;
+  return (
+    <>
+      <AlongPath
+        title={programWords.along}
+        along={points.map(({ along }) => 1e3 * along)}
+        lines={both}
+        band={{ label: programWords.band(level), ends: points.map(({ interval }) => interval) }}
+        axes={{ along: axis, value: mm, unit: mm, alongUnit: axis }}
+        chosen={chosen}
+        choose={choose}
+      />
+      <BarFigure
+        title={programWords.often}
+        note={programWords.oftenNote(`${significant(width, 2)} ${mm}`)}
+        names={counts[0]?.map((_, i) => fixed(i * width, digits)) ?? []}
+        series={both.map(({ mark, label }, i) => ({ mark, label, values: counts[i] ?? [] }))}
+        unit={programWords.points}
+        named={programWords.binAxis}
+      />
+    </>
+  );
+}
+
+const BINS = 24;
+
+/** Corners of a box around a path, with room for the tool. */
+function around(path: Vector[]): Vector[] {
+  const [low, high] = maps.boxAround(path, 0.15);
+  return [low, high];
 }
 
 /** Greatest length of a path along an axis, 0.1 m at least. */

@@ -116,24 +116,22 @@ function Along({ loaded: { job, points, robot }, result }: { loaded: Loaded; res
           )}
         </div>
       </section>
-      <section class="card">
-        <AlongPath
-          title={words.along}
-          along={points.map(({ along }) => along)}
-          lines={stages.map((one) => ({
-            mark: MARKS[one],
-            label: words.stageLong[one],
-            values: points.map((each) => each[one]),
-          }))}
-          band={{
-            label: `${words.band} (${percent(result.confidence)})`,
-            ends: points.map(({ interval }) => interval),
-          }}
-          axes={{ along: words.alongAxis, value: mm, unit: mm, alongUnit: words.alongAxis }}
-          chosen={chosen}
-          choose={setChosen}
-        />
-      </section>
+      <AlongPath
+        title={words.along}
+        along={points.map(({ along }) => along)}
+        lines={stages.map((one) => ({
+          mark: MARKS[one],
+          label: words.stageLong[one],
+          values: points.map((each) => each[one]),
+        }))}
+        band={{
+          label: `${words.band} (${percent(result.confidence)})`,
+          ends: points.map(({ interval }) => interval),
+        }}
+        axes={{ along: words.alongAxis, value: mm, unit: mm, alongUnit: words.alongAxis }}
+        chosen={chosen}
+        choose={setChosen}
+      />
     </>
   );
 }

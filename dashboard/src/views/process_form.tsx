@@ -20,7 +20,12 @@ const UNITS = { length: "mm", angle: "deg", force: "N" };
 const OF_PROCESS: Terms = {
   labels: words.labels,
   units: { start: [`${deg}, ${mm}`, 1], place: [mm, 1], step: [deg, 1] },
-  choices: { accuracy_option: programWords.accuracies, axes: programWords.axesOf, branches: words.branches },
+  choices: {
+    accuracy_option: programWords.accuracies,
+    axes: programWords.axesOf,
+    branches: words.branches,
+    objective: words.objectives,
+  },
 };
 const OF_LOAD: Terms = { labels: programWords.labels, within: "load.", units: { force: [newton, 1] } };
 const OF_CUT: Terms = {
@@ -42,7 +47,7 @@ interface Asked extends Fields {
   range?: string;
 }
 
-const START: Asked = { source: "load", turning: "free", axes: "feed" };
+const START: Asked = { source: "load", turning: "free", axes: "feed", grid: [4, 4, 3] };
 
 /** The request of what was filled in: only the source of the force and the turn that are chosen. */
 export function requestOf({ source, turning, placing, range, ...asked }: Asked, loads: string | undefined): Fields {

@@ -39,6 +39,7 @@ import {
 import { ROBOTS, robotsToldApart, SETS } from "../state/choices";
 import { ask, type Pages, type PagesOptions, usePages, useQuery } from "../state/query";
 import { link, useAction } from "../state/action";
+import { useTypedValue } from "../state/session";
 import { JobList, MOST_RUNS, runRows } from "./runs";
 import { type RunColumn, RunsTable } from "./run_stiffness";
 import { keepPreviousData } from "@tanstack/query-core";
@@ -507,7 +508,7 @@ function SetPage({ set }: { set: MeasurementSet }) {
 export function SetMetadata({ set }: { set: MeasurementSet }) {
   const words = later.metadata;
   /** What is typed; null while nothing is changed. */
-  const [typed, setTyped] = useState<Typed | null>(null);
+  const [typed, setTyped] = useTypedValue<Typed | null>(`noted/${set.id}`, null);
   const noted = typed && notedIn(typed);
   const save = useAction(async () => {
     if (!noted) return;

@@ -11,7 +11,7 @@ import { type Campaign, factsOf, statesNoise } from "../lib/campaign";
 import { contentKey, freshKey, type Fields as Document } from "../lib/json";
 import { useAction, link, go } from "../state/action";
 import { begunFiles, handFile, keepFiles } from "../state/begun";
-import { FROM_FILE, ROBOTS, SETS, sourceOf } from "../state/choices";
+import { FROM_FILE, ROBOTS, robotsToldApart, SETS, sourceOf } from "../state/choices";
 import { type Opened, open } from "../state/opening";
 import { useQuery } from "../state/query";
 import { text } from "../i18n";
@@ -38,7 +38,7 @@ export function CampaignFlow({ opened, robot: asked, set: chosenSet, setSet, tak
   const { data: robots } = useQuery(queries.robots(ROBOTS));
   const { data: sets } = useQuery(queries.sets(SETS));
   const [choice, setChoice] = useState<{ of: Campaign | null; robot: string }>({ of: null, robot: asked });
-  const form = useRunForm();
+  const form = useRunForm(opened?.kind === "campaign" ? opened.name : chosenSet);
   const campaign = opened?.kind === "campaign" ? opened.campaign : null;
   const storedId = opened ? "" : chosenSet;
   const before = choice.robot === FROM_FILE ? "" : choice.robot;
@@ -225,13 +225,14 @@ function ChangedRobots() {
   const { data: robots } = useQuery(queries.robots(ROBOTS));
   const changed = robots?.items.filter(({ last_campaign: last }) => last?.changed.length) ?? [];
   if (changed.length === 0) return null;
+  const names = robotsToldApart(robots?.items ?? []);
   return (
     <>
       <h3>{text.start.changed}</h3>
       <Rows
         rows={changed.slice(0, SHOWN).map(({ id, name, last_campaign: last }) => ({
           id,
-          name,
+          name: names.get(id) ?? name,
           href: link(["compare", "trend", id]),
           standing: <ChangedJoints of={last} />,
         }))}
@@ -241,7 +242,7 @@ function ChangedRobots() {
 }
 
 function Recent() {
-  const recent = useQuery(queries.runs({ limit: 20 }));
+  const recent = useQuery(queries.runs({ limit: 50 }));
   return (
     <>
       <h3>{text.start.recent}</h3>

@@ -1,7 +1,7 @@
 /** What a result is used for: deflections that are predicted, maps of a work area, programs that are corrected, files; each asked for in a tab of its run. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/calls";
-import type { DeflectionResult, Posture, Problem, RunResult } from "../api/types";
+import type { DeflectionResult, Posture, Problem, Run, RunResult } from "../api/types";
 import { ActionButton, Busy, Button, Download, Facts, LinkButton, Prose, Toggle } from "../components/basics";
 import { Select, RequestFields } from "../components/fields";
 import { SchemaFields, DropZone, type Terms } from "../components/schema_form";
@@ -18,7 +18,8 @@ import { type PartProps, type RunContext, usePostures } from "./run_context";
 import { VerdictCard } from "../components/job_page";
 import { boxAround } from "../lib/map";
 import { recalled, remember } from "../state/kept";
-import { useDraft } from "../state/session";
+import { sure } from "../state/question";
+import { useDraft, useTypedValue } from "../state/session";
 
 const words = later.predict;
 
@@ -70,8 +71,8 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
     const force = rounded(loadOf(set, observation, posture).force, 1) as unknown as Vector;
     return { joints: rounded(observation.joints.map(shown), 3), force };
   };
-  const [chosen, setChosen] = useState("0");
-  const [asked, setAsked] = useState<Fields>({
+  const [chosen, setChosen] = useTypedValue(`predict/${run.id}/posture`, "0");
+  const [asked, setAsked] = useTypedValue<Fields>(`predict/${run.id}`, {
     load_point: rounded(times(point, 1e3 * unit.length), 3),
     ...measured(0),
   });
@@ -122,7 +123,7 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
       {found?.question === JSON.stringify(asked) && (
         <section class="card" aria-live="polite">
           <Bent found={found} result={result} />
-          <Answer answer={found.answer} />
+          <Answer answer={found.answer} run={run} />
         </section>
       )}
     </div>
@@ -154,7 +155,8 @@ function Bent({ found: { posture, point, force, answer }, result }: { found: Pre
   );
 }
 
-export function Answer({ answer: { assessment, cases, confidence, remarks } }: { answer: DeflectionResult }) {
+export function Answer({ answer, run }: { answer: DeflectionResult; run?: Run }) {
+  const { assessment, cases, confidence, remarks } = answer;
   const [found] = cases;
   if (!found) return null;
   const level = percent(confidence);
@@ -167,7 +169,9 @@ export function Answer({ answer: { assessment, cases, confidence, remarks } }: {
   const length = budget ? um(size, budget.expanded_uncertainty) : significant(size * 1e6, 3);
   return (
     <>
-      {(assessment.headline ?? assessment.verdict !== "use") && <VerdictCard assessment={assessment} context={null} />}
+      {(assessment.headline ?? assessment.verdict !== "use") && (
+        <VerdictCard assessment={assessment} context={null} of={run} />
+      )}
       {displacement && (
         <Facts
           facts={[
@@ -205,7 +209,7 @@ export function MapForm({ context }: { context: RunContext }) {
 function AskMap({ context: { run, set }, postures }: { context: RunContext; postures: Posture[] }) {
   const start = useMemo(() => proposal(set, postures), [set, postures]);
   const [asked, change] = useDraft<Fields>(`map/${run.id}`, start);
-  const [near, setNear] = useState("");
+  const [near, setNear] = useTypedValue(`map/${run.id}/near`, "");
   const make = useAction(async () => {
     const { angle } = factors(set.units);
     const joints = near && set.observations[Number(near)]?.joints.map((value) => value * angle);
@@ -421,9 +425,12 @@ const fileWords = later.runFiles;
 export function RunFiles({ context, result: { assessment } }: PartProps) {
   const run = context.run.id;
   const refused = assessment.verdict === "do_not_use";
-  const sure = (event: Event) => {
-    if (refused && !confirm(text.assessment.sure(assessment.reasons.map(({ message }) => message))))
-      event.preventDefault();
+  /** The file of a result that is not to be used is asked about first. */
+  const asked = async (event: Event & { currentTarget: HTMLAnchorElement }) => {
+    if (!refused) return;
+    event.preventDefault();
+    const { href } = event.currentTarget;
+    if (await sure(text.assessment.sure(assessment.reasons.map(({ message }) => message)))) location.assign(href);
   };
   return (
     <section class="card">
@@ -438,7 +445,7 @@ export function RunFiles({ context, result: { assessment } }: PartProps) {
           <LinkButton
             key={format}
             href={api.jobs.file(run, `model.${format}${refused ? "?accept_verdict=do_not_use" : ""}`)}
-            onClick={sure}
+            onClick={(event) => void asked(event)}
             title={fileWords.models[format][1]}
             download
           >

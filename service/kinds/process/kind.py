@@ -109,15 +109,28 @@ def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
         )
     if result.places:
         parts += _place_parts(result)
-    parts += [Line(f"set in the controller: {_frame_text(each)}") for each in result.frames]
-    if job.request.branches == "free":
-        parts.append(Line("the branches are free: move to the joints in turns.csv; no program is written"))
+    parts += [Line(f"set in the controller: {_frame_text(each, result.format)}") for each in result.frames]
     return Report([*parts, *map(Line, result.remarks)])
 
 
-def _frame_text(frame: ProgramFrame) -> str:
-    """Return a base frame as text: name, and numbers as the program writes frames."""
-    return f"{frame.name or 'the base'}: {', '.join(figure(each, '.7g') for each in frame.values)}"
+_FRAME_UNITS: Final = {
+    "krl": ("mm", "°"),
+    "fanuc": ("mm", "°"),
+    "rapid": ("mm", "(q1 … q4)"),
+    "ur": ("m", "rad"),
+}
+"""Units of position and orientation of a frame, by the format of the program; a table has its own."""
+
+
+def _frame_text(frame: ProgramFrame, program_format: str) -> str:
+    """Return a base frame as text: name, and numbers as the program writes frames, with their units."""
+    numbers = [figure(each, ".7g") for each in frame.values]
+    position, orientation = ", ".join(numbers[:3]), ", ".join(numbers[3:])
+    name = frame.name or "the base"
+    if program_format not in _FRAME_UNITS:
+        return f"{name}: {position}, {orientation}, in the units of the table"
+    length, angle = _FRAME_UNITS[program_format]
+    return f"{name}: {position} {length}; {orientation} {angle}"
 
 
 def _micrometres(length: float) -> str:

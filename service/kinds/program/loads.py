@@ -137,11 +137,11 @@ def read_load_table(
     if any(text.count(sign) > most_lines for sign in "\n\r") or any(
         text.count(sign) > 8 * most_lines for sign in ",;\t"
     ):
-        raise _table_fault(
-            1,
-            f"the table has more than {most_lines:,} lines, or too many cells",
-            "leave rows out" if is_by_length else number_points,
-        )
+        if is_by_length:
+            raise _table_fault(
+                1, f"the table has too many lines or cells: at most {most_lines:,} lines", "leave rows out"
+            )
+        raise _table_fault(1, "the table has too many lines or cells for the program's points", number_points)
     try:
         rows, _ = split_table_rows(text)
     except csv.Error:

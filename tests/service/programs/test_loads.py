@@ -120,6 +120,11 @@ def test_a_line_from_joint_angles_counts_and_joint_moves_do_not():
         compensated_with_table(TEXT.replace("LIN", "PTP"), f"{BY_LENGTH}\n{rows}")
 
 
+def test_a_huge_table_by_length_is_refused_before_it_is_split():
+    with pytest.raises(FilesError, match="at most 100,000 lines"):
+        compensated_with_table(TEXT, f"{BY_LENGTH}\n" + "\n" * 100_001)
+
+
 REFUSED = {
     "a table by length without a unit": (
         "length,Fx [N],Fy [N],Fz [N]\n0,0,0,9\n",
