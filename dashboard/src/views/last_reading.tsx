@@ -17,6 +17,9 @@ const USUAL = 2e-5;
 /** Noise of a good reading stays below this multiple of sigma: the 99.9 % quantile of √2 χ₃. */
 const FARTHEST = 5.7;
 
+/** The room of the drawing, next to that of the arm: its labels are to be read. */
+const WITH_LABELS = 1.2;
+
 interface Props {
   set: OpenSet;
   robot: Robot;
@@ -53,7 +56,7 @@ export function LastResiduals({ set, robot, state: { residuals } }: Props) {
         factor={factor}
         names={robot.joints.map(({ name }) => name)}
         byResidual={worst}
-        room={[...roomOf([posture]), ...tips]}
+        room={[...roomOf([posture]), ...tips].flatMap((place) => [place, times(place, WITH_LABELS)])}
         label={words.drawn(observation.label)}
       />
       <Legend
