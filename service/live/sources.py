@@ -164,7 +164,7 @@ class CheckedSource:
             patience: longest time to wait for each answer of the source [s]; None waits for ever.
         """
         self._source, self._setting, self._patience = source, setting, patience
-        self._earlier_positions: set[Place] = set()  # all positions read in earlier stands
+        self._earlier_positions: set[Place] = set()  # all positions read in earlier postures and loads
         self._last_positions: set[Place] = set()  # positions of the last reading
         self._last_stand: Stand | None = None  # stand of the last reading
         self._announced_stand: Stand | None = None  # posture announced to the source and not read yet
