@@ -250,7 +250,7 @@ function labelsOf(show: Show, reach: number): Label[] {
   const targets = show.targets.map(
     (name, i): Label => ({ name, kind: "target", at: show.measured[i]?.from ?? [0, 0, 0] }),
   );
-  return [...axes, ...joints, ...targets];
+  return [...axes, ...joints, ...targets].filter(({ name }) => name !== "");
 }
 
 /** Of one length whatever the load: it shows where and which way. */

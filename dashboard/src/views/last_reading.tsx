@@ -17,6 +17,8 @@ const USUAL = 2e-5;
 /** Noise of a good reading stays below this multiple of sigma: the 99.9 % quantile of √2 χ₃. */
 const FARTHEST = 5.7;
 
+/** By how much these few arrows are longer than those of a whole set. */
+const LONGER = 2;
 /** The room of the drawing, next to that of the arm: its labels are to be read. */
 const WITH_LABELS = 1.2;
 
@@ -42,7 +44,7 @@ export function LastResiduals({ set, robot, state: { residuals } }: Props) {
   }));
   const lengths = found.map(({ residual }) => norm(residual));
   const drawn = { measured: arrows, predicted: [], residuals: lengths, targets: found.map(({ target }) => target) };
-  const factor = magnification([drawn], roomOf([posture]));
+  const factor = LONGER * magnification([drawn], roomOf([posture]));
   const sigma = set.noise?.sigma ? set.noise.sigma * factors(set.units).length : (set.open.sigma ?? USUAL);
   const worst = Math.max(FARTHEST * sigma, ...lengths);
   const { point, force } = loadOf(set, observation, posture);
@@ -54,7 +56,7 @@ export function LastResiduals({ set, robot, state: { residuals } }: Props) {
         {...drawn}
         load={norm(force) > 0 ? { from: point, along: force } : null}
         factor={factor}
-        names={robot.joints.map(({ name }) => name)}
+        names={robot.joints.map(() => "")} // of the targets alone
         byResidual={worst}
         room={[...roomOf([posture]), ...tips].flatMap((place) => [place, times(place, WITH_LABELS)])}
         label={words.drawn(observation.label)}
