@@ -329,7 +329,9 @@ def _make_json_document(campaign: LiveMeasurement, source_error: Any) -> dict[st
     `source_error` is the error with which the source stopped, or None.
     """
     state, run = campaign.outcome, campaign.close()
-    fields = state.model_dump(mode="json", exclude={"revision", "still_needed", "next", "warnings"})
+    fields = state.model_dump(
+        mode="json", exclude={"revision", "still_needed", "next", "following", "residuals", "warnings"}
+    )
     readings = fields.pop("readings")
     return {
         "readings": campaign.count,

@@ -164,7 +164,7 @@ class CheckedSource:
             patience: longest time to wait for each answer of the source [s]; None waits for ever.
         """
         self._source, self._setting, self._patience = source, setting, patience
-        self._earlier_positions: set[Place] = set()  # all positions of other stands, of all targets
+        self._earlier_positions: set[Place] = set()  # all positions read in earlier postures and loads
         self._last_positions: set[Place] = set()  # positions of the last reading
         self._last_stand: Stand | None = None  # stand of the last reading
         self._announced_stand: Stand | None = None  # posture announced to the source and not read yet
@@ -203,7 +203,7 @@ class CheckedSource:
         Args:
             stand: posture and load. A later reading of the same stand may repeat a position.
             on_point: function called with the name and the position [m] of each target as it was read.
-            goes_on: True if the targets are read once more in the same stand; then the source is not told.
+            goes_on: True if the targets are read once more in the same stand, which the source knows already.
 
         Raises:
             SourceError: the source has stopped, or sent a position that cannot be right.

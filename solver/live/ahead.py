@@ -8,7 +8,7 @@ that have to be chosen in this way until the goal is met is the number of missin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -22,6 +22,8 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 
+MOST_FOLLOWING: Final = 2
+"""Greatest number of readings after the next one that are chosen ahead, as if each was read as predicted."""
 MOST_MORE: Final = 60
 """Greatest number of missing readings that is computed: if more are missing, the goal is out of reach."""
 _BEFORE: Final = 3.0
@@ -91,6 +93,8 @@ class NextReading:
     anchor: int | None  #: index of the anchor of the cable; None without a cable
     #: number of readings until the goal is met, including this reading; None for more than `MOST_MORE`
     missing: int | None
+    #: readings that will probably follow, `MOST_FOLLOWING` at most; `missing` is None in them
+    following: tuple[NextReading, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,29 +237,34 @@ class CandidateReadings:
         if not free.any():
             return None
         best = self._choose_best_candidate(criterion, M + weak_prior, free, at)
-        next_index, missing = int(best.index[0]), None
+        chosen, missing = [self._make_reading(best)], None
         # The ratio of the uncertainties so far to the uncertainties that the design predicts is assumed to be
         # the same after further readings.
         predicted = self._predict_shares(goal, known, share, M)
         ratio = np.ones(len(predicted))
         comparable = np.isfinite(share.ratios) & np.isfinite(predicted)
         ratio[comparable] = np.clip(share.ratios[comparable] / predicted[comparable], *_RATIO)
-        force, anchor = (
-            self.pool.candidate_forces(best.force, best.index)[0],
-            int(self.pool.readings.anchor[next_index]),
-        )
         # Readings are added one after the other, until the predicted uncertainties meet the goal.
         for count in range(1, MOST_MORE + 1):
             M = M + best.information[0]
             free &= ~distinct.find_conflicts(int(best.index[0]))
-            if (ratio * self._predict_shares(goal, known, share, M)).max() <= 1.0:
+            if missing is None and (ratio * self._predict_shares(goal, known, share, M)).max() <= 1.0:
                 missing = count
-                break
-            if not free.any():
+            if not free.any() or (missing is not None and len(chosen) > MOST_FOLLOWING):
                 break
             best = candidates.find_highest_priced(criterion.supergradient(M + weak_prior), free)
-        joints = self.pool.readings.joints[next_index]
-        return NextReading(next_index, joints, force, None if anchor < 0 else anchor, missing)
+            if len(chosen) <= MOST_FOLLOWING:
+                chosen.append(self._make_reading(best))
+        return replace(chosen[0], missing=missing, following=tuple(chosen[1:]))
+
+    def _make_reading(self, candidate: Atoms) -> NextReading:
+        """Return the posture and the load of a candidate, given as `Atoms` of length one."""
+        index = int(candidate.index[0])
+        force = self.pool.candidate_forces(candidate.force, candidate.index)[0]
+        anchor = int(self.pool.readings.anchor[index])
+        return NextReading(
+            index, self.pool.readings.joints[index], force, None if anchor < 0 else anchor, None
+        )
 
     def _predict_shares(
         self, goal: Goal, known: KnownCompliances, share: UncertaintyShare, M: FloatArray

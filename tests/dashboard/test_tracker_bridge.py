@@ -114,6 +114,10 @@ def measured(visited, api, stream):
             assert [round(1e3 * part, 4) for part in first] == shown[:3]  # what was shown was sent
         assert page.evaluate("window.counts") == {"taps": 10, "scrolls": 0}
         assert [each["state"] for each in api.get(address).json()["readings"]] == ["counts"] * 5
-        page.get_by_text("Tracker", exact=True).click()
+        page.reload()  # the tab stays paired
+        expect(jumped).to_be_visible()
+        stream.drive(api.get(address).json()["next"], "unloaded")
+        expect(page.get_by_role("button", name="Keep, then load")).to_be_enabled()
+        page.locator("summary", has_text="Tracker").click()
         page.get_by_role("button", name="Disconnect").click()
         expect(page.get_by_role("button", name="Pair a tracker")).to_be_visible()

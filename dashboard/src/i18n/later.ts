@@ -120,6 +120,15 @@ export const later = {
     noTarget: "None: leave it out",
     at: (target: string, state: string) => `${target}, ${state}`,
     send: "Send reading",
+    residuals: {
+      title: (label: string) => `Residuals of ${label}`,
+      far: (length: string) => `up to ${length}`,
+      drawn: (label: string) =>
+        `Robot in ${label} with the residuals of the targets. Arrow keys orbit, plus and minus zoom.`,
+      ramp: (length: string) => `Residual: 0 to ${length}`,
+      drawnLonger: (factor: string, longest: string) =>
+        `Arrows: measured minus predicted, drawn ${factor} times longer; the longest is ${longest}.`,
+    },
     tracker: {
       title: "Tracker",
       about:

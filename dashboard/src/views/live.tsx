@@ -11,6 +11,7 @@ import {
   Button,
   Head,
   LinkButton,
+  lazy,
   Name,
   NameLink,
   ProblemNote,
@@ -39,7 +40,7 @@ import { recalled, remember } from "../state/kept";
 import { useKinematics } from "../state/kinematics";
 import { draftKey, keptIn, useFollowed } from "../state/live";
 import { mistakeIn } from "../state/opening";
-import { client, onDevice, useQuery } from "../state/query";
+import { client, keptOnDevice, useQuery } from "../state/query";
 import { discardReading, putState, sendReadings, useWaiting, type Waits as Waited } from "../state/readings";
 import { useSettings } from "../state/session";
 import { type DecimalMark, type Left, type Pasting, usePasting } from "../state/pasting";
@@ -49,6 +50,7 @@ import { later } from "../i18n/later";
 import { loadOf, shownJoint } from "./plans";
 import { TrackerCard, TrackerSaid } from "./tracker";
 
+const LastResiduals = lazy(async () => (await import("./last_reading")).LastResiduals);
 const words = later.measure;
 const MAX_BYTES = 8 * 1024 * 1024;
 
@@ -79,8 +81,9 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
   );
   useEffect(() => void keepPage().catch(() => undefined), []);
   const planned = usePlanned(set);
-  const ahead = planned.filter((one) => !taken.has(one.label));
-  // Away from the service the plan goes on, if there is one.
+  const following = planned.length > 0 ? planned : (state.following ?? []);
+  const ahead = following.filter((one) => !taken.has(one.label));
+  // Away from the service the plan goes on, or what the service has chosen ahead.
   const suggested = state.next && !taken.has(state.next.label) ? state.next : away ? (ahead[0] ?? null) : null;
   useAhead(robot.id, ahead);
   const stand = own ?? (suggested as live.Stand | null);
@@ -211,6 +214,7 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
                 </Button>
               ))}
             </SoFar>
+            <LastReading {...{ set, robot, state }} />
             <Record
               state={state}
               withdraw={(withdrawn, reason) => change.run({ withdrawn: { [withdrawn]: reason } })}
@@ -228,18 +232,19 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
 /** The postures of the plan of a set; none without one. */
 function usePlanned({ open }: OpenSet): live.Planned[] {
   const id = open?.plan_id; // a closed campaign has no options
-  const { data } = useQuery({ ...queries.plan(id ?? ""), enabled: id != null, persister: onDevice.persisterFn });
+  const { data } = useQuery({ ...keptOnDevice(queries.plan(id ?? "")), enabled: id != null });
   return data?.result?.readings ?? [];
 }
 
-/** How many postures of a plan are fetched ahead. */
-const AHEAD = 2;
+/** How many postures are fetched ahead: that of the present reading, and two more. */
+const AHEAD = 3;
 
-/** Fetch the next postures of a plan before they are needed, so that they are drawn without a network, too. */
+/** Fetch the next postures before they are needed, so that they are drawn without a network, too. */
 function useAhead(robot: string, ahead: live.Planned[]): void {
   const next = ahead.slice(0, AHEAD).map(({ joints }) => joints);
   useEffect(() => {
-    for (const joints of next) void client.prefetchQuery(queries.kinematics({ robot_id: robot }, [joints]) as never);
+    for (const joints of next)
+      void client.prefetchQuery(keptOnDevice(queries.kinematics({ robot_id: robot }, [joints])) as never);
   }, [JSON.stringify(next)]);
 }
 
@@ -329,7 +334,7 @@ function Posture({ set, robot, label, stand, state, bridge, isOwn, back, send, s
   };
   const following = read && !unloadedOnly ? followingColumn(column, rows) : null;
   const pasting = usePasting(rows, change);
-  const { kinematics, problem } = useKinematics({ robot_id: robot.id }, [stand.joints]);
+  const { kinematics, problem } = useKinematics({ robot_id: robot.id }, [stand.joints], keptOnDevice);
   const posture = kinematics?.[0];
   const room = posture ? roomOf([posture]).flatMap((place) => [place, times(place, WITH_LABELS)]) : [];
   const lacking = live.unread(rows, unloadedOnly);
@@ -744,6 +749,26 @@ function SoFar({ state, goal, asks, children }: SoFarProps) {
       )}
       {!(phone && asks) && state.joints.length > 0 && <Joints state={state} goal={goal} read={read} />}
       {!doubtful && state.warnings.length > 0 && <Warnings warnings={state.warnings} />}
+    </section>
+  );
+}
+
+/** The residuals of the last reading, drawn when they are unfolded. */
+function LastReading(props: { set: OpenSet; robot: Robot; state: LiveState }) {
+  const [shown, show] = useState(false);
+  const { residuals } = props.state;
+  const [first] = residuals;
+  if (!first) return null;
+  const far = Math.max(...residuals.map(({ residual }) => norm(residual)));
+  return (
+    <section class="card">
+      <details onToggle={(event) => show(event.currentTarget.open)}>
+        <summary>
+          {words.residuals.title(first.observation)}{" "}
+          <small class="soft">{words.residuals.far(`${significant(far * 1e3, 2)} ${text.units.mm}`)}</small>
+        </summary>
+        {shown && <LastResiduals {...props} />}
+      </details>
     </section>
   );
 }

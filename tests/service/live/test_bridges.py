@@ -11,7 +11,7 @@ from support.api import post
 from support.in_process import Client as InProcess
 from support.in_process import served
 from support.keyed import KEYS, bearer, opened
-from support.live import declared, positions
+from support.live import SIGMA, declared, positions
 
 from jointstiff.service.library.bridge import TrackerBridge
 from jointstiff.service.library.client import Client
@@ -276,3 +276,27 @@ def test_a_stream_of_lines_is_read_where_the_page_stands(tmp_path):
         thread.join(30.0)
         assert not thread.is_alive()
         assert client._http.get(f"{address}/next").json()["readings"] == []  # nobody sent a reading
+
+
+def test_a_source_that_answers_requests_is_read_in_rounds(tmp_path):
+    """A simulated arm, as RoboDK is, answers at once: the page has all targets, again and again."""
+    with (
+        Store.open(f"sqlite:///{tmp_path / 'jointstiff.db'}") as store,
+        served(store) as url,
+        Client(url) as client,
+    ):
+        address = declared(client._http)
+        opened_bridge = client._http.post(f"{address}/bridge").json()
+        bridge = f"/v1/bridges/{opened_bridge['id']}"
+        joined = TrackerBridge(client, opened_bridge["code"], "simulated:3")
+        thread = threading.Thread(target=joined.run)
+        thread.start()
+        assert client._http.put(f"{bridge}/stand", json=stand(7)).status_code == 204
+        first = followed(client, bridge, lambda got: got["number"] == 7 and len(got["points"]) == 3)
+        second = followed(client, bridge, lambda got: got["points"] != first["points"])
+        assert first["points"].keys() == second["points"].keys() == TARGETS.keys()
+        for name, place in first["points"].items():
+            assert second["points"][name] == pytest.approx(place, abs=12 * SIGMA)
+        assert client._http.delete(bridge).status_code == 204
+        thread.join(30.0)
+        assert not thread.is_alive()
