@@ -113,7 +113,16 @@ export function Advanced({ form: { run, setRun, noise, setNoise, request }, join
             />
             <SchemaFields
               of="Noise"
-              show={["sigma", "instrument", "force", "load_point", "target_places", "drift", "encoder_sigma", "repeatability"]}
+              show={[
+                "sigma",
+                "instrument",
+                "force",
+                "load_point",
+                "target_places",
+                "drift",
+                "encoder_sigma",
+                "repeatability",
+              ]}
               value={noise}
               change={setNoise}
               terms={NOISE}
