@@ -14,14 +14,13 @@ from typing import Any, Final
 import numpy as np
 
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.geometry import GeometryUnits
 from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import Units
 from jointstiff.service.conversion.arrays import parse_units
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
 from jointstiff.solver.errors import MeasurementError
 
-AnyUnits = Units | GeometryUnits | Mapping[str, str] | str | None
+AnyUnits = Units | Mapping[str, str] | str | None
 """Units of the numbers of a call, such as "mm, deg, N" or {"length": "m"}; None for `DEFAULT_UNITS`."""
 DEFAULT_UNITS: Final = "mm, deg, N, N.m"
 JointKinds = Callable[[], Mapping[str, JointKind]]
@@ -33,7 +32,7 @@ _DOCUMENTS: Final = frozenset({"robot", "joint_map"})
 """Options that are documents of their own, whose numbers are in the units of the document."""
 
 
-def complete_units(stated: AnyUnits) -> dict[str, str]:
+def complete_units(stated: AnyUnits | Message) -> dict[str, str]:
     """Return the unit of each quantity by name; a quantity that a mapping does not name has the default unit.
 
     The unit of moments is missing where the unit of forces is stated without the unit of moments.
@@ -44,7 +43,8 @@ def complete_units(stated: AnyUnits) -> dict[str, str]:
     default = parse_units(DEFAULT_UNITS)
     if stated is None:
         return default
-    units = parse_units(stated.model_dump(exclude_none=True) if isinstance(stated, GeometryUnits) else stated)
+    # Readings of geometry have units of their own type, without forces.
+    units = stated.model_dump(exclude_none=True) if isinstance(stated, Message) else parse_units(stated)
     force = units.get("force", "N")
     if force != "N" or not isinstance(stated, Mapping):
         del default["moment"]
