@@ -18,11 +18,11 @@ import {
   lazy,
 } from "./components/basics";
 import { TextField, Select } from "./components/fields";
-import { QuestionDialog } from "./components/question";
 import { useAction, go, type Route, useRoute, dismiss, toast, useToasts } from "./state/action";
 import { text } from "./i18n";
 import { listen } from "./lib/events";
 import { STIFFNESS_UNITS, type StiffnessUnit, UNIT_NAMES } from "./lib/stiffness";
+import { useQuestion } from "./state/question";
 import {
   type Standing,
   Viewer,
@@ -69,6 +69,7 @@ export function SignInView({ link, signedIn }: { link: string | undefined; signe
   );
 }
 
+const QuestionDialog = lazy(async () => (await import("./components/question")).QuestionDialog);
 const StartView = lazy(async () => (await import("./views/start")).StartView);
 const RunsView = lazy(async () => (await import("./views/runs")).RunsView);
 const RunView = lazy(async () => (await import("./views/run")).RunView);
@@ -140,7 +141,7 @@ export function App() {
         </Boundary>
       </main>
       <Toasts />
-      <QuestionDialog />
+      {useQuestion() && <QuestionDialog />}
       <Tip />
     </SettingsContext.Provider>
   );

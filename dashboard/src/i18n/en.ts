@@ -492,7 +492,7 @@ export const en = {
   },
   list: {
     search: "Search",
-    searchHint: "Name, robot, serial number, operator, instrument",
+    searchHint: "Name, serial number, operator, instrument",
     sort: "Order",
     filter: "Filter and order",
     sorts: { newest: "Newest first", oldest: "Oldest first", name: "By name" },

@@ -1,5 +1,5 @@
 /** Where live campaigns begin: a goal, loads, targets and noise, declared before the first reading; or one that goes on. */
-import { useEffect } from "preact/hooks";
+import { useLayoutEffect } from "preact/hooks";
 import { api } from "../api/calls";
 import { queries } from "../api/queries";
 import type { Plan } from "../api/types";
@@ -76,7 +76,7 @@ function Declaration({ only, robot: given, plan }: DeclarationProps) {
   const [noise, setNoise] = useTypedValue<Fields>(`${form}/noise`, {});
   const campaign = useEquipped(robot);
   const { data: ofRobot } = useQuery({ ...queries.robot(fixed), enabled: fixed !== "" });
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (!campaign) return;
     const { set, equipment } = campaign;
     const { length } = factors(set.units);

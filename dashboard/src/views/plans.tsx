@@ -1,5 +1,5 @@
 /** Plans: where they start, and one with its promise, its certificate and its postures. */
-import { useState, useEffect } from "preact/hooks";
+import { useState, useLayoutEffect } from "preact/hooks";
 import { api } from "../api/calls";
 import { queries } from "../api/queries";
 import type { JointKind, MeasurementSet, PlanResult, Robot, Run } from "../api/types";
@@ -184,7 +184,8 @@ function Begin({ given, after }: { given: string; after: string | null }) {
     change({ joints: [], sigma: value.startsWith("set:") ? null : START["sigma"] });
   };
   const campaign = useEquipped(kind === "robot" ? id : "");
-  useEffect(() => {
+  // Before it is painted: the fields would grow.
+  useLayoutEffect(() => {
     if (campaign) change((before) => unchanged(campaign.equipment, before, START));
   }, [campaign]);
   const { data: set } = useQuery({ ...queries.set(id), enabled: kind === "set" });

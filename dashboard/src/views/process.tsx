@@ -27,12 +27,13 @@ const COARSEST = 25;
 
 async function load(id: string, signal: AbortSignal) {
   const job = await api.processes.one(id, signal);
-  const { run_id: run, robot_id: unmeasured } = job.request;
+  const { run_id: measured, robot_id: unmeasured } = job.request;
   const table = (name: "points" | "turns" | "places") => ask(queries.table(id, name));
   const points = job.result ? processPointsOf(await table("points"), await table("turns")) : [];
   const places = job.result && job.request.place ? searchedPlacesOf(await table("places")) : [];
-  const robot = run ? (await contextOfEnded(run)).robot : await ask(queries.robot(unmeasured ?? ""));
-  return { job, points, places, robot };
+  const context = measured ? await contextOfEnded(measured) : null;
+  const robot = context?.robot ?? (await ask(queries.robot(unmeasured ?? "")));
+  return { job, points, places, robot, run: context?.run ?? null };
 }
 
 type Loaded = Awaited<ReturnType<typeof load>>;
@@ -44,9 +45,10 @@ export function ProcessView({ id }: { id: string }) {
       id={id}
       kind={words.kind}
       load={(signal) => load(id, signal)}
-      head={({ job, robot }) => ({
+      head={({ job, robot, run }) => ({
         name: (job.request.files ?? [])[0]?.name ?? words.kind,
         list: job.request.run_id ? link(["runs", job.request.run_id]) : link(["robots", robot.id]),
+        run,
         about: job.request.run_id ? (
           <a href={link(["runs", job.request.run_id])}>{text.run.kind}</a>
         ) : (
