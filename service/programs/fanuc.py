@@ -34,15 +34,16 @@ _HARMLESS: Final = (
     r"(?:R|SR|F|DO|RO|GO|AO|WO|UO|SO|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
     r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$WAITTMOUT=|\$[\w$.\[\]\0]*OVERRIDE=) ?(.+?)(?:\(sec\)| ?%)?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|TC_ONLINE|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+)"
-    r"|(?:PAYLOAD|UALM|DIAG_REC|SPOT|SS|SE|(?:Arc|Weld) (?:Start|End))(?:\[[^\[\]]*\])?|COL GUARD ADJUST ?(.+)"
+    r"|(?:PAYLOAD|UALM|DIAG_REC)\[(.*)\]|COL GUARD ADJUST ?(.+)"
+    r"|(?:SPOT|SS|SE|(?:Arc|Weld) (?:Start|End))(?:\[[^\[\]]*\])?"
     # A weave swings about the path. Conditions act on moves that say Skip or Offset, which are left.
     r"|Weave [\w ]+(?:\[[^\[\]]*\])?|(?:SKIP|(?:TOOL_|V)?OFFSET) CONDITION .+|MONITOR END \w+"
     r"|VISION (?:RUN_FIND|GET_NFOUND|SET_REFERENCE) .*"
 )
 # Instructions of words alone that displace targets, or soften the arm, until others end them
 _LASTING_WORDS: Final = (
-    r"(?i:[JLCAS]|P|PR|TOUCH|TRACK|MP|RPM|SEARCH|SOFTFLOAT|FOLLOW|DEF\w*|LINE|(?:TOOL_|V)?OFFSET|UFRAME|UTOOL|INDEPENDENT"
-    r"|SIMULTANEOUS|FORCE|CALIB|GROUP|IF|FOR|SELECT|JMP|LBL|RUN|CALL|WAIT|END\w*)\b"
+    r"(?i:[JLCAS]|P|PR|TOUCH|TRACK|MP|RPM|SEARCH|SOFTFLOAT|FOLLOW|DEF\w*|LINE|(?:TOOL_|V)?OFFSET"
+    r"|UFRAME|UTOOL|INDEPENDENT|SIMULTANEOUS|FORCE|CALIB|GROUP|IF|FOR|SELECT|JMP|LBL|RUN|CALL|WAIT|END\w*)\b"
 )
 # Text behind a target that does not move the target: termination, acceleration, configuration, spots, signals
 _TAIL: Final = re.compile(

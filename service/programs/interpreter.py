@@ -43,6 +43,10 @@ UNKNOWN: Final = "\0everything"
 
 Content: TypeAlias = WrittenNumbers | Cause | str
 """Content of a variable: numbers, the cause why the numbers are unknown, or the name of another value."""
+Operations: TypeAlias = "list[tuple[int, Op]]"
+"""Operations of a statement, each with its number of lines below the first line."""
+Held: TypeAlias = "tuple[Operations, int, int]"
+"""Operations of a statement that acts behind the next move, its line, and the index of its first number."""
 State: TypeAlias = dict[str, tuple[Content, int]]
 """Content of each name, and the line of the statement that set this content."""
 
@@ -335,6 +339,7 @@ class Machine:
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
         self._causes: list[Cause] = []  # causes of all statements that are not understood
+        self._until_ended: set[Cause] = set()  # causes of what lasts until a statement ends it
         self._anytime: dict[str, Cause] = {}  # names that routines change which may run at any time
         self._changed: dict[str, dict[str, Cause]] = defaultdict(dict)  # names that each routine may change
         self._callers: dict[str, set[str]] = defaultdict(set)  # callers of each routine
@@ -390,10 +395,10 @@ class Machine:
         if (long := np.flatnonzero(ends - starts > _MAX_STATEMENT)).size:
             reason = f"a statement has more than {_MAX_STATEMENT} characters"
             self.refuse(int(lines[long[0]]), reason, "split the statement", source)
-        translations: dict[str, list[tuple[int, Op]]] = {}
+        translations: dict[str, Operations] = {}
         # operations of the last statement, if a repetition of this statement can differ in numbers only
-        repeatable: list[tuple[int, Op]] | None = None
-        held: list[tuple[list[tuple[int, Op]], int, int]] = []  # statements that act behind the next move
+        repeatable: Operations | None = None
+        held: list[Held] = []  # statements that act behind the next move
         for masked, line, number in zip(masked_texts, lines.tolist(), first.tolist(), strict=True):
             ops = translations.get(masked)
             if ops is None:
@@ -403,29 +408,53 @@ class Machine:
                     self.refuse(line, fault.reason, fault.remedy, source)
                 if len(translations) < _MAX_TRANSLATIONS:
                     translations[masked] = ops
-            if ops is repeatable and not held:  # long programs are mostly such moves: they share one operation
+            if (
+                ops is repeatable and not held
+            ):  # long programs are mostly such moves: they share one operation
                 line_offset, _ = ops[-1]
                 self._repeats[len(self._ops) - 1].extend((line + line_offset, number))
                 continue
-            effects = [op for _, op in ops if not isinstance(op, ir.Use)]
-            if any(isinstance(op, ir.Call) and op.behind_next for op in effects) and not declares:
+            if not declares and any(isinstance(op, ir.Call) and op.behind_next for _, op in ops):
                 held.append((ops, line, number))
                 continue
-            is_move = [type(op) for op in effects] == [ir.Move]
-            if held and effects and not is_move:
-                self._add_held(held, source)
-            self._add_operations(ops, source, line, number, declares)
-            if held and is_move:
-                self._add_held(held, source)
-                repeatable = None
-                continue
-            is_repeatable = (
-                len(effects) == 1 and isinstance(effects[0], ir.Move) and effects[0].differs_only_in_target
-            )
-            repeatable = ops if is_repeatable and not declares else None
+            repeatable = self._add_with_held(ops, source, line, number, declares, held)
         self._add_held(held, source)
 
-    def _add_held(self, held: list[tuple[list[tuple[int, Op]], int, int]], source: int) -> None:
+    def _add_with_held(
+        self, ops: Operations, source: int, line: int, number: int, declares: str, held: list[Held]
+    ) -> Operations | None:
+        """Add a statement, with the statements that act behind the next move before or behind it.
+
+        Returns:
+            The operations, if a repetition of the statement can differ in numbers only.
+        """
+        effects = [op for _, op in ops if not isinstance(op, ir.Use)]
+        is_move = len(effects) == 1 and isinstance(effects[0], ir.Move)
+        if effects and not is_move:
+            self._add_held(held, source)
+        self._add_operations(ops, source, line, number, declares)
+        if is_move and held:
+            self._add_held(held, source)
+        elif (
+            is_move and not declares and isinstance(effects[0], ir.Move) and effects[0].differs_only_in_target
+        ):
+            return ops
+        return None
+
+    def _translate(
+        self, translate: Callable[[str], Operations], masked: str, line: int, source: int
+    ) -> Operations:
+        """Translate a statement.
+
+        Raises:
+            ProgramError: the statement is not understood at all.
+        """
+        try:
+            return translate(masked)
+        except Misread as fault:
+            self.refuse(line, fault.reason, fault.remedy, source)
+
+    def _add_held(self, held: list[Held], source: int) -> None:
         """Add the operations of statements that act behind the next move, and empty their list."""
         for ops, line, number in held:
             self._add_operations(ops, source, line, number, "")
@@ -508,15 +537,17 @@ class Machine:
             # An unknown routine that an attached routine calls counts as called where this one is attached.
             is_attached = name in self._attached_routines
             changed = self._changed[name].items()
-            for each, cause in changed:
-                ends_lasting = each == ir.MODE and not cause.reason
-                if not ((is_attached and each == UNKNOWN) or ends_lasting):
-                    self._anytime[each] = cause
+            self._anytime |= {
+                each: cause
+                for each, cause in changed
+                if cause.reason and not (is_attached and each == UNKNOWN)
+            }
 
     def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
         """Note why values become unknown at a statement, for each name that the statement changes."""
         cause = place.make_cause(op.reason, op.remedy)
         self._causes.append(cause)
+        self._until_ended |= {cause} if op.until_ended else set()
         names = [place.qualify(name) for name in op.names]
         if op.anytime:
             fields = [each for name in names for each in self._list_name_and_fields(name)]
@@ -716,7 +747,9 @@ class Machine:
                 name, first_content, second_content
             ):
                 continue
-            if not isinstance(first_content, Cause):
+            if name == ir.MODE and first_content in self._until_ended and isinstance(second_content, Cause):
+                joined[name] = second_content, second_line
+            elif not isinstance(first_content, Cause):
                 subject = "whatever an unknown routine may change" if name == UNKNOWN else name
                 reason = f"{subject} changes while the program runs: by a branch, a loop or a call"
                 line = max(first_line, second_line)
@@ -751,15 +784,11 @@ class Machine:
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)
-            if name == ir.MODE and state.get(name, ("",))[0] in self._faults.values():
-                return  # the end of force control and the like does not mend a fault of the text
+            if name == ir.MODE and not self._can_be_ended(state):
+                return
             state[name] = self._evaluate(place, name, op.value, state), place.line
         elif isinstance(op, ir.MakeUnknown):
-            cause = place.make_cause(op.reason, op.remedy)
-            if not op.names:
-                self._forget_names(state, cause)
-            for name in map(place.qualify, op.names):
-                state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
+            self._make_unknown(state, op, place)
         elif isinstance(op, ir.Call) and (op.event or not op.anytime):
             is_own = op.name in self._flow.begins
             unknown = None if is_own else self._explain_unknown_call(place, op)
@@ -767,6 +796,24 @@ class Machine:
                 self._forget_names(state, unknown)
                 if op.may_last:
                     state[ir.MODE] = unknown, unknown.line
+
+    def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
+        """Make the values of names unknown in a state; without names, all that other routines may change."""
+        cause = place.make_cause(op.reason, op.remedy)
+        if not op.names:
+            self._forget_names(state, cause)
+        if op.until_ended and not self._can_be_ended(state):
+            return
+        for name in map(place.qualify, op.names):
+            state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
+
+    def _can_be_ended(self, state: State) -> bool:
+        """Return whether what lasts in a state, and may move targets, lasts only until a statement ends it.
+
+        A statement that is not understood lasts longer, and so does a fault of the text.
+        """
+        content, _ = state.get(ir.MODE, ("", 0))
+        return not isinstance(content, Cause) or content in self._until_ended
 
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
@@ -785,6 +832,8 @@ class Machine:
         if self._language.is_own(name) and "." in name:  # frames that a position states
             return True
         if self._language.is_own(name) or _get_structure_name(name) in self._private:
+            return not self._find_changes(name)
+        if self._language.keeps_declared and name in self._initial:
             return not self._find_changes(name)
         is_reached = self._language.is_reached
         if is_reached is None or is_reached(name):
@@ -896,10 +945,18 @@ class Machine:
             for name in order:
                 self._propagate_through(name, self._state_operations[name])
             order.reverse()  # callers first carries states into routines, callees first carries them back
+        self._find_what_outlasts_routines()
         for name, body in bodies.items():
             self._propagate_through(name, body)
         self._note_assumption()
         return self.columns, self._used, self._causes
+
+    def _find_what_outlasts_routines(self) -> None:
+        """Let what lasts when a routine ends last at any time: the next one may be called from outside."""
+        if self._language.callable_from_outside and self._until_ended:
+            ends = [state.get(ir.MODE, ("", 0))[0] for state in self._exits.values() if state]
+            for cause in (each for each in ends if isinstance(each, Cause)):
+                self._anytime[ir.MODE] = cause
 
     def _note_assumption(self) -> None:
         """Add a remark on what routines of other files are assumed to leave, if moves behind them need it."""

@@ -183,8 +183,10 @@ def _translate_assignment(line: Line) -> list[Op]:
         active: ir.Name = name.replace("ACT_", "")
         statement = ir.quote_statement(line.text, line.ordinals)
         reason = f"{statement}: the controller's variable {name} may move targets"
-        changes = [ir.MakeUnknown(frozenset({active, name}), reason, "omit it")]
-        return [*_read_value(line, line["value"]), *changes]
+        return [
+            *_read_value(line, line["value"]),
+            ir.MakeUnknown(frozenset({active, name}), reason, "omit it"),
+        ]
     elif _MAY_MOVE_TARGETS.match(line.text):
         raise Misread(f"the controller's variable {name} may move targets", "omit it")
     # The indices of elements are expressions; all of them are read as one expression.

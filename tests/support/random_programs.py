@@ -261,7 +261,11 @@ class Cell:
         if verb == "change":
             for name in rest.split(", "):
                 plain = name.removeprefix("written ")
-                written = any(f"{plain} = " in each.does for each in self.program.statements)
+                written = any(
+                    re.search(rf"(?<!own )(?<!\w){re.escape(plain)} = ", each.does)
+                    for each in self.program.statements
+                    if not re.match(r"(?:CONST|(?:LOCAL )?PERS|VAR) ", each.text)  # declarations of RAPID
+                )
                 if plain not in self.kept and (plain == name or written):
                     self.values[plain] = self.junk()
         elif verb == "keep":
