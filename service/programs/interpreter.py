@@ -22,7 +22,7 @@ from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.columns import MAX_VALUE, OF_ROUTINE, Cause, Columns, Frames, WrittenNumbers
 from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, quote_text
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
-from jointstiff.service.programs.notation import Numerals
+from jointstiff.service.programs.notation import Numerals, iterate_integers
 from jointstiff.service.programs.program import FrameName, Literal, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
@@ -90,7 +90,9 @@ class Place:
             return self.scope.qualify(name)
         value = float(self.values[self.first + name[1]])
         template, _ = name
-        return intern(template % (f"{value:g}" if value.is_integer() else "\0"))  # one copy of each name
+        name_with_number = template % (f"{value:g}" if value.is_integer() else "\0")
+        # One copy of each name; names of fields are used once or twice, and are not stored.
+        return name_with_number if "." in template else intern(name_with_number)
 
 
 def _get_structure_name(name: str) -> str:
@@ -333,6 +335,9 @@ class Machine:
         self._scopes = [Scope("")]  # scopes of the routines and blocks whose end was not reached yet
         self._last_scope = Scope("")  # scope of the routine or block that ended last
         self._initial: dict[str, Content] = {}  # values of names before the program runs
+        # the same for frames that a position states: many positions share one tuple of endings and contents
+        self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
+        self._shared_fields: dict[tuple[tuple[str, Content], ...], tuple[tuple[str, Content], ...]] = {}
         self._constants: set[str] = set()  # names that are declared as constants
         self._shared: set[str] = set()  # names that other programs use as well
         self._private: set[str] = set()  # names that no other program knows
@@ -399,7 +404,9 @@ class Machine:
         # operations of the last statement, if a repetition of this statement can differ in numbers only
         repeatable: Operations | None = None
         held: list[Held] = []  # statements that act behind the next move
-        for masked, line, number in zip(masked_texts, lines.tolist(), first.tolist(), strict=True):
+        for masked, line, number in zip(
+            masked_texts, iterate_integers(lines), iterate_integers(first), strict=True
+        ):
             ops = translations.get(masked)
             if ops is None:
                 try:
@@ -511,6 +518,13 @@ class Machine:
         if op.private and not self._language.is_own(name):
             self._private.add(_get_structure_name(name))
         content = self._evaluate(place, name, op.value, {})
+        structure, _, ending = name.partition(".")
+        if ending and self._language.is_own(name):
+            fields = self._initial_fields.get(structure, ())
+            if all(known != (ending, content) for known in fields):
+                fields = (*fields, (ending, content))
+                self._initial_fields[structure] = self._shared_fields.setdefault(fields, fields)
+            return
         if self._initial.setdefault(name, content) != content:
             self._initial[name] = place.make_cause(f"{name} is declared twice")
         if kind == "constant" and not self._language.is_own(name):
@@ -888,6 +902,12 @@ class Machine:
         changes = self._find_changes(name)
         if name in self._initial and not changes:
             return self._initial[name]
+        structure, _, ending = name.partition(".")
+        contents = [content for field, content in self._initial_fields.get(structure, ()) if field == ending]
+        if len(contents) == 1 and not changes:
+            return contents[0]
+        if contents and not changes:
+            return Cause(0, f"{name} is declared twice")
         if (active := self._language.active.get(name)) is not None:
             return active
         if changes:
@@ -915,6 +935,8 @@ class Machine:
             self._language.read(self, self.sources)
         else:
             self.add_statements(0, self.sources[0].starts, self.sources[0].ends)
+        # All statements are translated: the texts without numbers take as much memory as the files.
+        self.numerals[:] = [replace(each, masked_text="") for each in self.numerals]
         names = [
             self._places[i].qualify(op.name) if isinstance(op, ir.Flow) else ""
             for i, op in enumerate(self._ops)
