@@ -32,7 +32,12 @@ def columns_of(state):
 
 def cells(states=STATES, *, joints=True):
     """Return the rows of a table with these states: a header and a row for each posture."""
-    header = ["label", *(JOINTS if joints else []), *FORCE, *(c for state in states for c in columns_of(state))]
+    header = [
+        "label",
+        *(JOINTS if joints else []),
+        *FORCE,
+        *(c for state in states for c in columns_of(state)),
+    ]
     rows = [header]
     for each in SET["observations"]:
         places = [x for state in states for reading in each["readings"] for x in reading[state]]
@@ -41,8 +46,10 @@ def cells(states=STATES, *, joints=True):
 
 
 def text(rows, delimiter=";", mark="."):
-    lines = (delimiter.join(str(cell).replace(".", mark) if row else str(cell) for cell in cells)
-             for row, cells in enumerate(rows))
+    lines = (
+        delimiter.join(str(cell).replace(".", mark) if row else str(cell) for cell in cells)
+        for row, cells in enumerate(rows)
+    )
     return "\n".join(lines) + "\n"
 
 
@@ -87,6 +94,8 @@ def matlab():
     )
 
 
+SPACE_ROWS = points(line="A, {state}, {label}_{target}, {x}, {y}, {z}, 20.11.2026 10:05:33")
+COMMAS = [[str(cell).replace(".", ",") if k else cell for cell in row] for k, row in enumerate(cells())]
 SHIFTED = text(cells(["loaded"])).replace(
     str(SET["observations"][0]["joints"][0]), str(SET["observations"][0]["joints"][0] + 0.004)
 )
@@ -95,8 +104,7 @@ READINGS = {
     "SpatialAnalyzer with a time behind": (
         {
             "j.csv": joints_only(),
-            "p.txt": "// AXES = CARTESIAN: X,  Y,  Z (mm)\n"
-            + "\n".join(points(line="A, {state}, {label}_{target}, {x}, {y}, {z}, 20.11.2026 10:05:33")) + "\n",
+            "p.txt": "// AXES = CARTESIAN: X,  Y,  Z (mm)\n" + "\n".join(SPACE_ROWS) + "\n",
         },
         {"point_name": "{any}::{state}::{label}_{target}"},
     ),
@@ -110,8 +118,7 @@ READINGS = {
     "a row of remarks": ({"a.csv": with_row("Pause, Hallentor offen" + ";" * 27)}, {}),
     "a row of means": ({"a.csv": with_row("Mittel;" + ";".join(["1"] * 27), 13)}, {}),
     "numbers as texts with commas": (
-        {"a.xlsx": workbook([[str(c).replace(".", ",") if r else c for c in row] for r, row in enumerate(cells())])},
-        {"decimal_mark": "comma"},
+        {"a.xlsx": workbook(COMMAS)}, {"decimal_mark": "comma"},
     ),
     "two sheets": (
         {"a.xlsx": workbook([row[:10] for row in cells()], two_sheets)}, {"sheet": "Sheet; Punkte"},
@@ -127,17 +134,78 @@ def write(folder, files):
     return paths
 
 
-def compliances_of(paths, robot, options):
-    """Return the compliances [rad/(N·m)] that a run of these files finds."""
+def run_of(paths, robot, options):
+    """Return the run of the files of readings and of a robot, with three options at most."""
     assert len(options) <= 3
     imported = js.import_files(*paths, robot=robot, **options)
     assert not imported.missing
-    run = imported.identify()
-    return run
+    return imported.identify()
+
+
+def assert_springs_are_found(run):
+    """The load is a weight, so that it never twists the vertical axis 1."""
+    found = {name: joint.stiffness for name, joint in run.joints.items() if joint.stiffness}
+    assert list(found) == [f"joint_{i}" for i in range(2, 7)]
+    assert list(found.values()) == pytest.approx(ARM.stiffnesses[1:].tolist(), rel=1e-4)
 
 
 @pytest.mark.parametrize("form", READINGS)
 def test_a_file_of_readings_becomes_a_run_with_the_springs_of_the_arm(form, tmp_path):
     files, options = READINGS[form]
-    run = compliances_of(write(tmp_path, files), DOCUMENT["robot"], STATED | options)
-    print(run)
+    assert_springs_are_found(run_of(write(tmp_path, files), DOCUMENT["robot"], STATED | options))
+
+
+URDF = DOCUMENT["robot"]["model"]["urdf"]
+PAPER = [  # a [mm], alpha [°], d [mm], theta [°] of the same arm, by Denavit and Hartenberg
+    [330.0, -90.0, 780.0, 0.0],
+    [1120.0, 0.0, 0.0, -90.0],
+    [60.0, 90.0, 0.0, 0.0],
+    [0.0, -90.0, -1310.0, 0.0],
+    [0.0, 90.0, 0.0, 0.0],
+    [0.0, 180.0, -240.0, 180.0],
+]
+CALIBRATED = [
+    [a, alpha, d + (0, 5e5, -5e5, 0, 0, 0)[i], theta] for i, (a, alpha, d, theta) in enumerate(PAPER)
+]
+
+
+def in_degrees(match):
+    return f'{match[1]}="{np.degrees(float(match[2]))}"'
+
+
+ROBOTS = {
+    "an axis with rpy": ("arm.urdf", URDF.replace("<axis ", '<axis rpy="0 0 0" ')),
+    "no name": ("arm.urdf", URDF.replace(' name="simulated 6R"', "", 1)),
+    "limits in degrees": ("arm.urdf", re.sub(r'(lower|upper)="([^"]*)"', in_degrees, URDF)),
+    "a table in mm and degrees": (PAPER, "mm, deg, N"),
+    "a calibrated table": (CALIBRATED, "mm, deg, N"),
+}
+
+
+@pytest.mark.parametrize("form", ROBOTS)
+def test_a_description_of_a_robot_becomes_a_run_with_the_springs_of_the_arm(form, tmp_path):
+    (readings,) = write(tmp_path, {"a.csv": text(cells())})
+    source, more = ROBOTS[form]
+    if isinstance(source, str):
+        (path,) = write(tmp_path, {source: more})
+        robot = js.robot(path)
+    else:
+        robot = js.robot(source, convention="standard", units=more)
+    assert_springs_are_found(run_of([readings], robot, STATED))
+
+
+def test_a_file_of_xacro_becomes_a_run_with_the_springs_of_the_arm(tmp_path):
+    pytest.importorskip("xacro")
+    macro = URDF.replace("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', 1)
+    macro = macro.replace("<link ", '<xacro:property name="reach" value="1.31"/>\n<link ', 1)
+    assert "1.31 0 0" in macro
+    macro = macro.replace("1.31 0 0", "${reach} 0 0")
+    readings, arm = write(tmp_path, {"a.csv": text(cells()), "arm.urdf.xacro": macro})
+    assert_springs_are_found(run_of([readings], js.robot(arm), STATED))
+
+
+def test_a_joint_that_cannot_move_is_named_before_any_run(tmp_path):
+    still = re.sub(r'(name="joint_4".*?lower=)"[^"]*"( upper=)"[^"]*"', r'\1"0.5"\2"0.5"', URDF, flags=re.S)
+    readings, arm = write(tmp_path, {"a.csv": text(cells()), "arm.urdf": still})
+    with pytest.raises(js.CampaignError, match=r"joint_4.*make a joint that cannot move a fixed one"):
+        run_of([readings], js.robot(arm), STATED)
