@@ -420,7 +420,7 @@ LANGUAGE: Final = ir.Language(
         (r"LBL ?\[#{name}\]", "label"),
         (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
         (
-            r"VISION GET_\w+ .*(?P<action>JMP LBL ?\[.*\])",
+            r"VISION GET_\w+ [^\[\]]*(?:\[[^\[\]]*\][^\[\]]*?)*(?P<action>JMP LBL ?\[[^\[\]]*\])",
             _translate_conditional_action,
         ),
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),

@@ -445,7 +445,10 @@ LANGUAGE: Final = ir.Language(
         # KSS: an interrupt's routine brakes the motion; RESUME also ends the routines that it interrupted
         (r"BRAKE(?: F)?", ""),
         (r"RESUME", "resume"),
-        (r"ANOUT ON (.+?)(?: ?(?:DELAY|MINIMUM|MAXIMUM)=[+-]?\0)+", ""),
+        (
+            r"ANOUT ON ((?:(?! ?\b(?:DELAY|MINIMUM|MAXIMUM)=).)+)(?: ?(?:DELAY|MINIMUM|MAXIMUM)=[+-]?\0){1,3}",
+            "",
+        ),
         (r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))", ""),
         (
             rf"(?:GLOBAL )?INTERRUPT DECL #{{number}} WHEN (?P<when>.+?) ?DO (?P<action>{_NAME}\(.*\))",
