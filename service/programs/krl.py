@@ -446,7 +446,8 @@ LANGUAGE: Final = ir.Language(
         (r"BRAKE(?: F)?", ""),
         (r"RESUME", "resume"),
         (
-            r"ANOUT ON ((?:(?! ?\b(?:DELAY|MINIMUM|MAXIMUM)=).)+)(?: ?(?:DELAY|MINIMUM|MAXIMUM)=[+-]?\0){1,3}",
+            r"ANOUT ON ((?:(?! ?\b(?:DELAY|MINIMUM|MAXIMUM)=).)+)"
+            r"(?: ?(?:DELAY|MINIMUM|MAXIMUM)=[+-]?\0){1,3}",
             "",
         ),
         (r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))", ""),
