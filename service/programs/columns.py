@@ -104,7 +104,8 @@ class Columns:
         self._remarks: list[Remark] = []
         self._left: list[tuple[ReadMove, Cause]] = []
         # index of each target, by its file, its first number and its literal
-        self._target_indices: dict[tuple[int, int, int], int] = {}
+        # index of each target by source, first number and literal, as one number: long programs have many
+        self._target_indices: dict[int, int] = {}
         self._literals: dict[Literal, int] = {}  # indices of the literals
         # index of each frame and the frame, by its role (base or tool), and its name or the bytes of its pose
         self._frames: dict[tuple[str, str | bytes], tuple[int, FrameName]] = {}
@@ -222,7 +223,8 @@ class Columns:
         base, tool = (
             self._index_frame(*each) for each in zip(("base", "tool"), frames or (None, None), strict=True)
         )
-        index = self._target_indices.setdefault((target.source, target.first, literal), len(self._names))
+        key = (literal * len(self._sources) + target.source) << 40 | target.first
+        index = self._target_indices.setdefault(key, len(self._names))
         row = _ROW_WIDTH * index
         if index == len(self._names):
             if index >= MAX_TARGETS:
@@ -263,6 +265,7 @@ class Columns:
         Raises:
             ProgramError: no move of the program can be corrected.
         """
+        self._target_indices.clear()  # its memory serves for the columns
         for index, name in enumerate(self._names):
             if name in used and name:
                 use = f"the numbers of {quote_text(name)} are used on line {used[name]}, too"

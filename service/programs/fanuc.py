@@ -13,7 +13,7 @@ from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.errors import quote_text
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Line, Misread, Op
-from jointstiff.service.programs.notation import Notation, Orientation
+from jointstiff.service.programs.notation import Notation, Orientation, iterate_integers
 from jointstiff.service.programs.program import Literal, Motion, Source
 from jointstiff.solver.arrays import IndexArray
 
@@ -34,15 +34,16 @@ _HARMLESS: Final = (
     r"(?:R|SR|F|DO|RO|GO|AO|WO|UO|SO|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
     r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$WAITTMOUT=|\$[\w$.\[\]\0]*OVERRIDE=) ?(.+?)(?:\(sec\)| ?%)?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|TC_ONLINE|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+)"
-    r"|(?:PAYLOAD|UALM|DIAG_REC|SPOT|SS|SE|(?:Arc|Weld) (?:Start|End))(?:\[[^\[\]]*\])?|COL GUARD ADJUST ?(.+)"
+    r"|(?:PAYLOAD|UALM|DIAG_REC)\[(.*)\]|COL GUARD ADJUST ?(.+)"
+    r"|(?:SPOT|SS|SE|(?:Arc|Weld) (?:Start|End))(?:\[[^\[\]]*\])?"
     # A weave swings about the path. Conditions act on moves that say Skip or Offset, which are left.
     r"|Weave [\w ]+(?:\[[^\[\]]*\])?|(?:SKIP|(?:TOOL_|V)?OFFSET) CONDITION .+|MONITOR END \w+"
     r"|VISION (?:RUN_FIND|GET_NFOUND|SET_REFERENCE) .*"
 )
 # Instructions of words alone that displace targets, or soften the arm, until others end them
 _LASTING_WORDS: Final = (
-    r"(?i:[JLCAS]|P|PR|TOUCH|TRACK|MP|RPM|SEARCH|SOFTFLOAT|FOLLOW|DEF\w*|LINE|(?:TOOL_|V)?OFFSET|UFRAME|UTOOL|INDEPENDENT"
-    r"|SIMULTANEOUS|FORCE|CALIB|GROUP|IF|FOR|SELECT|JMP|LBL|RUN|CALL|WAIT|END\w*)\b"
+    r"(?i:[JLCAS]|P|PR|TOUCH|TRACK|MP|RPM|SEARCH|SOFTFLOAT|FOLLOW|DEF\w*|LINE|(?:TOOL_|V)?OFFSET"
+    r"|UFRAME|UTOOL|INDEPENDENT|SIMULTANEOUS|FORCE|CALIB|GROUP|IF|FOR|SELECT|JMP|LBL|RUN|CALL|WAIT|END\w*)\b"
 )
 # Text behind a target that does not move the target: termination, acceleration, configuration, spots, signals
 _TAIL: Final = re.compile(
@@ -305,8 +306,10 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
     """
     source = sources[0]
     section_ends, section = dict[str, int](), ""  # index behind the head of each section; present section
-    spans: list[tuple[int, int]] = []  # first, and last + 1 character of each instruction
-    for line, (start, end) in enumerate(zip(source.starts.tolist(), source.ends.tolist(), strict=True), 1):
+    spans = array("q")  # first, and last + 1 character of each instruction
+    for line, (start, end) in enumerate(
+        zip(iterate_integers(source.starts), iterate_integers(source.ends), strict=True), 1
+    ):
         text = source.text[start:end].rstrip("\r\n")
         if match := _SECTION.match(text):
             occurs_twice = match[1] in section_ends and match[1] != "APPL"
@@ -333,13 +336,13 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
     machine.add_statements(0, *_spans_to_arrays(spans))
 
 
-def _spans_to_arrays(spans: list[tuple[int, int]]) -> tuple[IndexArray, IndexArray]:
+def _spans_to_arrays(spans: array[int]) -> tuple[IndexArray, IndexArray]:
     """Return the starts and the ends of spans as two arrays."""
-    starts, ends = np.array(spans, dtype=np.intp).reshape(-1, 2).T
+    starts, ends = np.asarray(memoryview(spans), dtype=np.intp).reshape(-1, 2).T
     return starts, ends
 
 
-def _add_instruction(machine: Machine, spans: list[tuple[int, int]], start: int, text: str) -> None:
+def _add_instruction(machine: Machine, spans: array[int], start: int, text: str) -> None:
     """Add the span of a line of /MN to `spans`; a line without a number continues the line before it.
 
     A line that is not in the controller's form is a statement of its own, which is not understood.
@@ -348,16 +351,16 @@ def _add_instruction(machine: Machine, spans: list[tuple[int, int]], start: int,
     if text.lstrip().startswith("--"):  # this line only ends a block of logic
         return
     if head is None and not _SECOND_POSITION.match(text):
-        spans.append((start, start + len(text)))
+        spans.extend((start, start + len(text)))
         return
     body = head.end() if head else 0
     if text[body:].lstrip().startswith(("!", "//", "--")):
         return
-    last = machine.sources[0].text[slice(*spans[-1])].rstrip() if spans else ";"
+    last = machine.sources[0].text[spans[-2] : spans[-1]].rstrip() if spans else ";"
     if not (head and head[1]) and not last.endswith(";"):
-        spans[-1] = spans[-1][0], start + len(text)
+        spans[-1] = start + len(text)
     else:
-        spans.append((start + body, start + len(text)))
+        spans.extend((start + body, start + len(text)))
 
 
 def _find_positions(machine: Machine, source: Source, place: int, end: int) -> tuple[IndexArray, IndexArray]:
@@ -372,8 +375,7 @@ def _find_positions(machine: Machine, source: Source, place: int, end: int) -> t
             reason = f"{quote_text(match[0])} between positions is unknown or has no end"
             machine.refuse(source.find_line(match.start()), reason, _RECORD_AGAIN)
         spans.extend(match.span())
-    starts, ends = np.asarray(memoryview(spans), dtype=np.intp).reshape(-1, 2).T
-    return starts, ends
+    return _spans_to_arrays(spans)
 
 
 LANGUAGE: Final = ir.Language(
@@ -418,7 +420,7 @@ LANGUAGE: Final = ir.Language(
         (r"LBL ?\[#{name}\]", "label"),
         (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
         (
-            r"VISION GET_\w+ .*(?P<action>JMP LBL ?\[.*\])",
+            r"VISION GET_\w+ [^\[\]]*(?:\[[^\[\]]*\][^\[\]]*?)*(?P<action>JMP LBL ?\[[^\[\]]*\])",
             _translate_conditional_action,
         ),
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),

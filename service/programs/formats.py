@@ -82,8 +82,10 @@ def read_program(
     sources = tuple(_read_source(name, content) for name, content in ordered)
     commas = chosen == "csv" and has_decimal_commas(sources[0].text)
     language = table.DECIMAL_COMMAS if commas else FORMATS[chosen]
-    machine = Machine(chosen, sources, language, leave_alone, trusts_routines=trust_routines)
-    columns, used, causes = machine.interpret()
+    # The machine is not kept: its names and states take as much memory as the targets that are built next.
+    columns, used, causes = Machine(
+        chosen, sources, language, leave_alone, trusts_routines=trust_routines
+    ).interpret()
     program = columns.build_program(used, causes, external_axes)
     if program.faults and not leave_others:
         raise ProgramError(program.faults, left=program.left_moves)

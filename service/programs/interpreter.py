@@ -22,7 +22,7 @@ from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.columns import MAX_VALUE, OF_ROUTINE, Cause, Columns, Frames, WrittenNumbers
 from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, quote_text
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
-from jointstiff.service.programs.notation import Numerals
+from jointstiff.service.programs.notation import Numerals, iterate_integers
 from jointstiff.service.programs.program import FrameName, Literal, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
@@ -43,6 +43,10 @@ UNKNOWN: Final = "\0everything"
 
 Content: TypeAlias = WrittenNumbers | Cause | str
 """Content of a variable: numbers, the cause why the numbers are unknown, or the name of another value."""
+Operations: TypeAlias = "list[tuple[int, Op]]"
+"""Operations of a statement, each with its number of lines below the first line."""
+Held: TypeAlias = "tuple[Operations, int, int]"
+"""Operations of a statement that acts behind the next move, its line, and the index of its first number."""
 State: TypeAlias = dict[str, tuple[Content, int]]
 """Content of each name, and the line of the statement that set this content."""
 
@@ -86,7 +90,9 @@ class Place:
             return self.scope.qualify(name)
         value = float(self.values[self.first + name[1]])
         template, _ = name
-        return intern(template % (f"{value:g}" if value.is_integer() else "\0"))  # one copy of each name
+        name_with_number = template % (f"{value:g}" if value.is_integer() else "\0")
+        # One copy of each name; names of fields are used once or twice, and are not stored.
+        return name_with_number if "." in template else intern(name_with_number)
 
 
 def _get_structure_name(name: str) -> str:
@@ -329,12 +335,16 @@ class Machine:
         self._scopes = [Scope("")]  # scopes of the routines and blocks whose end was not reached yet
         self._last_scope = Scope("")  # scope of the routine or block that ended last
         self._initial: dict[str, Content] = {}  # values of names before the program runs
+        # the same for frames that a position states: many positions share one tuple of endings and contents
+        self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
+        self._shared_fields: dict[tuple[tuple[str, Content], ...], tuple[tuple[str, Content], ...]] = {}
         self._constants: set[str] = set()  # names that are declared as constants
         self._shared: set[str] = set()  # names that other programs use as well
         self._private: set[str] = set()  # names that no other program knows
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
         self._causes: list[Cause] = []  # causes of all statements that are not understood
+        self._until_ended: set[Cause] = set()  # causes of what lasts until a statement ends it
         self._anytime: dict[str, Cause] = {}  # names that routines change which may run at any time
         self._changed: dict[str, dict[str, Cause]] = defaultdict(dict)  # names that each routine may change
         self._callers: dict[str, set[str]] = defaultdict(set)  # callers of each routine
@@ -390,11 +400,13 @@ class Machine:
         if (long := np.flatnonzero(ends - starts > _MAX_STATEMENT)).size:
             reason = f"a statement has more than {_MAX_STATEMENT} characters"
             self.refuse(int(lines[long[0]]), reason, "split the statement", source)
-        translations: dict[str, list[tuple[int, Op]]] = {}
+        translations: dict[str, Operations] = {}
         # operations of the last statement, if a repetition of this statement can differ in numbers only
-        repeatable: list[tuple[int, Op]] | None = None
-        held: list[tuple[list[tuple[int, Op]], int, int]] = []  # statements that act behind the next move
-        for masked, line, number in zip(masked_texts, lines.tolist(), first.tolist(), strict=True):
+        repeatable: Operations | None = None
+        held: list[Held] = []  # statements that act behind the next move
+        for masked, line, number in zip(
+            masked_texts, iterate_integers(lines), iterate_integers(first), strict=True
+        ):
             ops = translations.get(masked)
             if ops is None:
                 try:
@@ -409,25 +421,47 @@ class Machine:
                 line_offset, _ = ops[-1]
                 self._repeats[len(self._ops) - 1].extend((line + line_offset, number))
                 continue
-            effects = [op for _, op in ops if not isinstance(op, ir.Use)]
-            if any(isinstance(op, ir.Call) and op.behind_next for op in effects) and not declares:
+            if not declares and any(isinstance(op, ir.Call) and op.behind_next for _, op in ops):
                 held.append((ops, line, number))
                 continue
-            is_move = [type(op) for op in effects] == [ir.Move]
-            if held and effects and not is_move:
-                self._add_held(held, source)
-            self._add_operations(ops, source, line, number, declares)
-            if held and is_move:
-                self._add_held(held, source)
-                repeatable = None
-                continue
-            is_repeatable = (
-                len(effects) == 1 and isinstance(effects[0], ir.Move) and effects[0].differs_only_in_target
-            )
-            repeatable = ops if is_repeatable and not declares else None
+            repeatable = self._add_with_held(ops, source, line, number, declares, held)
         self._add_held(held, source)
 
-    def _add_held(self, held: list[tuple[list[tuple[int, Op]], int, int]], source: int) -> None:
+    def _add_with_held(
+        self, ops: Operations, source: int, line: int, number: int, declares: str, held: list[Held]
+    ) -> Operations | None:
+        """Add a statement, with the statements that act behind the next move before or behind it.
+
+        Returns:
+            The operations, if a repetition of the statement can differ in numbers only.
+        """
+        effects = [op for _, op in ops if not isinstance(op, ir.Use)]
+        is_move = len(effects) == 1 and isinstance(effects[0], ir.Move)
+        if effects and not is_move:
+            self._add_held(held, source)
+        self._add_operations(ops, source, line, number, declares)
+        if is_move and held:
+            self._add_held(held, source)
+        elif (
+            is_move and not declares and isinstance(effects[0], ir.Move) and effects[0].differs_only_in_target
+        ):
+            return ops
+        return None
+
+    def _translate(
+        self, translate: Callable[[str], Operations], masked: str, line: int, source: int
+    ) -> Operations:
+        """Translate a statement.
+
+        Raises:
+            ProgramError: the statement is not understood at all.
+        """
+        try:
+            return translate(masked)
+        except Misread as fault:
+            self.refuse(line, fault.reason, fault.remedy, source)
+
+    def _add_held(self, held: list[Held], source: int) -> None:
         """Add the operations of statements that act behind the next move, and empty their list."""
         for ops, line, number in held:
             self._add_operations(ops, source, line, number, "")
@@ -484,6 +518,13 @@ class Machine:
         if op.private and not self._language.is_own(name):
             self._private.add(_get_structure_name(name))
         content = self._evaluate(place, name, op.value, {})
+        structure, _, ending = name.partition(".")
+        if ending and self._language.is_own(name):
+            fields = self._initial_fields.get(structure, ())
+            if all(known != (ending, content) for known in fields):
+                fields = (*fields, (ending, content))
+                self._initial_fields[structure] = self._shared_fields.setdefault(fields, fields)
+            return
         if self._initial.setdefault(name, content) != content:
             self._initial[name] = place.make_cause(f"{name} is declared twice")
         if kind == "constant" and not self._language.is_own(name):
@@ -510,15 +551,17 @@ class Machine:
             # An unknown routine that an attached routine calls counts as called where this one is attached.
             is_attached = name in self._attached_routines
             changed = self._changed[name].items()
-            for each, cause in changed:
-                ends_lasting = each == ir.MODE and not cause.reason
-                if not ((is_attached and each == UNKNOWN) or ends_lasting):
-                    self._anytime[each] = cause
+            self._anytime |= {
+                each: cause
+                for each, cause in changed
+                if cause.reason and not (is_attached and each == UNKNOWN)
+            }
 
     def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
         """Note why values become unknown at a statement, for each name that the statement changes."""
         cause = place.make_cause(op.reason, op.remedy)
         self._causes.append(cause)
+        self._until_ended |= {cause} if op.until_ended else set()
         names = [place.qualify(name) for name in op.names]
         if op.anytime:
             fields = [each for name in names for each in self._list_name_and_fields(name)]
@@ -718,7 +761,9 @@ class Machine:
                 name, first_content, second_content
             ):
                 continue
-            if not isinstance(first_content, Cause):
+            if name == ir.MODE and first_content in self._until_ended and isinstance(second_content, Cause):
+                joined[name] = second_content, second_line
+            elif not isinstance(first_content, Cause):
                 subject = "whatever an unknown routine may change" if name == UNKNOWN else name
                 reason = f"{subject} changes while the program runs: by a branch, a loop or a call"
                 line = max(first_line, second_line)
@@ -753,15 +798,11 @@ class Machine:
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)
-            if name == ir.MODE and state.get(name, ("",))[0] in self._faults.values():
-                return  # the end of force control and the like does not mend a fault of the text
+            if name == ir.MODE and not self._can_be_ended(state):
+                return
             state[name] = self._evaluate(place, name, op.value, state), place.line
         elif isinstance(op, ir.MakeUnknown):
-            cause = place.make_cause(op.reason, op.remedy)
-            if not op.names:
-                self._forget_names(state, cause)
-            for name in map(place.qualify, op.names):
-                state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
+            self._make_unknown(state, op, place)
         elif isinstance(op, ir.Call) and (op.event or not op.anytime):
             is_own = op.name in self._flow.begins
             unknown = None if is_own else self._explain_unknown_call(place, op)
@@ -769,6 +810,24 @@ class Machine:
                 self._forget_names(state, unknown)
                 if op.may_last:
                     state[ir.MODE] = unknown, unknown.line
+
+    def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
+        """Make the values of names unknown in a state; without names, all that other routines may change."""
+        cause = place.make_cause(op.reason, op.remedy)
+        if not op.names:
+            self._forget_names(state, cause)
+        if op.until_ended and not self._can_be_ended(state):
+            return
+        for name in map(place.qualify, op.names):
+            state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
+
+    def _can_be_ended(self, state: State) -> bool:
+        """Return whether what lasts in a state, and may move targets, lasts only until a statement ends it.
+
+        A statement that is not understood lasts longer, and so does a fault of the text.
+        """
+        content, _ = state.get(ir.MODE, ("", 0))
+        return not isinstance(content, Cause) or content in self._until_ended
 
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
@@ -787,6 +846,8 @@ class Machine:
         if self._language.is_own(name) and "." in name:  # frames that a position states
             return True
         if self._language.is_own(name) or _get_structure_name(name) in self._private:
+            return not self._find_changes(name)
+        if self._language.keeps_declared and name in self._initial:
             return not self._find_changes(name)
         is_reached = self._language.is_reached
         if is_reached is None or is_reached(name):
@@ -841,6 +902,12 @@ class Machine:
         changes = self._find_changes(name)
         if name in self._initial and not changes:
             return self._initial[name]
+        structure, _, ending = name.partition(".")
+        contents = [content for field, content in self._initial_fields.get(structure, ()) if field == ending]
+        if len(contents) == 1 and not changes:
+            return contents[0]
+        if contents and not changes:
+            return Cause(0, f"{name} is declared twice")
         if (active := self._language.active.get(name)) is not None:
             return active
         if changes:
@@ -868,6 +935,8 @@ class Machine:
             self._language.read(self, self.sources)
         else:
             self.add_statements(0, self.sources[0].starts, self.sources[0].ends)
+        # All statements are translated: the texts without numbers take as much memory as the files.
+        self.numerals[:] = [replace(each, masked_text="") for each in self.numerals]
         names = [
             self._places[i].qualify(op.name) if isinstance(op, ir.Flow) else ""
             for i, op in enumerate(self._ops)
@@ -898,10 +967,18 @@ class Machine:
             for name in order:
                 self._propagate_through(name, self._state_operations[name])
             order.reverse()  # callers first carries states into routines, callees first carries them back
+        self._find_what_outlasts_routines()
         for name, body in bodies.items():
             self._propagate_through(name, body)
         self._note_assumption()
         return self.columns, self._used, self._causes
+
+    def _find_what_outlasts_routines(self) -> None:
+        """Let what lasts when a routine ends last at any time: the next one may be called from outside."""
+        if self._language.callable_from_outside and self._until_ended:
+            ends = [state.get(ir.MODE, ("", 0))[0] for state in self._exits.values() if state]
+            for cause in (each for each in ends if isinstance(each, Cause)):
+                self._anytime[ir.MODE] = cause
 
     def _note_assumption(self) -> None:
         """Add a remark on what routines of other files are assumed to leave, if moves behind them need it."""

@@ -183,8 +183,10 @@ def _translate_assignment(line: Line) -> list[Op]:
         active: ir.Name = name.replace("ACT_", "")
         statement = ir.quote_statement(line.text, line.ordinals)
         reason = f"{statement}: the controller's variable {name} may move targets"
-        changes = [ir.MakeUnknown(frozenset({active, name}), reason, "omit it")]
-        return [*_read_value(line, line["value"]), *changes]
+        return [
+            *_read_value(line, line["value"]),
+            ir.MakeUnknown(frozenset({active, name}), reason, "omit it"),
+        ]
     elif _MAY_MOVE_TARGETS.match(line.text):
         raise Misread(f"the controller's variable {name} may move targets", "omit it")
     # The indices of elements are expressions; all of them are read as one expression.
@@ -443,7 +445,11 @@ LANGUAGE: Final = ir.Language(
         # KSS: an interrupt's routine brakes the motion; RESUME also ends the routines that it interrupted
         (r"BRAKE(?: F)?", ""),
         (r"RESUME", "resume"),
-        (r"ANOUT ON (.+?)(?: ?(?:DELAY|MINIMUM|MAXIMUM)=[+-]?\0)+", ""),
+        (
+            r"ANOUT ON ((?:(?! ?\b(?:DELAY|MINIMUM|MAXIMUM)=).)+)"
+            r"(?: ?(?:DELAY|MINIMUM|MAXIMUM)=[+-]?\0){1,3}",
+            "",
+        ),
         (r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))", ""),
         (
             rf"(?:GLOBAL )?INTERRUPT DECL #{{number}} WHEN (?P<when>.+?) ?DO (?P<action>{_NAME}\(.*\))",

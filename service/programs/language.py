@@ -84,6 +84,8 @@ class MakeUnknown(NamedTuple):
     reason: str
     remedy: str
     anytime: bool = False  # whether the values may change at any time, also before this statement
+    # whether another statement may end what this one lets last: the value of `MODE` is then "" again
+    until_ended: bool = False
 
 
 class Note(NamedTuple):
@@ -147,7 +149,7 @@ class Flow(NamedTuple):
     Blocks begin with `if`, `loop` or `repeat` (a loop that runs at least once) and end with `close`; further
     branches begin with `branch` or `default`; `leave` leaves a loop. Routines begin with `routine`, or with
     `handler` if they may run at any time, and end with `end`. `close_or_end` ends a block or a routine. The
-    other kinds are `label`, `jump`, `return`, and `resume`, which also ends the routines that were interrupted.
+    other kinds are `label`, `jump`, `return`, and `resume`, which also ends the interrupted routines.
     """
 
     kind: str
@@ -244,6 +246,8 @@ class Language:
     # function that tells whether routines of other files may change a name of the controller's active data;
     # None if they may change all names
     is_reached: Callable[[str], bool] | None = None
+    # whether what the program declares keeps its value where no statement of the program changes it
+    keeps_declared: bool = False
     # function that tells whether a name is of this program alone, so that no other program changes it
     is_own: Callable[[str], bool] = lambda _: False
     # pattern in statements that are not understood: such a statement may change what lasts (`MODE`)

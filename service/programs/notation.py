@@ -247,7 +247,17 @@ class Numerals:
         missing = np.concatenate([[0], np.cumsum(self.ends - self.starts - 1)])
         first, last = np.searchsorted(self.starts, starts), np.searchsorted(self.starts, ends)
         begins, stops, text = starts - missing[first], ends - missing[last], self.masked_text
-        return (text[begin:stop] for begin, stop in zip(begins.tolist(), stops.tolist(), strict=True)), first
+        spans = zip(iterate_integers(begins), iterate_integers(stops), strict=True)
+        return (text[begin:stop] for begin, stop in spans), first
+
+
+def iterate_integers(values: IndexArray) -> Iterator[int]:
+    """Yield the integers of an array in blocks: a list of all of them would take five times its memory."""
+    for start in range(0, len(values), _BLOCK):
+        yield from values[start : start + _BLOCK].tolist()
+
+
+_BLOCK: Final = 4096
 
 
 def _parse_numbers(numbers: Sequence[str]) -> FloatArray:

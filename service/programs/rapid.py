@@ -27,14 +27,15 @@ _OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d")
 _HARMLESS: Final = (
     r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT"
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
-    r"|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
-    # Ends of displacements; corrections of paths act on moves with \Corr only
-    r"|(?:PDISP|EOFFS)OFF|SOFTDEACT|CORR(?:CON|DISCON|CLEAR|WRITE)|(?:START|STOP)MOVE|(?:STORE|RESTO|CLEAR)PATH"
+    r"|WRITE\w*|OPEN|CLOSE|REWIND|SOCKET\w+|TPREAD\w+|UI\w+|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
+    # Corrections of paths act on moves with \Corr only.
+    r"|CORR(?:CON|DISCON|CLEAR|WRITE)|(?:START|STOP)MOVE|(?:STORE|RESTO|CLEAR)PATH"
 )
 # Moves of a process, and instructions that shift targets and frames: neither can be corrected
 _PROCESS_MOVE: Final = re.compile(r"(?:ARC|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:[LCJ]|[LC]\w++)")
 _SEARCH: Final = re.compile(r"SEARCH[LCJ]|SEARCHEXTJ")
 _SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CORR|WAITWOBJ|DROPWOBJ|IND")
+_END_OF_SHIFT: Final = re.compile(r"PDISPOFF|EOFFSOFF|SOFTDEACT")
 # Force control, moves of several robots, guidance from outside, and data that are written by their names
 _LASTING: Final = re.compile(r"FC\w+|SYNCMOVE\w+|EGM\w+|SET(?:ALL)?DATAVAL")
 _RESERVED: Final = (
@@ -120,23 +121,36 @@ def _translate_instruction(line: Line) -> list[Op]:
     if _PROCESS_MOVE.fullmatch(name):
         reason, remedy = f"{name} is a move of a process such as welding", "write it as MoveL, MoveJ or MoveC"
         return ir.make_uncorrected_move(found, reason, remedy)
-    if _SEARCH.fullmatch(name):  # it gives the place of a signal to one of its arguments
-        reason, remedy = f"{name} moves until a signal comes", "omit it"
-        plain = [each for each in line["arguments"].split(",") if not each.lstrip().startswith("\\")]
-        if len(plain) > 1 and re.fullmatch(_WORD, plain[1]):
-            names = frozenset({plain[1]})
-        return ir.make_uncorrected_move([*found, ir.MakeUnknown(names, reason, remedy)], reason, remedy)
+    if _SEARCH.fullmatch(name):
+        return _translate_search(line, found, names)
+    return [*found, *(_translate_lasting(name, names) or [ir.Call(name, names)])]
+
+
+def _translate_search(line: Line, found: list[Op], names: frozenset[str]) -> list[Op]:
+    """Return the operations of a search, which gives the place of a signal to its second argument.
+
+    `found` are the operations of its arguments, `names` their names.
+    """
+    reason, remedy = f"{line['name']} moves until a signal comes", "omit it"
+    plain = [each for each in line["arguments"].split(",") if not each.lstrip().startswith("\\")]
+    if len(plain) > 1 and re.fullmatch(_WORD, plain[1]):
+        names = frozenset({plain[1]})
+    return ir.make_uncorrected_move([*found, ir.MakeUnknown(names, reason, remedy)], reason, remedy)
+
+
+def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
+    """Return the operations of an instruction that begins or ends what lasts; [] for any other one."""
+    mode = frozenset({ir.MODE})
+    if _END_OF_SHIFT.fullmatch(name):
+        return [ir.Assign(ir.MODE, ir.Named(""))]
     if _LASTING.fullmatch(name):
         reason = f"{name} may move targets or frames"
-        return [*found, *(ir.MakeUnknown(each, reason, "omit it") for each in (names, frozenset({ir.MODE})))]
+        return [ir.MakeUnknown(each, reason, "omit it") for each in (names, mode)]
     if _SHIFT.match(name):
         reason = f"{name} moves targets or frames"
-        return [
-            *found,
-            ir.MakeUnknown(frozenset(), reason, "omit it"),
-            ir.MakeUnknown(frozenset({ir.MODE}), reason, "omit it", anytime=True),  # it outlasts the routine
-        ]
-    return [*found, ir.Call(name, names)]
+        conveyed = [ir.MakeUnknown(names, reason, "omit it", anytime=True)] if "WOBJ" in name else []
+        return [*conveyed, ir.MakeUnknown(mode, reason, "omit it", until_ended=True)]
+    return []
 
 
 def _read_target(line: Line, start: int, end: int) -> Literal | None:
@@ -345,8 +359,7 @@ LANGUAGE: Final = ir.Language(
     constants={"WOBJ0": np.eye(4), "TOOL0": np.eye(4)},
     field_endings=tuple(ending for endings in _FRAMES_OF.values() for ending in endings),
     is_frame=lambda _: True,
-    # Each move names its tool and its work object: routines of other files reach no active frame.
-    is_reached=lambda _: False,
+    keeps_declared=True,  # each move names its tool and its work object: there is no active frame to reach
     lasting="",  # what is not understood may displace targets
     callable_from_outside=True,
     rules=(

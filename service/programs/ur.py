@@ -83,7 +83,7 @@ def _translate_call(line: Line) -> list[Op]:
     found = [op for op in found if not _is_call_of(name, op)]  # no function of the controller sets the tool
     reason, remedy = f"{name} moves the robot without a target", "use movej, movel, movep or movec"
     if _LASTING.fullmatch(name):
-        found.append(ir.MakeUnknown(frozenset({ir.MODE}), reason, remedy))
+        found.append(ir.MakeUnknown(frozenset({ir.MODE}), reason, remedy, until_ended=True))
     return ir.make_uncorrected_move(found, reason, remedy)
 
 

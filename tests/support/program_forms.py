@@ -21,6 +21,14 @@ from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
+import numpy as np
+
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.formats import read_program
+from jointstiff.service.programs.program import FrameName
+
+from .written_programs import moves_of, targets_of
+
 FOLDER = Path(__file__).parents[1] / "service" / "programs" / "forms"
 LANGUAGES = ("krl", "rapid", "urscript", "fanuc")
 _MARK = " =>"
@@ -60,6 +68,47 @@ def read_forms(language: str) -> Iterator[Form]:
         title, _, rest = part.partition("\n")
         _, *texts = re.split(r"^--- (.*)\n", rest, flags=re.MULTILINE)
         yield _Drawing(language, title).fill(list(zip(texts[::2], texts[1::2], strict=True)))
+
+
+class Judgement(NamedTuple):
+    """Moves of a program by their lines in the first file: to numbers, known, and known wrongly."""
+
+    literal: frozenset[int]
+    known: frozenset[int]
+    wrong: tuple[str, ...]
+
+
+def judge(form: Form, *, trust_routines: bool) -> Judgement:
+    """Compare what the reader knows of a program with the truth."""
+    literal = frozenset(form.truth)
+    try:
+        program = read_program(form.files, leave_others=True, trust_routines=trust_routines)
+    except ProgramError as error:
+        if not error.left_moves:
+            raise
+        return Judgement(literal, frozenset(), ())
+    targets, known, wrong = targets_of(program), set[int](), list[str]()
+    for move in moves_of(program):
+        own = [targets[i] for i in move.targets]
+        found = Truth(tuple(each.values for each in own), _plain(own[-1].base), _plain(own[-1].tool))
+        truth = form.truth.get(move.line, Truth((), "?", "?"))
+        if (found.base, found.tool) != (truth.base, truth.tool) or not (
+            len(found.targets) == len(truth.targets)
+            and all(
+                np.allclose(*pair, rtol=0, atol=1e-9) for pair in zip(*found[:1], *truth[:1], strict=True)
+            )
+        ):
+            wrong.append(f"{form.title}, line {move.line}: {found}, not {truth}")
+        known.add(move.line)
+    return Judgement(literal, frozenset(known & literal), tuple(wrong))
+
+
+def _plain(frame: FrameName) -> str:
+    """Return the name of a frame as the truth writes it, without the line that gave its numbers."""
+    if frame.name.startswith("active TCP of") and frame.pose is not None:
+        return "tcp:" + ",".join(f"{each:g}" for each in (frame.pose[:3, 3].round(9) + 0.0).tolist())
+    name = frame.name.partition(" of line")[0].removeprefix("active ")
+    return "base" if name == "robot base" else name
 
 
 class _Drawing:
@@ -123,7 +172,7 @@ class _Drawing:
             return tuple(round(each, self._places) for each in (*(each / 1e3 for each in place), *turn))
         return tuple(round(each, 3) for each in (*place, draw(-90, 90), draw(-30, 30), draw(150, 179)))
 
-    def _write(self, values: Numbers, joints: bool) -> str:  # noqa: FBT001
+    def _write(self, values: Numbers, joints: bool) -> str:
         """Return a pose or joint angles in the language."""
         comma = self._comma
         texts = [str(each) if self._random.random() < 0.5 else f"{each:.12f}" for each in values]
@@ -145,7 +194,7 @@ class _Drawing:
         body, _, positions = rest.partition("/POS\n")
         yield from head.splitlines()
         yield "/MN"
-        for number, line in enumerate((each for line in body.splitlines() for each in _count(line)), 1):
+        for number, line in enumerate((each for row in body.splitlines() for each in _count(row)), 1):
             plain, marked, _ = line.partition(_MARK)
             blanks = "" if re.match(r"[JLCAS] P", plain) else "  "
             first, arc, second = plain.partition("\\")  # an arc continues on a second line

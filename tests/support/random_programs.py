@@ -261,7 +261,7 @@ class Cell:
         if verb == "change":
             for name in rest.split(", "):
                 plain = name.removeprefix("written ")
-                written = any(f"{plain} = " in each.does for each in self.program.statements)
+                written = plain in _names_written_by(self.program.statements)
                 if plain not in self.kept and (plain == name or written):
                     self.values[plain] = self.junk()
         elif verb == "keep":
@@ -328,3 +328,17 @@ def languages() -> dict[str, Language]:
 
 
 LANGUAGES = languages()
+
+
+def _names_written_by(statements: list[Statement]) -> set[str]:
+    """Return the names that statements of routines write, without those that are a routine's own."""
+    written, own = set[str](), set[str]()
+    for each in statements:
+        if each.does.startswith("routine "):
+            own = set()
+        elif not re.match(r"(?:CONST|(?:LOCAL )?PERS|VAR) ", each.text):  # declarations of RAPID
+            own |= set(re.findall(r"\bown (\S+) = ", each.does))
+            written |= set(re.findall(r"(?<!own )(?<![\w\]])([\w\[\]]+) = ", each.does)) - own
+        else:
+            own |= set(re.findall(r"\bown (\S+) = ", each.does))
+    return written

@@ -184,7 +184,7 @@ def texts(*parts):
 
 NUMBER = r"(?<!\w)[+-]?(?:[0-9]{1,15}(?:\.[0-9]{0,20})?|\.[0-9]{1,20})(?:[eE][+-]?[0-9]{1,3})?"
 PATTERNS = {
-    "krl": (krl.LANGUAGE.numbers, rf"'B[01]{{1,16}}'|{NUMBER}"),
+    "krl": (krl.LANGUAGE.numbers, rf"'B ?[01]{{1,16}}'|{NUMBER}"),
     "rapid": (rapid.LANGUAGE.numbers, NUMBER),
     "fanuc": (fanuc.LANGUAGE.numbers, NUMBER),
     "ur": (ur.LANGUAGE.numbers, NUMBER),
