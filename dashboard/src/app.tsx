@@ -80,6 +80,7 @@ const TrendView = lazy(async () => (await import("./views/trend")).TrendView);
 const MapView = lazy(async () => (await import("./views/map")).MapView);
 const ProgramView = lazy(async () => (await import("./views/map")).ProgramView);
 const ProcessView = lazy(async () => (await import("./views/process")).ProcessView);
+const ProcessesView = lazy(async () => (await import("./views/process_form")).ProcessesView);
 const RobotsView = lazy(async () => (await import("./views/robots")).RobotsView);
 const RobotView = lazy(async () => (await import("./views/robots")).RobotView);
 const RobotNewView = lazy(async () => (await import("./views/robot_new")).RobotNewView);
@@ -162,7 +163,7 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
   ["runs", [RunsView, RunView]],
   ["programs", [RunsView, ProgramView, "runs"]],
   ["maps", [RunsView, MapView, "runs"]],
-  ["processes", [RunsView, ProcessView, "runs"]],
+  ["processes", [ProcessesView, ProcessView, "runs"]],
   ["sets", [() => <RobotsView list="sets" />, SetView, "robots"]],
   ["geometries", [GeometriesView, GeometryView, "robots"]],
   ["fleets", [FleetsView, FleetView, "robots"]],

@@ -4,7 +4,7 @@ import re
 
 import pytest
 from playwright.sync_api import expect
-from support.api import posted
+from support.api import post, posted
 from support.browsing import campaign, file_of
 from support.programs import START, path, tool_poses
 
@@ -111,3 +111,26 @@ def test_a_table_of_loads_is_sent_with_the_program(visit, run, api):
     request = api.get(f"/v1/jobs/{page.url.rsplit('/', 1)[1]}").json()["request"]
     assert request["loads"] == "loads.csv"
     assert [each["name"] for each in request["files"]] == ["pocket.src", "loads.csv"]
+
+
+def test_an_arm_that_nobody_measured_is_answered_by_its_prior(visit, run, api):
+    arm = {"format": "catalogue", "arm": "KUKA KR 210 R2700 extra"}
+    robot = post(api, "/v1/robots", {"name": "before the tracker", "model": arm, "payload": 210.0})["id"]
+    page = visit("tablet", view=f"#/robots/{robot}").page
+    page.get_by_role("link", name="Turn and place").click()
+    expect(page.get_by_text("right within a factor of two").first).to_be_visible()
+    rows = "".join(f"1900,{y},900,0,30,180\n" for y in (-150, -50, 50, 150))
+    table = f"x [mm],y [mm],z [mm],a [deg],b [deg],c [deg]\n{rows}"
+    page.locator("input[type=file]").first.set_input_files(file_of("trim.csv", table))
+    page.get_by_label("Accuracy option of the controller").select_option("off")
+    page.get_by_label("Tool, if the program only names it").fill("100, 0, 300, 0, 90, 0")
+    page.get_by_label("Base, if the program only names it").fill("0 0 0 0 0 0")
+    page.get_by_label("Process force on the tool").fill("-100, -150, -50")
+    page.locator("summary", has_text="Advanced").click()
+    page.get_by_label("Branch of the arm").select_option("free")
+    page.get_by_role("button", name="Find the least deflection").click()
+    expect(page).to_have_url(re.compile("#/processes/"))
+    expect(page.get_by_text("4 targets, 4 moves")).to_be_visible(timeout=60_000)
+    expect(page.get_by_text("Arm that was not measured")).to_be_visible()
+    request = api.get(f"/v1/jobs/{page.url.rsplit('/', 1)[1]}").json()["request"]
+    assert (request["robot_id"], request["run_id"], request["axes"]) == (robot, None, "feed")

@@ -68,5 +68,7 @@ export const processWords = {
   ofBest: "Of the best place of the search",
   chosenPlace: "Place of the result, all points and turns",
   notReached: "From here the robot does not follow the path.",
+  byPrior:
+    "This arm was not measured: its stiffness is a prior from payload and reach, right within a factor of two. Turns and places are nearly those of a measured arm; micrometres are not.",
   unmeasured: "Arm that was not measured",
 };

@@ -1,17 +1,20 @@
 /** The form of a process: path, force or cut, turns about the spindle, and a box for the workpiece. */
 import { api } from "../api/calls";
-import { ActionButton, Choice, Toggle } from "../components/basics";
+import { queries } from "../api/queries";
+import { ActionButton, Choice, NameLink, Title, Toggle } from "../components/basics";
 import { RequestFields, TextField } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
 import { type Fields, freshKey, stated } from "../lib/json";
 import { listIn } from "../lib/schema";
 import { asking, link, useAction } from "../state/action";
 import { remember } from "../state/kept";
+import { useQuery } from "../state/query";
 import { useDraft } from "../state/session";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { processWords as words } from "../i18n/process";
 import type { RunContext } from "./run_context";
+import { JobList } from "./runs";
 import { LAST_FORCE, LastForce, lackOf, ProgramFiles, useFiles } from "./use";
 
 const programWords = later.program;
@@ -61,15 +64,34 @@ export function requestOf({ source, turning, placing, range, ...asked }: Asked, 
   }) as Fields;
 }
 
-export function ProcessForm({ context: { run } }: { context: RunContext }) {
+export const ProcessForm = ({ context: { run } }: { context: RunContext }) => <AskProcess of={{ run_id: run.id }} />;
+
+/** The form for a robot that was not measured, by the prior of its stiffness, and what was made with it before. */
+export function ProcessesView({ query }: { query: URLSearchParams }) {
+  const robot = query.get("robot") ?? "";
+  const { data } = useQuery({ ...queries.robot(robot), enabled: robot !== "" });
+  return (
+    <>
+      <Title kind={text.start.robot} plain={data?.name ?? words.kind}>
+        {data ? <NameLink to={["robots", robot]}>{data.name}</NameLink> : words.kind}
+      </Title>
+      {robot && <p class="note">{words.byPrior}</p>}
+      {robot && <AskProcess of={{ robot_id: robot }} />}
+      <JobList collection="processes" about={robot ? { robot_id: robot } : {}} />
+    </>
+  );
+}
+
+/** The form, for the model of a run or the prior of a robot. */
+function AskProcess({ of }: { of: { run_id: string } | { robot_id: string } }) {
   const files = useFiles();
   const tables = useFiles();
-  const [asked, change] = useDraft<Asked>(`processes/${run.id}`, START);
+  const [asked, change] = useDraft<Asked>(`processes/${Object.values(of).join()}`, START);
   const { source = "load", turning = "free", placing = false } = asked;
   const force = (asked["load"] as Fields | undefined)?.["force"];
   const make = useAction(async () => {
     const [table] = tables.files.slice(-1);
-    const request = { run_id: run.id, units: UNITS, ...requestOf(asked, table?.name) };
+    const request = { ...of, units: UNITS, ...requestOf(asked, table?.name) };
     const sent = source === "table" && table ? [...files.files, table] : files.files;
     const made = await asking((accepted) => api.processes.add(sent, { ...request, ...accepted }, freshKey("process")));
     if (source === "load") remember(LAST_FORCE, force);

@@ -382,6 +382,9 @@ function RobotPage({ robot }: { robot: Robot }) {
       >
         <LinkButton href={link(["measure"], { robot: robot.id })}>{later.measure.title}</LinkButton>
         <LinkButton href={link(["plans"], { robot: robot.id })}>{later.plan.begin}</LinkButton>
+        {robot.payload != null && (
+          <LinkButton href={link(["processes"], { robot: robot.id })}>{text.run.views.process}</LinkButton>
+        )}
         <StoredActions of={robot} api={api.robots} list="#/robots" />
       </Head>
       {robot.last_campaign && robot.last_campaign.changed.length > 0 && (

@@ -453,11 +453,17 @@ class ProcessWork(ProgramWork):
         )
 
     def _list_remarks(self) -> list[str]:
-        """Return the remarks of a compensated program, and why no program was written."""
-        if self._unwritten is None:
-            return super()._list_remarks()
-        reason = f"no program is written, so move to the joints in turns.csv: {self._unwritten}"
-        return [reason, *super()._list_remarks()]
+        """Return the remarks of a compensated program, and what free branches need."""
+        remarks = super()._list_remarks()
+        if self._unwritten is not None:
+            reason = f"no program is written, so move to the joints in turns.csv: {self._unwritten}"
+            return [reason, *remarks]
+        targets, first = self._program.targets, int(self._visits.targets[0])
+        literal = targets.literals[targets.literal[first]]
+        if self._request.branches == "free" and literal.notation.has_pose and not literal.words:
+            start = "bring the arm to the first joints of turns.csv before the program starts: its first "
+            remarks.insert(0, f"{start}target states no configuration")
+        return remarks
 
     @property
     def _meant(self) -> FloatArray:

@@ -186,6 +186,7 @@ def test_free_branches_are_written_where_the_words_or_the_nearest_posture_state_
     assert reached.all()
     np.testing.assert_allclose(joints, commanded(result), rtol=0, atol=1e-5)
     names = [name for name, _ in written.targets.literals[0].words]
+    assert ("bring the arm to the first joints" in result.remarks[0]) == (not names)
     sent = read_program([(PROGRAM_FILES[kind], program(kind).encode())])
     if kind == "rapid":
         numbers = written.targets.values[:, NUMBERS : NUMBERS + len(names)]
