@@ -159,8 +159,7 @@ def rehearse(
 
     Robot, postures, loads, kinds of readings and noise are those of the campaign. The deflections are the
     exact balance of springs and load. The known ("planted") stiffnesses are those of the run. Joints without
-    a
-    number, and campaigns that are not measured yet, get stiffnesses that are plausible for an arm of this
+    a number, and campaigns that are not measured yet, get stiffnesses that are plausible for an arm of this
     size.
 
     Args:

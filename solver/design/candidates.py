@@ -91,8 +91,7 @@ class Equipment:
             joints: (N, n) positions as the controller shows them [rad or m].
             force: (N, 3) forces on the robot, axes of R0 [N].
             directions: (N, 3) unit vectors in R0 along which targets are read; None if all three coordinates
-                are
-                read.
+                are read.
         """
         reading_count, table_shape = len(joints), (len(joints), *self.targets.shape)
         measurements = Measurements(
@@ -516,8 +515,7 @@ def choose_parameters(
             `rows`.
         names: names of the n joints.
         requested_joints: indices of the joints to be determined; None for all joints that the loads twist.
-        Other joints
-            that the loads twist are a nuisance.
+            Other joints that the loads twist are a nuisance.
         nominal: (n,) compliance [rad/(N·m)]; nan where it is not known.
         link_share: root mean square deflection due to links over that due to joints; None if the nuisance is
             not links: then the columns are already in units of their prior uncertainty.

@@ -178,8 +178,7 @@ class EOptimality:
 
         X = M⁻¹ L C: L (p, s) selects the first s parameters, C is the inverse of their covariance. V is the
         diagonal matrix of `metric`. Z is the dual (s, s), made positive semidefinite with trace 1. Without a
-        dual,
-        Z = v vᵀ with v the unit vector of the combination of parameters that has the greatest variance.
+        dual, Z = v vᵀ with v the unit vector of the combination of parameters that has the greatest variance.
         """
         s = len(self.metric)
         inverse = np.linalg.inv(M)[:, :s]
@@ -609,9 +608,8 @@ class DesignProblem:
     def bound(self, M: FloatArray, dual: FloatArray | None = None) -> Bound:
         """Bound the information φ that a design with any weights of the candidates can reach.
 
-        For any weights w′ with information M′, ``φ(M′) ≤ ⟨G, M0⟩ + n Σ w′_i ⟨G, K_i⟩``, and the mean price
-        Σ w′_i ⟨G, K_i⟩ is at most the greatest price ⟨G, K_i⟩ of a candidate. G is the supergradient of φ at
-        M.
+        For any weights w′ with information M′, ``φ(M′) ≤ ⟨G, M0⟩ + n Σ w′_i ⟨G, K_i⟩``, and the mean price Σ
+        w′_i ⟨G, K_i⟩ is at most the greatest price ⟨G, K_i⟩ of a candidate. G is the supergradient of φ at M.
         The bound holds for any M; the nearer M is to the optimum, the tighter is the bound.
 
         Args:

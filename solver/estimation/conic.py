@@ -111,8 +111,7 @@ class SemidefiniteProgram:
         """Solve the program by Clarabel in the scaled variables y = (x − near) / unit.
 
         `near` is a point near the optimum. With a unit of the residual's size, Clarabel's absolute tolerances
-        are
-        relative to the residual, not to the much larger readings.
+        are relative to the residual, not to the much larger readings.
 
         Args:
             tolerance: tolerance of Clarabel.
@@ -357,8 +356,7 @@ def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, round
     """Return the product ``sᵀx`` of slack and point; inf if a slack without penalty is too negative.
 
     The slack of a scalar without a penalty may be negative within rounding: it is then replaced by its
-    absolute
-    value, in place.
+    absolute value, in place.
     """
     free = slice(cone.free)
     if not (slack[free] >= -rounding).all():
@@ -373,8 +371,7 @@ def compute_penalised_range(
     """Return the ranges of linear functions over all points whose objective is near the optimum.
 
     Each range is ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone; p is
-    the
-    gradient of the penalty.
+    the gradient of the penalty.
 
     Args:
         program: program with squared residuals.
@@ -672,10 +669,8 @@ def bound_compliances(
     """Return bounds of each joint's compliance over all x of the set with ``‖A x − b‖² ≤ loss + rise``.
 
     For any u, all y with ‖A y − b‖ ≤ r satisfy ``aᵀy ≥ uᵀb − r ‖u‖ + min (a − Aᵀu)ᵀy``; a selects the
-    compliance
-    of a joint, and u are Clarabel's multipliers. A second round uses the upper bounds of the first round as
-    caps
-    of the compliances, which sharpens the bounds.
+    compliance of a joint, and u are Clarabel's multipliers. A second round uses the upper bounds of the first
+    round as caps of the compliances, which sharpens the bounds.
 
     Args:
         A: (rows, p) regressor.

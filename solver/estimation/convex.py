@@ -406,8 +406,7 @@ def solve_e_optimal_design(
 
     M(w) = M0 + Σ w_i K_i is the information with weights w_i of the candidates. The optimal t is the least
     eigenvalue of V C V, with C the information on the first s parameters and V their units on the diagonal:
-    the
-    design gives as much information as possible on the combination of these parameters that is determined
+    the design gives as much information as possible on the combination of these parameters that is determined
     worst.
 
     Args:

@@ -89,10 +89,8 @@ def compute_interval_ends(
 
     A profile-likelihood interval uses the constraints on the other joints as information; where joints truly
     are at their bounds, it contains the true value too seldom (86 % instead of 95 % with two rigid joints).
-    So
-    the interval is widened to contain the unconstrained interval clipped to the constraints, whose coverage
-    is
-    exact, and the estimate, which can lie outside for a method that is not maximum likelihood.
+    So the interval is widened to contain the unconstrained interval clipped to the constraints, whose
+    coverage is exact, and the estimate, which can lie outside for a method that is not maximum likelihood.
 
     Args:
         likelihood: likelihood of p compliances.
@@ -229,8 +227,7 @@ class _Ball:
         """Minimise K linear objectives over the part of a ball ‖A x‖² ≤ r² that satisfies the constraints.
 
         For each objective, Newton's method finds the factor s at which the optimum of ``‖A x + s h‖²`` under
-        the
-        constraints reaches the sphere, with the preimage h such that Aᵀh is the objective.
+        the constraints reaches the sphere, with the preimage h such that Aᵀh is the objective.
 
         Args:
             objective: (K, p) coefficients of the objectives.
@@ -586,8 +583,7 @@ class Evidence:
         Args:
             j: index of the joint.
             intervals: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None
-            where
-                sigma is unknown.
+                where sigma is unknown.
         """
         name, value, prior_to_data = (
             self.names[j],
@@ -673,8 +669,7 @@ class Evidence:
         """Return the text of the lower limit of joint j's stiffness; empty if the stiffness has no limit.
 
         `intervals` (2, 2) has the two-sided interval, then the one-sided bounds, of its compliance
-        [rad/(N·m)];
-        None if sigma is unknown.
+        [rad/(N·m)]; None if sigma is unknown.
         """
         if intervals is None or intervals[1, 1] <= 0.0:
             return ""
@@ -959,8 +954,7 @@ def predict(
         compliance: (n,) compliances c [rad/(N·m)].
         balanced_compliance: (n,) compliances with which the load bends the robot before the columns A_X are
             computed: the predicted deflections then equal the exact balance to third order. None neglects
-                this
-            bending.
+            this bending.
         is_estimated: (n,) mask of joints with an estimate; all if None. Other joints have zero contributions.
         statements: errors of the load and of places that were fitted with the joints; their motion is part
             of the predicted deflections. None for loads and places as stated.

@@ -409,8 +409,7 @@ def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
 
     For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``, which is rows − p for
     weighted least squares. Here p is the number of parameters that the readings, not a prior, determine; A
-    are
-    the regressors and Σ the covariance of the readings. All methods get sigma from the same readings.
+    are the regressors and Σ the covariance of the readings. All methods get sigma from the same readings.
 
     Args:
         fit: outcome of a method.
@@ -515,9 +514,8 @@ class TargetRows:
         """Return the chi-square of an estimate, with each residual cut at the threshold to limit outliers.
 
         The targets add ``Σ min(‖r‖/σ, k)² / b``, with r the residual of a target, k the threshold, and b such
-        that
-        good readings have the expectation of a plain chi-square: ``3 b = E[min(t, k)²]``, t the norm of three
-        standard normal coordinates.
+        that good readings have the expectation of a plain chi-square: ``3 b = E[min(t, k)²]``, t the norm of
+        three standard normal coordinates.
 
         Args:
             compliance: (n,) the estimate [rad/(N·m)].
@@ -629,10 +627,8 @@ class _HuberProblem:
         """Minimise a quadratic model of the objective around compliances c (p,) under the constraints.
 
         A reading beyond the threshold adds the curvature ``w (I − (1 − damping) u uᵀ)``, with w its weight
-        and u
-        the direction of its residual: damping 0 gives Newton's step, and 1 a reweighted step, which never
-        increases
-        the objective.
+        and u the direction of its residual: damping 0 gives Newton's step, and 1 a reweighted step, which
+        never increases the objective.
 
         Returns:
             The minimiser (p,), and the certificate of the model's minimum.

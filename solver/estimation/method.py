@@ -523,10 +523,8 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
     """Return factors Q R of the map from a rigid displacement of the flange to the whitened deflections.
 
     Target X moves by ``δp_X = δp_b + δφ × (P1X − b)``, with P1X its place and b the barycentre of the
-    targets.
-    The least-squares displacement (δp_b, δφ) is ``R⁻¹ Qᵀ W d`` with covariance ``(Rᵀ R)⁻¹`` in units of
-    sigma²;
-    W whitens the deflections d.
+    targets. The least-squares displacement (δp_b, δφ) is ``R⁻¹ Qᵀ W d`` with covariance ``(Rᵀ R)⁻¹`` in units
+    of sigma²; W whitens the deflections d.
 
     Args:
         block: B observations with at least three targets each.

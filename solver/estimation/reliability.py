@@ -232,8 +232,7 @@ def _list_ellipsoids(
     """Yield the sets of mistakes of a term that its tests do not find, as ellipsoids.
 
     First the mistakes that the F test of the term does not find; then, if the term has a statement, those
-    that
-    the statement does not contradict.
+    that the statement does not contradict.
 
     Args:
         triangle: all terms, given the statements about other terms.

@@ -180,8 +180,7 @@ class _Search:
         """Fit causes together with the joints until convergence; return None if they are no explanation.
 
         Causes are no explanation if they imply loads without a balance, or if a cause that can only be
-        positive
-        gets a negative size.
+        positive gets a negative size.
         """
         key = tuple(suspects)
         if key not in self._fits:

@@ -164,8 +164,7 @@ class TermTests:
         """Return the p-value of a term, given statements and the scatter that is most likely with the term.
 
         The scatter that residuals of joints alone show also contains the motion by the tested cause. A term
-        about
-        which something is stated is tested against its statement.
+        about which something is stated is tested against its statement.
 
         Args:
             name: tested term.

@@ -117,8 +117,8 @@ class Triangle:
             most_directions: largest number of a term's leading singular directions that are tested; all if
             None.
             least_singular_value: directions are tested if their singular value exceeds this number. Singular
-            values are
-                computed from the tested term's unit columns, after projecting the fitted terms out.
+                values are computed from the tested term's unit columns, after projecting the fitted terms
+                out.
         """
         fitted_basis, tested = orthonormal_basis(self.unit_columns(fitted)), self.unit_columns(names)
         residual = self.rhs - fitted_basis @ (fitted_basis.T @ self.rhs)
@@ -244,8 +244,7 @@ class Triangle:
             names: terms that are fitted, k unknowns together.
             other_unknowns: (K,) known values of the unknowns of all other terms; zero for the fitted terms.
             least_singular_value: singular value of the terms' unit columns above which a direction is fitted;
-                the
-                part of the unknowns in all other directions stays zero.
+                the part of the unknowns in all other directions stays zero.
 
         Returns:
             (k,) fitted unknowns.

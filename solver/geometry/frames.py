@@ -162,8 +162,7 @@ class BaseFrame:
         """Derivative (6, 4 n + 3 T) of `transform_tracker_to_base` with respect to axes and targets.
 
         Rows are a small motion of R0, in its axes: translation [m], then rotation [rad]. Columns are the four
-        chart
-        coordinates of each of n axes, then the coordinates of T targets.
+        chart coordinates of each of n axes, then the coordinates of T targets.
         """
         base_to_tracker = self.transform_tracker_to_base.inverse()
         return self.identified.differentiate_quantity(
@@ -179,8 +178,7 @@ def find_base_frame(
     Args:
         identified: at least two axes.
         nominal: model whose position of R0 relative to its own axes is adopted; None places R0 by axes 1 and
-            2
-            alone.
+            2 alone.
         height: without a nominal model, height above R0 of the point where the common perpendicular of axes
             1 and 2 meets axis 1 [m].
 

@@ -303,9 +303,8 @@ def fit_axis(
     Args:
         sweep: the readings.
         turned_angles: (N,) model angle of the turning joint, from the controller [rad]. If two joints turn,
-        (N, 2):
-            angle of the inner joint (nearer to the base) minus its angle in the outer axis's sweep, then
-            angle of the outer joint (nearer to the flange).
+            (N, 2): angle of the inner joint (nearer to the base) minus its angle in the outer axis's sweep,
+            then angle of the outer joint (nearer to the flange).
         sigma: standard uncertainty of a coordinate [m]; None computes sigma from the residuals.
         angles: `free` estimates each position's angle from the readings, common to all targets;
             `controller` takes the controller's angles.
@@ -375,8 +374,7 @@ def _estimate_start(sweep: Sweep, readings: PoseReadings, outer_fit: AxisFit | N
     """Return start values of axis and targets from a linear fit of circles.
 
     Target t moves on ``p_kt ≈ A_t + B_t cos θ_k + C_t sin θ_k`` at angles θ_k, linear in the unknown vectors
-    A,
-    B and C. ``B_t × C_t`` points along the axis; its length, the squared radius, weights the targets. The
+    A, B and C. ``B_t × C_t`` points along the axis; its length, the squared radius, weights the targets. The
     centres A_t lie on the axis; only if an outer axis turns back by the same angle, all centres are displaced
     from the axis by one vector.
 

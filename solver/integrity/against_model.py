@@ -1049,10 +1049,8 @@ def _report_residual_outliers(
     """Yield a finding for each reading whose residual is far above the typical residual.
 
     A residual is an outlier if it exceeds the typical residual by a factor, `SMALLEST_RESIDUAL` and the
-    stated
-    noise; and if it is also an unusual share of the deflection. Two targets of an observation whose names
-    look
-    exchanged give a single finding.
+    stated noise; and if it is also an unusual share of the deflection. Two targets of an observation whose
+    names look exchanged give a single finding.
 
     Args:
         view: measurement set.

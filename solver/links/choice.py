@@ -291,9 +291,8 @@ def choose_weight_index(
 
     Args:
         errors: (K, W) errors of K folds for W ascending weights; NaN where no fit was certified.
-        rule: `best_index` takes the weight of least error, `one_standard_error` the largest whose error is
-        within
-            one standard error of the least error.
+        rule: `best` takes the weight of least error, `one_standard_error` the largest whose error is
+            within one standard error of the least error.
         draws: number of random divisions of the same postures into folds. Further draws add no independent
             errors, so the standard error is computed for the folds of one draw.
 

@@ -417,8 +417,7 @@ class Formulation:
 
         Returns:
             The solution, parameters (p,) with their certificate; and the threshold h [m] of Huber's loss: 0
-            for the
-            absolute loss, inf for squares.
+            for the absolute loss, inf for squares.
 
         Raises:
             SolverError: no optimum is certified within the accepted gap.
@@ -504,8 +503,7 @@ class Formulation:
         """Return the penalty's weight for plain squares that is as strong as λ is in a robust fit.
 
         In the gradient of the absolute loss all residuals count with length 1; in the gradient of squares
-        each
-        residual counts with its own length. The weight is therefore multiplied by the mean length.
+        each residual counts with its own length. The weight is therefore multiplied by the mean length.
 
         Args:
             model: elastic elements that bend, and the loss.

@@ -337,10 +337,8 @@ class RegressorBlock:
         """Whiten rows (B, T, 3, k) of the targets, so that the noise of each row has variance sigma².
 
         First each reading is whitened by its own covariance Σ. Errors that a posture's targets share add G Gᵀ
-        to
-        the covariance I of these rows. The symmetric root ``(I + G Gᵀ)^(-1/2)`` keeps each row close to the
-        reading
-        that it belongs to. Weights by a robust loss apply to rows of independent noise.
+        to the covariance I of these rows. The symmetric root ``(I + G Gᵀ)^(-1/2)`` keeps each row close to
+        the reading that it belongs to. Weights by a robust loss apply to rows of independent noise.
         """
         measurements = self.measurements
         whitened_rows = whitened(measurements.covariance, rows)
@@ -369,8 +367,7 @@ def compute_scatter_roots(
 
     Returns:
         Directions U (B, 3 T, r), the left singular vectors of G; factors w (B, r) with ``I − U diag(w) Uᵀ``
-        the
-        symmetric root of the inverse covariance; and the variances (B, r) in these directions.
+        the symmetric root of the inverse covariance; and the variances (B, r) in these directions.
     """
     motion_by_joints, motion_by_station = shared_motion
     G = np.concatenate([joints * motion_by_joints, station * motion_by_station], axis=-1)

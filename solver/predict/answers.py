@@ -117,9 +117,8 @@ def find_postures_within_limits(
 ) -> tuple[IndexArray, IndexArray, FloatArray, IndexArray, IndexArray]:
     """Find all postures within the limits of task and robot that bring the tool to given places.
 
-    Near a singularity the inverse kinematics may miss solutions. If the task states a posture
-    `start_angles`, its
-    branch of solutions is then followed, and the posture found is used if no other solution is nearer.
+    Near a singularity the inverse kinematics may miss solutions. If the task states a posture `near`,
+    its branch of solutions is then followed, and the posture found is used if no other solution is nearer.
 
     Args:
         robot: n joints.

@@ -415,8 +415,7 @@ def compensate(
         ramp: (m,) fraction of each correction to apply, such as from `compute_ramp_shares`; None for full
             corrections.
         keep_fixed_joints: function that changes commands (m, n) so that fixed joints keep their angles and
-            the
-            other joints reach the same poses; None if no joint is fixed.
+            the other joints reach the same poses; None if no joint is fixed.
 
     Returns:
         The commands, the corrections, and the deviations that remain.

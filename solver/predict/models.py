@@ -101,8 +101,7 @@ class IdentifiedWeight(OwnWeight):
         """Return a root L (B, n, r) of the covariance of the joints' deflections in B postures [rad].
 
         L Lᵀ is the covariance [rad²] of the deflections of the n joints, due to the uncertainty of the
-        compliances
-        and of the own weight.
+        compliances and of the own weight.
 
         Args:
             postures: B postures.
@@ -272,8 +271,7 @@ class JointModel(ForwardModel):
 
         The unconstrained interval is cut to the bounds, and widened to contain the estimate and the interval
         of the profile likelihood (method.md §9). Without the profile likelihood the coverage is the same, and
-        the
-        computation is faster, as no optimisation is needed.
+        the computation is faster, as no optimisation is needed.
 
         Args:
             rows: (K, n) coefficients a of the functions.
@@ -333,8 +331,7 @@ class JointDeflection(Deflection):
         """Derivatives (B, 6, n) of the motion of the place with respect to the n compliances c.
 
         They are ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``: J_x is the Jacobian of the place, K_c the
-        stiffness
-        due to the load, g the torque of own weight, τ the torques of the load.
+        stiffness due to the load, g the torque of own weight, τ the torques of the load.
         """
         return np.asarray(self._motion_by_joint_turn * self._torque[:, None])
 
@@ -447,10 +444,8 @@ class ElasticPredictor(ForwardModel):
         """Build the model from an estimate of joints and links.
 
         The covariance of the entries of the compliance matrices follows from the readings together with a
-        normal
-        prior about zero, whose standard deviation follows from the traces of the estimated matrices; see the
-        head
-        of this module.
+        normal prior about zero, whose standard deviation follows from the traces of the estimated matrices;
+        see the head of this module.
         """
         companion, formulation = elastic.companion, elastic.companion.formulation
         entries, covariance_root = elastic.entries[formulation.columns], None
@@ -552,8 +547,7 @@ class ElasticPredictor(ForwardModel):
         """Find the joint angles (B, n) to command [rad] with which the loaded places reach those of `goal`.
 
         Newton's method; its derivative neglects that the deflection changes with the posture, but each step
-        still
-        gains three digits.
+        still gains three digits.
 
         Args:
             cases: B loads, their load points, and the places on the flange that must reach the goal.
@@ -955,8 +949,7 @@ def merge_score_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArra
 
     Returns:
         (S,) ascending scores, the greatest score of each step; and (S,) the share of readings with at most
-        this
-        score, times P/(P + 1) for P postures.
+        this score, times P/(P + 1) for P postures.
     """
     distinct_postures, posture_index, counts = np.unique(posture, return_inverse=True, return_counts=True)
     order = np.argsort(score, kind="stable")

@@ -193,8 +193,7 @@ def _add_comparison_of_sides(
     """Return a copy of a result with the comparison of its two sides.
 
     Added are the ratios of stiffnesses, the avoided deflection (how much less the targets deflect on the
-    second
-    side), warnings, the assessment and, on request, the ordered fit.
+    second side), warnings, the assessment and, on request, the ordered fit.
 
     Args:
         inputs: source of measurement sets, which are fetched by id.

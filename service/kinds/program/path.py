@@ -553,8 +553,7 @@ class StatedConfigurations:
         """Return the least and greatest angle (m, 6, 2) [rad] of each joint that configurations allow.
 
         `indices` are those of m targets. Angles are the controller's; limits are ∓inf for a joint without
-        stated
-        configuration.
+        stated configuration.
         """
         rows = np.asarray(indices, dtype=np.intp)
         ranges = np.tile([-np.inf, np.inf], (len(rows), 6, 1))
@@ -610,8 +609,7 @@ class StatedConfigurations:
         """Yield (word, column, positions) for each configuration word of some targets.
 
         `column` is the word's column among the numbers of a target; `positions` (k,) are the positions in
-        `indices`
-        of the targets that have the word.
+        `indices` of the targets that have the word.
         """
         targets = self._program.targets
         words = [tuple(name for name, _ in literal.words) for literal in targets.literals]

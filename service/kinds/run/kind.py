@@ -612,8 +612,7 @@ def compute_mean_and_deviation(
     """Return mean and standard deviation over all resampled fits of a joint's stiffness (or compliance).
 
     The numbers are in `unit`, which is of stiffness or of compliance. Both are None if a fit does not
-    determine
-    the joint.
+    determine the joint.
     """
     moments = (
         (joint.compliance_mean, joint.compliance_deviation)
