@@ -190,12 +190,11 @@ def describe_choice_of_joints(options: RunOptions, screening: Screening, exclude
     if options.elasticity != "automatic":
         source, text = "given", f"Joints alone, as requested ({p})."
     elif excluded is not None:
-        source, text = (
-            "options",
-            f"Joints alone: elastic links cannot be combined with {excluded.replace('_', ' ')} ({p}).",
-        )
+        source = "options"
+        text = f"Joints alone: elastic links cannot be combined with {excluded.replace('_', ' ')} ({p})."
     elif screening.links_p_value < LINKS_LEVEL:
-        source, text = "screening", f"Joints alone: correct the mistake named in the reasons first ({p})."
+        source = "screening"
+        text = f"Joints alone: correct the mistake named in the reasons first ({p})."
     else:
         source, text = "screening", f"Joints alone: no sign that anything else bends ({p})."
     return ModelChoice(
@@ -279,7 +278,8 @@ def build_run_result(
         resampling: statistics of resampled fits; None without resampling.
     """
     estimate, prediction, assessment = found.estimate, found.prediction, found.assessment
-    names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
+    names = [joint.name for joint in estimate.joints]
+    kinds = [joint.kind for joint in estimate.joints]
     contributions: list[runs.Contribution] = []
     if prediction.contributions is not None:
         contributions = build_messages(runs.Contribution, joint=names, **vars(prediction.contributions))

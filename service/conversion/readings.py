@@ -85,7 +85,9 @@ class Directions(ArrayGroup):
         """
         if all(reading.displacement is None for reading in readings):
             return None
-        displacement, vector, in_flange = np.zeros(shape), np.zeros((*shape, 3)), np.zeros(shape, np.bool_)
+        displacement = np.zeros(shape)
+        vector = np.zeros((*shape, 3))
+        in_flange = np.zeros(shape, np.bool_)
         displacement[indices] = [each.displacement or 0.0 for each in readings]
         vector[indices] = [each.direction or each.flange_direction or (0, 0, 0) for each in readings]
         in_flange[indices] = [each.flange_direction is not None for each in readings]
@@ -270,11 +272,9 @@ class PointNoise(ArrayGroup):
         _refuse_partly_stated_noise(
             [states_noise[k] for k in tracker_readings], [observations[k] for k in tracker_readings]
         )
-        sigma, unloaded_covariances, loaded_covariances = (
-            np.zeros(shape),
-            np.zeros((*shape, 3, 3)),
-            np.zeros((*shape, 3, 3)),
-        )
+        sigma = np.zeros(shape)
+        unloaded_covariances = np.zeros((*shape, 3, 3))
+        loaded_covariances = np.zeros((*shape, 3, 3))
         for row, target, reading in zip(*indices, readings, strict=True):
             if reading.sigma is not None:
                 sigma[row, target] = reading.sigma
@@ -834,7 +834,8 @@ def _to_encoder_readings(
             where="noise" if header.noise is None else "noise.encoder_sigma",
             remedy="give both `noise.sigma` and `noise.encoder_sigma`, which weight angles against lengths",
         )
-    angle, columns = ANGLE[header.units.angle], encoders.find_joint_indices(robot.joint_names)
+    angle = ANGLE[header.units.angle]
+    columns = encoders.find_joint_indices(robot.joint_names)
     if robot.prismatic[columns].any():
         name = robot.joint_names[columns[int(np.argmax(robot.prismatic[columns]))]]
         raise MeasurementError(

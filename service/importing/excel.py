@@ -103,10 +103,8 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in sheet_parts.items()}
     name = _find_only_filled_sheet(file, sheets) if sheet is None else sheet
     if name not in sheets:
-        reason, remedy = (
-            f"the workbook has no sheet {quote(name)}",
-            f"give one of {quote(', '.join(sheets))} as `sheet`",
-        )
+        reason = f"the workbook has no sheet {quote(name)}"
+        remedy = f"give one of {quote(', '.join(sheets))} as `sheet`"
         raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
     rows: list[Row] = []
     comments: list[Remark] = []

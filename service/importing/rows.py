@@ -237,7 +237,8 @@ class NameReader:
             source = "by the name of the file"
             if state is None and "state" in lacking and self._stated_state is not None:
                 parts = [self._grid.stem] if "target" in lacking else []
-                state, source = self._stated_state, "by `state`" + " and the name of the file" * bool(parts)
+                state = self._stated_state
+                source = "by `state`" + " and the name of the file" * bool(parts)
             target = parts[0] if len(parts) == 1 else None
             file_parts = NameParts(None, target, state)
             if len(parts) > 1 or any(getattr(file_parts, kind) is None for kind in lacking):
@@ -299,8 +300,8 @@ class NameReader:
 def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State | None]:
     """Split a name at `::` or `_`; return the parts that name no state, and the state that one part names.
 
-    The state is None, and all parts are returned, if no part or several parts name a state. In
-    `c01 unloaded::P10` the state is the last word of a part.
+    The state is None, and all parts are returned, if no part or several parts name a state. In `c01
+    unloaded::P10` the state is the last word of a part.
     """
     parts = name.split("::") if "::" in name else name.split("_")
     if not all(parts):
@@ -521,7 +522,8 @@ class RowReader:
         Raises:
             ImportFileError: the target's name is not valid, at the given place.
         """
-        target, state = quantity.target or name_parts.target, quantity.state or name_parts.state
+        target = quantity.target or name_parts.target
+        state = quantity.state or name_parts.state
         if target is None or state is None:  # cannot happen: `NameReader` has refused such a row
             raise ImportFileError(place, "the position has no target or no state", "give `point_name`")
         if target not in self._targets:

@@ -300,7 +300,8 @@ def _choose_stiffness(
     Raises:
         RequestError: a stated stiffness is not positive, or the robot has no such joint.
     """
-    stiffness, source = draw_plausible_stiffness(robot, generator), "plausible values for an arm of this size"
+    stiffness = draw_plausible_stiffness(robot, generator)
+    source = "plausible values for an arm of this size"
     if run is not None:
         is_known = np.isfinite(run.stiffness) & (run.stiffness > 0.0)
         stiffness = np.where(is_known, run.stiffness, stiffness)
@@ -410,7 +411,8 @@ class _Simulation:
             place=np.array([self._places[reading.target] for _, reading in pairs]),
         )
         loaded = self._model.deflect(cases).place  # (B, 3), in R0 [m]
-        rotation, translation = self._unloaded.flange_rotation, self._unloaded.flange_translation
+        rotation = self._unloaded.flange_rotation
+        translation = self._unloaded.flange_translation
         simulated: dict[int, list[Reading]] = {}
         for (i, reading), place, after in zip(pairs, cases.place, loaded, strict=True):
             before = rotation[i] @ place + translation[i]

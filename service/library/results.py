@@ -465,10 +465,8 @@ class TabledRun(PresentedJob, Run):
         names, budget = [joint.name for joint in result.joints], result.budget
         matrix = np.full((len(names), len(names)), np.nan)
         # Entry (i, j) is u_i u_j times the correlation of joints i and j.
-        indices, uncertainty = (
-            [names.index(name) for name in budget.joints],
-            np.array(budget.standard_uncertainty),
-        )
+        indices = [names.index(name) for name in budget.joints]
+        uncertainty = np.array(budget.standard_uncertainty)
         matrix[np.ix_(indices, indices)] = np.outer(uncertainty, uncertainty) * np.array(budget.correlation)
         return matrix
 

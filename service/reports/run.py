@@ -434,7 +434,8 @@ def _describe_correlation(budget: Budget) -> str:
 
 def build_method_section(model: ExportedModel, laboratory: Laboratory | None) -> Section:
     """Return the section with the method of the run and its deviations from the defaults."""
-    request, version = model.run.request, model.run.provenance.versions.get("jointstiff", "")
+    request = model.run.request
+    version = model.run.provenance.versions.get("jointstiff", "")
     constraint = "compliances not negative" if request.positive else "without constraints"
     method = (
         "Identification of joint compliances from readings of targets before and under load, "

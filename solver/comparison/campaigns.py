@@ -499,7 +499,8 @@ def compute_measured_shares(
     for measurements, rows, targets, sigma in zip(
         readings, matches.observations[..., None], matches.targets, sigmas, strict=True
     ):
-        deflection, covariance = measurements.deflection[rows, targets], measurements.covariance
+        deflection = measurements.deflection[rows, targets]
+        covariance = measurements.covariance
         if covariance.ndim == 4:  # (N, T, 3, 3); otherwise all readings have one covariance (3, 3)
             covariance = covariance[rows, targets]
         length = np.linalg.norm(deflection, axis=2)

@@ -451,7 +451,8 @@ class Candidates:
         axis_pairs = list(zip(*np.triu_indices(stack.shape[1]), strict=True))
         information = np.empty((len(stack), len(axis_pairs), stack.shape[-1], stack.shape[-1]))
         for start in range(0, len(stack), _BLOCK):
-            block_rows, block_information = stack[start : start + _BLOCK], information[start : start + _BLOCK]
+            block_rows = stack[start : start + _BLOCK]
+            block_information = information[start : start + _BLOCK]
             for k, (axis_a, axis_b) in enumerate(axis_pairs):
                 # A contiguous left factor halves the time of the product.
                 K = np.ascontiguousarray(block_rows[:, axis_a].transpose(0, 2, 1)) @ block_rows[:, axis_b]

@@ -494,7 +494,9 @@ class Face:
             # The rank counts the eigenvalues that exceed both their slack, in units of X, and rounding.
             exceeds = np.linalg.eigvalsh(X - largest / program.weight * S) > 0.0
             rank = min(int(exceeds.sum()), int((values > _ROUNDING * largest).sum()))
-            values, U, V = values[size - rank :], vectors[:, size - rank :], vectors[:, : size - rank]
+            values = values[size - rank :]
+            U = vectors[:, size - rank :]
+            V = vectors[:, : size - rank]
             self.x[place] = to_vector((U * values) @ U.T)
             decomposed.append((place, U, V, values))
         self._slack = program.slack(self.x)

@@ -386,7 +386,8 @@ def _state_constraints(
     if above:
         constraints.append(x[list(above)] <= cp.Parameter(len(above), name="upper"))
     if inequalities:
-        B, d = cp.Parameter((inequalities, x.size), name="B"), cp.Parameter(inequalities, name="d")
+        B = cp.Parameter((inequalities, x.size), name="B")
+        d = cp.Parameter(inequalities, name="d")
         constraints.append(B @ x >= d)
     return constraints
 

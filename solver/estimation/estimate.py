@@ -161,7 +161,8 @@ def compute_profile_ends(
     ends[is_point], violates_constraint[is_point] = (rows @ constrained_optimum)[:, None], False
     if violates_constraint.any():
         radius_index, function_index, side = np.nonzero(violates_constraint)
-        ball, functions = _Ball(likelihood, constraints, float(radius.max())), rows[function_index]
+        ball = _Ball(likelihood, constraints, float(radius.max()))
+        functions = rows[function_index]
         objective = np.where(side == 1, -1.0, 1.0)[:, None] * functions * ball.unit
         objective /= np.linalg.norm(objective, axis=1, keepdims=True)
         scaled_points, at_bound = ball.find_ends(objective, (radius[radius_index] / radius.max()) ** 2)
@@ -246,7 +247,8 @@ class _Ball:
         )  # h
         free_slope = np.square(preimage).sum(axis=1)
         factor = np.sqrt(squared_radius / free_slope)
-        lower_factor, upper_factor = np.zeros(objective_count), np.full(objective_count, np.inf)
+        lower_factor = np.zeros(objective_count)
+        upper_factor = np.full(objective_count, np.inf)
         points, at_bound = np.zeros(objective.shape), np.zeros(objective_count, dtype=np.bool_)
         least_in_box = compute_range_on_box(objective, self.bounds)[:, 0]
         pending = np.arange(objective_count)
@@ -585,11 +587,9 @@ class Evidence:
             intervals: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None
                 where sigma is unknown.
         """
-        name, value, prior_to_data = (
-            self.names[j],
-            float(self.fit.compliance[j]),
-            float(self.prior_to_data[j]),
-        )
+        name = self.names[j]
+        value = float(self.fit.compliance[j])
+        prior_to_data = float(self.prior_to_data[j])
         kind = self.observability.kinds[j]
         units = JOINT_UNITS[kind]
         uncertainty = self.uncertainty(j)
@@ -777,11 +777,9 @@ class UncertaintyBudget:
         """
         if estimate.covariance is None:
             return None
-        common_errors, sigma_given, readings_covariance = (
-            estimate.common,
-            estimate.sigma_given,
-            estimate.covariance,
-        )
+        common_errors = estimate.common
+        sigma_given = estimate.sigma_given
+        readings_covariance = estimate.covariance
         if common_errors is not None:
             readings_covariance = readings_covariance - common_errors.responses @ common_errors.responses.T
         degrees_of_freedom = None if sigma_given else estimate.degrees_of_freedom
@@ -839,11 +837,14 @@ class UncertaintyBudget:
         uncertainty = self.total().uncertainty
         for j in self.joints.tolist():
             joint = joints[j]
-            interval, one_sided, value = joint.compliance_interval, joint.one_sided, joint.compliance
+            interval = joint.compliance_interval
+            one_sided = joint.one_sided
+            value = joint.compliance
             if interval is None or one_sided is None or value is None:
                 continue
             half = self.coverage_factor * float(uncertainty[j])
-            least, most = max(float(bounds.lower[j]), value - half), min(float(bounds.upper[j]), value + half)
+            least = max(float(bounds.lower[j]), value - half)
+            most = min(float(bounds.upper[j]), value + half)
             interval = min(interval[0], least), max(interval[1], most)
             is_uncertain = joint.status == "identified" and interval[0] <= 0.0
             joints[j] = replace(

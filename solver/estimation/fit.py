@@ -180,11 +180,9 @@ class StageFit:
         """
         spectrum = Spectrum(R)
         observability = analyse_spectrum(spectrum, joints)
-        undetermined, parameter_count, prior_values = (
-            observability.combinations,
-            float(spectrum.rank),
-            np.zeros(0),
-        )
+        undetermined = observability.combinations
+        parameter_count = float(spectrum.rank)
+        prior_values = np.zeros(0)
         if prior is not None:
             prior_rows, prior_values = prior.rows(joints)
             spectrum = Spectrum(np.vstack([R, prior_rows]))
@@ -252,17 +250,13 @@ def fit_method(
     if len(method.stages) > 1:
         _refuse_joints_without_effect_on_centre(triangles, has_no_effect)
     for number, (stage, compressed) in enumerate(zip(method.stages, triangles.stages, strict=True)):
-        joints, known_joints = (
-            stage.joints[~has_no_effect[stage.joints]],
-            stage.known[~has_no_effect[stage.known]],
-        )
+        joints = stage.joints[~has_no_effect[stage.joints]]
+        known_joints = stage.known[~has_no_effect[stage.known]]
         if not len(joints):
             continue
-        R, z, columns_of_known = (
-            compressed.matrix[:, joints],
-            compressed.rhs,
-            compressed.matrix[:, known_joints],
-        )
+        R = compressed.matrix[:, joints]
+        z = compressed.rhs
+        columns_of_known = compressed.matrix[:, known_joints]
         remaining_constraints = constraints.fix_joints(known_joints, compliance[known_joints], joints)
         fitted = StageFit.from_rows(
             R,
@@ -316,7 +310,8 @@ def _combine_stages(
         unconstrained: (n,) estimate without constraints [rad/(N·m)].
     """
     stages = list(fits.values())
-    active, tied = np.zeros(len(unconstrained), dtype=np.int8), np.zeros(len(unconstrained), dtype=np.bool_)
+    active = np.zeros(len(unconstrained), dtype=np.int8)
+    tied = np.zeros(len(unconstrained), dtype=np.bool_)
     for stage in stages:
         tied[stage.joints], active[stage.joints] = stage.tied, stage.solution.active
     joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])

@@ -216,7 +216,8 @@ def _find_scatter(robot: Robot, corrected: Measurements, fitted: FittedCauses) -
     if corrected.encoders is not None:
         return corrected.scatter
     part = corrected.select_evenly(_MOST_WITH_SCATTER)
-    block, compliance = next(regressor_blocks(robot, part, fitted.compliance)), fitted.compliance
+    block = next(regressor_blocks(robot, part, fitted.compliance))
+    compliance = fitted.compliance
     terms = [JOINTS, *fitted.errors.terms]
     stated = [each for each in list_stated_terms(part) if each.name not in {term.name for term in terms}]
     stack = Stack.from_blocks([block], [*terms, *stated], compliance)

@@ -160,7 +160,8 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
             remedy="use loss squared, or omit the readings along a direction",
         )
     weighting = settings.weighting
-    not_by_covariance, by_length = weighting != "covariance", weighting == "characteristic_length"
+    not_by_covariance = weighting != "covariance"
+    by_length = weighting == "characteristic_length"
     for refused, why, remedy in (
         (
             not_by_covariance and settings.prior is not None,

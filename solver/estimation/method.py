@@ -398,7 +398,8 @@ class MethodTriangles:
         result.stages = [result.all_readings]
         if not self.method.is_plain:
             result.stages = [compressed[1].given("statements", unit_uncertainties, statements.sigma)]
-        statement_columns, fitted_rows = compressed[1].matrix[:, n:], compressed[1].R[:, [*range(n), -1]]
+        statement_columns = compressed[1].matrix[:, n:]
+        fitted_rows = compressed[1].R[:, [*range(n), -1]]
         statement_rows = statements.sigma * np.eye(statement_columns.shape[1])
         result._statements = statements
         result._with_statements = np.vstack([compressed[0].matrix, np.eye(width - 1)[n:] * statements.sigma])
@@ -494,10 +495,8 @@ class MethodTriangles:
                 moments[stage_number] = moments[stage_number] + columns.T @ flat[:, n:-1]
         bias = np.zeros(np.shape(moments[0]))
         for stage, stage_triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
-            fitted_joints, known_joints = (
-                np.intersect1d(stage.joints, joints),
-                np.intersect1d(stage.known, joints),
-            )
+            fitted_joints = np.intersect1d(stage.joints, joints)
+            known_joints = np.intersect1d(stage.known, joints)
             matrix = stage_triangle.matrix
             remaining = np.asarray(moment)[fitted_joints] - matrix[:, fitted_joints].T @ (
                 matrix[:, known_joints] @ bias[known_joints]

@@ -346,7 +346,8 @@ def explain_noise(
         observability: observability of the joints in the same observations.
         uncertainty: standard uncertainty of the joint's compliance [rad/(N·m)].
     """
-    torque, most_loaded = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
+    torque = observability.greatest_torque
+    most_loaded = int(np.argmax(observability.greatest_torque))
     units, units_of_most = (JOINT_UNITS[observability.kinds[j]] for j in (joint, most_loaded))
     least, greatest = figure(torque[joint], ".2g"), figure(torque[most_loaded], ".2g")
     most_loaded_joint = (

@@ -168,7 +168,8 @@ def find_least_mistakes(
     if not (suspects and sigma and determined_joints):
         return ()
     tested = measurements.select_evenly(MOST_TESTED_OBSERVATIONS)
-    compliance, fitted_term_names = np.maximum(estimate.compliance, 0.0), {term.name for term in fitted}
+    compliance = np.maximum(estimate.compliance, 0.0)
+    fitted_term_names = {term.name for term in fitted}
     try:
         blocks = list(regressor_blocks(robot, tested, estimate.balanced))
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
@@ -181,10 +182,13 @@ def find_least_mistakes(
     responses = estimate.triangles.rebuild(blocks).compute_responses(
         blocks, [*terms.values()], compliance, np.flatnonzero(estimate.estimated), prior
     )
-    fitted_names, force = (JOINTS.name, *fitted_term_names), float(np.linalg.norm(tested.force, axis=1).max())
+    fitted_names = (JOINTS.name, *fitted_term_names)
+    force = float(np.linalg.norm(tested.force, axis=1).max())
     uncertainty = [joint.standard_uncertainty or np.inf for joint in estimate.joints]
     # A mistake moves a large set as it moves the part, whose tests are the tests of the set.
-    common_uncertainty, level, mistakes = measurements.common_uncertainty, MISTAKE_LEVEL / suspects, []
+    common_uncertainty = measurements.common_uncertainty
+    level = MISTAKE_LEVEL / suspects
+    mistakes = []
     for name, term in terms.items():
         other_stated_terms = [other for each, other in stated_terms.items() if each != name]
         triangle_given_statements = join_statements(triangle, other_stated_terms, measurements, sigma)

@@ -358,7 +358,9 @@ def select_causes(
         start: tests of each cause added to the joints.
         scattered: whether the residuals show a scatter of the joints.
     """
-    wrong_labels, remaining, most_wrong = list[str](), tested, max(1, int(_MOST_WRONG * len(tested)))
+    wrong_labels = list[str]()
+    remaining = tested
+    most_wrong = max(1, int(_MOST_WRONG * len(tested)))
     tests = start
     while True:
         search = _Search(robot, measurements, remaining, tests, scattered=scattered)

@@ -218,7 +218,8 @@ class _OnsetFits:
         motion = np.where(np.arange(count)[:, None, None] >= first[:, None, None, None], motion, 0.0)
         # The known terms absorb part of the motion by the term.
         absorbed = self._known @ np.einsum("brk,sbrl->skl", self._known, motion)[:, None]
-        squares, squares_with_term = np.square(self._left), np.square(self._left - motion + absorbed)
+        squares = np.square(self._left)
+        squares_with_term = np.square(self._left - motion + absorbed)
         squares, gain = squares.sum(axis=(1, 2)), (squares - squares_with_term).sum(axis=(2, 3))
         others = np.arange(count) != np.argmax(gain, axis=1)[:, None]
         freedom = (others * self._read).sum(axis=1) - self._known.shape[-1] - self._width

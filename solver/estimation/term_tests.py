@@ -202,10 +202,8 @@ class TermTests:
             The other terms with statements; the named terms, then these other terms; and the block.
         """
         other_stated_terms = [term for term in self._stated_terms if term.name not in names]
-        terms, block = (
-            [*(term for term in self._terms if term.name in names), *other_stated_terms],
-            self.block,
-        )
+        terms = [*(term for term in self._terms if term.name in names), *other_stated_terms]
+        block = self.block
         if self._scattered:
             stack = Stack.from_blocks([block], terms, self.compliance)
             fitted_columns = np.concatenate([np.flatnonzero(self.visible), *list(stack.span.values())[1:]])
@@ -240,10 +238,8 @@ class TermTests:
             last -= unknown_count
         basis = orthonormal_basis(np.vstack([unit_vectors, np.minimum(statement_rows, 1e9)]))[: len(rows)]
         residual = rows[:, -1] - basis @ (basis.T @ rows[:, -1])
-        residual_of_posture, basis_of_posture = (
-            residual.reshape(posture_count, -1),
-            basis.reshape(posture_count, -1, basis.shape[1]),
-        )
+        residual_of_posture = residual.reshape(posture_count, -1)
+        basis_of_posture = basis.reshape(posture_count, -1, basis.shape[1])
         # Sum of squares that leaving out a posture takes away: rᵀ (I − Q Qᵀ)⁻¹ r.
         remaining = np.eye(basis_of_posture.shape[1]) - basis_of_posture @ basis_of_posture.mT
         squares_taken = np.einsum(

@@ -120,7 +120,8 @@ class Triangle:
                 values are computed from the tested term's unit columns, after projecting the fitted terms
                 out.
         """
-        fitted_basis, tested = orthonormal_basis(self.unit_columns(fitted)), self.unit_columns(names)
+        fitted_basis = orthonormal_basis(self.unit_columns(fitted))
+        tested = self.unit_columns(names)
         residual = self.rhs - fitted_basis @ (fitted_basis.T @ self.rhs)
         projected = tested - fitted_basis @ (fitted_basis.T @ tested)
         columns = stack_padded(
@@ -224,7 +225,8 @@ class Triangle:
         residual = self.rhs - fitted_basis @ (fitted_basis.T @ self.rhs)
         U, singular_values, _ = np.linalg.svd(remaining_columns, full_matrices=False)
         is_shown = singular_values > _NULL * max(float(np.linalg.norm(columns)), np.finfo(float).tiny)
-        squared_components, shown_count = np.square(U[:, is_shown].T @ residual), int(is_shown.sum())
+        squared_components = np.square(U[:, is_shown].T @ residual)
+        shown_count = int(is_shown.sum())
         degrees_of_freedom = self.rows - fitted_basis.shape[1] - shown_count
         if not shown_count or degrees_of_freedom < 1:
             return 1.0

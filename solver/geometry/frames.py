@@ -389,7 +389,8 @@ def _compare_centres(
     """
     distances = []
     for (first, centre_1, influence_1), (second, centre_2, influence_2) in combinations(estimates, 2):
-        centre_difference, influence_difference = centre_1 - centre_2, sigma * (influence_1 - influence_2)
+        centre_difference = centre_1 - centre_2
+        influence_difference = sigma * (influence_1 - influence_2)
         U, singular_values, _ = np.linalg.svd(influence_difference, full_matrices=False)
         # The χ² test leaves out directions in which noise moves both estimates alike.
         distinguishable = singular_values > 1e-6 * max(singular_values[0], 1e-300)
@@ -503,10 +504,8 @@ def fit_spheres(
     position_of_reading, target_of_reading = np.nonzero(
         present
     )  # position and target of each of the m fitted readings
-    points, has_target = (
-        readings.points[position_of_reading, target_of_reading],
-        np.eye(present.shape[1])[target_of_reading],
-    )
+    points = readings.points[position_of_reading, target_of_reading]
+    has_target = np.eye(present.shape[1])[target_of_reading]
     # (m, 3, 3) derivative of each reading with respect to the whitened reading
     unwhiteners = np.linalg.inv(readings.weight[position_of_reading, target_of_reading])
 
@@ -592,11 +591,9 @@ def _trilaterate_all_positions(
     largest_triple = triples[int(np.argmax(areas))]  # the three targets that span the largest triangle
     radius_influence = sphere_influence[[3 + t for t in largest_triple]]
     # Sums over the positions: of the weights, of weight · centre, and of weight · derivative
-    total_weight, weighted_centre, weighted_influence = (
-        np.zeros((3, 3)),
-        np.zeros(3),
-        np.zeros_like(sphere_influence[:3]),
-    )
+    total_weight = np.zeros((3, 3))
+    weighted_centre = np.zeros(3)
+    weighted_influence = np.zeros_like(sphere_influence[:3])
     for position in np.flatnonzero(present[:, largest_triple].all(axis=1)):
         try:
             point, distance_derivative, target_derivative = trilaterate(

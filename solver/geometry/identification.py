@@ -477,7 +477,8 @@ def identify_from_sweeps(
     Raises:
         InputError: the sweeps do not determine the robot, or contradict the nominal model.
     """
-    free_fits, controller_fits = identify_axes(sweeps), identify_axes(sweeps, angles="controller")
+    free_fits = identify_axes(sweeps)
+    controller_fits = identify_axes(sweeps, angles="controller")
     separate = free_fits if angles == "free" else controller_fits
     controller_p_value = compute_restriction_p_value(free_fits, controller_fits)
     agreement_p_value = None  # remains None if the sweeps are not fitted together

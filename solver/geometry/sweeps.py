@@ -335,7 +335,8 @@ def fit_axis(
             remedy="record more positions or more targets",
         )
     if not linear.determines(slice(0, CHART_SIZE)):
-        axis_name, remedy = "axis", "read a target that is farther from the axis, over a wider arc"
+        axis_name = "axis"
+        remedy = "read a target that is farther from the axis, over a wider arc"
         if outer_fit is not None:
             axis_name = "inner one of the two axes that turn"
             remedy = "sweep a wider arc with more positions; two axes that coincide cannot be distinguished"
@@ -384,10 +385,9 @@ def _estimate_start(sweep: Sweep, readings: PoseReadings, outer_fit: AxisFit | N
     turned_angles = readings.angles[:, 0]
     columns = np.column_stack([np.ones(len(sweep)), np.cos(turned_angles), np.sin(turned_angles)])
     normal_sum, centres, weights = np.zeros(3), [], []
-    most_readings, longest_path_radius = (
-        0,
-        np.zeros(3),
-    )  # of the target that was read most often; radius as a vector
+    # Of the target that was read most often: number of readings, and its radius as a vector
+    most_readings = 0
+    radius_of_most_read = np.zeros(3)
     for target in np.flatnonzero(sweep.present.sum(axis=0) >= columns.shape[1]):
         rows = sweep.present[:, target]
         centre, cosine_vector, sine_vector = np.linalg.lstsq(
@@ -397,7 +397,7 @@ def _estimate_start(sweep: Sweep, readings: PoseReadings, outer_fit: AxisFit | N
         centres.append(centre)
         weights.append(float(np.linalg.norm(cross(cosine_vector, sine_vector))))
         if rows.sum() > most_readings:
-            most_readings, longest_path_radius = rows.sum(), cosine_vector
+            most_readings, radius_of_most_read = rows.sum(), cosine_vector
     if not np.linalg.norm(normal_sum) > 0.0:
         raise MeasurementError(
             "no target moved on a circle",
@@ -411,7 +411,7 @@ def _estimate_start(sweep: Sweep, readings: PoseReadings, outer_fit: AxisFit | N
         # If the outer joint turns back by about the same angle, the outer axis itself moves on the circle,
         # and the inner axis is one radius away from the outer axis.
         if abs(inner_slope + outer_slope) < 0.5 * abs(inner_slope):
-            inner = Axis.through(outer_fit.axis.point - longest_path_radius, inner.direction)
+            inner = Axis.through(outer_fit.axis.point - radius_of_most_read, inner.direction)
         axes = (inner, outer_fit.axis)
     in_flange = Motion(axes, np.zeros((1, 3)), readings.angles).postures.to_flange(readings.points)
     present = sweep.present[..., None]
@@ -448,7 +448,8 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     # Last joint first: a sweep that turns two coupled joints needs the fit of the outer axis.
     for joint, sweep_index in reversed(list(enumerate(sweep_of_joint))):
         sweep = sweeps.sweeps[sweep_index]
-        turning_joints, model_angles = list(sweeps.find_turning_joints(sweep)), sweeps.model_angles(sweep)
+        turning_joints = list(sweeps.find_turning_joints(sweep))
+        model_angles = sweeps.model_angles(sweep)
         if len(turning_joints) == 1:
             fits[sweep_index] = fit_axis(sweep, model_angles[:, joint], sigma=sweeps.sigma, angles=angles)
         else:
@@ -472,12 +473,11 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
             outer_influence = influences[sweep_of_joint[turning_joints[-1]]][:CHART_SIZE]
             influences[sweep_index][:CHART_SIZE] += fits[sweep_index].dependence @ outer_influence
     fits_of_sweeps = tuple(fits[sweep_index] for sweep_index in range(len(fits)))
-    rss, dof = sum(fit.linear.rss for fit in fits_of_sweeps), sum(fit.dof for fit in fits_of_sweeps)
+    rss = sum(fit.linear.rss for fit in fits_of_sweeps)
+    dof = sum(fit.dof for fit in fits_of_sweeps)
     sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
-    axes_at_sweeps, points = (
-        [fits[sweep_index].axis for sweep_index in sweep_of_joint],
-        fits[sweep_of_joint[-1]].target_points,
-    )
+    axes_at_sweeps = [fits[sweep_index].axis for sweep_index in sweep_of_joint]
+    points = fits[sweep_of_joint[-1]].target_points
     axes, targets = _move_axes_to_zero(axes_at_sweeps, points, sweeps.postures)
     # Derivative of axes and targets in the postures of the sweeps; below, at model angle zero
     influence_at_sweep = np.vstack(
@@ -676,7 +676,8 @@ def propagate_resting_angle_errors(swept: SweptAxes) -> tuple[FloatArray, list[i
     """
     sweeps, n = swept.sweeps, swept.n
     fits_of_joints = [swept.fits[index] for index in sweeps.order]
-    axes_at_sweeps, points = [fit.axis for fit in fits_of_joints], fits_of_joints[-1].target_points
+    axes_at_sweeps = [fit.axis for fit in fits_of_joints]
+    points = fits_of_joints[-1].target_points
     geometry_derivative, angle_derivative = _differentiate_swept_axes(
         swept.axes, axes_at_sweeps, points, sweeps.postures
     )

@@ -1060,10 +1060,8 @@ def _report_residual_outliers(
         compared: (M, T) mask of the readings to compare, all with the same number of coordinates.
     """
     residual_norm, targets = np.linalg.norm(springs.residual, axis=2), measurements.targets
-    reading_count, coordinate_count = (
-        int(compared.sum()),
-        int(measurements.coordinates[compared].max(initial=0)),
-    )
+    reading_count = int(compared.sum())
+    coordinate_count = int(measurements.coordinates[compared].max(initial=0))
     degrees_of_freedom = coordinate_count * reading_count - springs.parameter_count
     if degrees_of_freedom < springs.parameter_count:  # too few readings for a typical residual
         return
@@ -1128,10 +1126,8 @@ def find_exchanged_pair(
         present: (T,) mask of the targets that were read.
     """
     read_targets = np.flatnonzero(present)
-    best_pair, least_distance = (
-        None,
-        BETTER * float(np.linalg.norm(deflection[read_targets] - predicted[read_targets])),
-    )
+    best_pair = None
+    least_distance = BETTER * float(np.linalg.norm(deflection[read_targets] - predicted[read_targets]))
     for first, second in combinations(read_targets.tolist(), 2):
         order = np.arange(len(present))
         order[[first, second]] = second, first

@@ -96,7 +96,8 @@ def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexAr
             where="observations",
             remedy="add postures, or use elasticity joints",
         )
-    generator, fold_count = np.random.default_rng(validation.seed), min(validation.folds, posture_count)
+    generator = np.random.default_rng(validation.seed)
+    fold_count = min(validation.folds, posture_count)
     folds = []
     for _ in range(validation.draws):
         fold_of_posture = np.empty(posture_count, dtype=np.intp)

@@ -185,10 +185,8 @@ def compress_elastic_rows(
         MeasurementError: a covariance is not positive definite.
     """
     triangles = [Triangle(entries=columns.width) for _ in parts]
-    squared_levers, rows_of_targets = (
-        np.zeros((len(parts), robot.n + 1)),
-        [[np.zeros((0, 3, columns.width + 1))] for _ in parts],
-    )
+    squared_levers = np.zeros((len(parts), robot.n + 1))
+    rows_of_targets = [[np.zeros((0, 3, columns.width + 1))] for _ in parts]
     keeps_rows = [int(measurements.present[part].sum()) <= MOST_TARGETS for part in parts]
     start = 0  # index of the first observation of the block
     for block, rows in generate_elastic_blocks(robot, measurements, columns):

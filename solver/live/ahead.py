@@ -213,11 +213,9 @@ class CandidateReadings:
         Returns:
             The reading, with the number of readings until the goal is met; None if no candidate remains.
         """
-        parameters, candidates, share = (
-            self.pool.parameters,
-            self.pool.candidates,
-            self.compare_with_goal(goal, known),
-        )
+        parameters = self.pool.parameters
+        candidates = self.pool.candidates
+        share = self.compare_with_goal(goal, known)
         basis = parameters.basis[: self.robot.n]
         criterion = AOptimality(basis.T @ share.weights @ basis)
         M = self.pool.base  # information before the readings; the information of each reading is added
@@ -240,10 +238,8 @@ class CandidateReadings:
         ratio = np.ones(len(predicted))
         comparable = np.isfinite(share.ratios) & np.isfinite(predicted)
         ratio[comparable] = np.clip(share.ratios[comparable] / predicted[comparable], *_RATIO)
-        force, anchor = (
-            self.pool.candidate_forces(best.force, best.index)[0],
-            int(self.pool.readings.anchor[next_index]),
-        )
+        force = self.pool.candidate_forces(best.force, best.index)[0]
+        anchor = int(self.pool.readings.anchor[next_index])
         # Readings are added one after the other, until the predicted uncertainties meet the goal.
         for count in range(1, MOST_MORE + 1):
             M = M + best.information[0]

@@ -139,7 +139,8 @@ def find_balance(
         stiffness = wrench_stiffness(loaded.angular_jacobian, jacobian, cases.force, cases.moment)
         if weight is not None:
             weight_torque, weight_stiffness = weight.torque_and_stiffness(robot, loaded)
-            torque, stiffness = torque + weight_torque - unloaded_weight, stiffness + weight_stiffness
+            torque = torque + weight_torque - unloaded_weight
+            stiffness = stiffness + weight_stiffness
         softening = compliance[:, None] * stiffness
         residual = compliance * torque - deflection
         softened = _invert_softening(softening)
@@ -193,7 +194,8 @@ def _invert_softening(softening: FloatArray) -> FloatArray:
     Raises:
         RequestError: a matrix is singular, so that a load case has no balance.
     """
-    identity, size = np.eye(softening.shape[1]), float(_infinity_norms(softening).max(initial=0.0))
+    identity = np.eye(softening.shape[1])
+    size = float(_infinity_norms(softening).max(initial=0.0))
     if not size <= _SMALL:  # also taken if the size is NaN
         try:
             return np.asarray(np.linalg.inv(identity - softening))
@@ -445,7 +447,8 @@ def unloaded_postures(robot: Robot, measurements: Measurements) -> Postures:
 def targets_in_flange(robot: Robot, part: Measurements) -> FloatArray:
     """Return the mean place (T, 3) of each target in the flange frame [m] over all observations."""
     read = unloaded_postures(robot, part).to_flange(part.position)
-    places, present = np.where(part.in_flange[..., None], part.position, read), part.present[..., None]
+    places = np.where(part.in_flange[..., None], part.position, read)
+    present = part.present[..., None]
     return np.asarray(np.where(present, places, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1))
 
 

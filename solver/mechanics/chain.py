@@ -160,7 +160,8 @@ class KinematicChain:
         for what, names in (("joint", tuple(joint.name for joint in self.joints)), ("link", links)):
             name, count = Counter(names).most_common(1)[0]
             if count > 1:
-                reason, remedy = f"{count} {what}s are named '{name}'", f"give each {what} a unique name"
+                reason = f"{count} {what}s are named '{name}'"
+                remedy = f"give each {what} a unique name"
                 raise RobotError(reason, remedy=remedy, where=f"{what} '{name}'")
 
     @property

@@ -288,7 +288,8 @@ def _read_limits(model: pin.Model, index: int) -> tuple[float, float]:
     joint = model.joints[index]
     if joint.nq != 1:  # Pinocchio states an unbounded angle as its cosine and sine
         return -np.inf, np.inf
-    lower, upper = float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
+    lower = float(model.lowerPositionLimit[joint.idx_q])
+    upper = float(model.upperPositionLimit[joint.idx_q])
     return lower if lower > -UNLIMITED else -np.inf, upper if upper < UNLIMITED else np.inf
 
 
@@ -341,8 +342,8 @@ def copy_with_weights(
 ) -> pin.Model:
     """Return a copy of the model with masses (n,) [kg], centres of mass (n, 3) [m], and gravity (3,) [m/s²].
 
-    The centres are in the frames that move with the joints. Moments of inertia are zero, as
-    only postures at rest are computed.
+    The centres are in the frames that move with the joints. Moments of inertia are zero, as only postures at
+    rest are computed.
     """
     model = model.copy()
     for i, (each, place) in enumerate(zip(mass, centre, strict=True), 1):
@@ -362,7 +363,9 @@ def fix_prismatic_joints(robot: Robot, held: FloatArray) -> Robot:
         RobotError: all joints are prismatic, or a prismatic joint also depends on a revolute joint of the
             controller.
     """
-    matrix, offset, prismatic = robot.joint_map.matrix, robot.joint_map.offset, robot.prismatic
+    matrix = robot.joint_map.matrix
+    offset = robot.joint_map.offset
+    prismatic = robot.prismatic
     if matrix[np.ix_(prismatic, ~prismatic)].any():
         raise RobotError(
             "a linear axis moves with a rotary axis of the controller, so the linear axis cannot stand still",

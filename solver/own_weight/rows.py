@@ -285,7 +285,8 @@ def compute_torques(robot: Robot, readings: WeightReadings, motion: Motion) -> T
     rotation, origin = postures.joint_frames
     levers = postures.weight_levers  # (B, n, n, 4, 3)
 
-    gravity_derivative, is_carried = np.zeros(origin.shape), readings.carried.T[:, :, None, None]
+    gravity_derivative = np.zeros(origin.shape)
+    is_carried = readings.carried.T[:, :, None, None]
     base_moment = readings.moment.copy()
     for number, body in enumerate(burden.bodies):
         centre = origin[:, body.joint] + rotation[:, body.joint] @ np.array(body.centre)

@@ -94,7 +94,8 @@ def run_by_weight(
     findings = [*estimate.reasons, *estimate.remarks, *implausible, *report_refuted_noise(m, estimate.sigma)]
     assessment = derive_assessment(joints, findings)
     row, target = np.nonzero(readings.poses.present)
-    displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
+    displacement = estimate.displacement[row, target]
+    residual = estimate.residual[row, target]
     residual_length, measured_length = (
         np.linalg.norm(vectors, axis=1) for vectors in (residual, displacement + residual)
     )

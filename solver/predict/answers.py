@@ -286,7 +286,8 @@ def map_postures(
     # The kinematics without load are used again only if no case was removed.
     cases = cases[bearable] if overloaded.any() else cases
     deflection = model.deflect(cases, None if overloaded.any() else unloaded)
-    is_undetermined, direction = deflection.unseen.any(axis=1), task.direction[orientation[bearable]]
+    is_undetermined = deflection.unseen.any(axis=1)
+    direction = task.direction[orientation[bearable]]
     result.status[bearable] = np.where(is_undetermined, _UNSEEN, _REACHED)
     compliance = deflection.compliance
     known_along, known_across = deflection.compliance_known(direction)
@@ -395,7 +396,9 @@ def _describe_joint_model(model: JointModel) -> dict[str, Any]:
     The fields `estimate` and `covariance` are of the joints listed in `seen`; they neglect the constraints,
     which `compliance` obeys.
     """
-    names, likelihood, bounds = model.robot.joint_names, model.likelihood, model.constraints.bounds
+    names = model.robot.joint_names
+    likelihood = model.likelihood
+    bounds = model.constraints.bounds
     weight = None
     if isinstance(model.weight, IdentifiedWeight):
         weight = stored_as.WeightPart(
@@ -534,14 +537,13 @@ def build_case_results(
         labels: names of the cases.
         budget: uncertainty budget of the run; None if the run has none.
     """
-    undetermined, intervals, joint_names = (
-        deflection.unseen,
-        deflection.interval(confidence),
-        deflection.model.robot.joint_names,
-    )
+    undetermined = deflection.unseen
+    intervals = deflection.interval(confidence)
+    joint_names = deflection.model.robot.joint_names
     is_valid = np.asarray(~undetermined.any(axis=1))
     with_error: Sequence[cases.ModelErrorInterval | None] = [None] * len(labels)
-    radius, from_readings = np.full(len(labels), np.inf), np.full((len(labels), 6, 2), np.nan)
+    radius = np.full(len(labels), np.inf)
+    from_readings = np.full((len(labels), 6, 2), np.nan)
     if intervals is not None:
         from_readings = np.where(is_valid[:, None, None], intervals, np.nan)
     if bound is not None:
@@ -583,7 +585,8 @@ def _list_extrapolation_remarks(bound: ModelErrorBound, case: int) -> list[str]:
 
     `case` is the index of the load case in the bound.
     """
-    load_ratio, leverage_ratio = float(bound.load_ratio[case]), float(bound.leverage_ratio[case])
+    load_ratio = float(bound.load_ratio[case])
+    leverage_ratio = float(bound.leverage_ratio[case])
     remarks = []
     if np.isinf(load_ratio):
         remarks.append(f"extrapolated: no {bound.unmeasured} was measured, so the model error is unknown")
@@ -611,11 +614,9 @@ def _build_compliance_messages(
             requested.
         valid: (B,) mask of load cases that have numbers; the other cases get None.
     """
-    compliance, worst, is_requested = (
-        deflection.compliance,
-        deflection.compliance.worst,
-        ~np.isnan(directions[:, 0]),
-    )
+    compliance = deflection.compliance
+    worst = deflection.compliance.worst
+    is_requested = ~np.isnan(directions[:, 0])
     directions_or_x = np.where(
         is_requested[:, None], directions, [1.0, 0.0, 0.0]
     )  # any direction where none is requested

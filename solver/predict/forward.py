@@ -85,11 +85,9 @@ class CartesianCompliance:
         first_axis = unit_vectors(cross(direction.T, not_parallel.T).T)
         plane = np.stack([first_axis, cross(direction.T, first_axis.T).T], axis=1)  # (B, 2, 3)
         projected = plane @ self.translation @ plane.transpose(0, 2, 1)
-        first_diagonal, off_diagonal, second_diagonal = (
-            projected[:, 0, 0],
-            0.5 * (projected[:, 0, 1] + projected[:, 1, 0]),
-            projected[:, 1, 1],
-        )
+        first_diagonal = projected[:, 0, 0]
+        off_diagonal = 0.5 * (projected[:, 0, 1] + projected[:, 1, 0])
+        second_diagonal = projected[:, 1, 1]
         return np.asarray(
             0.5 * (first_diagonal + second_diagonal)
             + np.hypot(0.5 * (first_diagonal - second_diagonal), off_diagonal)

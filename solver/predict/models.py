@@ -838,10 +838,8 @@ def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEs
     folds = Folds(robot, measurements, elastic.model.columns, model.seen, cross_validation)
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
     observation_of_reading = np.nonzero(measurements.present)[0]
-    residual, added_variance = (
-        np.empty((len(observation_of_reading), 3)),
-        np.empty(len(observation_of_reading)),
-    )
+    residual = np.empty((len(observation_of_reading), 3))
+    added_variance = np.empty(len(observation_of_reading))
     prediction_root = np.zeros((len(observation_of_reading), 3, 1 if model.root is None else len(model.root)))
     for number, held_out_observations in enumerate(folds.held_out):
         compliances, _ = fit_fold(folds, elastic.model, number, (elastic.penalty,))
@@ -916,7 +914,8 @@ def _compute_model_error(
     noise_squares = noise_squares + added_variance[scored] * np.square(prediction_root[scored]).sum(
         axis=(1, 2)
     )
-    squares, remaining_share = np.square(residual[scored]).sum(axis=1) / growth_squared, 1.0
+    squares = np.square(residual[scored]).sum(axis=1) / growth_squared
+    remaining_share = 1.0
     is_known = np.isfinite(squares)
     if is_known.any() and (mean_square := float(squares[is_known].mean())) > 0.0:
         counts = np.bincount(posture_of_reading[is_known])

@@ -382,7 +382,8 @@ def _read_load_table(content: bytes, points: IndexArray, names: Sequence[str] = 
     """
     point_count = int(points.max(initial=0))
     text = content.decode("utf-8-sig", errors="replace")
-    most_lines, most_cells = 2 * point_count + _MORE_LINES, 8 * (2 * point_count + _MORE_LINES)
+    most_lines = 2 * point_count + _MORE_LINES
+    most_cells = 8 * (2 * point_count + _MORE_LINES)
     number_points = f"number the points from 1 to {point_count}, and give each point at most once"
     # A huge file is refused before it is split into cells, which would take much memory.
     if any(text.count(sign) > most_lines for sign in "\n\r") or any(
@@ -581,7 +582,8 @@ class StatedConfigurations:
         for word, column, rows_with_word in self._iterate_words(indices):
             numbers = self._word_numbers(indices[rows_with_word], column)
             lower, upper = word.ranges(numbers).T
-            before, after = programmed[rows_with_word, word.joint], corrected[rows_with_word, word.joint]
+            before = programmed[rows_with_word, word.joint]
+            after = corrected[rows_with_word, word.joint]
             agreed_before = (lower - _NEAR <= before) & (before <= upper + _NEAR)
             disagrees_after = (after < lower - _ROUNDING) | (after > upper + _ROUNDING)
             for row in np.flatnonzero(agreed_before & disagrees_after & np.isfinite(numbers)):
@@ -742,7 +744,8 @@ def find_path(
         RequestError: a field of the request is missing, or does not fit the program.
         ProgramError: the robot does not reach targets, or their arm configurations are ambiguous.
     """
-    frames, configurations = ProgramFrames.from_program(program, options), StatedConfigurations(program)
+    frames = ProgramFrames.from_program(program, options)
+    configurations = StatedConfigurations(program)
     joints = find_wanted_postures(program, options, frames, configurations, robot, inverse, visits.targets)
     # All visits of a target must have the posture of its first visit; angles may differ by whole turns.
     difference = joints - joints[visits.first][visits.number]

@@ -636,11 +636,14 @@ def make_charts(result: RunResult) -> list[Chart]:
             charts.append(Chart(title, names, series, factor, unit, "joints", intervals, True, "stiffness"))
     if result.contributions:
         shares = {"contribution": [each.share for each in result.contributions]}
-        names, title = [each.joint for each in result.contributions], "Contribution to the deflection"
+        names = [each.joint for each in result.contributions]
+        title = "Contribution to the deflection"
         charts.append(Chart(title, names, shares, 1e2, "%", "joints", quantity="contribution"))
     # Residuals are a hundredth of the deflections: each of them has its own axis.
-    measured, residuals = result.mean_lengths("deflection"), result.mean_lengths("residual")
-    series, residual_series = {"measured": [*measured.values()]}, {"left over": [*residuals.values()]}
+    measured = result.mean_lengths("deflection")
+    residuals = result.mean_lengths("residual")
+    series = {"measured": [*measured.values()]}
+    residual_series = {"left over": [*residuals.values()]}
     return [
         *charts,
         Chart("Measured deflection", [*measured], series, 1e3, "mm", quantity="deflection"),
