@@ -143,10 +143,10 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
         RequestError: the robots' joints differ, or the order contradicts the constraints.
         SolverError: optimality could not be certified.
     """
-    names, others = first.robot.joint_names, second.robot.joint_names
-    if names != others or first.robot.joint_kinds != second.robot.joint_kinds:
+    first_names, second_names = first.robot.joint_names, second.robot.joint_names
+    if first_names != second_names or first.robot.joint_kinds != second.robot.joint_kinds:
         raise RequestError(
-            f"the robots have different joints: {', '.join(names)}, and {', '.join(others)}",
+            f"the robots have different joints: {', '.join(first_names)}, and {', '.join(second_names)}",
             where="run_ids",
             remedy="compare sets of one robot, or of two robots of the same model with the same joint names",
         )
@@ -159,7 +159,10 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
         compliances = np.where(np.isnan(optimum), compliances, optimum)
     matches = match_observations(first.measurements, second.measurements)
     return Comparison(
-        [_compare_joint(j, sides, covariances, confidence, positive=positive) for j in range(len(names))],
+        [
+            _compare_joint(j, sides, covariances, confidence, positive=positive)
+            for j in range(len(first_names))
+        ],
         ordered_result,
         compute_avoided_deflection(sides, matches, compliances),
         matches.unlike,
@@ -168,25 +171,38 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
 
 
 def models_differ(first: Robot, second: Robot) -> bool:
-    """Return whether two robots with the same joints differ in geometry or joint map (in two postures)."""
+    """Return whether two robots with the same joints differ in geometry or joint map.
+
+    The robots are compared in two postures.
+    """
     if first is second:
         return False
     postures = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])
     kinematics = []  # of each robot: angles, Jacobian and flange pose
     for robot in (first, second):
-        at = Postures(robot, robot.joint_map.model_angles(postures))
-        kinematics.append((at.q, at.jacobian, at.flange_rotation, at.flange_translation))
-    return any(bool((np.abs(a - b) > _MODEL_TOLERANCE).any()) for a, b in zip(*kinematics, strict=True))
+        robot_postures = Postures(robot, robot.joint_map.model_angles(postures))
+        kinematics.append(
+            (
+                robot_postures.q,
+                robot_postures.jacobian,
+                robot_postures.flange_rotation,
+                robot_postures.flange_translation,
+            )
+        )
+    return any(
+        bool((np.abs(first_array - second_array) > _MODEL_TOLERANCE).any())
+        for first_array, second_array in zip(*kinematics, strict=True)
+    )
 
 
 def _compute_independent_covariances(sides: Sequence[Side]) -> list[FloatArray | None]:
-    """Return the covariance (n, n) of each campaign's estimate without the errors that both campaigns share.
+    """Return the covariance (n, n) of each campaign's estimate, without errors that both campaigns share.
 
     An assumed error of the load cell's scale cancels in a comparison. Each campaign keeps the error of its
     own load point: a load that is hung anew hangs elsewhere. The covariance is None where sigma is unknown.
     """
-    common = [side.measurements.common_uncertainty for side in sides]
-    shared_terms = frozenset.intersection(*(each.assumed for each in common)) - {"load_point"}
+    common_uncertainties = [side.measurements.common_uncertainty for side in sides]
+    shared_terms = frozenset.intersection(*(each.assumed for each in common_uncertainties)) - {"load_point"}
     covariances = []
     for free in (side.free for side in sides):
         shared = sum(free.assumed[term] for term in shared_terms if term in free.assumed)
@@ -195,43 +211,46 @@ def _compute_independent_covariances(sides: Sequence[Side]) -> list[FloatArray |
 
 
 def _compare_joint(
-    j: int,
+    index: int,
     sides: Sequence[Side],
     covariances: Sequence[FloatArray | None],
     confidence: float,
     *,
     positive: bool,
 ) -> JointRatio:
-    """Build the ratio of the stiffnesses of joint j with interval and p-value, or say why it is unknown.
+    """Build the ratio of the stiffnesses of a joint with interval and p-value, or say why it is unknown.
 
     Args:
-        j: index of the joint.
+        index: index of the joint.
         sides: both campaigns.
         covariances: (n, n) covariance of each campaign's estimate; None where sigma is unknown.
         confidence: level of the interval.
         positive: whether compliances are known to be zero or positive.
     """
-    name, gaussian = sides[0].robot.joint_names[j], []
+    name, estimates = sides[0].robot.joint_names[index], []
     for ordinal, side, covariance in zip(("first", "second"), sides, covariances, strict=True):
-        value = float(side.free.compliance[j])
+        value = float(side.free.compliance[index])
         if not isfinite(value):
-            return JointRatio(name=name, reason=f"in the {ordinal} set: {side.free.reasons[j]}")
-        if covariance is not None and covariance[j, j] > 0.0:
-            freedom = side.free.degrees_of_freedom
-            gaussian.append(GaussianEstimate(value, sqrt(covariance[j, j]), freedom))
-    if len(gaussian) < len(sides):
+            return JointRatio(name=name, reason=f"in the {ordinal} set: {side.free.reasons[index]}")
+        if covariance is not None and covariance[index, index] > 0.0:
+            degrees_of_freedom = side.free.degrees_of_freedom
+            estimates.append(GaussianEstimate(value, sqrt(covariance[index, index]), degrees_of_freedom))
+    if len(estimates) < len(sides):
         return JointRatio(name=name, reason=_UNKNOWN)
-    first, second = gaussian
+    first, second = estimates
     are_positive = first.value > 0 and second.value > 0
-    spread = hypot(first.standard_uncertainty, second.standard_uncertainty)
-    freedom = min(first.degrees_of_freedom, second.degrees_of_freedom)
+    uncertainty_of_difference = hypot(first.standard_uncertainty, second.standard_uncertainty)
+    degrees_of_freedom = min(first.degrees_of_freedom, second.degrees_of_freedom)
     interval = compute_ratio_interval(first, second, confidence, positive=positive)
     return JointRatio(
         name=name,
         ratio=first.value / second.value if are_positive else None,
         ratio_interval=None if interval is None else (interval.lower, interval.upper),
         ratio_excluded=None if interval is None else interval.excluded,
-        p_value=float(2.0 * special.stdtr(freedom, -abs(first.value - second.value) / spread)),
+        p_value=float(
+            2.0
+            * special.stdtr(degrees_of_freedom, -abs(first.value - second.value) / uncertainty_of_difference)
+        ),
         reason=None if are_positive else _NEGATIVE,
     )
 
@@ -239,11 +258,14 @@ def _compare_joint(
 def compute_ratio_interval(
     first: GaussianEstimate, second: GaussianEstimate, confidence: float, *, positive: bool
 ) -> RatioInterval | None:
-    """Compute Fieller's interval of the ratio c_first / c_second = k_second / k_first.
+    """Compute Fieller's interval of the ratio ρ = c_first / c_second = k_second / k_first.
 
-    In units of the uncertainties, with the point ``(ĉ₂/s₂, ĉ₁/s₁)`` at distance r and angle θ, the interval
-    is ``|sin(θ − φ)| ≤ t/r`` for ``tan φ = ρ s₂/s₁``: an arc of directions, repeated every half turn. If the
-    arc passes through the vertical, where the ratio is infinite, the interval has no upper limit.
+    In units of the standard uncertainties s₁ and s₂, the estimates are a point ``(ĉ₂/s₂, ĉ₁/s₁)`` at distance
+    r
+    and angle θ. With t the quantile, the interval is ``|sin(θ − φ)| ≤ t/r`` for ``tan φ = ρ s₂/s₁``: an arc
+    of
+    directions, repeated every half turn. If the arc passes through the vertical, where the ratio is infinite,
+    the interval has no upper limit.
 
     The interval is exact if both uncertainties come from one sigma, or sigma is given. Otherwise the fewer
     degrees of freedom are used, so that the interval covers the true ratio at least as often as `confidence`.
@@ -257,19 +279,21 @@ def compute_ratio_interval(
     Returns:
         The interval; None if `positive` and all ratios that the estimates allow are negative.
     """
-    t = student_quantile(0.5 + confidence / 2, min(first.degrees_of_freedom, second.degrees_of_freedom))
-    y = first.value / first.standard_uncertainty
-    x = second.value / second.standard_uncertainty
+    quantile = student_quantile(
+        0.5 + confidence / 2, min(first.degrees_of_freedom, second.degrees_of_freedom)
+    )
+    first_scaled = first.value / first.standard_uncertainty
+    second_scaled = second.value / second.standard_uncertainty
     scale = first.standard_uncertainty / second.standard_uncertainty
-    r = hypot(x, y)
-    if r <= t:  # the point is so near the origin that every direction is allowed
+    distance = hypot(second_scaled, first_scaled)
+    if distance <= quantile:  # the point is so near the origin that every direction is allowed
         return RatioInterval(0.0 if positive else None, None)
-    angle = atan2(y, x)
+    angle = atan2(first_scaled, second_scaled)
     if angle > _QUARTER or angle <= -_QUARTER:  # the ratio stays the same if both signs change
         angle -= pi if angle > 0 else -pi
-    low, high = angle - asin(t / r), angle + asin(t / r)
-    lower, upper = scale * tan(low), scale * tan(high)
-    if low > -_QUARTER and high < _QUARTER:
+    lower_angle, upper_angle = angle - asin(quantile / distance), angle + asin(quantile / distance)
+    lower, upper = scale * tan(lower_angle), scale * tan(upper_angle)
+    if lower_angle > -_QUARTER and upper_angle < _QUARTER:
         if positive and upper < 0.0:
             return None
         return RatioInterval(max(0.0, lower) if positive else lower, upper)
@@ -302,10 +326,10 @@ def fit_ordered(
         RequestError: the constraints contradict each other, or an uncertainty is unknown.
         SolverError: optimality could not be certified.
     """
-    free, n = [side.free for side in sides], sides[0].robot.n
-    noise = [each.readings for each in free if each.readings is not None]
+    free_estimates, joint_count = [side.free for side in sides], sides[0].robot.n
+    readings_covariances = [each.readings for each in free_estimates if each.readings is not None]
     all_errors = [each for each in covariances if each is not None]
-    if len(noise) < len(sides):
+    if len(readings_covariances) < len(sides):
         raise RequestError(
             "sigma is neither given nor determined by the residuals, so the two sets cannot be weighted",
             where="ordered",
@@ -318,30 +342,45 @@ def fit_ordered(
     )
     # In an order, (i, j) states c_i ≤ c_j; the compliances of the second campaign have the numbers n to 2 n −
     # 1.
-    order: Order = (*first_constraints.order, *((n + i, n + j) for i, j in second_constraints.order))
+    order: Order = (
+        *first_constraints.order,
+        *((joint_count + i, joint_count + joint) for i, joint in second_constraints.order),
+    )
     separate = Constraints(bounds, order)
-    together = Constraints(bounds, (*((n + j, j) for j in range(n)), *order))
-    centre = np.concatenate([each.compliance for each in free])
-    known = np.flatnonzero(np.isfinite(centre))
-    c, ends = np.full(2 * n, np.nan), np.full((2 * n, 2), np.nan)
-    estimated = [np.flatnonzero(np.isfinite(each.compliance)) for each in free]
-    blocks = [part[np.ix_(j, j)] for part, j in zip(noise, estimated, strict=True) if len(j)]
+    together = Constraints(bounds, (*((joint_count + joint, joint) for joint in range(joint_count)), *order))
+    centre = np.concatenate([each.compliance for each in free_estimates])
+    known_indices = np.flatnonzero(np.isfinite(centre))
+    compliances, intervals = np.full(2 * joint_count, np.nan), np.full((2 * joint_count, 2), np.nan)
+    estimated = [np.flatnonzero(np.isfinite(each.compliance)) for each in free_estimates]
+    blocks = [
+        block[np.ix_(joint, joint)]
+        for block, joint in zip(readings_covariances, estimated, strict=True)
+        if len(joint)
+    ]
     R = block_diag(*map(invert_to_root, blocks))
     fits = [
-        StageFit.from_rows(R, R @ centre[known], known, constraints.select(known)).solution
+        StageFit.from_rows(
+            R, R @ centre[known_indices], known_indices, constraints.select(known_indices)
+        ).solution
         for constraints in (together, separate)
     ]
-    c[known] = fits[0].compliance
-    squares = [float(np.square(R @ (fit.compliance - centre[known])).sum()) for fit in fits]
-    quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free))
+    compliances[known_indices] = fits[0].compliance
+    squares = [float(np.square(R @ (fit.compliance - centre[known_indices])).sum()) for fit in fits]
+    quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free_estimates))
     likelihood = Likelihood(
-        np.arange(len(known)), centre[known], block_diag(*all_errors)[np.ix_(known, known)]
+        np.arange(len(known_indices)),
+        centre[known_indices],
+        block_diag(*all_errors)[np.ix_(known_indices, known_indices)],
     )
-    every = np.eye(len(known))
-    low, high = compute_profile_ends(likelihood, together.select(known), every, np.array([quantile]))[0].T
-    ends[known] = np.stack([np.minimum(low, c[known]), np.maximum(high, c[known])], axis=1)
-    first, second = c.reshape(2, n)
-    stiffness = [[invert_compliance(value) for value in part] for part in (first, second)]
+    functions = np.eye(len(known_indices))
+    lower, upper = compute_profile_ends(
+        likelihood, together.select(known_indices), functions, np.array([quantile])
+    )[0].T
+    intervals[known_indices] = np.stack(
+        [np.minimum(lower, compliances[known_indices]), np.maximum(upper, compliances[known_indices])], axis=1
+    )
+    first, second = compliances.reshape(2, joint_count)
+    stiffness = [[invert_compliance(value) for value in block] for block in (first, second)]
     message = OrderedResult(
         joints=build_messages(
             OrderedJoint,
@@ -351,83 +390,104 @@ def fit_ordered(
             compliance_second=second,
             stiffness_first=stiffness[0],
             stiffness_second=stiffness[1],
-            compliance_interval_first=ends[:n],
-            compliance_interval_second=ends[n:],
+            compliance_interval_first=intervals[:joint_count],
+            compliance_interval_second=intervals[joint_count:],
             equal=first == second,
         ),
         chi_square_increase=max(0.0, squares[0] - squares[1]),
         certificate=greatest_violations([fits[0].certificate]),
     )
-    return message, c.reshape(2, n)
+    return message, compliances.reshape(2, joint_count)
 
 
-def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Matches) -> Finding | None:
+def find_force_unit_mistake(first: Measurements, second: Measurements, matches: Matches) -> Finding | None:
     """Find out whether one of two campaigns states its forces in a wrong unit, such as kgf read as N.
 
     The unit is suspect if the forces of most matching postures differ by the ratio of two units, such as N
     and kgf, while the deflections hardly differ.
 
     Args:
-        one: the first campaign.
-        two: the second campaign.
+        first: the first campaign.
+        second: the second campaign.
         matches: observations that match with the forces as stated.
 
     Returns:
         The finding; None if no mistake is suspected.
     """
-    for (unit, size), (other, other_size) in permutations(FORCE_UNITS.items(), 2):
+    for (unit, size), (read_as, other_size) in permutations(FORCE_UNITS.items(), 2):
         ratio = size / other_size
-        scaled = match_observations(one, two, ratio)
+        scaled = match_observations(first, second, ratio)
         # The ratio has to make most observations with a common label match that did not match as stated.
         new_matches = np.setdiff1d(scaled.observations[0], matches.observations[0])
         if 2 * len(new_matches) <= len(matches.present) + len(matches.unlike):
             continue
-        share = compute_measured_shares((one, two), scaled, (None, None))[1]
-        if share is not None and abs(share.value) < _ALIKE:
+        avoided_share = compute_measured_shares((first, second), scaled, (None, None))[1]
+        if avoided_share is not None and abs(avoided_share.value) < _ALIKE:
             return Finding(
                 code="force_unit_suspect",
                 weight="do_not_use",
                 message="in the same postures, the forces of the second campaign are "
                 f"{figure(ratio, '.3g')} times those of the first, but the deflections "
-                f"{figure(1.0 - share.value, '.3g')} times: probably {other} were read as {unit} in the "
-                f"second campaign, or {unit} as {other} in the first",
+                f"{figure(1.0 - avoided_share.value, '.3g')} times: probably {read_as} were read as {unit} "
+                "in the "
+                f"second campaign, or {unit} as {read_as} in the first",
                 remedy="correct `units.force` of the campaign that states it wrongly",
             )
     return None
 
 
-def match_observations(one: Measurements, two: Measurements, force_ratio: float = 1.0) -> Matches:
+def match_observations(first: Measurements, second: Measurements, force_ratio: float = 1.0) -> Matches:
     """Find the observations of two campaigns with equal label, posture and load, and a target in common.
 
     Args:
-        one: the first campaign.
-        two: the second campaign.
+        first: the first campaign.
+        second: the second campaign.
         force_ratio: factor on the forces of the first campaign before they are compared.
     """
-    shared = [name for name in one.targets if name in two.targets]
-    targets = np.array([[m.targets.index(name) for name in shared] for m in (one, two)], np.intp)
-    index_in_two = {label: i for i, label in enumerate(two.labels)}
-    pairs = [(i, index_in_two[label]) for i, label in enumerate(one.labels) if label in index_in_two]
+    shared = [name for name in first.targets if name in second.targets]
+    targets = np.array(
+        [[measurements.targets.index(name) for name in shared] for measurements in (first, second)], np.intp
+    )
+    index_in_two = {label: rows_of_first for rows_of_first, label in enumerate(second.labels)}
+    pairs = [
+        (rows_of_first, index_in_two[label])
+        for rows_of_first, label in enumerate(first.labels)
+        if label in index_in_two
+    ]
     observations = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
     readings = []
-    for m, rows, target in zip((one, two), observations[..., None], targets, strict=True):
-        direction = np.zeros(m.position.shape) if m.direction is None else m.direction
-        readings.append((direction[rows, target], m.present[rows, target]))
+    for measurements, rows, target in zip((first, second), observations[..., None], targets, strict=True):
+        direction = (
+            np.zeros(measurements.position.shape)
+            if measurements.direction is None
+            else measurements.direction
+        )
+        readings.append((direction[rows, target], measurements.present[rows, target]))
     # Readings along one direction match if their directions agree; a zero vector reads all coordinates.
-    (along_one, read_in_one), (along_two, read_in_two) = readings
-    cosine = np.abs((along_one * along_two).sum(axis=-1))  # a gauge on the flange turns with the postures
-    both_full = ~(along_one.any(axis=-1) | along_two.any(axis=-1))
+    (direction_first, read_in_one), (direction_second, read_in_two) = readings
+    cosine = np.abs(
+        (direction_first * direction_second).sum(axis=-1)
+    )  # a gauge on the flange turns with the postures
+    both_full = ~(direction_first.any(axis=-1) | direction_second.any(axis=-1))
     present = read_in_one & read_in_two & ((cosine > np.cos(2.0 * POSTURE_TOLERANCE)) | both_full)
-    i, k = observations
-    same = np.abs(one.joints[i] - two.joints[k]).max(axis=1) <= POSTURE_TOLERANCE
+    rows_of_first, rows_of_second = observations
+    is_same = (
+        np.abs(first.joints[rows_of_first] - second.joints[rows_of_second]).max(axis=1) <= POSTURE_TOLERANCE
+    )
     # The load point does not matter where no force acts.
-    near = np.linalg.norm(one.load_point[i] - two.load_point[k], axis=1) <= LOAD_POINT_TOLERANCE
-    same &= near | ~one.force[i].any(axis=1)
-    for a, b in ((force_ratio * one.force[i], two.force[k]), (one.moment[i], two.moment[k])):
-        size = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
-        same &= np.linalg.norm(a - b, axis=1) <= LOAD_TOLERANCE * size
-    matching = same & present.any(axis=1)
-    unlike = tuple(one.labels[j] for j in i[~matching])
+    is_near = (
+        np.linalg.norm(first.load_point[rows_of_first] - second.load_point[rows_of_second], axis=1)
+        <= LOAD_POINT_TOLERANCE
+    )
+    is_same &= is_near | ~first.force[rows_of_first].any(axis=1)
+    for first_load, second_load in (
+        (force_ratio * first.force[rows_of_first], second.force[rows_of_second]),
+        (first.moment[rows_of_first], second.moment[rows_of_second]),
+    ):
+        greater_size = np.maximum(np.linalg.norm(first_load, axis=1), np.linalg.norm(second_load, axis=1))
+        is_same &= np.linalg.norm(first_load - second_load, axis=1) <= LOAD_TOLERANCE * greater_size
+    matching = is_same & present.any(axis=1)
+    unlike = tuple(first.labels[j] for j in rows_of_first[~matching])
     return Matches(observations[:, matching], targets, present[matching], unlike)
 
 
@@ -444,35 +504,35 @@ def compute_avoided_deflection(
     measured_shares, total_share = compute_measured_shares(
         [side.measurements for side in sides], matches, [side.free.sigma for side in sides]
     )
-    unknown = sides[0].free.unseen | sides[1].free.unseen
+    is_unknown = sides[0].free.unseen | sides[1].free.unseen
     # Mean deflections (N, 2) in the observations of each campaign, with the compliances of both campaigns
-    in_first, in_second = (_predict_mean_lengths(side, compliances, unknown) for side in sides)
+    in_first, in_second = (_predict_mean_lengths(side, compliances, is_unknown) for side in sides)
     first_labels, second_labels = (side.measurements.labels for side in sides)
     only_second = np.setdiff1d(np.arange(len(second_labels)), matches.observations[1]).tolist()
-    total = np.nansum(np.vstack([in_first, in_second[only_second]]), axis=0)
+    total_lengths = np.nansum(np.vstack([in_first, in_second[only_second]]), axis=0)
     share_of_row = dict(zip(matches.observations[0].tolist(), measured_shares, strict=True))
     shares = [
         ConfigurationShare(
             observation=label,
-            side="both" if i in share_of_row else "first",
-            measured=share_of_row.get(i),
-            predicted=_compute_avoided_share(*in_first[i]),
+            side="both" if row in share_of_row else "first",
+            measured=share_of_row.get(row),
+            predicted=_compute_avoided_share(*in_first[row]),
         )
-        for i, label in enumerate(first_labels)
+        for row, label in enumerate(first_labels)
     ]
     shares += [
         ConfigurationShare(
-            observation=second_labels[i],
+            observation=second_labels[row],
             side="second",
             measured=None,
-            predicted=_compute_avoided_share(*in_second[i]),
+            predicted=_compute_avoided_share(*in_second[row]),
         )
-        for i in only_second
+        for row in only_second
     ]
     return AvoidedDeflection(
         matching=len(measured_shares),
         measured=total_share,
-        predicted=_compute_avoided_share(*total),
+        predicted=_compute_avoided_share(*total_lengths),
         configurations=shares,
     )
 
@@ -482,7 +542,8 @@ def compute_measured_shares(
 ) -> tuple[list[Estimate | None], Estimate | None]:
     """Compute the share of the measured deflection that the second campaign avoids.
 
-    To first order, the length of a deflection d has the standard uncertainty ``√(d̂ᵀ Σ d̂)``; d̂ is the
+    A share is 1 − (mean deflection in the second campaign) / (mean deflection in the first campaign). To
+    first order, the length of a deflection d has the standard uncertainty ``√(d̂ᵀ Σ d̂)``; d̂ is the
     direction of d and Σ the covariance of d. Readings are independent.
 
     Args:
@@ -513,16 +574,18 @@ def compute_measured_shares(
     if not shares:
         return shares, None
     totals = [float(mean.sum()) for mean in means]
-    return shares, _estimate_avoided_share(*totals, *(float(np.sqrt((u**2).sum())) for u in uncertainties))
+    return shares, _estimate_avoided_share(
+        *totals, *(float(np.sqrt((uncertainty**2).sum())) for uncertainty in uncertainties)
+    )
 
 
-def _predict_mean_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) -> FloatArray:
-    """Predict the mean deflection of each observation's targets, with the compliances of each campaign.
+def _predict_mean_lengths(side: Side, compliances: FloatArray, is_unknown: BoolArray) -> FloatArray:
+    """Predict the mean length of the deflections of the targets, for each observation of a campaign.
 
     Args:
         side: campaign with the N observations.
         compliances: (2, n) compliances of both campaigns [rad/(N·m)].
-        unknown: (n,) joints that one of the campaigns does not show.
+        is_unknown: (n,) mask of the joints whose compliance one of the campaigns does not determine.
 
     Returns:
         (N, 2) mean length [m] in each observation, with the compliances of the first and of the second
@@ -531,13 +594,15 @@ def _predict_mean_lengths(side: Side, compliances: FloatArray, unknown: BoolArra
     robot, measurements, means = side.robot, side.measurements, []
     count = measurements.present.sum(axis=1)
     for compliance in compliances:
-        balanced = compliance if side.complementary_stiffness else None
-        predicted = predict(robot, measurements, compliance, balanced_compliance=balanced).predicted
+        balanced_compliance = compliance if side.complementary_stiffness else None
+        predicted = predict(
+            robot, measurements, compliance, balanced_compliance=balanced_compliance
+        ).predicted
         means.append((np.linalg.norm(predicted, axis=2) * measurements.present).sum(axis=1) / count)
     blocks = regressor_blocks(robot, measurements)
-    size = np.concatenate([np.abs(block.A).max(axis=(1, 2)) for block in blocks])
-    hidden = (size[:, unknown] > _NO_EFFECT * size.max()).any(axis=1)
-    return np.where(hidden[:, None], np.nan, np.stack(means, axis=1))
+    regressor_size = np.concatenate([np.abs(block.A).max(axis=(1, 2)) for block in blocks])
+    depends_on_unknown = (regressor_size[:, is_unknown] > _NO_EFFECT * regressor_size.max()).any(axis=1)
+    return np.where(depends_on_unknown[:, None], np.nan, np.stack(means, axis=1))
 
 
 def _compute_avoided_share(first: float, second: float) -> float | None:
@@ -584,7 +649,7 @@ class Change:
     def between(
         cls, first: tuple[float, float], second: tuple[float, float], degrees_of_freedom: float = inf
     ) -> Change:
-        """Return the change of ln k from the first to the second campaign.
+        """Return the change of the logarithm ln k of a stiffness k from the first to the second campaign.
 
         Args:
             first: ln k of the first campaign, and the standard uncertainty from errors of this campaign
@@ -617,7 +682,7 @@ class Change:
 
 
 def log_stiffness(
-    compliance: float | None, standard_uncertainty: float | None, shared: float = 0.0
+    compliance: float | None, standard_uncertainty: float | None, shared_uncertainty: float = 0.0
 ) -> tuple[float, float] | None:
     """Return the logarithm ln k = -ln c of a joint's stiffness, and its standard uncertainty u(c) / c.
 
@@ -626,8 +691,8 @@ def log_stiffness(
     Args:
         compliance: [rad/(N·m)].
         standard_uncertainty: standard uncertainty of the compliance [rad/(N·m)].
-        shared: part of the uncertainty from errors that are the same in all campaigns, such as the scale of
-            one load cell [rad/(N·m)]; they cancel in a difference and are subtracted.
+        shared_uncertainty: part of the uncertainty from errors that are the same in all campaigns, such as
+            the scale of one load cell [rad/(N·m)]; they cancel in a difference and are subtracted.
 
     Returns:
         ln k, and its standard uncertainty from errors of this campaign alone; None if the joint has no
@@ -635,6 +700,6 @@ def log_stiffness(
     """
     if compliance is None or standard_uncertainty is None or not compliance > 0:
         return None
-    own = standard_uncertainty**2 - min(shared, _MOST_SHARED * standard_uncertainty) ** 2
-    relative = sqrt(own) / compliance
-    return (-log(compliance), relative) if 0 < relative <= MOST_RELATIVE else None
+    own_variance = standard_uncertainty**2 - min(shared_uncertainty, _MOST_SHARED * standard_uncertainty) ** 2
+    relative_uncertainty = sqrt(own_variance) / compliance
+    return (-log(compliance), relative_uncertainty) if 0 < relative_uncertainty <= MOST_RELATIVE else None

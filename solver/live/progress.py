@@ -103,7 +103,7 @@ class Progress:
 
     @cached_property
     def _fitted(self) -> tuple[FloatArray, Scatter] | None:
-        """Compliances (n,) from the readings that count [rad/(N·m)], and what the targets of a posture share.
+        """Compliances (n,) from the readings that count [rad/(N·m)], and scatter shared by targets.
 
         None if the readings do not identify any joint.
         """
@@ -133,7 +133,10 @@ class Progress:
     def _identify_with_priors(
         self, priors: Mapping[str, StiffnessPrior]
     ) -> RunResult | JointstiffError | None:
-        """Identify the joints from the readings so far, with priors; return the error if this fails."""
+        """Identify the joints from the readings so far, with priors of their stiffnesses.
+
+        Return the result; the error if the run fails; None without readings.
+        """
         if self.so_far.measurements is None:
             return None
         try:

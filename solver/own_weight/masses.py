@@ -141,28 +141,32 @@ def find_contradicted_mass(freed: Sequence[FreedMass]) -> FreedMass | None:
     return None if worst is None or worst.gain <= CONTRADICTED else worst
 
 
-def widen_mass_bounds(bodies: Sequence[Body], wrong: FreedMass) -> tuple[Body, ...]:
+def widen_mass_bounds(bodies: Sequence[Body], wrong_mass: FreedMass) -> tuple[Body, ...]:
     """Return the bodies, with the wrong mass's bounds widened to its fitted value ± two uncertainties."""
-    low, high = wrong.mass - 2.0 * wrong.uncertainty, wrong.mass + 2.0 * wrong.uncertainty
-    body = bodies[wrong.body]
-    widened = replace(body, least=max(0.0, min(body.least, low)), most=max(body.most, high))
-    return (*bodies[: wrong.body], widened, *bodies[wrong.body + 1 :])
+    lower, upper = (
+        wrong_mass.mass - 2.0 * wrong_mass.uncertainty,
+        wrong_mass.mass + 2.0 * wrong_mass.uncertainty,
+    )
+    body = bodies[wrong_mass.body]
+    widened = replace(body, least=max(0.0, min(body.least, lower)), most=max(body.most, upper))
+    return (*bodies[: wrong_mass.body], widened, *bodies[wrong_mass.body + 1 :])
 
 
-def report_contradicted_mass(body: Body, wrong: FreedMass, *, covered: bool = True) -> Finding:
+def report_contradicted_mass(body: Body, wrong_mass: FreedMass, *, covered: bool = True) -> Finding:
     """Build the finding about a mass that the readings contradict.
 
     Args:
         body: body with the stated mass.
-        wrong: fit of the mass without bounds.
+        wrong_mass: fit of the mass without bounds.
         covered: whether the intervals of the result cover both the stated and the fitted mass.
     """
     coverage = "The intervals cover both masses" if covered else "No fit that allows both masses converged"
     return Finding(
         code="masses_contradicted",
         weight="use_with_care" if covered else "do_not_use",
-        message=f"the readings contradict the mass of {body.name}: they suggest {wrong.mass:.3g} kg "
-        f"± {wrong.uncertainty:.2g} kg instead of {body.mass:.3g} kg, and χ² falls by {wrong.gain:.3g}. "
+        message=f"the readings contradict the mass of {body.name}: they suggest {wrong_mass.mass:.3g} kg "
+        f"± {wrong_mass.uncertainty:.2g} kg instead of {body.mass:.3g} kg, and χ² falls by "
+        f"{wrong_mass.gain:.3g}. "
         f"{coverage}",
         remedy=f"check the mass of {body.name}, the masses of its neighbours and what hung on the flange; a "
         "known payload in some of the postures shows whether a stiffness or a mass is wrong",

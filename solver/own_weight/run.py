@@ -60,15 +60,15 @@ def choose_own_weight_if_unloaded(
 
 
 def run_by_weight(
-    robot: Robot, m: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
+    robot: Robot, measurements: Measurements, options: RunOptions, findings_of_checks: Sequence[Finding] = ()
 ) -> RunResult:
     """Identify joint stiffnesses from positions of a robot that sags under its own weight.
 
     Args:
         robot: n joints, with bodies.
-        m: N observations.
+        measurements: N observations.
         options: options of the run; default options of own weight are used if none are stated.
-        noticed: findings of the integrity checks of these measurements.
+        findings_of_checks: findings of the integrity checks of these measurements.
 
     Raises:
         RequestError: the robot has no bodies, or the set has no positions.
@@ -77,10 +77,14 @@ def run_by_weight(
     from jointstiff.solver.own_weight.identification import identify_weight
 
     weight_options = options.weight or OwnWeight()
-    readings, observation = _collect_positions(robot, m, weight_options)
+    readings, observation = _collect_positions(robot, measurements, weight_options)
     # Deflections of targets in the flange frame have no absolute position; they are fitted as deflections.
-    in_flange = m.present & m.in_flange
-    deflections = replace(m, present=in_flange, deflection=np.where(in_flange[..., None], m.deflection, 0.0))
+    in_flange = measurements.present & measurements.in_flange
+    deflections = replace(
+        measurements,
+        present=in_flange,
+        deflection=np.where(in_flange[..., None], measurements.deflection, 0.0),
+    )
     estimate = identify_weight(
         robot,
         readings,
@@ -91,7 +95,12 @@ def run_by_weight(
     )
     joints = estimate.joints
     implausible = report_implausible_joints(joints)
-    findings = [*estimate.reasons, *estimate.remarks, *implausible, *report_refuted_noise(m, estimate.sigma)]
+    findings = [
+        *estimate.reasons,
+        *estimate.remarks,
+        *implausible,
+        *report_refuted_noise(measurements, estimate.sigma),
+    ]
     assessment = derive_assessment(joints, findings)
     row, target = np.nonzero(readings.poses.present)
     displacement = estimate.displacement[row, target]
@@ -134,19 +143,21 @@ def run_by_weight(
         ),
         residuals=build_messages(
             runs.Residual,
-            observation=np.array(m.labels)[observation[row]],
-            target=np.array(m.targets)[target],
+            observation=np.array(measurements.labels)[observation[row]],
+            target=np.array(measurements.targets)[target],
             deflection=displacement + residual,
             predicted=displacement,
             residual=residual,
         ),
         model=model,
         weight=_build_weight_result(estimate),
-        warnings=[*noticed, *assessment.remarks],
+        warnings=[*findings_of_checks, *assessment.remarks],
     )
 
 
-def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tuple[WeightReadings, IndexArray]:
+def _collect_positions(
+    robot: Robot, measurements: Measurements, weight: OwnWeight
+) -> tuple[WeightReadings, IndexArray]:
     """Collect all absolute positions: first those without a load, then those under a load.
 
     Returns:
@@ -165,8 +176,8 @@ def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tupl
             remedy="give `bodies` of the robot, or a URDF with inertials",
         )
     # A deflection with an absolute position has a position without load and a position under load.
-    loaded = m.present & ~m.in_flange
-    unloaded = loaded if m.unloaded_only is None else loaded | m.unloaded_only
+    loaded = measurements.present & ~measurements.in_flange
+    unloaded = loaded if measurements.unloaded_only is None else loaded | measurements.unloaded_only
     if not unloaded.any():
         raise RequestError(
             "the set has deflections only, but own weight is identified from positions",
@@ -176,16 +187,23 @@ def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tupl
     without_load, with_load = (np.flatnonzero(mask.any(axis=1)) for mask in (unloaded, loaded))
     observation = np.concatenate([without_load, with_load])
     # The covariance is that of a deflection, the difference of two positions: a position has half of it.
-    covariance = np.broadcast_to(0.5 * m.covariance, (*m.present.shape, 3, 3))[observation]
+    covariance = np.broadcast_to(0.5 * measurements.covariance, (*measurements.present.shape, 3, 3))[
+        observation
+    ]
     load_factor = np.repeat([0.0, 1.0], [len(without_load), len(with_load)])[:, None]
     poses = Poses(
-        angles=m.joints[observation],
-        points=np.concatenate([m.position[without_load], (m.position + m.deflection)[with_load]]),
+        angles=measurements.joints[observation],
+        points=np.concatenate(
+            [
+                measurements.position[without_load],
+                (measurements.position + measurements.deflection)[with_load],
+            ]
+        ),
         present=np.concatenate([unloaded[without_load], loaded[with_load]]),
-        targets=m.targets,
+        targets=measurements.targets,
         joint_map=robot.joint_map,
-        sigma=m.sigma,
-        covariance=0.5 * m.covariance if m.covariance.ndim == 2 else covariance,
+        sigma=measurements.sigma,
+        covariance=0.5 * measurements.covariance if measurements.covariance.ndim == 2 else covariance,
     )
     balancers = [
         Balancer(
@@ -202,9 +220,9 @@ def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tupl
             poses,
             Burden(robot.bodies, tuple(balancers), np.array(weight.gravity)),
             carried=np.ones((len(observation), len(robot.bodies))),
-            force=load_factor * m.force[observation],
-            moment=load_factor * m.moment[observation],
-            load_point=m.load_point[observation],
+            force=load_factor * measurements.force[observation],
+            moment=load_factor * measurements.moment[observation],
+            load_point=measurements.load_point[observation],
         ),
         observation,
     )
