@@ -324,8 +324,8 @@ class GeometryRequest(Message):
     )
     fit: Literal["one_by_one", "together"] = Field(
         default="together",
-        description="Fit of the sweeps: one by one, which trusts the controller least, or all together, with "
-        "resting joints at the controller's angles.",
+        description="Fit of the sweeps: one by one, which needs only the angle of the moving joint, or all "
+        "together, with the other joints at the angles that the controller shows.",
     )
     angles: Literal["free", "controller"] = Field(
         default="free",

@@ -159,7 +159,7 @@ class Jobs:
         """
         return self._with_progress(self.records.get(job_id))
 
-    def answered(self, record: JobRecord) -> str:
+    def to_answer_json(self, record: JobRecord) -> str:
         """Return a stored job as the JSON of the API; a job that has not ended has its progress."""
         is_active = record.state in OPEN_STATES
         return self.kind.to_answer(
@@ -221,9 +221,8 @@ class Jobs:
         stored_starts = stored_steps.done_starts(job_id)
         steps_of_part = steps_of_parts[number] if steps_of_parts else ()
         remaining = [span for span in steps_of_part if span[0] not in stored_starts]
-        stored_count = len(steps_of_part) - len(
-            remaining
-        )  # number of steps of this part that have a stored result
+        # Number of steps of this part that have a stored result
+        stored_count = len(steps_of_part) - len(remaining)
         deadline = time.monotonic() + PART_SECONDS
         for span in remaining:
             must_yield = time.monotonic() >= deadline and queue.others_wait(job_id)
@@ -285,7 +284,7 @@ class Jobs:
         return job.model_copy(update={"state": record.state, "progress": progress})
 
     def _read_job(self, record: JobRecord) -> Job:
-        """Parse the job's message from the JSON of its record."""
+        """Return the job that the JSON of its record describes."""
         job: Job = self.kind.message.model_validate_json(record.document)
         return job
 
@@ -405,7 +404,7 @@ class Parts(Resources):
             NotFoundError: no job has this id.
         """
         record = self._records.get(job_id, include_deleted=hidden)
-        return self.jobs[record.kind].answered(record)
+        return self.jobs[record.kind].to_answer_json(record)
 
     def page(self, query: JobQuery) -> Page[JobSummary]:
         """Return one page of the jobs of all kinds, in the order of the query.

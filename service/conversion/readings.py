@@ -744,8 +744,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         units = JOINT_UNITS[joint_kind or "revolute"]
         raise MeasurementError(
             f"joint {joint_name} is read as {'an angle' if units.dimension == 'length' else 'a length'}, "
-            "but in "
-            f"the robot it is {joint_kind}",
+            f"but in the robot it is {joint_kind}",
             where="joint_kinds",
             remedy=f"give its {units.dimension}s, in `units.{units.dimension}`, or check the robot and the "
             "order of the joints",

@@ -529,7 +529,7 @@ class ColumnReader:
                 or len(split_names) != 2 * len(targets)
             ):
                 continue
-            if state_words == grammar.DIGITS.keys():
+            if state_words == grammar.STATE_OF_DIGIT.keys():
                 return self._apply_digit_states(meanings, points, split_names)
             if not all(word.isdigit() for word in state_words):
                 # in the order in which the words first occur in the headers
@@ -563,7 +563,7 @@ class ColumnReader:
         changed = list(meanings)
         for column, (kind, name, _) in points.items():
             target, digit = split_names[name or ""]
-            quantity = Quantity(kind, target, grammar.DIGITS[digit])
+            quantity = Quantity(kind, target, grammar.STATE_OF_DIGIT[digit])
             changed[column] = replace(meanings[column], quantity=quantity, guessed=True)
         return changed
 

@@ -117,6 +117,7 @@ def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_O
     with faults.collect():
         _check_files(files)
         return reader.read(files)
+    # `collect` has kept an error that ended the block: the answer has the faults.
     return reader.build_answer()
 
 
@@ -488,8 +489,7 @@ class _Merging:
                 distance = f"{1e3 * sqrt(max(errors)) / self._metre:.3g} mm from their mean"
                 reason = (
                     f"readings of {reading_text} are up to {distance}; repeated readings are believed to "
-                    "be within "
-                    f"{1e3 * _MAX_REPEAT:g} mm"
+                    f"be within {1e3 * _MAX_REPEAT:g} mm"
                 )
                 remedy = "correct their names, or give one mean of readings that scatter more"
                 self._faults.report(values[1].place, reason, remedy)

@@ -19,7 +19,7 @@ from jointstiff.schemas.fields import MAX_NAME_LENGTH
 from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
-    DIGITS,
+    STATE_OF_DIGIT,
     INCH,
     POINTS,
     Kind,
@@ -106,7 +106,7 @@ class Template:
         """
         match = self._pattern.fullmatch(name)
         parts = dict(zip(self._fields, match.groups(), strict=True)) if match else {}
-        state = find_state(parts["state"], {**DIGITS, **state_words}) if "state" in parts else None
+        state = find_state(parts["state"], {**STATE_OF_DIGIT, **state_words}) if "state" in parts else None
         if match is None or (state is None and "state" in parts):
             reason = f"the name {quote(name)} does not fit the template {quote(self.text)}"
             kind_of_name = "point" if self.option == "point_name" else "file"
@@ -214,7 +214,7 @@ class NameReader:
             return NameParts(label=name)
         max_parts = 2 if "target" in self._needed_kinds else 1
         # The digits 0 and 1 are tried as states only if the name of the file does not give the state.
-        for state_words in (self._state_words, {**DIGITS, **self._state_words})[
+        for state_words in (self._state_words, {**STATE_OF_DIGIT, **self._state_words})[
             : 1 + (not self._file_says_state)
         ]:
             parts, state = _split_name(name, state_words)
@@ -276,7 +276,7 @@ class NameReader:
         if "state" not in self._text_columns:
             return NameParts(None, target)
         word = self._read_text(row, "state")
-        state = find_state(word, {**DIGITS, **self._state_words})
+        state = find_state(word, {**STATE_OF_DIGIT, **self._state_words})
         if state is None:
             place = self._grid.place(row, self._text_columns["state"])
             remedy = "use `unloaded`, `loaded` or `deflection`, or give `state_words`"

@@ -646,9 +646,7 @@ class RobotTrend(Presented, Trend):
         """Yield a sentence for each joint whose test does not compare the first with the latest campaign."""
         dates = self._campaign_dates()
         for joint in self.joints:
-            compared_campaigns = [
-                index for index, point in enumerate(joint.points) if point.reason is None
-            ]  # campaigns
+            compared_campaigns = [index for index, point in enumerate(joint.points) if point.reason is None]
             if joint.change is None or (
                 compared_campaigns[0] == 0 and compared_campaigns[-1] == len(dates) - 1
             ):

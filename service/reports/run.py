@@ -193,11 +193,11 @@ def _build_identification_section(subject: RunSubject) -> Section:
 
 def _repeatability_facts(goodness: Goodness) -> list[tuple[str, str]]:
     """Return name and text of the repeatability of the joints; nothing if the readings show none."""
-    joint, targets = goodness.repeatability, goodness.repeatability_at_targets
-    if joint is None or targets is None:
+    at_joint, at_targets = goodness.repeatability, goodness.repeatability_at_targets
+    if at_joint is None or at_targets is None:
         return []
     source = "stated" if goodness.repeatability_source == "given" else "estimated"
-    text = f"{length_text(targets)} ({figure(1e6 * joint, '.2g')} µrad a joint, {source})"
+    text = f"{length_text(at_targets)} ({figure(1e6 * at_joint, '.2g')} µrad a joint, {source})"
     return [("Repeatability of the robot at the targets", text)]
 
 
@@ -214,14 +214,14 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
     quantities = [f"stiffness {unit}", f"standard uncertainty {unit}", expanded_header, f"{level} {unit}"]
     head = ["joint", *quantities, "verdict"]
     rows = []
-    for joint, u in zip(result.joints, expanded_uncertainties(model), strict=True):
+    for joint, expanded_entry in zip(result.joints, iterate_expanded_uncertainties(model), strict=True):
         value, standard, interval = _UNIT.cells(joint)
         expanded = NO_NUMBER
-        if u is not None:
-            expanded_uncertainty, coverage_factor, _ = u
+        if expanded_entry is not None:
+            expanded_uncertainty, coverage_factor, _ = expanded_entry
             standard, expanded = (
-                format_rounded(_UNIT.factor * size, _UNIT.factor * size)
-                for size in (expanded_uncertainty / coverage_factor, expanded_uncertainty)
+                format_rounded(_UNIT.factor * uncertainty, _UNIT.factor * uncertainty)
+                for uncertainty in (expanded_uncertainty / coverage_factor, expanded_uncertainty)
             )
         identified = joint.status == "identified"
         verdict = VERDICTS[joint.verdict] if identified else joint.status.replace("_", " ")
@@ -253,7 +253,7 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
     )
 
 
-def expanded_uncertainties(model: ExportedModel) -> Iterator[tuple[float, float, float] | None]:
+def iterate_expanded_uncertainties(model: ExportedModel) -> Iterator[tuple[float, float, float] | None]:
     """Yield (expanded uncertainty of the stiffness, coverage factor, probability) of each joint.
 
     The uncertainty includes the model error. None is yielded for a joint without stiffness or budget.

@@ -557,11 +557,9 @@ def _estimate_drift(
         for reading in observation.readings
         if reading.unloaded is not None
     ]
-    # The drift is stated at the middle of the readings, where it matters.
+    # The drift is stated at the middle (3,) [m] of the readings, where it matters.
     metres = LENGTH[request.units.length]
-    middle_of_readings = (
-        metres * np.mean(positions, axis=0) if positions else base_targets.after.mean(axis=0)
-    )  # (3,) [m]
+    middle_of_readings = metres * np.mean(positions, axis=0) if positions else base_targets.after.mean(axis=0)
     drift = base_targets.fit_drift(result.sigma, middle_of_readings)
     warnings = [
         finding.model_copy(

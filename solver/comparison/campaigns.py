@@ -429,8 +429,7 @@ def find_force_unit_mistake(first: Measurements, second: Measurements, matches: 
                 message="in the same postures, the forces of the second campaign are "
                 f"{figure(ratio, '.3g')} times those of the first, but the deflections "
                 f"{figure(1.0 - avoided_share.value, '.3g')} times: probably {read_as} were read as {unit} "
-                "in the "
-                f"second campaign, or {unit} as {read_as} in the first",
+                f"in the second campaign, or {unit} as {read_as} in the first",
                 remedy="correct `units.force` of the campaign that states it wrongly",
             )
     return None
@@ -465,9 +464,8 @@ def match_observations(first: Measurements, second: Measurements, force_ratio: f
         readings.append((direction[rows, target], measurements.present[rows, target]))
     # Readings along one direction match if their directions agree; a zero vector reads all coordinates.
     (direction_first, read_in_one), (direction_second, read_in_two) = readings
-    cosine = np.abs(
-        (direction_first * direction_second).sum(axis=-1)
-    )  # a gauge on the flange turns with the postures
+    # A gauge on the flange turns with the postures
+    cosine = np.abs((direction_first * direction_second).sum(axis=-1))
     both_full = ~(direction_first.any(axis=-1) | direction_second.any(axis=-1))
     present = read_in_one & read_in_two & ((cosine > np.cos(2.0 * POSTURE_TOLERANCE)) | both_full)
     rows_of_first, rows_of_second = observations

@@ -228,9 +228,8 @@ def solve_robust(
             solution = program.loss.program.solve_with_duals(data, tolerance)
             if solution is not None:
                 x = program.loss.cone.project(solution[0])
-                dual = -solution[1].reshape(-1, 4)[
-                    :, 1:
-                ]  # each cone has four multipliers; the last three are −ν
+                # Each cone has four multipliers; the last three are −ν
+                dual = -solution[1].reshape(-1, 4)[:, 1:]
                 yield ConeSolution(x, certify_robust(program, x, dual))
 
     return _select_certified(propose_solutions(), wanted_gap, accepted_gap)

@@ -242,9 +242,8 @@ class _Ball:
             SolverError: a point could not be certified, or was not found in `MOST_ROUNDS` rounds.
         """
         objective_count = len(objective)
-        preimage = np.asarray(
-            np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64
-        )  # h
+        # The matrix H of the docstring
+        preimage = np.asarray(np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64)
         free_slope = np.square(preimage).sum(axis=1)
         factor = np.sqrt(squared_radius / free_slope)
         lower_factor = np.zeros(objective_count)

@@ -357,9 +357,8 @@ def _compute_covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -
         arm, wrist = fits.values()
         wrist_inverse = wrist.spectrum.inverse
         rows = triangles.stages[1].matrix[:, arm.joints]
-        L_A = (
-            wrist_inverse[:, : len(rows)] @ rows
-        )  # L A_a; rows of a prior of the wrist do not depend on the arm
+        # L A_a; rows of a prior of the wrist do not depend on the arm
+        L_A = wrist_inverse[:, : len(rows)] @ rows
         cross_covariance = (wrist_inverse @ wrist_inverse.T) @ triangles.cross[
             np.ix_(wrist.joints, arm.joints)
         ]

@@ -203,9 +203,8 @@ def _zero_undetermined_part(
     Returns:
         The unknowns; and a root of their covariance, in which the zeroed part has the typical size.
     """
-    undetermined = np.linalg.qr(terms_fit.hidden / unit[:, None])[
-        0
-    ]  # orthonormal directions in units of the size
+    # Orthonormal directions in units of the size
+    undetermined = np.linalg.qr(terms_fit.hidden / unit[:, None])[0]
     unknowns = unknowns - unit * (undetermined @ (undetermined.T @ (unknowns / unit)))
     return unknowns, np.hstack([sigma * terms_fit.root, unit[:, None] * undetermined])
 

@@ -474,9 +474,8 @@ def _propagate_common_errors(
         for name, term in TERMS.items()
     }
     blocks = regressor_blocks(robot, last_fit.measurements, last_fit.balanced)
-    fitted_names = {
-        term.name for term in fitted_terms
-    }  # an error fitted from the readings replaces a stated uncertainty
+    # An error fitted from the readings replaces a stated uncertainty
+    fitted_names = {term.name for term in fitted_terms}
     terms = [
         TERMS[name]
         for name, (_, uncertainties) in source_and_prior.items()
@@ -496,9 +495,8 @@ def _propagate_common_errors(
     for source, uncertainties, response in (
         (*source_and_prior[term.name], responses[term.name]) for term in terms
     ):
-        by_source[source] = (
-            np.resize(uncertainties, response.shape[1]) * response
-        )  # repeats the uncertainties
+        # `resize` repeats the uncertainties for each column.
+        by_source[source] = np.resize(uncertainties, response.shape[1]) * response
     in_fit = frozenset(source_and_prior[term.name][0] for term in terms_in_fit)
     if fitted_terms:
         responses_to_causes = np.hstack([responses[term.name] for term in fitted_terms])

@@ -345,9 +345,8 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
     information_matrices = [
         np.linalg.inv(sigma**2 * influence @ influence.T) for _, _, influence in estimates_by_method
     ]
-    weights = (
-        np.linalg.inv(np.sum(information_matrices, axis=0)) @ information_matrices
-    )  # matrices whose sum is the identity
+    # Matrices whose sum is the identity
+    weights = np.linalg.inv(np.sum(information_matrices, axis=0)) @ information_matrices
     weighted_estimates = list(zip(weights, estimates_by_method, strict=True))
     estimates = [
         WristCentre(
@@ -501,9 +500,8 @@ def fit_spheres(
     if sum(is_at_rest.all() for is_at_rest in resting_masks) < 2:  # a single sweep shows only a circle
         return None
     present = sweeps.present & np.concatenate(resting_masks)[:, None]
-    position_of_reading, target_of_reading = np.nonzero(
-        present
-    )  # position and target of each of the m fitted readings
+    # Position and target of each of the m fitted readings
+    position_of_reading, target_of_reading = np.nonzero(present)
     points = readings.points[position_of_reading, target_of_reading]
     has_target = np.eye(present.shape[1])[target_of_reading]
     # (m, 3, 3) derivative of each reading with respect to the whitened reading

@@ -666,9 +666,14 @@ def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifie
     in_base = [axis.transform(base.place(identified.axes)) for axis in identified.axes]
 
     def compute_axis_coordinates(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
-        """Return a point and the direction of each axis (6 n,); points are nearest to identified points."""
+        """Return the point of each axis nearest to its identified point, and the axis's direction (6 n,)."""
         pairs = zip(axes, identified.axes, strict=True)
-        return np.ravel([[axis.nearest_point_to(other.point), axis.direction] for axis, other in pairs])
+        return np.ravel(
+            [
+                [axis.nearest_point_to(identified_axis.point), axis.direction]
+                for axis, identified_axis in pairs
+            ]
+        )
 
     covariances = identified.compute_covariances(
         identified.differentiate_quantity(compute_axis_coordinates)

@@ -539,8 +539,7 @@ def _refuse_joints_not_coupled(
     if carrying_joints and np.abs(angle_differences[carrying_joints]).max() > RESTING_RANGE:
         raise MeasurementError(
             f"this sweep turns model joints {joints_text}, and it was recorded in another configuration "
-            "than the "
-            f"{outer_fit.sweep.where}",
+            f"than the {outer_fit.sweep.where}",
             where=sweep.where,
             remedy="start both sweeps from the same configuration of the other joints",
         )
@@ -584,9 +583,8 @@ def _differentiate_swept_axes(
     angle_derivative = np.zeros((chart_count + points.size, n, n))
     for joint, axis in enumerate(axes_at_sweeps):
         rows = slice(CHART_SIZE * joint, CHART_SIZE * (joint + 1))
-        motion_to_chart = axis.place.inverse().action[
-            CHART
-        ]  # (4, 6) maps a small motion to the chart of this axis
+        # (4, 6) maps a small motion to the chart of this axis
+        motion_to_chart = axis.place.inverse().action[CHART]
         motions = np.concatenate(
             [arm.axis_motions[joint, :joint], arm.placement_motions[joint, joint : joint + 1]]
         )[..., CHART]
@@ -623,9 +621,8 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
         readings = replace(readings, basis=np.zeros((position_count, 0)))
     start = PoseState(identified.axes, identified.targets, np.zeros(position_count))
     state, linear = fit_poses(readings, start, where="sweeps")
-    geometry_unknowns = (
-        CHART_SIZE * identified.n + identified.targets.size
-    )  # number of unknowns of axes and targets
+    # Number of unknowns of axes and targets
+    geometry_unknowns = CHART_SIZE * identified.n + identified.targets.size
     dof = 3 * int(sweeps.present.sum()) - linear.rank
     if dof < 1 or not linear.determines(slice(0, geometry_unknowns)):
         raise MeasurementError(

@@ -183,8 +183,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
         effect = (
             f"as given, the targets keep one position on the flange in {agrees.sum()} of {len(rows)} "
             f"observations; with {best_hypothesis.change}, in {explained_count} of {len(is_explained)}, "
-            "within "
-            f"{length_text(float(corrected_distances[is_explained].max()))}"
+            f"within {length_text(float(corrected_distances[is_explained].max()))}"
         )
         if best_hypothesis.unit is not None:
             return [
@@ -398,8 +397,7 @@ def _report_mistyped_rows(
         yield view.build_finding(
             "target_off_model",
             f"all targets are at least {length_text(nearest_distance[k])} away from their median positions "
-            "on "
-            f"the flange; typical is {length_text(typical)}",
+            f"on the flange; typical is {length_text(typical)}",
             "check the angles of this observation for a typing error, and whether the robot stood still",
             row=int(rows[k]),
         )
@@ -738,31 +736,13 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
         good: (N,) mask of rows whose angles and names are right as far as known.
     """
     measured = view.measured & good[:, None]
-    most_targets = measured.sum(axis=1).max()
+    target_counts = measured.sum(axis=1)
     # Rows with the same targets as the first row with most targets have the same barycentre.
-    rows = np.flatnonzero((measured == measured[measured.sum(axis=1).argmax()]).all(axis=1))
-    if most_targets == 0 or len(rows) < LEAST_ROWS_OF_DRIFT or view.in_order:
+    targets = measured[target_counts.argmax()]
+    rows = np.flatnonzero((measured == targets).all(axis=1))
+    if target_counts.max() == 0 or len(rows) < LEAST_ROWS_OF_DRIFT or view.in_order:
         return
-    # Columns of the fit, axes of R0 [m]: motion of the barycentre due to joint offsets, its place on the
-    # flange, the base's position and the drift; then the distance of the barycentre from its median place.
-    postures, targets = view.postures, measured[rows[0]]
-    barycentres = np.zeros((len(postures), 1, 3))
-    barycentres[rows, 0] = view.measurements.position[rows][:, targets].mean(axis=1)
-    barycentre_on_flange = view.places[rows][:, targets].mean(axis=1)
-    rotation = postures.flange_rotation[rows]
-    distance = np.einsum(
-        "nij,nj->ni", rotation, barycentre_on_flange - np.median(barycentre_on_flange, axis=0)
-    )
-    base = np.broadcast_to(np.eye(3), rotation.shape)
-    time = (rows - rows.mean()) / np.ptp(rows)
-    drift_columns = time[:, None, None] * np.eye(3)
-    triangle = Triangle(model=view.robot.n + 6, motion=3)
-    triangle.add(
-        np.concatenate(
-            [postures.jacobian_at(barycentres)[rows, 0], rotation, base, drift_columns, distance[..., None]],
-            axis=2,
-        )
-    )
+    triangle = _compress_drift_rows(view, rows, targets)
     degrees_of_freedom = triangle.rows - view.robot.n - 9
     if degrees_of_freedom < LEAST_FREEDOM:
         return
@@ -778,12 +758,41 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
         yield view.build_finding(
             "drift_in_time",
             f"over the whole set, the unloaded targets drifted by {length_text(drift_length)} relative to "
-            "the "
-            f"robot's model (x {length_text(drift[0])}, y {length_text(drift[1])}, z "
+            f"the robot's model (x {length_text(drift[0])}, y {length_text(drift[1])}, z "
             f"{length_text(drift[2])}; p = {p_value:.1g})",
             "check the tracker's stand, warm-up and temperature; a deflection is affected only by "
             "drift between its two readings",
         )
+
+
+def _compress_drift_rows(view: View, rows: IndexArray, targets: BoolArray) -> Triangle:
+    """Return the rows of the fit of a drift, as a triangle with the terms "model" and "motion" (the drift).
+
+    Columns of "model" are motions of the targets' barycentre in R0 due to joint offsets, its place on the
+    flange, and the position of the base.
+
+    Args:
+        view: measurement set of N rows.
+        rows: (K,) indices of rows in which the same targets were measured.
+        targets: (T,) mask of these targets.
+    """
+    postures = view.postures
+    barycentres = np.zeros((len(postures), 1, 3))
+    barycentres[rows, 0] = view.measurements.position[rows][:, targets].mean(axis=1)
+    joint_columns = postures.jacobian_at(barycentres)[rows, 0]
+    rotation = postures.flange_rotation[rows]
+    base_columns = np.broadcast_to(np.eye(3), rotation.shape)
+    time = (rows - rows.mean()) / np.ptp(rows)
+    drift_columns = time[:, None, None] * np.eye(3)
+    # Right-hand side: distance of the barycentre from its median place on the flange, axes of R0 [m]
+    barycentre_on_flange = view.places[rows][:, targets].mean(axis=1)
+    from_median = barycentre_on_flange - np.median(barycentre_on_flange, axis=0)
+    distance = np.einsum("nij,nj->ni", rotation, from_median)
+    triangle = Triangle(model=view.robot.n + 6, motion=3)
+    triangle.add(
+        np.concatenate([joint_columns, rotation, base_columns, drift_columns, distance[..., None]], axis=2)
+    )
+    return triangle
 
 
 UNEXPLAINED: Final = 0.5
@@ -921,10 +930,8 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
         yield view.build_finding(
             "deflection_against_force",
             f"under {figure(float(np.linalg.norm(checked.force[position])))} N the targets moved opposite "
-            "to the "
-            f"prediction from the other observations, by {length_text(predicted[position])}; with the load "
-            "reversed "
-            f"only {length_text(reversed_residual[position])} remain unexplained",
+            f"to the prediction from the other observations, by {length_text(predicted[position])}; with the "
+            f"load reversed only {length_text(reversed_residual[position])} remain unexplained",
             "change the sign of this force, or exchange unloaded and loaded",
             "do_not_use",
             row=int(rows[position]),
@@ -961,8 +968,7 @@ def _find_mistake_of_the_set(
         return view.build_finding(
             "deflections_unexplained",
             f"joint compliances do not explain the deflections: of {length_text(typical_deflection)} "
-            "(median), "
-            f"{100.0 * springs.unexplained:.3g} % remain unexplained",
+            f"(median), {100.0 * springs.unexplained:.3g} % remain unexplained",
             "check the frame and signs of the forces, the joint map, and the order of angles and rows",
             "use",
         )

@@ -414,8 +414,7 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
         yield view.build_finding(
             "repeated_readings",
             f"{repeated_count} observations repeat the posture and load of others; their deflections give "
-            "sigma "
-            f"= {length_text(sigma)} ({degrees_of_freedom} degrees of freedom), and {statement}",
+            f"sigma = {length_text(sigma)} ({degrees_of_freedom} degrees of freedom), and {statement}",
             "state a noise that agrees with the repetitions, and find the cause of the scatter between them"
             if exceeds_noise
             else "keep the repetitions in the set: they are used like all other observations",

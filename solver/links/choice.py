@@ -540,9 +540,8 @@ def _score_held_out(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, 
             predicted = np.einsum("btip,mp->mbti", rows[in_fold, ..., :-1], compliances[:, fold])
             residual = np.linalg.norm(deflection - predicted, axis=-1)
             count = np.maximum(present.sum(axis=1), 1)
-            first_position = int(
-                np.searchsorted(fold_observations, start)
-            )  # position in the fold of the block's first observation
+            # Position in the fold of the block's first observation
+            first_position = int(np.searchsorted(fold_observations, start))
             mean_norm = np.where(present, residual, 0.0).sum(axis=-1) / count
             norms_of_folds[fold][:, first_position : first_position + len(in_fold)] = mean_norm
             residual_sum[:, fold] += residual[:, present].sum(axis=1)

@@ -160,9 +160,8 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
     measurements = folds.measurements
     formulation = folds.formulate_model_fit(model)
     gap_scale = _compute_gap_scale(formulation, measurements.sigma)
-    gap_of_one_sigma = gap_scale / formulation.compute_gap_unit(
-        model
-    )  # gap of a certificate that corresponds to one sigma
+    # Gap of a certificate that corresponds to one sigma
+    gap_of_one_sigma = gap_scale / formulation.compute_gap_unit(model)
     try:  # The solver aims at the desired gap; a larger gap within the accepted limit is no error.
         wanted_gap = _DESIRED_GAP * gap_of_one_sigma
         accepted_gap = _SOLVED_GAP * gap_of_one_sigma

@@ -230,9 +230,8 @@ class CandidateReadings:
         uncertainty_share = self.compare_with_goal(goal, known_compliances)
         basis = parameters.basis[: self.robot.n]
         criterion = AOptimality(basis.T @ uncertainty_share.weights @ basis)
-        information = (
-            self.pool.base
-        )  # information before the readings; the information of each reading is added
+        # Information before the readings; the information of each reading is added
+        information = self.pool.base
         if readings is not None:
             rows = build_known_rows(self.robot, self.request, readings) @ parameters.basis
             information = information + rows.T @ rows / (readings.sigma or self.request.equipment.sigma) ** 2

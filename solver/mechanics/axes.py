@@ -68,8 +68,8 @@ def differentiate_torque(
 ) -> FloatArray:
     """Return the derivative (B, n, k) of the load's joint torques with respect to displacements of an axis.
 
-    The joints do not move out of the B postures. `axis_displacements` (6, k) holds the displacements of the
-    axis of `joint`: translations along, then rotations about the axes of the joint's frame.
+    The joint angles of the B postures stay the same. `axis_displacements` (6, k) holds the displacements of
+    the axis of `joint`: translations along, then rotations about the axes of the joint's frame.
     """
     measurements = block.measurements
     no_motion = np.zeros((*postures.q.shape, axis_displacements.shape[1]))

@@ -182,9 +182,8 @@ def wrench_stiffness(
         )
     if moment.any():
         moment_terms = np.einsum("ijn,ikn->jkn", axes, cross(moment.T[:, None], axes))
-        stiffness += (
-            np.tri(joint_count, k=-1)[..., None] * moment_terms
-        )  # only joints k before j turn the axis a_j
+        # Only joints k before j turn the axis a_j
+        stiffness += np.tri(joint_count, k=-1)[..., None] * moment_terms
     return stiffness.transpose(2, 0, 1)
 
 

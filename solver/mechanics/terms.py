@@ -210,9 +210,8 @@ def _compute_settling(block: RegressorBlock, compliance: FloatArray) -> tuple[Fl
     mean share is ``x (1 − ln x)``, and the mean of its square ``2 x − x²``.
     """
     # A soft gear's spring winds by _WOUND before the torque reaches _SETTLED.
-    settling_torque = _WOUND / np.maximum(
-        compliance, _WOUND / _SETTLED
-    )  # (n,) torques that take up the play [N·m]
+    # (n,) torques that take up the play [N·m]
+    settling_torque = _WOUND / np.maximum(compliance, _WOUND / _SETTLED)
     relative_torque = np.clip(np.abs(block.torque) / settling_torque, np.finfo(float).tiny, 1.0)
     mean_share = relative_torque * (1.0 - np.log(relative_torque))
     torque_sign = np.where(block.robot.prismatic, 0.0, np.sign(block.torque))

@@ -249,9 +249,8 @@ def map_places(
         rank = np.round(np.log(minimised) / _TIE)  # sizes that differ by rounding get the same rank
     # The last key sorts first: places, then rank, travel from home, and orientation.
     sorted_postures = np.lexsort((orientation, travel, rank, place_of_posture))
-    chosen = sorted_postures[
-        np.unique(place_of_posture[sorted_postures], return_index=True)[1]
-    ]  # first posture of each place
+    # First posture of each place
+    chosen = sorted_postures[np.unique(place_of_posture[sorted_postures], return_index=True)[1]]
     loaded = map_postures(model, error, task, orientation[chosen], joints[chosen])
     for name, column in vars(loaded).items():
         getattr(result, name)[place_of_posture[chosen]] = column
@@ -597,8 +596,7 @@ def _list_extrapolation_remarks(bound: ModelErrorBound, case: int) -> list[str]:
     if np.isfinite(load_ratio) and leverage_ratio > EXTRAPOLATED:
         remarks.append(
             f"extrapolated: the prediction here is {figure(leverage_ratio, '.3g')} times as uncertain as "
-            "at the "
-            "worst measured target"
+            "at the worst measured target"
         )
     return remarks
 
@@ -617,9 +615,8 @@ def _build_compliance_messages(
     compliance = deflection.compliance
     worst = deflection.compliance.worst
     is_requested = ~np.isnan(directions[:, 0])
-    directions_or_x = np.where(
-        is_requested[:, None], directions, [1.0, 0.0, 0.0]
-    )  # any direction where none is requested
+    # Any direction where none is requested
+    directions_or_x = np.where(is_requested[:, None], directions, [1.0, 0.0, 0.0])
     stiffness_messages = build_messages_where(
         cases.DirectionalStiffness,
         valid & is_requested,

@@ -226,8 +226,7 @@ def _add_comparison_of_sides(
                 code="configurations_differ",
                 weight="use",
                 message=f"{len(side_comparison.unlike)} observations have the same label but different "
-                "postures or "
-                "loads, or no common target; the first of these observations is "
+                "postures or loads, or no common target; the first of these observations is "
                 f"'{side_comparison.unlike[0]}'",
                 remedy="measure the same postures under the same load, or give different labels",
             )

@@ -46,7 +46,7 @@ from jointstiff.solver.result import build_assessment_message
 _LARGEST_RELATIVE_UNCERTAINTY: Final = 0.5
 """Relative uncertainty of a compliance above which the compliance is not used as a nominal value."""
 _TOO_FEW_READINGS: Final = frozenset({"no_joint_identified", "no_residual_freedom", "few_postures"})
-"""Reasons of a verdict "do not use" that more readings remove: these reasons do not prevent a plan."""
+"""Reasons for the verdict "do not use" that disappear with more readings; a plan is allowed despite them."""
 _ELASTIC_LINKS: Final = frozenset({"deflection_unexplained"})
 """Reasons that elastic links explain: a plan allows for elastic links, so these reasons do not prevent it."""
 
@@ -337,12 +337,10 @@ def to_plan_result(
     """
     parameters = plan.pool.parameters
     joint_indices = parameters.joints
-    compliance = parameters.nominal[
-        joint_indices
-    ]  # compliances to which the plan's uncertainties are relative
-    is_known = parameters.known[
-        joint_indices
-    ]  # true if the compliance is known, false for a guess of its size
+    # Compliances to which the plan's uncertainties are relative
+    compliance = parameters.nominal[joint_indices]
+    # True if the compliance is known, false for a guess of its size
+    is_known = parameters.known[joint_indices]
     digits = len(str(len(plan.joints)))  # of the greatest number in a label
     return plans.PlanResult(
         efficiency=plan.efficiency,

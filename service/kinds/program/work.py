@@ -696,8 +696,7 @@ class ProgramWork(Work):
         if near_singularity_count:
             message = (
                 f"{near_singularity_count} of {point_count} points are near a singularity: joints turn by "
-                "over "
-                f"{_SINGULAR_TURN:g} rad"
+                f"over {_SINGULAR_TURN:g} rad"
             )
             remedy = "move the part away from the singularity"
             reasons.append(make_reason("near_singularity", "use_with_care", message, remedy))

@@ -220,9 +220,8 @@ def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str
 def _advised_reading_text(advice: Advice, kinds: Sequence[JointKind]) -> str:
     """Describe an advised reading in words: force, direction and posture."""
     force_size = sqrt(sum(component**2 for component in advice.force))
-    direction = ", ".join(
-        f"{component / force_size + 0.0:.2f}" for component in advice.force
-    )  # + 0.0 turns −0 into 0
+    # + 0.0 turns −0 into 0
+    direction = ", ".join(f"{component / force_size + 0.0:.2f}" for component in advice.force)
     posture = advice.observation or f"{posture_text(advice.joints, kinds)} if free of collisions"
     return f"{figure(force_size)} N along ({direction}) in posture {posture}"
 
