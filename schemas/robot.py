@@ -118,7 +118,7 @@ class Body(Message):
     )
     centre: Metres[Vector3] = Field(
         description="Centre of mass in a frame that moves with the joint: in a URDF the frame of the child "
-        "link; in a DH table z is the joint's axis, and the origin is where the row's theta turns."
+        "link; in a DH table z is the joint's axis, with the origin where the row's theta applies."
     )
     centre_uncertainty: Metres[Annotated[float, Field(strict=True, ge=0.0, le=10.0)]] = Field(
         default=0.0, description="Radius of the ball that contains the centre of mass."

@@ -19,9 +19,9 @@ from jointstiff.schemas.fields import MAX_NAME_LENGTH
 from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
-    STATE_OF_DIGIT,
     INCH,
     POINTS,
+    STATE_OF_DIGIT,
     Kind,
     Quantity,
     contains_state_word,

@@ -615,7 +615,7 @@ def compute_mean_and_deviation(
     """
     moments = (
         (joint.compliance_mean, joint.compliance_deviation)
-        if unit.inverse
+        if unit.is_compliance
         else (joint.stiffness_mean, joint.stiffness_deviation)
     )
     factor = unit.for_kind(joint.kind).factor
