@@ -303,6 +303,28 @@ def compute_ratio_interval(
     return RatioInterval(0.0 if positive else None, None, (upper, lower))
 
 
+def _join_constraints(sides: Sequence[Side], joint_count: int) -> tuple[Constraints, Constraints]:
+    """Return the constraints on the compliances (2 n,) of two campaigns, fitted separately and together.
+
+    The compliances of the second campaign have the indices n to 2 n - 1. The fit of both together has the
+    further constraints ``c_second ≤ c_first``.
+
+    Args:
+        sides: first and second campaign.
+        joint_count: number n of joints.
+    """
+    first, second = (side.constraints for side in sides)
+    bounds = Bounds(
+        np.concatenate([first.bounds.lower, second.bounds.lower]),
+        np.concatenate([first.bounds.upper, second.bounds.upper]),
+    )
+    # A pair (i, j) of an order states c_i ≤ c_j.
+    order_of_second = tuple((joint_count + i, joint_count + j) for i, j in second.order)
+    order: Order = (*first.order, *order_of_second)
+    second_below_first = tuple((joint_count + joint, joint) for joint in range(joint_count))
+    return Constraints(bounds, order), Constraints(bounds, (*second_below_first, *order))
+
+
 def fit_ordered(
     sides: Sequence[Side], covariances: Sequence[FloatArray | None], confidence: float
 ) -> tuple[OrderedResult, FloatArray]:
@@ -335,19 +357,7 @@ def fit_ordered(
             where="ordered",
             remedy="state `noise.sigma`, or add observations",
         )
-    first_constraints, second_constraints = (side.constraints for side in sides)
-    bounds = Bounds(
-        np.concatenate([first_constraints.bounds.lower, second_constraints.bounds.lower]),
-        np.concatenate([first_constraints.bounds.upper, second_constraints.bounds.upper]),
-    )
-    # In an order, (i, j) states c_i ≤ c_j; the compliances of the second campaign have the numbers n to 2 n −
-    # 1.
-    order: Order = (
-        *first_constraints.order,
-        *((joint_count + i, joint_count + joint) for i, joint in second_constraints.order),
-    )
-    separate = Constraints(bounds, order)
-    together = Constraints(bounds, (*((joint_count + joint, joint) for joint in range(joint_count)), *order))
+    separate, together = _join_constraints(sides, joint_count)
     centre = np.concatenate([each.compliance for each in free_estimates])
     known_indices = np.flatnonzero(np.isfinite(centre))
     compliances, intervals = np.full(2 * joint_count, np.nan), np.full((2 * joint_count, 2), np.nan)

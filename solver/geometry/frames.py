@@ -304,7 +304,7 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
             where="sweeps",
             remedy="sweep all joints of the robot",
         )
-    tracker_to_base, sigma = base.transform_tracker_to_base, identified.sigma
+    sigma = identified.sigma
     posture = np.zeros(identified.n)
     if isinstance(identified, SweptAxes):  # take the arm's posture in the last sweep
         posture[:-WRIST_JOINTS] = identified.sweeps.postures[-1, :-WRIST_JOINTS]
@@ -322,26 +322,6 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         if trilaterated is not None:
             estimates_by_method.append(("trilateration", *trilaterated))
 
-    def express_in_both_frames(centre: FloatArray, influence: FloatArray) -> dict[str, Any]:
-        """Return the fields of a `WristCentre`: position and covariance in the tracker's frame and in R0.
-
-        The centre (3,) [m] is in the tracker's frame; `influence` (3, m) is the derivative of the centre with
-        respect to the whitened readings.
-        """
-        centre_in_base = transform_points(tracker_to_base, centre)
-        # R0 may depend on more quantities than the centre does, namely the angles of the joints that do not
-        # turn in a sweep; the columns of these angles come last.
-        base_influence = (
-            differentiate_by_rigid_motion(centre_in_base) @ base.jacobian @ base.identified.influence
-        )
-        base_influence[:, : influence.shape[1]] += tracker_to_base.rotation @ influence
-        return {
-            "tracker": centre.tolist(),
-            "tracker_covariance": (sigma**2 * influence @ influence.T).tolist(),
-            "base": centre_in_base.tolist(),
-            "base_covariance": (sigma**2 * base_influence @ base_influence.T).tolist(),
-        }
-
     information_matrices = [
         np.linalg.inv(sigma**2 * influence @ influence.T) for _, _, influence in estimates_by_method
     ]
@@ -352,7 +332,7 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         WristCentre(
             way=method,
             weight=float(np.trace(weight_matrix) / 3.0),
-            **express_in_both_frames(centre, influence),
+            **_express_in_both_frames(centre, influence, base, sigma),
         )
         for weight_matrix, (method, centre, influence) in weighted_estimates
     ]
@@ -365,7 +345,9 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
     return WristResult(
         estimates=estimates,
         combined=WristCentre(
-            way="combined", weight=1.0, **express_in_both_frames(combined_centre, combined_influence)
+            way="combined",
+            weight=1.0,
+            **_express_in_both_frames(combined_centre, combined_influence, base, sigma),
         ),
         distances=_compare_centres(estimates_by_method, sigma),
         posture=posture.tolist(),
@@ -374,6 +356,31 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         miss_probability=miss_probability,
         decoupled_method=miss_distance <= Wrist.TOLERANCE,
     )
+
+
+def _express_in_both_frames(
+    centre: FloatArray, influence: FloatArray, base: BaseFrame, sigma: float
+) -> dict[str, Any]:
+    """Return the fields of a `WristCentre`: position and covariance in the tracker's frame and in R0.
+
+    Args:
+        centre: (3,) centre in the tracker's frame [m].
+        influence: (3, m) derivative of the centre with respect to the whitened readings.
+        base: placement of R0, identified from the same readings.
+        sigma: standard deviation of a whitened reading [m].
+    """
+    tracker_to_base = base.transform_tracker_to_base
+    centre_in_base = transform_points(tracker_to_base, centre)
+    # R0 may depend on more quantities than the centre does, namely the angles of the joints that do not
+    # turn in a sweep; the columns of these angles come last.
+    base_influence = differentiate_by_rigid_motion(centre_in_base) @ base.jacobian @ base.identified.influence
+    base_influence[:, : influence.shape[1]] += tracker_to_base.rotation @ influence
+    return {
+        "tracker": centre.tolist(),
+        "tracker_covariance": (sigma**2 * influence @ influence.T).tolist(),
+        "base": centre_in_base.tolist(),
+        "base_covariance": (sigma**2 * base_influence @ base_influence.T).tolist(),
+    }
 
 
 def _compare_centres(
@@ -513,14 +520,7 @@ def fit_spheres(
         length = np.linalg.norm(from_centre, axis=1)
         return length, from_centre / length[:, None]
 
-    # Linear fit of ``2 c·p + (r_t² − ‖c‖²) = ‖p‖²`` about the readings' mean
-    mean = points.mean(axis=0)
-    centred_points = points - mean
-    solution = np.linalg.lstsq(
-        np.hstack([2.0 * centred_points, has_target]), np.sum(centred_points**2, axis=1), rcond=None
-    )[0]
-    radii = np.sqrt(np.maximum(solution[3:] + solution[:3] @ solution[:3], 1e-12))
-    start = np.concatenate([solution[:3] + mean, radii])
+    start = _fit_spheres_linearly(points, has_target)
     # The weights are computed at the start values and kept: they hardly depend on the state, and with
     # constant weights the problem is ordinary least squares.
     distance_deviation = np.linalg.norm(
@@ -554,6 +554,24 @@ def fit_spheres(
         len(state), -1
     )
     return state[:3], state[3:], influence, present
+
+
+def _fit_spheres_linearly(points: FloatArray, has_target: FloatArray) -> FloatArray:
+    """Return the common centre and the radii (3 + T,) of spheres by a linear fit, as start values [m].
+
+    The fit solves ``2 c·p + (r_t² − ‖c‖²) = ‖p‖²``, with the origin at the mean of the readings.
+
+    Args:
+        points: (m, 3) readings p [m].
+        has_target: (m, T) 1 for the target of each reading, else 0.
+    """
+    mean = points.mean(axis=0)
+    centred_points = points - mean
+    solution = np.linalg.lstsq(
+        np.hstack([2.0 * centred_points, has_target]), np.sum(centred_points**2, axis=1), rcond=None
+    )[0]
+    radii = np.sqrt(np.maximum(solution[3:] + solution[:3] @ solution[:3], 1e-12))
+    return np.concatenate([solution[:3] + mean, radii])
 
 
 def _trilaterate_all_positions(

@@ -649,6 +649,22 @@ class WeightEstimate:
     largest_stiffness_ratio: float
 
 
+def _count_load_coordinates(loaded: Measurements, poses: Poses) -> int:
+    """Return the number of coordinates and encoder readings of deflections under known loads.
+
+    Raises:
+        MeasurementError: not all sigmas of positions and deflections are stated, so they cannot be combined.
+    """
+    if poses.sigma is None or loaded.sigma is None:
+        raise MeasurementError(
+            "positions and deflections are combined, but not all of their uncertainties are stated",
+            where="noise",
+            remedy="state `noise.sigma` for the positions and for the deflections",
+        )
+    encoder_readings = 0 if loaded.encoders is None else int(loaded.encoders.present.sum())
+    return int(loaded.coordinates.sum()) + encoder_readings
+
+
 def identify_weight(
     robot: Robot,
     readings: WeightReadings,
@@ -678,19 +694,9 @@ def identify_weight(
         SolverError: a convex program is not certified.
     """
     poses = readings.poses
-    if loaded is not None and (poses.sigma is None or loaded.sigma is None):
-        raise MeasurementError(
-            "positions and deflections are combined, but not all of their uncertainties are stated",
-            where="noise",
-            remedy="state `noise.sigma` for the positions and for the deflections",
-        )
+    load_coordinates = 0 if loaded is None else _count_load_coordinates(loaded, poses)
     whitened, unit_of_fit = poses.whitened, poses.sigma or 1.0
     rigid = calibrate(robot.chain, poses, start=pin.SE3.Identity(), hold_out=False)
-    load_coordinates = 0
-    if loaded is not None:
-        encoders = 0 if loaded.encoders is None else int(loaded.encoders.present.sum())
-        load_coordinates = int(loaded.coordinates.sum()) + encoders
-
     readings_with_stated_bounds = readings
 
     def fit_with_bodies(bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:

@@ -104,6 +104,108 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _CampaignSoFar:
+    """Results of the campaign that a plan continues; NaN and None where they are unknown."""
+
+    nominal: FloatArray  # (n,) compliances [rad/(N·m)] that the campaign determines
+    readings: Measurements | None = None  # readings of the campaign
+    sigma: float | None = None  # standard uncertainty of a coordinate of a reading [m]
+    unexplained: float | None = None  # share of the mean deflection that elastic joints do not explain
+    assessment: Assessment | None = None  # verdict on the campaign
+
+
+def _evaluate_campaign(plan_input: PlanInput, request: plans.PlanRequest) -> _CampaignSoFar:
+    """Identify the campaign that a plan continues; without a campaign, nothing is known.
+
+    Raises:
+        RequestError: the verdict on the campaign is "do not use".
+    """
+    prepared = plan_input.prepared
+    if prepared is None:
+        return _CampaignSoFar(np.full(plan_input.robot.n, np.nan))
+    if isinstance(request.load, OwnWeight):
+        return _evaluate_campaign_by_weight(plan_input.robot, prepared, request, request.load)
+    return _evaluate_campaign_by_loads(plan_input.robot, prepared, request)
+
+
+def _evaluate_campaign_by_weight(
+    robot: Robot, prepared: PreparedSet, request: plans.PlanRequest, weight: OwnWeight
+) -> _CampaignSoFar:
+    """Identify a campaign whose load is the robot's own weight.
+
+    Raises:
+        RequestError: the verdict on the campaign is "do not use".
+    """
+    result = run_by_weight(robot, prepared.measurements, RunOptions(weight=weight), prepared.warnings)
+    _refuse_unaccepted_campaign(result.assessment, request, _TOO_FEW_READINGS)
+    return _CampaignSoFar(
+        nominal=np.array([joint.compliance or np.nan for joint in result.joints]),
+        readings=prepared.measurements,
+        sigma=result.sigma,
+        assessment=result.assessment,
+    )
+
+
+def _evaluate_campaign_by_loads(
+    robot: Robot, prepared: PreparedSet, request: plans.PlanRequest
+) -> _CampaignSoFar:
+    """Identify a campaign under loads by elastic joints alone.
+
+    Raises:
+        RequestError: the verdict on the campaign is "do not use".
+    """
+    settings = Settings.from_options(RunOptions(), robot)
+    joints = JointsAlone(robot, prepared.measurements, settings, prepared.warnings)
+    estimate, screening = joints.estimate, joints.screening
+    # A compliance with a great uncertainty is no nominal value: it stays NaN.
+    nominal = np.full(robot.n, np.nan)
+    for index, joint in enumerate(estimate.joints):
+        uncertainty = joint.standard_uncertainty
+        if not joint.compliance or uncertainty is None:
+            continue
+        if uncertainty < _LARGEST_RELATIVE_UNCERTAINTY * joint.compliance:
+            nominal[index] = joint.compliance
+    prediction = predict(
+        robot,
+        joints.measurements,
+        estimate.compliance,
+        balanced_compliance=estimate.balanced,
+        statements=estimate.statements,
+    )
+    assessment = build_assessment_message(assess(joints, estimate, prediction, screening), estimate.joints)
+    ignored_codes = _TOO_FEW_READINGS
+    if screening.links_need_validation:
+        ignored_codes |= _ELASTIC_LINKS
+    _refuse_unaccepted_campaign(assessment, request, ignored_codes)
+    return _CampaignSoFar(
+        nominal=nominal,
+        readings=joints.measurements,
+        sigma=estimate.sigma,
+        unexplained=None if prediction.compensation is None else 1.0 - prediction.compensation,
+        assessment=assessment,
+    )
+
+
+def _refuse_unaccepted_campaign(
+    assessment: Assessment, request: plans.PlanRequest, ignored_codes: frozenset[str]
+) -> None:
+    """Refuse a campaign with the verdict "do not use", unless the request accepts the verdict.
+
+    Reasons whose codes are in `ignored_codes` do not count.
+
+    Raises:
+        RequestError: the campaign is refused.
+    """
+    refuse_unaccepted(
+        assessment,
+        request.accept_verdict,
+        "the campaign so far",
+        "measurement_set_id",
+        ignored_codes=ignored_codes,
+    )
+
+
 def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResult:
     """Identify the campaign so far, if the plan continues one, then plan readings, and return the plan.
 
@@ -111,55 +213,9 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
         RequestError: the robot or the campaign lacks data that the plan needs, the verdict on the campaign so
             far is "do not use", or no plan satisfies the request.
     """
-    robot, prepared = plan_input.robot, plan_input.prepared
-    # What the campaign so far tells; NaN and None where it is unknown.
-    nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
-    campaign_readings = None if prepared is None else prepared.measurements
-    if prepared is not None and isinstance(request.load, OwnWeight):
-        weight_options = RunOptions(weight=request.load)
-        result = run_by_weight(robot, prepared.measurements, weight_options, prepared.warnings)
-        sigma, assessment = result.sigma, result.assessment
-        nominal = np.array([joint.compliance or np.nan for joint in result.joints])
-        refuse_unaccepted(
-            assessment,
-            request.accept_verdict,
-            "the campaign so far",
-            "measurement_set_id",
-            ignored_codes=_TOO_FEW_READINGS,
-        )
-    elif prepared is not None:
-        settings = Settings.from_options(RunOptions(), robot)
-        joints = JointsAlone(robot, prepared.measurements, settings, prepared.warnings)
-        estimate, screening = joints.estimate, joints.screening
-        sigma, campaign_readings = estimate.sigma, joints.measurements
-        # A compliance with a great uncertainty is no nominal value: it stays NaN.
-        for index, joint in enumerate(estimate.joints):
-            uncertainty = joint.standard_uncertainty
-            if (
-                joint.compliance
-                and uncertainty is not None
-                and uncertainty < _LARGEST_RELATIVE_UNCERTAINTY * joint.compliance
-            ):
-                nominal[index] = joint.compliance
-        prediction = predict(
-            robot,
-            joints.measurements,
-            estimate.compliance,
-            balanced_compliance=estimate.balanced,
-            statements=estimate.statements,
-        )
-        solver_assessment = assess(joints, estimate, prediction, screening)
-        assessment = build_assessment_message(solver_assessment, estimate.joints)
-        refuse_unaccepted(
-            assessment,
-            request.accept_verdict,
-            "the campaign so far",
-            "measurement_set_id",
-            ignored_codes=_TOO_FEW_READINGS | _ELASTIC_LINKS
-            if screening.links_need_validation
-            else _TOO_FEW_READINGS,
-        )
-        unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
+    robot = plan_input.robot
+    so_far = _evaluate_campaign(plan_input, request)
+    campaign_readings = so_far.readings
     # If the robot's own weight is the load, positions without another load are readings, too.
     if campaign_readings is not None and campaign_readings.unloaded_only is not None:
         campaign_readings = replace(
@@ -176,16 +232,16 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
     design_request = to_design_request(
         request,
         robot,
-        nominal=nominal,
-        sigma=sigma,
-        unexplained=unexplained,
+        nominal=so_far.nominal,
+        sigma=so_far.sigma,
+        unexplained=so_far.unexplained,
         campaign_readings=campaign_readings,
     )
     names, _ = choose_targets(request, robot, campaign_readings)
     plan_result = to_plan_result(
-        design_request, plan_campaign(robot, design_request), robot, names, assessment
+        design_request, plan_campaign(robot, design_request), robot, names, so_far.assessment
     )
-    plan_assessment = assess_with_run("plan", _list_reasons(plan_result), assessment)
+    plan_assessment = assess_with_run("plan", _list_reasons(plan_result), so_far.assessment)
     return plan_result.model_copy(update={"assessment": plan_assessment})
 
 
