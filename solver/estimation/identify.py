@@ -16,7 +16,15 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError, SolverError, UnsupportedMethodError
 from jointstiff.solver.estimation.estimate import CommonErrors, ComplementaryStiffness, Estimate, Evidence
-from jointstiff.solver.estimation.fit import Fit, RobustFit, TargetRows, estimate_scale, fit_huber, fit_method
+from jointstiff.solver.estimation.fit import (
+    Fit,
+    RobustFit,
+    Scale,
+    TargetRows,
+    estimate_scale,
+    fit_huber,
+    fit_method,
+)
 from jointstiff.solver.estimation.method import (
     Method,
     MethodTriangles,
@@ -272,18 +280,10 @@ def _fit_once(
     fit = fit_method(triangles, observability.null, settings.constraints, solve_problem=solve_problem)
     if settings.prior is not None:
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
-        sigma = estimate_scale(fit, triangles.all_readings, sigma).sigma
-        if not sigma:
-            raise UnsupportedMethodError(
-                "weighting a prior needs sigma, which is not given and cannot be estimated from these "
-                "readings",
-                where="priors",
-                remedy="state `noise`, or add observations",
-            )
-        prior = settings.prior.in_units_of(sigma)
-        fit = replace(
-            fit_method(triangles, observability.null, settings.constraints, prior, solve_problem), alone=fit
-        )
+        sigma_of_readings = _require_sigma_for_prior(estimate_scale(fit, triangles.all_readings, sigma))
+        prior = settings.prior.in_units_of(sigma_of_readings)
+        fit_with_prior = fit_method(triangles, observability.null, settings.constraints, prior, solve_problem)
+        fit = replace(fit_with_prior, alone=fit)
     return _Pass(
         measurements,
         compliance,
@@ -295,6 +295,21 @@ def _fit_once(
         targets,
         statements,
     )
+
+
+def _require_sigma_for_prior(scale: Scale) -> float:
+    """Return the sigma of a scale [m].
+
+    Raises:
+        UnsupportedMethodError: sigma is neither stated nor estimated.
+    """
+    if not scale.sigma:
+        raise UnsupportedMethodError(
+            "weighting a prior needs sigma, which is not given and cannot be estimated from these readings",
+            where="priors",
+            remedy="state `noise`, or add observations",
+        )
+    return scale.sigma
 
 
 def _require_observable(excitation: Excitation) -> Observability:

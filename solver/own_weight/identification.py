@@ -39,6 +39,7 @@ from jointstiff.solver.estimation.solution import Certificate
 from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.geometry.poses import (
     PoseReadings,
+    Poses,
     PoseState,
     calibrate,
     differentiate_numerically,

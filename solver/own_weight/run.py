@@ -13,7 +13,7 @@ from jointstiff.schemas import run as runs
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.run import Identifiability, RunResult, WeightResult, WeightShare
-from jointstiff.solver.arrays import IndexArray
+from jointstiff.solver.arrays import BoolArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.assessment import (
     derive_assessment,
@@ -31,8 +31,9 @@ from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.result import build_assessment_message, build_joint_results
 
 if TYPE_CHECKING:
+    from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.own_weight.identification import WeightEstimate
-    from jointstiff.solver.own_weight.rows import WeightReadings
+    from jointstiff.solver.own_weight.rows import Balancer, WeightReadings
 
 _NO_MODEL_ERROR: Final = RequestError(
     "the stiffnesses come from the robot's own weight, not from postures under load",
@@ -166,8 +167,7 @@ def _collect_positions(
     Raises:
         RequestError: the robot has no masses, or the set has no positions.
     """
-    from jointstiff.solver.geometry.poses import Poses
-    from jointstiff.solver.own_weight.rows import Balancer, Burden, WeightReadings
+    from jointstiff.solver.own_weight.rows import Burden, WeightReadings
 
     if not robot.bodies:
         raise RequestError(
@@ -186,26 +186,59 @@ def _collect_positions(
         )
     without_load, with_load = (np.flatnonzero(mask.any(axis=1)) for mask in (unloaded, loaded))
     observation = np.concatenate([without_load, with_load])
-    # The covariance is that of a deflection, the difference of two positions: a position has half of it.
-    covariance = np.broadcast_to(0.5 * measurements.covariance, (*measurements.present.shape, 3, 3))[
-        observation
-    ]
+    poses = _build_poses(robot, measurements, unloaded, loaded)
     load_factor = np.repeat([0.0, 1.0], [len(without_load), len(with_load)])[:, None]
-    poses = Poses(
-        angles=measurements.joints[observation],
-        points=np.concatenate(
-            [
-                measurements.position[without_load],
-                (measurements.position + measurements.deflection)[with_load],
-            ]
+    return (
+        WeightReadings(
+            poses,
+            Burden(robot.bodies, _build_balancers(robot, weight), np.array(weight.gravity)),
+            carried=np.ones((len(observation), len(robot.bodies))),
+            force=load_factor * measurements.force[observation],
+            moment=load_factor * measurements.moment[observation],
+            load_point=measurements.load_point[observation],
         ),
+        observation,
+    )
+
+
+def _build_poses(robot: Robot, measurements: Measurements, unloaded: BoolArray, loaded: BoolArray) -> Poses:
+    """Return absolute positions as poses: first the positions without a load, then those under a load.
+
+    Args:
+        robot: robot that was measured.
+        measurements: N observations.
+        unloaded: (N, T) mask of the positions without a load.
+        loaded: (N, T) mask of the positions under a load.
+    """
+    from jointstiff.solver.geometry.poses import Poses
+
+    without_load, with_load = (np.flatnonzero(mask.any(axis=1)) for mask in (unloaded, loaded))
+    observation = np.concatenate([without_load, with_load])
+    # The covariance is that of a deflection, the difference of two positions: a position has half of it.
+    covariance = 0.5 * measurements.covariance
+    if covariance.ndim > 2:
+        covariance = np.broadcast_to(covariance, (*measurements.present.shape, 3, 3))[observation]
+    loaded_position = measurements.position + measurements.deflection
+    return Poses(
+        angles=measurements.joints[observation],
+        points=np.concatenate([measurements.position[without_load], loaded_position[with_load]]),
         present=np.concatenate([unloaded[without_load], loaded[with_load]]),
         targets=measurements.targets,
         joint_map=robot.joint_map,
         sigma=measurements.sigma,
-        covariance=0.5 * measurements.covariance if measurements.covariance.ndim == 2 else covariance,
+        covariance=covariance,
     )
-    balancers = [
+
+
+def _build_balancers(robot: Robot, weight: OwnWeight) -> tuple[Balancer, ...]:
+    """Return the balancers of an option for own weight, with joints as indices.
+
+    Raises:
+        RequestError: the robot has no joint that a balancer names.
+    """
+    from jointstiff.solver.own_weight.rows import Balancer
+
+    return tuple(
         Balancer(
             robot.joint_index(balancer.joint, f"weight.balancers[{number}].joint"),
             balancer.on_base,
@@ -214,17 +247,6 @@ def _collect_positions(
             balancer.pull,
         )
         for number, balancer in enumerate(weight.balancers)
-    ]
-    return (
-        WeightReadings(
-            poses,
-            Burden(robot.bodies, tuple(balancers), np.array(weight.gravity)),
-            carried=np.ones((len(observation), len(robot.bodies))),
-            force=load_factor * measurements.force[observation],
-            moment=load_factor * measurements.moment[observation],
-            load_point=measurements.load_point[observation],
-        ),
-        observation,
     )
 
 

@@ -276,6 +276,58 @@ _SIGMA: Final = 2e-5
 """Standard deviation of a laser tracker's readings [m], if none is stated."""
 
 
+def _add_stated_compliances(
+    request: plans.PlanRequest, robot: Robot, nominal: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return nominal compliances (n,) and their prior uncertainties (n,) [rad/(N·m)].
+
+    A stiffness that the request states takes the place of the compliance in `nominal`. The uncertainty is
+    infinite where nothing is known before the plan.
+
+    Raises:
+        RequestError: a joint that the request names does not exist.
+    """
+    nominal = nominal.copy()
+    for name, stiffness in request.stiffness.items():
+        nominal[robot.joint_index(name, f"stiffness.{name}")] = 1.0 / stiffness
+    prior_uncertainty = np.full(robot.n, np.inf)
+    for name, prior in request.priors.items():
+        j = robot.joint_index(name, f"priors.{name}")
+        # Uncertainty of the compliance c = 1/k: u(c) = u(k)/k².
+        prior_uncertainty[j] = prior.standard_uncertainty / prior.stiffness**2
+        nominal[j] = 1.0 / prior.stiffness
+    return nominal, prior_uncertainty
+
+
+def _refuse_unsupported_own_weight(
+    request: plans.PlanRequest, robot: Robot, own_weight: OwnWeight, nominal: FloatArray
+) -> None:
+    """Refuse a plan for own weight that lacks data or has options that such a plan does not support.
+
+    Raises:
+        RequestError: names the data or the options.
+    """
+    if not (robot.bodies and np.isfinite(nominal).any()):
+        raise RequestError(
+            "a plan for own weight needs the masses of the robot and the stiffness of at least one joint",
+            where="load",
+            remedy="state `bodies` of the robot, and a guess of the joints' `stiffness`",
+        )
+    if own_weight.balancers or own_weight.estimate_gravity:
+        raise RequestError(
+            "a plan for own weight supports neither balancers nor an estimate of gravity",
+            where="load",
+            remedy="state `gravity` instead; for a robot with balancers, choose the postures by hand",
+        )
+    if request.work_area or request.tracker or request.directions:
+        raise RequestError(
+            "a plan for own weight supports neither a work area nor a tracker's station nor directions of "
+            "gauges",
+            where="load",
+            remedy="omit `work_area`, `tracker` and `directions`; give the noise of the readings as `sigma`",
+        )
+
+
 def to_design_request(
     request: plans.PlanRequest,
     robot: Robot,
@@ -300,36 +352,11 @@ def to_design_request(
         RequestError: a joint that the request names does not exist; load, targets or a stiffness are
             missing; or options contradict each other.
     """
-    nominal = nominal.copy()
-    for name, stiffness in request.stiffness.items():
-        nominal[robot.joint_index(name, f"stiffness.{name}")] = 1.0 / stiffness
-    prior_uncertainty = np.full(robot.n, np.inf)  # inf: nothing is known before the plan
-    for name, prior in request.priors.items():
-        j = robot.joint_index(name, f"priors.{name}")
-        # Uncertainty of the compliance c = 1/k: u(c) = u(k)/k².
-        prior_uncertainty[j] = prior.standard_uncertainty / prior.stiffness**2
-        nominal[j] = 1.0 / prior.stiffness
+    nominal, prior_uncertainty = _add_stated_compliances(request, robot, nominal)
     names, targets = choose_targets(request, robot, campaign_readings)
     own_weight = request.load if isinstance(request.load, OwnWeight) else None
-    if own_weight and not (robot.bodies and np.isfinite(nominal).any()):
-        raise RequestError(
-            "a plan for own weight needs the masses of the robot and the stiffness of at least one joint",
-            where="load",
-            remedy="state `bodies` of the robot, and a guess of the joints' `stiffness`",
-        )
-    if own_weight and (own_weight.balancers or own_weight.estimate_gravity):
-        raise RequestError(
-            "a plan for own weight supports neither balancers nor an estimate of gravity",
-            where="load",
-            remedy="state `gravity` instead; for a robot with balancers, choose the postures by hand",
-        )
-    if own_weight and (request.work_area or request.tracker or request.directions):
-        raise RequestError(
-            "a plan for own weight supports neither a work area nor a tracker's station nor directions of "
-            "gauges",
-            where="load",
-            remedy="omit `work_area`, `tracker` and `directions`; give the noise of the readings as `sigma`",
-        )
+    if own_weight is not None:
+        _refuse_unsupported_own_weight(request, robot, own_weight, nominal)
     planned_sigma = request.sigma or sigma or _SIGMA
     requested_joints = [robot.joint_index(name, "joints") for name in request.joints]
     area, directions = request.work_area, _convert_gauge_directions(request)
