@@ -335,8 +335,7 @@ class GeometryRequest(Message):
     base: Literal["nominal", "axes"] | None = Field(
         default=None,
         description="Frame R0. `nominal`: as in the nominal model. `axes`: z along axis 1, x towards axis 2 "
-        "along the common perpendicular at model angle zero. Default: `nominal`, or `axes` "
-        "without a model.",
+        "along the common perpendicular at model angle zero. Default: `nominal`, or `axes` without a model.",
     )
     base_height: Quantity = Field(
         default=0.0,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import degrees, sqrt
+from math import degrees, dist, sqrt
 from statistics import fmean, median, pstdev
 from types import MappingProxyType
 from typing import Final, Literal
@@ -476,16 +476,15 @@ class _Merging:
         squares, degrees_of_freedom, greatest = 0.0, 0, 0.0
         for (label, quantity), values in self._repeats.items():
             vectors = [value.vector for value in values if value.vector]
+            reading_text = f"{quantity.target} {quantity.state} of {quote(label)}"
             if not self._options.mean_of_repeats or len(vectors) < len(values):
-                reading_text = f"{quantity.target} {quantity.state} of {quote(label)}"
                 reason = f"{reading_text} occurs twice, first at {values[0].place}"
                 remedy = "rename or remove one of them, or use `mean_of_repeats` for repeated readings"
                 self._faults.report(values[1].place, reason, remedy, "mean_of_repeats")
                 continue
             mean = tuple(fmean(numbers) for numbers in zip(*vectors, strict=True))
-            errors = [sum((a - b) ** 2 for a, b in zip(each, mean, strict=True)) for each in vectors]
+            errors = [dist(vector, mean) ** 2 for vector in vectors]  # squared distances from the mean
             if sqrt(max(errors)) > _MAX_REPEAT * self._metre:
-                reading_text = f"{quantity.target} {quantity.state} of {quote(label)}"
                 distance = f"{1e3 * sqrt(max(errors)) / self._metre:.3g} mm from their mean"
                 reason = (
                     f"readings of {reading_text} are up to {distance}; repeated readings are believed to "
@@ -494,7 +493,8 @@ class _Merging:
                 remedy = "correct their names, or give one mean of readings that scatter more"
                 self._faults.report(values[1].place, reason, remedy)
                 continue
-            squares, greatest = squares + sum(errors), max(greatest, *errors)
+            squares += sum(errors)
+            greatest = max(greatest, *errors)
             degrees_of_freedom += len(mean) * (len(vectors) - 1)
             observations[label].values[quantity] = replace(values[0], vector=mean)
         if degrees_of_freedom:

@@ -78,8 +78,7 @@ class Rehearsal(Presented, RehearsalResult):
             chance = 100 * (1 - self.confidence)
             yield (
                 f"planted stiffness outside the interval: {', '.join(not_contained)}; chance puts "
-                f"{chance:.0f} % "
-                "of joints outside: rehearse with another seed"
+                f"{chance:.0f} % of joints outside: rehearse with another seed"
             )
 
     def _joints_table(self) -> Part:

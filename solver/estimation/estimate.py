@@ -608,12 +608,14 @@ class Evidence:
             reason = (
                 f"{self.describe_lower_limit(j, intervals)}the standard uncertainty of its compliance, "
                 f"{1e6 * uncertainty:.2g} {units.micro_compliance}, {consequence}: add loads with more "
-                f"{units.load} "
-                f"{name}"
+                f"{units.load} {name}"
             )
-        only_prior = (
-            "the readings show {} only in combination with other joints: only its prior separates them"
-        )
+        reasons = [] if reason is None else [reason]
+        if np.isinf(prior_to_data):
+            reasons.append(
+                f"the readings show {name} only in combination with other joints: only its prior separates "
+                "them"
+            )
         two_sided, one_sided = (None, None) if intervals is None else intervals.tolist()
         return JointCompliance(
             name,
@@ -624,8 +626,7 @@ class Evidence:
             None if two_sided is None else (two_sided[0], two_sided[1]),
             None if one_sided is None else (one_sided[0], one_sided[1]),
             None if np.isnan(prior_to_data) else prior_to_data,
-            "; ".join(filter(None, [reason, only_prior.format(name) if np.isinf(prior_to_data) else None]))
-            or None,
+            "; ".join(reasons) or None,
             self.describe_lower_limit(j, intervals),
         )
 

@@ -248,8 +248,7 @@ def inspect_rare_targets(view: View) -> Iterator[Finding]:
         yield view.build_finding(
             "target_name_suspect",
             f"target '{view.measurements.targets[target]}' is read in only {observation_counts[target]} of "
-            f"{len(present)} "
-            "observations",
+            f"{len(present)} observations",
             "check the spelling of the target's name",
             "use",
             row=int(present[:, target].argmax()),

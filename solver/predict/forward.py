@@ -130,11 +130,11 @@ class CartesianCompliance:
         if self.differentiate is None:
             unknown = np.full(len(direction), np.nan)
             return WorstDirection(greatest, direction, unknown, unknown)
-        left, right, covariance = self.differentiate()
+        L, M, covariance = self.differentiate()
         # Both factors in the axes of the eigenvectors; then the slopes v_mᵀ (∂C/∂c_j) v (B, 3, n), with v the
         # last eigenvector.
         left_in_eigenvectors, right_in_eigenvectors = (
-            vectors.transpose(0, 2, 1) @ factor[:, :3] for factor in (left, right)
+            vectors.transpose(0, 2, 1) @ factor[:, :3] for factor in (L, M)
         )
         slopes = 0.5 * (
             left_in_eigenvectors * right_in_eigenvectors[:, -1:]
@@ -155,8 +155,9 @@ class CartesianCompliance:
         """
         if self.differentiate is None:
             return np.full(len(direction), np.nan)
-        left, right, covariance = self.differentiate()
-        slope = (direction[:, None] @ left[:, :3] * (direction[:, None] @ right[:, :3]))[:, 0]
+        L, M, covariance = self.differentiate()
+        # Derivatives (uᵀ L_j) (M_jᵀ u) of the compliance along u with respect to the joints' compliances
+        slope = ((direction[:, None] @ L[:, :3]) * (direction[:, None] @ M[:, :3]))[:, 0]
         return np.asarray(np.sqrt(np.einsum("bi,ij,bj->b", slope, covariance, slope)))
 
 
