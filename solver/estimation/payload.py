@@ -105,9 +105,9 @@ def inspect_force_unit(
     newtons_of_declared = FORCE_UNITS["kgf" if declared == "kg" else declared]
     ratios = {unit: ratio * newtons / newtons_of_declared for unit, newtons in FORCE_UNITS.items()}
     plausible_units = [unit for unit in FORCE_UNITS if least <= ratios[unit] <= greatest]
-    for number, unit in enumerate(
-        sorted(plausible_units, key=lambda unit: abs(np.log(ratios[unit] / usual_ratio)))
-    ):
+    # The likeliest unit, whose ratio is nearest to the usual ratio, comes first.
+    plausible_units.sort(key=lambda unit: abs(np.log(ratios[unit] / usual_ratio)))
+    for number, unit in enumerate(plausible_units):
         comparison_text = (
             f"forces in {unit}, not in {declared} as declared, would give {figure(ratios[unit], '.3g')} rad⁻¹"
         )

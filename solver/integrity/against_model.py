@@ -691,13 +691,7 @@ def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0)
     limit = limit_factor * MODEL_ALLOWANCE * compute_norm_quantile(len(changes), degrees_of_freedom)
     posture, best = np.round(joints / SAME_ANGLE), None
     for target, rows, relative_place in series:
-        # The most significant step (3,) [m], and the number k of rows before it
-        before = np.arange(1, len(relative_place))
-        sums = np.cumsum(relative_place, axis=0)
-        shifts = (sums[-1] - sums[:-1]) / (len(relative_place) - before)[:, None] - sums[:-1] / before[
-            :, None
-        ]
-        rows_before = 1 + int((before * (len(relative_place) - before) * (shifts**2).sum(axis=1)).argmax())
+        rows_before, shift = _find_most_significant_shift(relative_place)
         deviations = np.concatenate(
             [
                 relative_place[:rows_before] - relative_place[:rows_before].mean(axis=0),
@@ -705,7 +699,7 @@ def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0)
             ]
         )
         scatter = max(usual_scatter, estimate_coordinate_scale(np.linalg.norm(deviations, axis=1)), 1e-9)
-        displacement = float(np.linalg.norm(shifts[rows_before - 1]))
+        displacement = float(np.linalg.norm(shift))
         ratio = displacement / (
             limit * scatter * np.sqrt(1.0 / rows_before + 1.0 / (len(relative_place) - rows_before))
         )
@@ -722,6 +716,19 @@ def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0)
         if change.max(initial=0.0) > SMALLEST_MOTION:
             best = Step(target, int(rows[rows_before]), displacement, ratio)
     return best
+
+
+def _find_most_significant_shift(places: FloatArray) -> tuple[int, FloatArray]:
+    """Return the number k of places before the most significant step of their mean, and the step (3,) [m].
+
+    `places` (N, 3) [m] are in the order in which they were measured.
+    """
+    before = np.arange(1, len(places))
+    after = len(places) - before
+    sums = np.cumsum(places, axis=0)
+    shifts = (sums[-1] - sums[:-1]) / after[:, None] - sums[:-1] / before[:, None]
+    rows_before = 1 + int((before * after * (shifts**2).sum(axis=1)).argmax())
+    return rows_before, shifts[rows_before - 1]
 
 
 def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
@@ -1074,27 +1081,13 @@ def _report_residual_outliers(
     typical_residual = estimate_coordinate_scale(residual_norm[compared], coordinate_count) * np.sqrt(
         coordinate_count * reading_count / degrees_of_freedom
     )
-    limit = (
-        MODEL_ALLOWANCE
-        * compute_norm_quantile(reading_count, degrees_of_freedom, coordinate_count)
-        * typical_residual
-    )
+    limit = MODEL_ALLOWANCE * typical_residual
+    limit *= compute_norm_quantile(reading_count, degrees_of_freedom, coordinate_count)
     # Limit from the stated noise, which is known: its degrees of freedom are practically infinite.
-    noise_limit = (
-        compute_norm_quantile(reading_count, 1e6, coordinate_count) * np.sqrt(2.0) * view.reading_sigma[rows]
-    )
-    # A residual has to be unusual relative to the deflection, too, as parts other than joints bend with the
-    # load.
-    deflection = np.maximum(
-        np.linalg.norm(measurements.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2)
-    )
-    relative_residual = residual_norm / np.maximum(deflection, 1e-300)
-    relative_limit = MODEL_ALLOWANCE * compute_norm_quantile(
-        reading_count, coordinate_count * reading_count, coordinate_count
-    )
-    relative_limit *= estimate_coordinate_scale(relative_residual[compared], coordinate_count)
+    noise_quantile = compute_norm_quantile(reading_count, 1e6, coordinate_count)
+    noise_limit = noise_quantile * np.sqrt(2.0) * view.reading_sigma[rows]
     is_outlier = compared & (residual_norm > np.maximum(max(limit, SMALLEST_RESIDUAL), noise_limit))
-    is_outlier &= relative_residual > min(relative_limit, UNEXPLAINED)
+    is_outlier &= _have_unusual_shares(residual_norm, measurements, springs, compared, coordinate_count)
     for position in np.flatnonzero(is_outlier.any(axis=1)):
         worst_target = int(np.where(compared[position], residual_norm[position], 0.0).argmax())
         pair = find_exchanged_pair(
@@ -1119,6 +1112,36 @@ def _report_residual_outliers(
             + (", or identify with loss huber" if coordinate_count == 3 else ""),
             row=int(rows[position]),
         )
+
+
+def _have_unusual_shares(
+    residual_norm: FloatArray,
+    measurements: Measurements,
+    springs: Springs,
+    compared: BoolArray,
+    coordinate_count: int,
+) -> BoolArray:
+    """Return a mask (M, T) of residuals that are an unusual share of the deflection.
+
+    Parts other than joints bend with the load, so that residuals grow with the deflection.
+
+    Args:
+        residual_norm: (M, T) norms of the residuals [m].
+        measurements: measurements of M rows.
+        springs: fit of these rows.
+        compared: (M, T) mask of the readings to compare.
+        coordinate_count: number of coordinates of each of these readings.
+    """
+    deflection = np.maximum(
+        np.linalg.norm(measurements.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2)
+    )
+    share = residual_norm / np.maximum(deflection, 1e-300)
+    reading_count = int(compared.sum())
+    limit = MODEL_ALLOWANCE * compute_norm_quantile(
+        reading_count, coordinate_count * reading_count, coordinate_count
+    )
+    limit *= estimate_coordinate_scale(share[compared], coordinate_count)
+    return np.asarray(share > min(limit, UNEXPLAINED))
 
 
 def find_exchanged_pair(

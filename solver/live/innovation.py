@@ -288,14 +288,7 @@ def compare_last_reading(robot: Robot, measurements: Measurements, compliance: F
     if not doubtful and not is_misplaced:
         return Innovation(p_value, distance, message="as expected")
     if not causes and is_misplaced:
-        # Targets are fixed to the flange, so that wrong joint angles misplace them.
-        is_same_posture = np.isclose(other_readings.joints, reading.joints[0]).all(axis=1)
-        posture_text = (
-            f"those of '{other_readings.labels[int(np.argmax(is_same_posture))]}'"
-            if is_same_posture.any()
-            else "not those of this posture"
-        )
-        causes = [f"the joint angles are {posture_text}"]
+        causes = [_describe_wrong_angles(reading, other_readings)]
     place_text = (
         f"{length_text(distance)} from where the other readings predict it"
         if doubtful
@@ -309,6 +302,17 @@ def compare_last_reading(robot: Robot, measurements: Measurements, compliance: F
         causes=causes,
         message=f"{place_text}: {cause_text} Read it again before the load is taken off.",
     )
+
+
+def _describe_wrong_angles(reading: Measurements, other_readings: Measurements) -> str:
+    """Return the cause of misplaced targets: wrong joint angles, maybe those of another reading.
+
+    Targets are fixed to the flange, so that wrong joint angles misplace them.
+    """
+    is_same_posture = np.isclose(other_readings.joints, reading.joints[0]).all(axis=1)
+    if not is_same_posture.any():
+        return "the joint angles are not those of this posture"
+    return f"the joint angles are those of '{other_readings.labels[int(np.argmax(is_same_posture))]}'"
 
 
 @dataclass(frozen=True)

@@ -553,6 +553,24 @@ def find_reasons_against(
         )
 
 
+def _make_results_without_weight(robot: Robot, fit: WeightFit) -> list[JointCompliance]:
+    """Return for each joint the result of a joint whose compliance its weight torque does not show."""
+    weight_torques = fit.rows.torques.known
+    negligible = _NEGLIGIBLE_TORQUE * np.abs(weight_torques).max()
+    joints = []
+    for name, kind, torque in zip(robot.joint_names, robot.joint_kinds, weight_torques.T, strict=True):
+        reason = (
+            f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
+            "N·m): hang a known payload off its axis, or apply a known force that twists it"
+        )
+        if np.abs(torque).max() <= negligible:
+            reason = (
+                "gravity does not load the joint in any of the postures: apply a known force that twists it"
+            )
+        joints.append(JointCompliance(name, kind, "not_observable", reason=reason))
+    return joints
+
+
 def compute_joint_results(
     robot: Robot, fit: WeightFit, sigma: float, rise: float
 ) -> tuple[tuple[JointCompliance, ...], FloatArray]:
@@ -574,26 +592,13 @@ def compute_joint_results(
     exact_half_widths = np.sqrt(rise) * np.linalg.norm(
         np.linalg.pinv(problem.A[:, problem.cones.first]), axis=1
     )
-    joints, width_ratios = [], np.full(robot.n, np.nan)
-    # At first every joint is not observable; the results of the observed joints are replaced below.
-    for name, kind, torque in zip(
-        robot.joint_names, robot.joint_kinds, fit.rows.torques.known.T, strict=True
-    ):
-        reason = (
-            f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
-            "N·m): hang a known payload off its axis, or apply a known force that twists it"
-        )
-        if np.abs(torque).max() <= _NEGLIGIBLE_TORQUE * np.abs(fit.rows.torques.known).max():
-            reason = (
-                "gravity does not load the joint in any of the postures: apply a known force that twists it"
-            )
-        joints.append(JointCompliance(name, kind, "not_observable", reason=reason))
+    width_ratios = np.full(robot.n, np.nan)
+    joints = _make_results_without_weight(robot, fit)  # those of observed joints are replaced below
     for position, joint in enumerate(problem.observed_joints.tolist()):
         name, unit, (lower, upper) = robot.joint_names[joint], problem.unit[position], intervals[position]
         kind = robot.joint_kinds[joint]
-        if (
-            not upper < _UNBOUNDED_SHARE * problem.cones.cap[position]
-        ):  # also true for NaN, if no end was found
+        is_bounded = upper < _UNBOUNDED_SHARE * problem.cones.cap[position]  # False for NaN: no end was found
+        if not is_bounded:
             reason = (
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "
                 "which its weight torque differs (a plan for own weight lists such postures), or attach a "
