@@ -114,8 +114,7 @@ class Triangle:
         Args:
             names: the S terms that are tested, each one alone.
             fitted: terms that are fitted in any case.
-            most_directions: largest number of a term's leading singular directions that are tested; all if
-            None.
+            most_directions: largest number of leading singular directions of a term to test; None for all.
             least_singular_value: directions are tested if their singular value exceeds this number. Singular
                 values are computed from the tested term's unit columns, after projecting the fitted terms
                 out.
@@ -128,10 +127,9 @@ class Triangle:
             np.split(projected, np.cumsum([len(self.span[name]) for name in names])[:-1], axis=1)
         )
         U, singular_values, _ = np.linalg.svd(columns, full_matrices=False)
-        is_tested = (singular_values > least_singular_value) & (
-            np.arange(singular_values.shape[1])
-            < (singular_values.shape[1] if most_directions is None else most_directions)
-        )
+        is_tested = singular_values > least_singular_value
+        if most_directions is not None:
+            is_tested[:, most_directions:] = False
         explained = np.where(is_tested, np.square(residual @ U), 0.0).sum(axis=1)
         tested_count = is_tested.sum(axis=1)
         degrees_of_freedom = self.rows - fitted_basis.shape[1] - tested_count
@@ -141,11 +139,8 @@ class Triangle:
             + RESOLUTION**2
         )
         f_ratio = explained / np.maximum(tested_count, 1) / variance
-        return np.where(
-            is_testable,
-            special.fdtrc(np.maximum(tested_count, 1), np.maximum(degrees_of_freedom, 1), f_ratio),
-            1.0,
-        )
+        p_values = special.fdtrc(np.maximum(tested_count, 1), np.maximum(degrees_of_freedom, 1), f_ratio)
+        return np.where(is_testable, p_values, 1.0)
 
     def rank(self, names: Sequence[str], least: float) -> int:
         """Return the rank of the named terms' unit columns: the number of singular values above `least`."""

@@ -167,8 +167,7 @@ class Expectation:
             reading: one observation.
             free_term: term, such as the size of the force, that is fitted to this reading alone; None fits no
                 term.
-            usual_share: share of the deflection by which all targets together may deviate without being
-            doubtful.
+            usual_share: share of the deflection by which all targets together may deviate without doubt.
 
         Returns:
             Squared distance in standard uncertainties; probability of at least this distance; and number of

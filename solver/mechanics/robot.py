@@ -362,8 +362,7 @@ def fix_prismatic_joints(robot: Robot, fixed_positions: FloatArray) -> Robot:
 
     Args:
         robot: n joints.
-        fixed_positions: (n,) controller's joint positions [rad or m]; positions of revolute joints are
-        ignored.
+        fixed_positions: (n,) controller's joint positions [rad or m], used only for prismatic joints.
 
     Raises:
         RobotError: all joints are prismatic, or a prismatic joint also depends on a revolute joint of the

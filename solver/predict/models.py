@@ -871,6 +871,27 @@ def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEs
     )
 
 
+def _compute_share_without_noise(
+    squares: FloatArray, noise_squares: FloatArray, posture_of_reading: IndexArray
+) -> float:
+    """Return the share of the mean square that noise does not explain, plus its standard error, at most 1.
+
+    Args:
+        squares: (R,) scaled squares of residuals.
+        noise_squares: (R,) expected squares due to noise, in the same scale.
+        posture_of_reading: (R,) index of each reading's posture.
+    """
+    mean_square = float(squares.mean()) if len(squares) else 0.0
+    if mean_square <= 0.0:
+        return 1.0
+    counts = np.bincount(posture_of_reading)
+    means = np.bincount(posture_of_reading, squares)[counts > 0] / counts[counts > 0]
+    # Standard error of the mean square, from the spread of the postures' means
+    standard_error = float(means.std(ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else mean_square
+    noise_share = float(noise_squares.mean()) / mean_square
+    return float(min(1.0, max(0.0, 1.0 - noise_share) + standard_error / mean_square))
+
+
 def _compute_model_error(
     measurements: Measurements,
     posture_of_reading: IndexArray,
@@ -915,15 +936,10 @@ def _compute_model_error(
         axis=(1, 2)
     )
     squares = np.square(residual[scored]).sum(axis=1) / growth_squared
-    remaining_share = 1.0
     is_known = np.isfinite(squares)
-    if is_known.any() and (mean_square := float(squares[is_known].mean())) > 0.0:
-        counts = np.bincount(posture_of_reading[is_known])
-        means = np.bincount(posture_of_reading[is_known], squares[is_known])[counts > 0] / counts[counts > 0]
-        # Standard error of the mean square, from the spread of the postures' means
-        standard_error = float(means.std(ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else mean_square
-        noise_share = float((noise_squares / growth_squared)[is_known].mean()) / mean_square
-        remaining_share = min(1.0, max(0.0, 1.0 - noise_share) + standard_error / mean_square)
+    remaining_share = _compute_share_without_noise(
+        squares[is_known], (noise_squares / growth_squared)[is_known], posture_of_reading[is_known]
+    )
     score, share = merge_score_steps(
         posture_of_reading, np.sqrt(np.where(is_known, remaining_share * squares, np.inf))
     )
