@@ -428,6 +428,36 @@ class SweptAxes(IdentifiedAxes):
     residual: FloatArray  #: (3 N T,) whitened residuals of all readings [m]; zero where absent
 
 
+def _fit_inner_axis(
+    sweeps: SweepSet, sweep: Sweep, joint: int, outer_fit: AxisFit, *, angles: AngleUse
+) -> AxisFit:
+    """Fit a sweep that turns a joint and, by a coupling, a further joint, whose axis was fitted before.
+
+    Args:
+        sweeps: all sweeps.
+        sweep: sweep that is fitted.
+        joint: index of the inner joint, whose axis is fitted.
+        outer_fit: fit of the further joint's axis.
+        angles: use of the controller's angles.
+
+    Raises:
+        MeasurementError: the sweep turns joints that are not coupled, or cannot be fitted.
+    """
+    turning_joints = list(sweeps.find_turning_joints(sweep))
+    model_angles = sweeps.model_angles(sweep)
+    outer_posture = sweeps.model_angles(outer_fit.sweep).mean(axis=0)
+    _refuse_joints_not_coupled(sweeps, sweep, outer_fit, model_angles.mean(axis=0) - outer_posture)
+    return fit_axis(
+        sweep,
+        # The inner joint's angle is relative to its angle in the outer axis's sweep.
+        model_angles[:, turning_joints] - [outer_posture[joint], 0.0],
+        sigma=sweeps.sigma,
+        angles=angles,
+        outer_fit=outer_fit,
+        slopes=sweeps.joint_map.matrix[turning_joints, sweep.joint],
+    )
+
+
 def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     """Fit each sweep separately, and transform the fitted axes to model angle zero.
 
@@ -449,29 +479,18 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     for joint, sweep_index in reversed(list(enumerate(sweep_of_joint))):
         sweep = sweeps.sweeps[sweep_index]
         turning_joints = list(sweeps.find_turning_joints(sweep))
-        model_angles = sweeps.model_angles(sweep)
+        columns = slice(first_columns[sweep_index], first_columns[sweep_index + 1])
+        outer_sweep = sweep_of_joint[turning_joints[-1]]
         if len(turning_joints) == 1:
-            fits[sweep_index] = fit_axis(sweep, model_angles[:, joint], sigma=sweeps.sigma, angles=angles)
+            model_angles = sweeps.model_angles(sweep)[:, joint]
+            fit = fit_axis(sweep, model_angles, sigma=sweeps.sigma, angles=angles)
         else:
-            outer_fit = fits[sweep_of_joint[turning_joints[-1]]]
-            outer_posture = sweeps.model_angles(outer_fit.sweep).mean(axis=0)
-            _refuse_joints_not_coupled(sweeps, sweep, outer_fit, model_angles.mean(axis=0) - outer_posture)
-            fits[sweep_index] = fit_axis(
-                sweep,
-                # The inner joint's angle is relative to its angle in the outer axis's sweep.
-                model_angles[:, turning_joints] - [outer_posture[joint], 0.0],
-                sigma=sweeps.sigma,
-                angles=angles,
-                outer_fit=outer_fit,
-                slopes=sweeps.joint_map.matrix[turning_joints, sweep.joint],
-            )
-        influences[sweep_index] = np.zeros((len(fits[sweep_index].influence), first_columns[-1]))
-        influences[sweep_index][:, first_columns[sweep_index] : first_columns[sweep_index + 1]] = fits[
-            sweep_index
-        ].influence
+            fit = _fit_inner_axis(sweeps, sweep, joint, fits[outer_sweep], angles=angles)
+        influence_of_fit = np.zeros((len(fit.influence), first_columns[-1]))
+        influence_of_fit[:, columns] = fit.influence
         if len(turning_joints) > 1:
-            outer_influence = influences[sweep_of_joint[turning_joints[-1]]][:CHART_SIZE]
-            influences[sweep_index][:CHART_SIZE] += fits[sweep_index].dependence @ outer_influence
+            influence_of_fit[:CHART_SIZE] += fit.dependence @ influences[outer_sweep][:CHART_SIZE]
+        fits[sweep_index], influences[sweep_index] = fit, influence_of_fit
     fits_of_sweeps = tuple(fits[sweep_index] for sweep_index in range(len(fits)))
     rss = sum(fit.linear.rss for fit in fits_of_sweeps)
     dof = sum(fit.dof for fit in fits_of_sweeps)

@@ -95,11 +95,10 @@ def run_by_weight(
         loaded=deflections if in_flange.any() else None,
     )
     joints = estimate.joints
-    implausible = report_implausible_joints(joints)
     findings = [
         *estimate.reasons,
         *estimate.remarks,
-        *implausible,
+        *report_implausible_joints(joints),
         *report_refuted_noise(measurements, estimate.sigma),
     ]
     assessment = derive_assessment(joints, findings)
@@ -109,24 +108,16 @@ def run_by_weight(
     residual_length, measured_length = (
         np.linalg.norm(vectors, axis=1) for vectors in (residual, displacement + residual)
     )
-    sigma_is_stated = readings.poses.sigma is not None
     model = None
     if any(joint.compliance is not None for joint in joints):
         model = build_stored_model(_build_model(robot, estimate), _NO_MODEL_ERROR)
-    test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if sigma_is_stated else None
     return RunResult(
         assessment=build_assessment_message(assessment, joints),
         joints=list(build_joint_results(assessment, joints)),
         compensation=float(1.0 - residual_length.mean() / measured_length.mean()),
         rms_residual=float(np.sqrt(np.square(residual_length).mean())),
         sigma=estimate.sigma,
-        goodness=runs.Goodness(
-            chi_square=estimate.chi_square,
-            degrees_of_freedom=estimate.degrees_of_freedom,
-            sigma_source="given" if sigma_is_stated else "residuals",
-            p_value=None if test is None else test.p_value,
-            test=None if test is None else test.result,
-        ),
+        goodness=_build_goodness(estimate, sigma_is_stated=readings.poses.sigma is not None),
         identifiability=Identifiability(
             parameters=len(joints),
             rank=len(estimate.fit.reduced.observed_joints),
@@ -153,6 +144,18 @@ def run_by_weight(
         model=model,
         weight=_build_weight_result(estimate),
         warnings=[*findings_of_checks, *assessment.remarks],
+    )
+
+
+def _build_goodness(estimate: WeightEstimate, *, sigma_is_stated: bool) -> runs.Goodness:
+    """Return the message on χ²; the test of χ² needs a stated sigma."""
+    test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if sigma_is_stated else None
+    return runs.Goodness(
+        chi_square=estimate.chi_square,
+        degrees_of_freedom=estimate.degrees_of_freedom,
+        sigma_source="given" if sigma_is_stated else "residuals",
+        p_value=None if test is None else test.p_value,
+        test=None if test is None else test.result,
     )
 
 
