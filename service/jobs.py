@@ -205,7 +205,8 @@ class Jobs:
         job_id, number = part.job_id, part.number
         if not self.records.is_active(job_id):
             return
-        stored_steps, steps = self._inputs.store.steps, self.work(job_id).steps()
+        stored_steps = self._inputs.store.steps
+        steps = self.work(job_id).steps()
         steps_of_parts = [
             steps[start : start + STEPS_OF_A_PART] for start in range(0, len(steps), STEPS_OF_A_PART)
         ]
@@ -235,14 +236,19 @@ class Jobs:
             if not stored_steps.store_result(job_id, span, pack_arrays(self.work(job_id).compute(span))):
                 return  # the job has ended
             stored_count += 1
-        if (next_number := number + PARTS_AT_ONCE) < part_count:
+        next_number = number + PARTS_AT_ONCE
+        if next_number < part_count:
             queue.add_following_parts(job_id, [Part(job_id, next_number, 0)])
+        self._conclude_if_complete(job_id, len(steps))
+
+    def _conclude_if_complete(self, job_id: str, step_count: int) -> None:
+        """End a job if all its steps have stored results."""
+        stored_steps = self._inputs.store.steps
+        if len(stored_steps.done_starts(job_id)) < step_count:
+            return
+        results = stored_steps.results(job_id)
         # Another worker may have ended the job meanwhile, which removes the results: then some are missing.
-        if (
-            len(stored_steps.done_starts(job_id))
-            == len(steps)
-            == len(results := stored_steps.results(job_id))
-        ):
+        if len(results) == step_count:
             self.conclude(job_id, results)
 
     def conclude(self, job_id: str, computed: Sequence[bytes]) -> None:

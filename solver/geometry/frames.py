@@ -68,6 +68,7 @@ from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.poses import (
     Axis,
     IdentifiedAxes,
+    LinearFit,
     Motion,
     build_right_handed_frame,
     differentiate_by_rigid_motion,
@@ -256,16 +257,6 @@ class BaseTargets:
         gain_of_motion = float(residual_if_unmoved @ residual_if_unmoved) - linear.rss
         probability = float(special.chdtrc(6, max(gain_of_motion, 0.0)))  # a rigid motion has six numbers
         point_derivative = differentiate_by_rigid_motion(reference_point)
-        # Test each target alone: the drop in the sum of squares when the target is left out is χ² with three
-        # degrees of freedom. With only three targets, only three degrees of freedom remain after the fit, too
-        # few to find the target that moved.
-        suspects: list[tuple[float, str]] = []  # drop in the sum of squares, name of the target
-        for target in range(len(before) if len(before) > 3 else 0):
-            rows = slice(3 * target, 3 * target + 3)
-            redundancy = np.eye(3) - linear.range_basis[rows] @ linear.range_basis[rows].T
-            drop = float(residual[rows] @ np.linalg.lstsq(redundancy, residual[rows], rcond=1e-9)[0])
-            if special.chdtrc(3, drop) * len(before) < SIGNIFICANCE:
-                suspects.append((drop, self.names[target]))
         return Drift(
             transform_after_to_before=to_rigid(motion.inverse()),
             displacement=point(transform_points(motion, reference_point) - reference_point),
@@ -274,9 +265,30 @@ class BaseTargets:
             probability=probability,
             deformation_probability=float(special.chdtrc(residual.size - 6, linear.rss)),
             significant=probability < SIGNIFICANCE,
-            # Only the most suspicious target is named: its motion also disturbs the residuals of the others.
-            moved_targets=[max(suspects)[1]] if suspects else [],
+            moved_targets=self._find_moved_target(linear),
         )
+
+    def _find_moved_target(self, linear: LinearFit) -> list[str]:
+        """Return the name of the target that moved most relative to the others, if this is significant.
+
+        Each target is tested alone: the drop in the sum of squares when the target is left out is χ² with
+        three degrees of freedom. A single target is named, as its motion disturbs the residuals of all.
+
+        Args:
+            linear: linearised fit of the rigid motion.
+        """
+        suspects: list[tuple[float, str]] = []  # drop in the sum of squares, name of the target
+        count = len(self.before)
+        if count <= 3:  # too few degrees of freedom remain to find the target that moved
+            return []
+        for target, name in enumerate(self.names):
+            rows = slice(3 * target, 3 * target + 3)
+            residual = linear.residual[rows]
+            redundancy = np.eye(3) - linear.range_basis[rows] @ linear.range_basis[rows].T
+            drop = float(residual @ np.linalg.lstsq(redundancy, residual, rcond=1e-9)[0])
+            if special.chdtrc(3, drop) * count < SIGNIFICANCE:
+                suspects.append((drop, name))
+        return [max(suspects)[1]] if suspects else []
 
 
 CentreWay = Literal["sphere", "axes", "trilateration"]

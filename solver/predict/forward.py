@@ -397,6 +397,15 @@ class Compensation:
     capped: BoolArray  #: (m,) mask of postures whose correction was reduced to the limits
 
 
+def _compute_allowed_shares(correction: FloatArray, limits: CorrectionLimits) -> FloatArray:
+    """Return the fraction (m,) of each correction (m, 6) that the limits allow, at most 1."""
+    allowed_shares = []
+    for components, limit in ((correction[:, :3], limits.displacement), (correction[:, 3:], limits.rotation)):
+        size = np.linalg.norm(components, axis=1)
+        allowed_shares.append(np.where(size > limit, limit / np.where(size > 0.0, size, 1.0), 1.0))
+    return np.minimum(*allowed_shares)
+
+
 def compensate(
     model: ForwardModel,
     cases: LoadCases,
@@ -446,15 +455,7 @@ def compensate(
         return commanded, _compute_pose_difference(*goal_poses, place, commanded.flange_rotation)
 
     unloaded, correction = apply_commands(model.compute_commands(cases, goal, share))
-    # `allowed_share` (m,) is the fraction of each correction that the limits allow.
-    correction_size = np.stack(
-        [np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)]
-    )
-    limit = np.array([[limits.displacement], [limits.rotation]])
-    allowed_share: FloatArray = np.min(
-        np.where(correction_size > limit, limit / np.where(correction_size > 0.0, correction_size, 1.0), 1.0),
-        axis=0,
-    )
+    allowed_share = _compute_allowed_shares(correction, limits)
     if (allowed_share < 1.0).any():
         reduced = model.compute_commands(cases, goal, share * allowed_share)
         unloaded, correction = apply_commands(np.where(allowed_share[:, None] < 1.0, reduced, unloaded.q))
