@@ -127,7 +127,8 @@ class Step:
     def significant(self) -> list[Suspect]:
         """Suspects whose tests are significant, the most significant first."""
         level = MISTAKE_LEVEL / max(1, len(self.p_values))
-        return sorted((s for s, p in self.p_values.items() if p < level), key=self.p_values.__getitem__)
+        significant = [suspect for suspect, p_value in self.p_values.items() if p_value < level]
+        return sorted(significant, key=self.p_values.__getitem__)
 
 
 @dataclass(frozen=True, eq=False)

@@ -390,26 +390,32 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
     posture = np.round(measurements.joints / SAME_ANGLE)
     if len(np.unique(find_first_equal(posture))) == len(measurements):
         return
-    load = np.concatenate(
-        [measurements.force, measurements.moment, measurements.load_point, measurements.present], axis=1
-    )
-    directions = (
-        np.zeros((len(measurements), 0))
-        if measurements.direction is None
-        else np.round(measurements.direction.reshape(len(measurements), -1), 4)
-    )
+    yield from _report_repeated_deflections(view, posture)
+    yield from _report_repeated_positions(view, posture)
+
+
+def _report_repeated_deflections(view: View, posture: FloatArray) -> Iterator[Finding]:
+    """Report the scatter of deflections in equal postures (N, n) under equal loads."""
+    measurements = view.measurements
+    equal_values = [
+        posture,
+        measurements.force,
+        measurements.moment,
+        measurements.load_point,
+        measurements.present,
+    ]
+    if measurements.direction is not None:
+        equal_values.append(np.round(measurements.direction.reshape(len(measurements), -1), 4))
     variance, degrees_of_freedom, repeated_count = _pool_scatter(
-        measurements.deflection, measurements.coordinates, np.hstack([posture, load, directions])
+        measurements.deflection, measurements.coordinates, np.hstack(equal_values)
     )
     if variance:
         sigma = np.sqrt(variance / 2.0)  # a deflection is the difference of two readings
         statement, exceeds_noise = "no noise is stated", False
         if measurements.sigma is not None:
             statement = f"the stated sigma is {length_text(measurements.sigma)}"
-            exceeds_noise = (
-                special.chdtrc(degrees_of_freedom, degrees_of_freedom * (sigma / measurements.sigma) ** 2)
-                < FALSE_ALARM
-            )
+            chi_square = degrees_of_freedom * (sigma / measurements.sigma) ** 2
+            exceeds_noise = special.chdtrc(degrees_of_freedom, chi_square) < FALSE_ALARM
         yield view.build_finding(
             "repeated_readings",
             f"{repeated_count} observations repeat the posture and load of others; their deflections give "
@@ -419,15 +425,19 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
             else "keep the repetitions in the set: they are used like all other observations",
             "use_with_care" if exceeds_noise else "use",
         )
+
+
+def _report_repeated_positions(view: View, posture: FloatArray) -> Iterator[Finding]:
+    """Report the scatter of unloaded positions in equal postures (N, n)."""
     variance, degrees_of_freedom, repeated_count = _pool_scatter(
-        measurements.position, 3 * view.measured, np.hstack([posture, view.measured])
+        view.measurements.position, 3 * view.measured, np.hstack([posture, view.measured])
     )
     if variance:
         yield view.build_finding(
             "repeated_readings",
             f"in {repeated_count} repeated postures the unloaded targets scatter by "
-            f"{length_text(np.sqrt(variance))} "
-            f"per coordinate ({degrees_of_freedom} degrees of freedom): tracker and robot together",
+            f"{length_text(np.sqrt(variance))} per coordinate ({degrees_of_freedom} degrees of freedom): "
+            "tracker and robot together",
             "compare this scatter with the stated noise: the excess is the repeatability of the robot",
             "use",
         )

@@ -412,26 +412,26 @@ def _fits_table(compared_runs: Sequence[ComparedRun], *, shows_repeated: bool) -
         for entry in compared_runs
         if not entry.positive
     }
-    compared_runs = [
+    shown_runs = [
         entry
         for entry in compared_runs
         if shows_repeated
         or not entry.positive
         or cells_of_free_run.get((entry.side, _method_abbreviation(entry))) != _fit_cells(entry)
     ]
-    has_two_sides = len({entry.side for entry in compared_runs}) > 1
+    has_two_sides = len({entry.side for entry in shown_runs}) > 1
     names = [
         f"{_method_abbreviation(entry)} {_row_name(entry.side, entry.positive, with_side=has_two_sides)}"
-        for entry in compared_runs
+        for entry in shown_runs
     ]
     columns = [
         Column("fit", names, text=True, widest=_LONGEST_NAME),
-        Column("explained", [format_percent(entry.compensation) for entry in compared_runs]),
-        Column("rms", [entry.rms_residual for entry in compared_runs], number_formatter(".0f", 1e6), "µm"),
-        Column("condition", [entry.condition_number for entry in compared_runs], number_formatter(".3g")),
+        Column("explained", [format_percent(entry.compensation) for entry in shown_runs]),
+        Column("rms", [entry.rms_residual for entry in shown_runs], number_formatter(".0f", 1e6), "µm"),
+        Column("condition", [entry.condition_number for entry in shown_runs], number_formatter(".3g")),
     ]
-    if any(entry.resampling for entry in compared_runs):
-        cells = [_resampled_cells(entry.resampling) for entry in compared_runs]
+    if any(entry.resampling for entry in shown_runs):
+        cells = [_resampled_cells(entry.resampling) for entry in shown_runs]
         columns.append(Column("explained, drawn", [explained for explained, _ in cells]))
         columns.append(Column("any negative", [negative for _, negative in cells]))
     return Table(columns, title="Fits as a whole", plain=True)
