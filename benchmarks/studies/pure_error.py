@@ -109,7 +109,11 @@ def _measure(
     joints = JointsAlone(robot, read, Settings.from_options(RunOptions(), robot))
     found = joints.estimate
     prediction = predict(
-        robot, joints.measurements, found.compliance, balanced_compliance=found.balanced, statements=found.statements
+        robot,
+        joints.measurements,
+        found.compliance,
+        balanced_compliance=found.balanced,
+        statements=found.statements,
     )
     return measure_pure_error(robot, joints.measurements, found, prediction), joints
 
