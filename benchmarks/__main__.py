@@ -63,7 +63,10 @@ BENCHMARKS = {
     "own_weight": Benchmark(
         "studies.own_weight", "stiffness without a load; docs/without-a-load.md", in_parts=True
     ),
-    "process": Benchmark("studies.process", "turned and placed paths on five arms; some minutes"),
+    "process": Benchmark("studies.process", "turned and placed paths on five arms; 10 minutes"),
+    "ways": Benchmark(
+        "studies.ways", "orders of two ways where links bend unmodelled; 10 minutes", in_parts=True
+    ),
     "programs": Benchmark("studies.programs", "on exact springs, beside a loop of EAIK; docs/compensate.md"),
     "mutants": Benchmark("studies.mutants", "small changes of both houses; half an hour", in_parts=True),
     "attacks": Benchmark(

@@ -43,18 +43,27 @@ def rewritten(page: str, of: str, found: Mapping[str, Sequence[Figure]]) -> str:
     old, _, after = rest.partition(END)
     rows = [line for line in old.splitlines() if line.startswith("| `")] if f"\n{of}\n" in old else []
     kept = [row for row in rows if row.split("`")[1] not in found]
-    new = [_row(name, figure) for name, figures in found.items() for figure in figures]
+    new = [_row(name, each) for name, figures in found.items() for each in _by_what(figures)]
     table = "\n".join(sorted([*kept, *new], key=lambda row: row.split("`")[1]))
-    heads = "| benchmark | figure | measured | asked |\n|---|---|---|---|"
+    heads = "| benchmark | figure | measured | required |\n|---|---|---|---|"
     return f"{before}{BEGIN}\n{of}\n\n{heads}\n{table}\n{END}{after}"
 
 
-def _row(name: str, figure: Figure) -> str:
-    sign = "≥" if figure.relation == "at least" else "≤"
-    missed = "" if figure.met else " **not met**"
-    what = figure.what.replace("|", "\\|")
-    asked = f"{sign} {figure.required:g}{figure.unit}"
-    return f"| `{name}` | {what} | {figure.measured:.3g}{figure.unit}{missed} | {asked} |"
+def _by_what(figures: Sequence[Figure]) -> list[list[Figure]]:
+    """Group figures that differ only in what is required: one number may have two bounds."""
+    groups: dict[tuple[str, float, str], list[Figure]] = {}
+    for figure in figures:
+        groups.setdefault((figure.what, figure.measured, figure.unit), []).append(figure)
+    return list(groups.values())
+
+
+def _row(name: str, figures: Sequence[Figure]) -> str:
+    """Write the row of one number and its bounds."""
+    signs = {"at least": "≥", "at most": "≤"}
+    required = ", ".join(f"{signs[each.relation]} {each.required:g}{each.unit}" for each in figures)
+    missed = "" if all(each.met for each in figures) else " **not met**"
+    what = figures[0].what.replace("|", "\\|")
+    return f"| `{name}` | {what} | {figures[0].measured:.3g}{figures[0].unit}{missed} | {required} |"
 
 
 def _git(*arguments: str) -> str:

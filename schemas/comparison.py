@@ -57,6 +57,11 @@ class ComparisonOptions(Message):
         description="Also identify two sets in one problem in which no joint is softer in the second one, "
         "as with secondary encoders switched on.",
     )
+    same_load_point: Annotated[bool, Field(strict=True)] = Field(
+        default=False,
+        description="True if the load of both sets hung at the same point of the flange: the error of the "
+        "load point is then common.",
+    )
     confidence: Confidence | None = Field(
         default=None,
         description="Confidence level of ratios; default: that of the first run.",
@@ -197,9 +202,9 @@ class ConfigurationShare(Message):
 
     observation: Name
     side: Literal["first", "second", "both"] = Field(description="Sides that have this observation.")
-    measured: Estimate | None = Field(description="Measured share; only if both sides have the observation.")
+    measured: Estimate | None = Field(description="Measured fraction; null if a side lacks the observation.")
     predicted: float | None = Field(
-        description="Predicted share; null if a joint that deflects here is not observable on one side."
+        description="Predicted fraction; null if a joint that deflects here is not observable on one side."
     )
 
 
@@ -210,9 +215,9 @@ class AvoidedDeflection(Message):
         description="Number of observations with equal label, posture (1 mrad) and load (0.5 %, 1 mm)."
     )
     measured: Estimate | None = Field(
-        description="Measured share, of the matching observations; null without any."
+        description="Measured fraction over the matching observations; null without any."
     )
-    predicted: float | None = Field(description="Predicted share, of all observations.")
+    predicted: float | None = Field(description="Predicted fraction, of all observations.")
     configurations: list[ConfigurationShare]
 
 

@@ -123,7 +123,7 @@ Stiffness = Annotated[
 Compliance = Annotated[
     Value, Field(json_schema_extra={"unit": _ANGLES.compliance, "unit_of_prismatic": _LENGTHS.compliance})
 ]
-"""A value of joints: of a prismatic joint it has the other unit."""
+"""A number of a joint, whose unit depends on the kind of the joint."""
 
 Timestamp = datetime
 """A time in UTC; in JSON it ends with `Z`."""

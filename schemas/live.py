@@ -24,6 +24,7 @@ from jointstiff.schemas.measurement import (
     StoredMeasurementSet,
 )
 from jointstiff.schemas.plan import MAX_CANDIDATES, Goal, PlannedReading, ReadingOptions
+from jointstiff.schemas.run import Residual
 
 
 class LiveOptions(ReadingOptions):
@@ -108,6 +109,9 @@ class LiveState(Message):
     )
     readings: list[LiveReading] = Field(description="All readings, in the order in which they came.")
     joints: list[LiveJoint] = Field(description="Joints so far; empty before any is determined.")
+    residuals: list[Residual] = Field(
+        default_factory=list, description="Residuals of the last reading, in the fit of all."
+    )
     deflection_uncertainty: Metres[float | None] = Field(
         default=None, description="Expanded uncertainty (95 %) of the deflection in the work area."
     )
@@ -116,6 +120,9 @@ class LiveState(Message):
     )
     assessment: Assessment | None = Field(description="Verdict so far; null without a verdict.")
     next: PlannedReading | None = Field(description="Next reading; null if nothing is left to read.")
+    following: list[PlannedReading] = Field(
+        default_factory=list, description="Readings that will probably come after `next`, two at most."
+    )
     warnings: list[Finding] = Field(default_factory=list, description="Findings in the readings.")
     measurement_set_id: Identifier | None = Field(
         default=None, description="Measurement set, once the campaign is closed."

@@ -175,6 +175,12 @@ class Noise(Message):
         "units.length; one error for all observations. Absent: exact.",
         examples=[5e-4],
     )
+    drift: Place | None = Field(
+        default=None,
+        description="Standard uncertainty of the drift of loaded against unloaded positions from one "
+        "observation to the next, in units.length. Absent: none; 2.5 µm in a live campaign.",
+        examples=[2e-6],
+    )
 
     axes: AxisUncertainty | None = Field(
         default=None,

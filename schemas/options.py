@@ -152,7 +152,7 @@ class StiffnessPrior(Message):
 
     stiffness: Stiffness[PositiveStiffness]
     standard_uncertainty: Stiffness[PositiveStiffness] = Field(
-        description="Standard uncertainty of the stiffness; at most half of it."
+        description="Standard uncertainty of the stiffness; at most half of the stiffness."
     )
 
     @field_validator("standard_uncertainty", mode="after")

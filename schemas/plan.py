@@ -72,7 +72,7 @@ class DecisionGoal(Message):
     kind: Literal["decision"]
     limit: Metres[_Length] = Field(
         description="Greatest deflection in the work area, by a force along an axis of R0. Decided once the "
-        "95 % interval of the greatest deflection does not contain it."
+        "95 % interval of the greatest deflection does not contain this value."
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,

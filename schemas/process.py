@@ -71,8 +71,8 @@ class ProcessOptions(ProgramOptions):
     )
     branches: Literal["keep", "free"] = Field(
         default="keep",
-        description="Branch of the inverse kinematics: the program's, or `free`: the controller must be "
-        "sent the joints of turns.csv, and no program is written.",
+        description="Branch of the inverse kinematics: the program's, or `free`: a program is written only "
+        "if it can state the branches; else see turns.csv.",
     )
     step: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="deg")] = Field(
         default=None,
@@ -172,10 +172,9 @@ class ProcessResult(ProgramResult):
     """Deflection before, after turning and after correction."""
 
     objective: Literal["rms", "greatest"]
-    gain: Literal["less", "less_by_readings", "no_order", "no_gain"] = Field(
-        description="Order of choice and program: `less`, if all intervals of the difference exclude zero; "
-        "`less_by_readings`, if only that without model error does; else `no_order`; `no_gain`, if no turn "
-        "makes a difference."
+    gain: Literal["less", "no_order", "no_gain"] = Field(
+        description="Order of choice and program: `less`, if the interval of the difference with model error "
+        "excludes zero, else `no_order`; `no_gain`, if no turn makes a difference."
     )
     before: DeflectionBand = Field(description="Deflection along the path as it was sent.")
     turned: DeflectionBand = Field(description="Deflection along the path as chosen.")

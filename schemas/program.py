@@ -154,9 +154,9 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     loads: Name | None = Field(
         default=None,
-        description="Name of the sent file with the load at each point, instead of `load`: CSV with `point` "
-        "(as in points.csv) or `label` (of the target), `Fx [N]`, `Fy [N]`, `Fz [N]`, perhaps `Mx [N.m]` ... "
-        "Other points have no load.",
+        description="Name of the sent file of loads, instead of `load`: CSV with `point` (as in points.csv), "
+        "`label` (of the target) or `length [mm]` (along lines and arcs, interpolated), `Fx [N]`, `Fy [N]`, "
+        "`Fz [N]`, perhaps `Mx [N.m]` ... Other points have no load.",
     )
     cut: Annotated[Cut | None, Terminal(hidden=True)] = Field(
         default=None, description="Milling cut that gives the force, instead of `load`, in SI units."

@@ -35,8 +35,8 @@ class ListQuery(PageQuery):
 
     q: ExactName | None = Field(
         default=None,
-        description="Words, each part of a name that the list shows (of the resource, its robot or set, or "
-        "a serial number), in any case.",
+        description="Words, each part of a name (of the resource, its robot or set), or of a set's serial "
+        "number, operator or instrument, in any case.",
     )
     sort: Literal["created_at", "-created_at", "name", "-name"] = Field(
         default="-created_at",

@@ -103,7 +103,7 @@ BudgetSource = Annotated[
     str,
     Field(
         description="Source: `readings`, a stated error (`force_scale`, `force_direction`, `load_point`, "
-        "`target_places`, `axes`), `assumed_load_point`, `assumed_force_scale`, `fitted_causes`, "
+        "`target_places`, `axes`, `drift`), `assumed_load_point`, `assumed_force_scale`, `fitted_causes`, "
         "`model_error` or `complementary_stiffness`."
     ),
 ]
@@ -131,6 +131,11 @@ class BudgetComponent(Message):
     )
     correlation: Dimensionless[list[list[float]]] = Field(
         description="Correlation between the joints from this source."
+    )
+    responses: Compliance[list[tuple[float, float, float]] | None] = Field(
+        default=None,
+        description="Change of each joint by one standard uncertainty of the load point along each axis of "
+        "the flange; null for other sources.",
     )
 
 

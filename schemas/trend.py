@@ -28,6 +28,10 @@ class TrendQuery(Message):
         default=None, description="True if compliances are constrained to be zero or more."
     )
     encoders: Encoders | None = Field(default=None, description="Encoders that closed the position loop.")
+    same_load_point: bool = Field(
+        default=False,
+        description="True if the load of all campaigns hung at the same point of the flange.",
+    )
 
 
 class TrendSelection(Message):

@@ -13,7 +13,7 @@ from fastapi import APIRouter, FastAPI
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.routing import BaseRoute
 
-from jointstiff.service.api import admin, health, jobs, live, resources, runs
+from jointstiff.service.api import admin, bridges, health, jobs, live, resources, runs
 from jointstiff.service.api.answers import install_error_handlers
 from jointstiff.service.api.description import DescribedApplication, describe_problems
 from jointstiff.service.api.health import Metrics, Watch
@@ -125,6 +125,7 @@ def all_routes() -> Sequence[BaseRoute]:
         resources.trends,
         resources.sets,
         live.router,
+        bridges.router,
         runs.router,
         runs.deflections,
         runs.imports,

@@ -19,6 +19,7 @@ from jointstiff.schemas.finding import ResultSummary
 from jointstiff.schemas.job import Job, JobState, JobSummary, Result
 from jointstiff.schemas.query import JobQuery
 from jointstiff.schemas.run import Run
+from jointstiff.schemas.trend import Trend, TrendQuery
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.work import (
@@ -31,6 +32,7 @@ from jointstiff.service.kinds.work import (
     unexpected_failure,
     unpack_arrays,
 )
+from jointstiff.service.live.bridges import TrackerBridges
 from jointstiff.service.live.stored import OpenSets
 from jointstiff.service.problems import (
     NotFoundError,
@@ -46,6 +48,7 @@ from jointstiff.service.store.database import BUSY_SECONDS
 from jointstiff.service.store.jobs import JOB
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import OPEN_STATES, AccessKey, IdempotencyKey, JobEntry, JobRecord
+from jointstiff.solver.comparison.campaigns import check_same_load_point
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 MAX_OPEN: Final = 1_000
@@ -391,6 +394,20 @@ class Parts(Resources):
         self.trends = Trends(store)  # trends of the robots
         # The live campaigns: closing a campaign creates a run.
         self.live = OpenSets(self, lambda *run: self.jobs["run"].create(*run).id)
+        self.bridges = TrackerBridges(store, self.live.is_open)  # from trackers to pages
+
+    def trend(self, robot_id: str, query: TrendQuery) -> Trend:
+        """Return the trend of a robot.
+
+        Raises:
+            NotFoundError: there is no such robot.
+            RequestError: the campaigns cannot have the same load point.
+        """
+        trend = self.trends.trend(robot_id, query)
+        if query.same_load_point and trend.campaigns:
+            sets = [self.sets.prepared(each.measurement_set_id) for each in trend.campaigns]
+            check_same_load_point([each.measurements for each in sets])
+        return trend
 
     def jobs_of(self, job_id: str) -> Jobs:
         """Return the jobs of the kind of a job, given its id; the job may be deleted.

@@ -233,12 +233,12 @@ def describe_choice_by_comparison(winner: Winner, screening: Screening) -> Model
     if intervals == chosen.model and not tied:
         remarks += " The intervals of stiffness are computed with this model."
     elif tied:
-        remarks += " Held-out postures do not distinguish links from base: the intervals of stiffness "
+        remarks += " The readings do not distinguish links from base: the intervals of stiffness "
         remarks += (
             "contain both models' values."
             if elastic is None or elastic.estimate.prediction.joined or intervals is None
-            else f"are computed with {intervals.replace('_', ' ')} alone, because no optimum of links alone "
-            "was certified."
+            else f"are computed with {intervals.replace('_', ' ')} alone, because no optimum of the other "
+            "model was certified."
         )
     elif intervals is not None:
         richer = intervals.replace("_", " ")
@@ -516,6 +516,7 @@ def build_budget_message(
                 degrees_of_freedom=finite_or_none(part.degrees_of_freedom),
                 contributions=contributions.tolist(),
                 correlation=correlations.tolist(),
+                responses=None if part.responses is None else part.responses[estimated].tolist(),
             )
             for part, contributions, correlations in zip(
                 budget.components, uncertainty[:-2], correlation[:-2], strict=True

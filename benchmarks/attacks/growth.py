@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from benchmarks.report import Figure, Part, Section
-from jointstiff.service.kinds.program.path import _read_load_table
+from jointstiff.service.kinds.program.loads import read_load_table
 from jointstiff.service.problems import FilesError
 from jointstiff.service.programs import fanuc, krl, rapid, ur
 from jointstiff.service.programs.language import Misread
@@ -111,4 +111,4 @@ def _parse(module: ModuleType, text: str) -> None:
 
 def _read_loads(text: str) -> None:
     with suppress(FilesError):
-        _read_load_table(text.encode(), np.arange(1, 200_001))
+        read_load_table(text.encode(), np.arange(1, 200_001), (), lambda: np.zeros(0))

@@ -7,10 +7,8 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from itertools import islice
 from statistics import median
 from typing import Any, Final
-from uuid import UUID
 
 import anyio
 import httpx2
@@ -25,18 +23,17 @@ from jointstiff.service.api.runs import _store_robot_once, _store_set_once
 from jointstiff.service.app import create_app
 from jointstiff.service.jobs import Parts
 from jointstiff.service.store.jobs import JOB
-from jointstiff.service.store.listing import make_search_text
 from jointstiff.service.store.store import Store
-from jointstiff.service.store.tables import jobs, last_campaigns, measurement_sets, robots
+from jointstiff.service.store.tables import jobs
 from jointstiff.service.workers.engine import Queue
 from jointstiff.service.workers.worker import Recovery
+from tests.support.copied_rows import Copies, Template, insert_rows, make_engine
 
 __all__ = ["run"]
 
 _RUNS_OF_ROBOT: Final = 100
 _RUNS_OF_SET: Final = 2
 _TEMPLATES: Final = 4
-_BATCH: Final = 5_000
 _FILES: Final = 8
 _LOOKS: Final = 20
 
@@ -138,15 +135,11 @@ def _fill(store: Store, url: str, runs: int) -> float:
     Returns:
         Size of a run on disk [kB].
     """
-    templates, engine = _templates(store), _engine(url)
-    arms = [(n, _id(1, n), f"KR 240 cell {n}") for n in range(max(1, runs // _RUNS_OF_ROBOT))]
-    _insert(engine, robots, (_robot(templates, *arm) for arm in arms))
-    with engine.begin() as connection:
-        numbers = [{"robot_id": identifier, "changes": 1} for _, identifier, _ in arms]
-        connection.execute(sa.insert(last_campaigns), numbers)
-    _insert(engine, measurement_sets, (_set(templates, arms, n) for n in range(runs // _RUNS_OF_SET)))
+    copies = Copies(_templates(store), max(1, runs // _RUNS_OF_ROBOT), runs, _RUNS_OF_SET)
+    engine = make_engine(url)
+    copies.add_robots_and_sets(engine)
     before = _bytes(engine)
-    _insert(engine, jobs, (_run(templates, arms, n) for n in range(runs)))
+    copies.add_runs(engine)
     kilobytes = (_bytes(engine) - before) / runs / 1e3
     _vacuum(engine)
     return kilobytes
@@ -160,12 +153,7 @@ def _vacuum(engine: sa.Engine) -> None:
     engine.dispose()
 
 
-def _engine(url: str) -> sa.Engine:
-    """Return an engine for many rows at a time, for which that of the store does not wait."""
-    return sa.create_engine(url.replace("postgresql:", "postgresql+psycopg:"))
-
-
-def _templates(store: Store) -> list[dict[str, str]]:
+def _templates(store: Store) -> list[Template]:
     """Store some campaigns and their runs by the service's own code; return their ids."""
     parts, found = Parts(store), []
     for seed in range(_TEMPLATES):
@@ -175,91 +163,8 @@ def _templates(store: Store) -> list[dict[str, str]]:
         made = parts.jobs["run"].create(RunRequest(measurement_set_id=set_id), None)
         if made.trend is None:
             raise ServiceError("a run of the benchmark has no result")
-        found.append({"robot": robot_id, "set": set_id, "run": made.id})
+        found.append(Template(robot_id, set_id, made.id))
     return found
-
-
-def _id(kind: int, number: int) -> str:
-    """Return an id as the service makes them: digits at random."""
-    return UUID(int=(kind << 100) + number * 0x9E3779B97F4A7C15F39CC0605CEDC835 & (1 << 128) - 1).hex
-
-
-def _copying(table: sa.Table) -> str:
-    """Return the statement that copies a row of a table, all but what its parameters say."""
-    stated = _STATED[table.name]
-    copied = [column.name for column in table.c if column.name not in {*stated, "sequence"}]
-    columns, values = ", ".join([*stated, *copied]), ", ".join([*(f":{name}" for name in stated), *copied])
-    return f"INSERT INTO {table.name} ({columns}) SELECT {values} FROM {table.name} WHERE id = :of"  # noqa: S608 - names of ours
-
-
-_STATED: Final[Mapping[str, tuple[str, ...]]] = {
-    "robots": ("id", "name", "words"),
-    "measurement_sets": ("id", "robot_id", "name", "serial_number", "robot_name", "words"),
-    "jobs": (
-        "id",
-        "robot_id",
-        "measurement_set_id",
-        "verdict",
-        "robot_name",
-        "measurement_set_name",
-        "serial_number",
-        "words",
-    ),
-}
-Row = dict[str, object]
-Arms = list[tuple[int, str, str]]
-
-
-def _robot(templates: list[dict[str, str]], number: int, identifier: str, name: str) -> Row:
-    return {
-        "id": identifier,
-        "name": name,
-        "words": make_search_text(name),
-        "of": templates[number % _TEMPLATES]["robot"],
-    }
-
-
-def _of_set(arms: Arms, number: int) -> tuple[str, str, str, str]:
-    """Return id and name of the robot of a set, the set's name and the arm's serial number."""
-    arm, identifier, robot = arms[number % len(arms)]
-    return identifier, robot, f"campaign {number}", f"W-{700_000 + arm}"
-
-
-def _set(templates: list[dict[str, str]], arms: Arms, number: int) -> Row:
-    robot_id, robot, name, serial_number = _of_set(arms, number)
-    return {
-        "id": _id(2, number),
-        "robot_id": robot_id,
-        "name": name,
-        "serial_number": serial_number,
-        "robot_name": robot,
-        "words": make_search_text(name, robot, serial_number),
-        "of": templates[number % _TEMPLATES]["set"],
-    }
-
-
-def _run(templates: list[dict[str, str]], arms: Arms, number: int) -> Row:
-    of = number // _RUNS_OF_SET
-    robot_id, robot, name, serial_number = _of_set(arms, of)
-    return {
-        "id": _id(3, number),
-        "robot_id": robot_id,
-        "measurement_set_id": _id(2, of),
-        "verdict": "do_not_use" if number % 10_000 == 5 else "use" if number % 3 else "use_with_care",
-        "robot_name": robot,
-        "measurement_set_name": name,
-        "serial_number": serial_number,
-        "words": make_search_text(name, robot, name, serial_number),
-        "of": templates[of % _TEMPLATES]["run"],
-    }
-
-
-def _insert(engine: sa.Engine, table: sa.Table, rows: Iterable[Row]) -> None:
-    """Insert copies of rows of a table in batches, each one transaction."""
-    statement, left = sa.text(_copying(table)), iter(rows)
-    while batch := list(islice(left, _BATCH)):
-        with engine.begin() as connection:
-            connection.execute(statement, batch)
 
 
 def _bytes(engine: sa.Engine) -> int:
@@ -276,7 +181,7 @@ def _bytes(engine: sa.Engine) -> int:
 class _IdleQueue(Queue):
     """The queue of a worker that carries nothing out."""
 
-    def active(self) -> dict[str, float]:
+    def running_parts(self) -> dict[str, float]:
         """Return nothing: no part is under way."""
         return {}
 
@@ -318,13 +223,13 @@ def _worker(
 
 def _fill_short(store: Store, url: str, count: int) -> None:
     """Fill a store with jobs whose documents are short: a look reads none."""
-    template, engine = _templates(store)[0], _engine(url)
+    template, engine = _templates(store)[0], make_engine(url)
     with engine.begin() as connection:
-        short = sa.update(jobs).where(jobs.c.id == template["run"]).values(document="{}", trend=None)
+        short = sa.update(jobs).where(jobs.c.id == template.run).values(document="{}", trend=None)
         connection.execute(short)
-    arms = [(0, template["robot"], "KR 240 cell 0")]
-    of_set = {"measurement_set_id": template["set"], "of": template["run"]}
-    _insert(engine, jobs, (_run([template] * _TEMPLATES, arms, number) | of_set for number in range(count)))
+    copies = Copies([template], 1, count, _RUNS_OF_SET)
+    owners = {"robot_id": template.robot, "measurement_set_id": template.set}
+    insert_rows(engine, jobs, (copies.run(number) | owners for number in range(count)))
     _vacuum(engine)
 
 

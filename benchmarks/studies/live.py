@@ -19,7 +19,7 @@ from jointstiff.schemas.measurement import Observation
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.live.campaign import Declaration, Entry, LiveCampaign
-from jointstiff.service.live.declaration import complete_targets_and_load_point
+from jointstiff.service.live.declaration import complete_declaration
 from jointstiff.simulator import default_arm, robot_document
 from jointstiff.simulator.campaign import LOAD_POINT, TARGETS, SpringArm
 from jointstiff.simulator.elastic_links import beam_arm, elastic_deflections
@@ -128,7 +128,7 @@ class Reader:
         )
         if header.open is None:
             raise ValueError(self.row.name)
-        return LiveCampaign(Declaration(robot, complete_targets_and_load_point(header, header.open)))
+        return LiveCampaign(Declaration(robot, complete_declaration(header, header.open)))
 
 
 def measured(reader: Reader) -> tuple[LiveCampaign, LiveState, int]:

@@ -31,6 +31,8 @@ STATED = CommonUncertainty(load_point=3e-3, scale=3e-3)
 ACCUSING = {"alternative_explains_better", "residuals_exceed_sigma", "links_bend_with_joints"}
 PAIRS = {"same postures, load left hanging": (True, True), "other postures": (False, True)}
 PAIRS["load hung anew"] = (True, False)
+SHARED = "same postures, `same_load_point`"
+PAIRS[SHARED] = (True, True)
 Errors = tuple[FloatArray, float]
 """Error of the load point (3,) [m], and relative error of all forces."""
 
@@ -77,8 +79,11 @@ def _is_accused(common: CommonUncertainty, seed: int, *, sigma: bool) -> bool:
     return any(reason.code in ACCUSING for reason in _identify(read).assessment.reasons)
 
 
-def _estimates(result: RunResult) -> list[GaussianEstimate]:
-    """Return each joint's compliance as a comparison takes it: the scale of one load cell cancels."""
+def _get_estimates(result: RunResult) -> list[tuple[GaussianEstimate, FloatArray]]:
+    """Return each joint's compliance as a comparison takes it: the scale of one load cell cancels.
+
+    Beside each compliance are its changes (3,) by one standard uncertainty of the load point.
+    """
     estimates = []
     for joint in result.joints:
         parts = [] if result.budget is None else result.budget.components
@@ -88,12 +93,21 @@ def _estimates(result: RunResult) -> list[GaussianEstimate]:
             if part.included and part.source != "assumed_force_scale"
             if result.budget is not None and joint.name in result.budget.joints
         ]
-        estimates.append(GaussianEstimate(joint.compliance or nan, float(np.sqrt(sum(squares))), inf))
+        responses = [
+            part.responses[result.budget.joints.index(joint.name)]
+            for part in parts
+            if result.budget is not None and joint.name in result.budget.joints and part.responses is not None
+        ]
+        estimate = GaussianEstimate(joint.compliance or nan, float(np.sqrt(sum(squares))), inf)
+        estimates.append((estimate, np.array(responses).reshape(-1, 3).sum(axis=0)))
     return estimates
 
 
-def _ratios_that_hold(kind: str, seed: int) -> list[bool]:
-    """Return for each joint whether the interval of the ratio of two campaigns holds the true ratio."""
+def _compare_ratios(kind: str, seed: int) -> list[tuple[bool, float]]:
+    """Return for each joint whether the interval of the ratio of two campaigns holds the true ratio.
+
+    Beside the answer is the width of the interval, relative to the true ratio.
+    """
     same_postures, hangs_on = PAIRS[kind]
     generator, arm = np.random.default_rng([seed, _STREAM, 3]), default_arm()
     worn = replace(arm, stiffnesses=arm.stiffnesses * np.exp(0.2 * generator.uniform(-1.0, 0.0, 6)))
@@ -101,7 +115,7 @@ def _ratios_that_hold(kind: str, seed: int) -> list[bool]:
     anew = place if hangs_on else _draw_errors(2 * seed + 1, ASSUMED)[0]
     others = seed if same_postures else 10_000 + seed
     first, second = (
-        _estimates(_identify(_measured(each, postures, number, ASSUMED, (error, scale), sigma=True)))
+        _get_estimates(_identify(_measured(each, postures, number, ASSUMED, (error, scale), sigma=True)))
         for each, postures, number, error in (
             (arm, seed, 2 * seed, place),
             (worn, others, 2 * seed + 1, anew),
@@ -109,12 +123,13 @@ def _ratios_that_hold(kind: str, seed: int) -> list[bool]:
     )
     truth = worn.stiffnesses / arm.stiffnesses
     held = []
-    for one, two, ratio in zip(first, second, truth, strict=True):
+    for (one, response), (two, other_response), ratio in zip(first, second, truth, strict=True):
         if not (one.standard_uncertainty > 0.0 and two.standard_uncertainty > 0.0):
             continue
-        interval = compute_ratio_interval(one, two, 0.95, positive=True)
+        shared = float(response @ other_response) if kind == SHARED else 0.0
+        interval = compute_ratio_interval(one, two, 0.95, positive=True, covariance=shared)
         low, high = (nan, nan) if interval is None else (interval.lower or 0.0, interval.upper or inf)
-        held.append(low <= ratio <= high)
+        held.append((low <= ratio <= high, (high - low) / ratio))
     return held
 
 
@@ -128,9 +143,11 @@ def run(*, quick: bool) -> list[Section]:
         what = f"load point and scale drawn as {name}: accused of {len(accused)}"
         figures.append(Figure(what, sum(accused), "at most", 2))
     for kind in PAIRS:
-        held = [each for seed in range(3 if quick else 150) for each in _ratios_that_hold(kind, seed)]
+        compared = [each for seed in range(3 if quick else 150) for each in _compare_ratios(kind, seed)]
+        held, widths = zip(*compared, strict=True)
         share = 100.0 * float(np.mean(held))
-        rows.append((f"ratios: {kind}", f"{share:.1f} % of {len(held)} hold"))
+        width = 100.0 * float(np.median(widths))
+        rows.append((f"ratios: {kind}", f"{share:.1f} % of {len(held)} hold, median width {width:.1f} %"))
         figures.append(Figure(f"ratios that hold: {kind}", share, "at least", 92.5, " %"))
         figures.append(Figure(f"ratios that hold: {kind}", share, "at most", 97.0, " %"))
     return [

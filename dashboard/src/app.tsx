@@ -18,6 +18,7 @@ import {
   lazy,
 } from "./components/basics";
 import { TextField, Select } from "./components/fields";
+import { QuestionDialog } from "./components/question";
 import { useAction, go, type Route, useRoute, dismiss, toast, useToasts } from "./state/action";
 import { text } from "./i18n";
 import { listen } from "./lib/events";
@@ -77,6 +78,7 @@ const ComparisonView = lazy(async () => (await import("./views/compare")).Compar
 const TrendView = lazy(async () => (await import("./views/trend")).TrendView);
 const MapView = lazy(async () => (await import("./views/map")).MapView);
 const ProgramView = lazy(async () => (await import("./views/map")).ProgramView);
+const ProcessView = lazy(async () => (await import("./views/process")).ProcessView);
 const RobotsView = lazy(async () => (await import("./views/robots")).RobotsView);
 const RobotView = lazy(async () => (await import("./views/robots")).RobotView);
 const RobotNewView = lazy(async () => (await import("./views/robot_new")).RobotNewView);
@@ -138,6 +140,7 @@ export function App() {
         </Boundary>
       </main>
       <Toasts />
+      <QuestionDialog />
       <Tip />
     </SettingsContext.Provider>
   );
@@ -158,6 +161,7 @@ const VIEWS = new Map<string, [FunctionComponent<Place>, FunctionComponent<Place
   ["runs", [RunsView, RunView]],
   ["programs", [RunsView, ProgramView, "runs"]],
   ["maps", [RunsView, MapView, "runs"]],
+  ["processes", [RunsView, ProcessView, "runs"]],
   ["sets", [() => <RobotsView list="sets" />, SetView, "robots"]],
   ["geometries", [GeometriesView, GeometryView, "robots"]],
   ["fleets", [FleetsView, FleetView, "robots"]],

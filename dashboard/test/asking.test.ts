@@ -1,6 +1,8 @@
-import { afterEach, describe, expect, it, vi } from "vitest";
+import { describe, expect, it, vi } from "vitest";
 import { ApiError } from "../src/api/problem";
+import { listen, news } from "../src/lib/events";
 import { asking } from "../src/state/action";
+import { currentQuestion } from "../src/state/question";
 
 const problem = (type: string) => ({
   type: `urn:jointstiff:problem:${type}`,
@@ -13,7 +15,13 @@ const problem = (type: string) => ({
   errors: [{ where: "all readings", reason: "columns are exchanged", remedy: null }],
 });
 
-afterEach(() => vi.unstubAllGlobals());
+/** Answer what is asked, and note it. */
+function answerNext(asked: string[], said: boolean): void {
+  const question = currentQuestion();
+  if (!question) return;
+  asked.push(question.message);
+  question.answer(said ? "" : null);
+}
 
 describe("a result not to be used", () => {
   it.each([
@@ -21,8 +29,8 @@ describe("a result not to be used", () => {
     ["not-to-be-used", false, 1],
     ["invalid-request", true, 1],
   ])("of %s, said %s, is posted %i times", async (type, said, times) => {
-    const sure = vi.fn().mockReturnValue(said);
-    vi.stubGlobal("confirm", sure);
+    const asked: string[] = [];
+    const end = listen(news, { question: () => answerNext(asked, said) });
     const post = vi
       .fn()
       .mockRejectedValueOnce(new ApiError(problem(type)))
@@ -31,7 +39,8 @@ describe("a result not to be used", () => {
     expect(post).toHaveBeenCalledTimes(times);
     expect(made).toBe(times === 2 ? "made" : "refused");
     if (times === 2) expect(post).toHaveBeenLastCalledWith({ accept_verdict: "do_not_use" });
-    if (type === "not-to-be-used") expect(sure.mock.calls[0]?.[0]).toContain("columns are exchanged");
-    else expect(sure).not.toHaveBeenCalled();
+    end();
+    if (type === "not-to-be-used") expect(asked[0]).toContain("columns are exchanged");
+    else expect(asked).toEqual([]);
   });
 });

@@ -9,7 +9,10 @@ import {
   unread,
   exchanged,
   givenWay,
+  isComplete,
+  type Rows,
   simulatedRows,
+  tracked,
   SIMULATED_STIFFNESSES,
 } from "../src/lib/live";
 import { keptIn } from "../src/state/live";
@@ -131,5 +134,23 @@ describe("a mistake that was kept", () => {
     expect(keptIn(state([one("m03", "withdrawn", true), one("m05")])).named).toEqual(["m05"]);
     const asked = keptIn(state([one("m03", "counts", true), one("m04"), one("m05", "doubtful", true)]));
     expect(asked).toEqual({ kept: ["m03"], named: [] });
+  });
+});
+
+describe("a tracker that writes into the form", () => {
+  const rows: Rows = { P1: { unloaded: "1 2 3", loaded: "" }, P2: { unloaded: "4 5 6", loaded: "" } };
+
+  it("fills its column in mm, to 0.1 µm, and leaves the other one", () => {
+    const filled = tracked(rows, "loaded", { P1: [1.00000004, -0.5, 0.0123456] }, new Set());
+    expect(filled).toEqual({ P1: { unloaded: "1 2 3", loaded: "1000.0000 -500.0000 12.3456" }, P2: rows["P2"] });
+    expect(isComplete(filled, "unloaded")).toBe(true);
+    expect(isComplete(filled, "loaded")).toBe(false);
+  });
+
+  it("takes back what it said before trouble, and nothing that was typed", () => {
+    const typed: Rows = { P1: { unloaded: "1 2 3", loaded: "7 8 9" }, P2: { unloaded: "4 5 6", loaded: "7 8 9" } };
+    const left = tracked(typed, "loaded", {}, new Set(["P1"]));
+    expect(left["P1"]?.loaded).toBe("");
+    expect(left["P2"]).toBe(typed["P2"]);
   });
 });

@@ -25,4 +25,10 @@ describe("robots of one name", () => {
       "other",
     ]);
   });
+
+  it("are told apart by a part of the id where all else is the same", () => {
+    const twins = ["abcdef01", "abcdef02x", "123456"].map((id) => robot(id, "KR 210", "2026-11-20T10:00:00Z"));
+    const names = [...robotsToldApart(twins).values()];
+    expect(names[2]).toBe("KR 210 · 6 joints · added 20 Nov 2026 · 123456");
+  });
 });

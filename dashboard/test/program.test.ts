@@ -1,6 +1,6 @@
 /** Points of a compensated program: its table, thinned paths, numbers typed by people. */
 import { describe, expect, it } from "vitest";
-import { pointsOf, thinned } from "../src/lib/map";
+import { binned, pointsOf, thinned } from "../src/lib/map";
 
 const HEADS =
   "point,name,file,line,place x [m],place y [m],place z [m]," +
@@ -33,4 +33,16 @@ describe("points", () => {
     expect([kept[0], kept[10]]).toEqual([0, 1000]);
     expect(thinned(points, 5000)).toBe(points);
   });
+});
+
+describe("the histogram of a path", () => {
+  it("has bins of a round width, and counts what is finite", () => {
+    const { width, counts } = binned([[0, 0.04, 0.051, 0.97, Number.NaN], [0.01]], 20);
+    expect(width).toBe(0.05);
+    expect(counts[0]?.length).toBe(20);
+    expect([counts[0]?.[0], counts[0]?.[1], counts[0]?.[19], counts[1]?.[0]]).toEqual([2, 1, 1, 1]);
+    expect(counts[0]?.reduce((sum, count) => sum + count, 0)).toBe(4);
+  });
+
+  it("has a bin without any value", () => expect(binned([[]], 20).counts).toEqual([Array(20).fill(0)]));
 });

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 __all__ = ["llms_text", "setup"]
 
-_ROW = re.compile(r"^\| (?!you want to)([^|]+) \| (.*\]\(.*) \|$", re.MULTILINE)
+_ROW = re.compile(r"^\* ([^:\n]+): (\[.*\]\(.*\))$", re.MULTILINE)
 _LINK = re.compile(r"\[([^\]]+)\]\(([^)]+)\.md\)")
 
 

@@ -222,4 +222,4 @@ def get_trend(
     A campaign is a measurement set with its newest run of the same method, weighting, constraint, encoders
     and serial number; `left_out` names campaigns without such a run.
     """
-    return parts.trends.trend(robot_id, query)
+    return parts.trend(robot_id, query)

@@ -215,6 +215,7 @@ def build_predict_command() -> Callable[..., None]:
             cli.check_ending(values["output"], [".csv"])
             cli.refuse_existing(values["output"], overwrite=values["overwrite"])
         stated = gather_stated_fields(DeflectionOptions, values, _POINT_FORMS)
+        stated.setdefault("units", "m, rad, N")  # of the numbers that the options were parsed to
         result = here.predict(read_or_identify_run(file, values["run"]), postures, **stated)
         for remark in result.remarks:
             typer.echo(remark, err=True)

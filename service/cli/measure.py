@@ -42,27 +42,37 @@ def _make_text_option(name: str, metavar: str, text: str) -> Any:  # noqa: ANN40
 _OWN_PARAMETERS: Final[cli.Parameters] = {
     "goal": (
         Annotated[
-            str,
+            str | None,
             typer.Option(
                 metavar="GOAL",
                 help='Uncertainty to reach: "15 %" of every stiffness that the load tests, or "6 um" of the '
                 'deflection in the work area; or "below 0.5 mm" to decide whether the deflection stays '
-                "below.",
+                "below. Required without --bridge.",
             ),
         ],
-        ...,
+        None,
     ),
     "source": (
         Annotated[
-            str,
+            str | None,
             typer.Option(
                 metavar="SOURCE",
                 help="simulated:SEED, lines:/dev/ttyUSB0, lines:tcp://host:port, lines:udp://:port, or "
-                "robodk.",
+                "robodk. Required without --bridge.",
             ),
         ],
-        ...,
+        None,
     ),
+    "bridge": (
+        _make_text_option(
+            "--bridge",
+            "SOURCE",
+            "Source whose positions a page shows: with --server and --code, without campaign, goal and "
+            "--source.",
+        ),
+        None,
+    ),
+    "code": (_make_text_option("--code", "CODE", "Code that the page shows under *Tracker*."), None),
     "force": (
         _make_text_option(
             "--force",
@@ -155,11 +165,19 @@ def build_measure_command() -> Callable[..., None]:
         option = annotations[name].__metadata__[0]  # the `typer.Option` of the annotation
         option.help = text
 
-    def command(source_file: str, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
+    def command(source_file: str | None, **values: Any) -> None:  # noqa: ANN401 - the signature set below has the types
         """Measure live: what to read next, what the readings say so far, and when it is enough.
 
         docs/live.md explains goals and sources.
         """
+        if values["bridge"] is not None:
+            _run_bridge(source_file, values)
+            return
+        if source_file is None or values["goal"] is None or values["source"] is None:
+            raise cli.print_failure(
+                "a campaign or robot, --goal and --source are needed",
+                'write them, such as: jointstiff measure campaign.json --goal "15 %" --source simulated:1',
+            )
         if values["save"] is not None:
             cli.refuse_existing(values["save"], overwrite=values["overwrite"])
         # `gather_stated_fields` needs a value for every field: None for fields without an option here.
@@ -167,7 +185,7 @@ def build_measure_command() -> Callable[..., None]:
         _run_measure(source_file, gather_stated_fields(LiveOptions, values_of_fields), values)
 
     argument = Annotated[
-        str,
+        str | None,
         typer.Argument(
             metavar="CAMPAIGN_OR_ROBOT",
             help="Campaign: its robot, loads, targets and noise are used, not its readings. Or a robot: a "
@@ -175,7 +193,7 @@ def build_measure_command() -> Callable[..., None]:
         ),
     ]
     fields = {name: (annotation, None) for name, annotation in annotations.items()}
-    arguments: dict[str, tuple[Any, Any]] = {"source_file": (argument, ...)}
+    arguments: dict[str, tuple[Any, Any]] = {"source_file": (argument, None)}
     cli.set_signature(command, arguments | dict(_OWN_PARAMETERS) | fields)
     return command
 
@@ -194,15 +212,13 @@ def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) ->
     if values["options"] is not None:
         stated = read_object(values["options"]) | stated
     asks = not values["yes"] and not values["as_json"] and sys.stdin.isatty()
-    line_options = {name: values[name] for name in _LINE_OPTIONS if values[name] is not None}
-    if values["source"].startswith("lines:"):
-        line_options |= {"sample": not values["yes"], "warn": cli.warn}
     arguments: dict[str, Any] = {
         "goal": values["goal"],
         "source": values["source"],
         "force": _parse_force(values["force"]),
         "timeout": values["timeout"],
-        "source_options": line_options,
+        "source_options": _line_options(values["source"], values, sample=not values["yes"]),
+        "units": "m, rad, N, N.m",
         **stated,
     }
     if values["server"] is None:
@@ -216,6 +232,43 @@ def _run_measure(source: str, stated: dict[str, Any], values: dict[str, Any]) ->
         client.ping()
         with measure(source, client=client, **arguments) as campaign:
             _measure_and_print(campaign, values, asks=asks)
+
+
+def _line_options(source: str, values: dict[str, Any], *, sample: bool) -> dict[str, Any]:
+    """Return the options of a source of lines, of those that are stated among the values of all options."""
+    options = {name: values[name] for name in _LINE_OPTIONS if values[name] is not None}
+    return options | ({"sample": sample, "warn": cli.warn} if source.startswith("lines:") else {})
+
+
+def _run_bridge(source_file: str | None, values: dict[str, Any]) -> None:
+    """Send the positions of a source to the page that shows a code, until the page ends the bridge.
+
+    `values` are the values of all options.
+
+    Raises:
+        typer.Exit: an option is missing, or belongs to a measurement at the terminal.
+    """
+    from jointstiff.service.library.bridge import TrackerBridge
+    from jointstiff.service.library.client import Client
+
+    if source_file is not None or values["goal"] is not None or values["source"] is not None:
+        raise cli.print_failure(
+            "--bridge takes no campaign, --goal or --source: the page has opened the campaign",
+            "omit them, or omit --bridge",
+        )
+    if values["server"] is None or values["code"] is None:
+        raise cli.print_failure(
+            "--bridge needs --server and --code",
+            "copy the command from the page: open the campaign there, then *Tracker*",
+        )
+    with Client(values["server"].rstrip("/"), warn=cli.warn) as client:
+        options = _line_options(values["bridge"], values, sample=False)
+        bridge = TrackerBridge(
+            client, values["code"], values["bridge"], source_options=options, warn=cli.warn
+        )
+        cli.warn(f"joined the page of '{bridge.name}'; Ctrl-C ends")
+        bridge.run()
+    cli.warn("the page has ended the bridge")
 
 
 def _parse_force(text: str | None) -> tuple[float, ...] | None:
@@ -276,7 +329,9 @@ def _make_json_document(campaign: LiveMeasurement, source_error: Any) -> dict[st
     `source_error` is the error with which the source stopped, or None.
     """
     state, run = campaign.outcome, campaign.close()
-    fields = state.model_dump(mode="json", exclude={"revision", "still_needed", "next", "warnings"})
+    fields = state.model_dump(
+        mode="json", exclude={"revision", "still_needed", "next", "following", "residuals", "warnings"}
+    )
     readings = fields.pop("readings")
     return {
         "readings": campaign.count,

@@ -450,6 +450,7 @@ def to_common_uncertainty(noise: Noise | None, length: float) -> CommonUncertain
     return replace(
         common,
         target_places=length * (noise.target_places or 0.0),
+        drift=length * (noise.drift or 0.0),
         axis_position=0.0 if axes is None else length * axes.position,
         axis_direction=0.0 if axes is None else axes.direction,
     )

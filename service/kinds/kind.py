@@ -57,6 +57,24 @@ class File:
         return MEDIA_TYPES[self.suffix]
 
 
+def list_table_files(
+    name: str, description: str, sheet: Callable[[Any], Sheet], made_of: Literal["result", "work"] = "result"
+) -> tuple[File, File]:
+    """Return the two files of a table, such as `points.csv` and `points.json`.
+
+    Args:
+        name: name of the table, without an ending.
+        description: what the table has, for the API's users.
+        sheet: makes the table.
+        made_of: argument of `sheet`, as in `File`.
+    """
+    by_column = "the table, column by column, with units"
+    return (
+        File(f"{name}.csv", description, sheet, made_of),
+        File(f"{name}.json", by_column, sheet, made_of),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Kind(Generic[AnyJob, AnyRequest]):
     """Declaration of a kind of work, such as plans: messages, computation, report and files."""

@@ -30,8 +30,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from jointstiff.schemas.joints import JointKind
     from jointstiff.schemas.robot import RobotDocument
     from jointstiff.schemas.run import Campaign
+    from jointstiff.service.conversion.arguments import JointKinds
 
     File = str | PathLike[str]
     Source = File | Mapping[str, Any] | Campaign | Run  # a campaign, or a run of one
@@ -40,6 +42,8 @@ if TYPE_CHECKING:
 
 OnProgress = Callable[[Progress], object]
 Cancel = Callable[[], object]
+_SHOWN_UNITS: Final = {"m": "mm", "rad": "deg"}
+"""Default units of arguments whose messages are in SI units."""
 SHOWN_AFTER: Final = 2.0
 """Duration of a job after which a progress bar is shown [s]."""
 
@@ -126,6 +130,9 @@ class Door(Protocol):
     def described(self, robot: RobotDocument) -> str:
         """Prepare a robot, and return its id."""
 
+    def joint_kinds(self, source: Source | RobotDocument) -> Mapping[str, JointKind]:
+        """Return the kinds of the joints by name, in order, of a robot or of a prepared source."""
+
     def run(self, request: RunRequest, monitor: JobMonitor, dispensable: bool) -> Run | None:
         """Identify a measurement set, and return its run.
 
@@ -147,29 +154,33 @@ class Door(Protocol):
 
 
 def merge_options(
-    message: type[Message], options: Message | None, fields: Mapping[str, Any]
+    message: type[Message],
+    options: Message | None,
+    fields: Mapping[str, Any],
+    joint_kinds: JointKinds | None = None,
 ) -> dict[str, Any]:
     """Merge the options and the keyword arguments of a verb; return the fields of a request by name.
 
-    Units as text, such as "mm, deg, N", and a goal as text, such as "15 %", are replaced by messages.
+    Keyword arguments are in the units of the argument `units`, by default mm, deg, N and N·m; options are in
+    the units of their message. A goal as text, such as "15 %", is replaced by a message.
 
     Args:
         message: type of the options.
         options: options that the caller passed; None for the defaults.
         fields: keyword arguments, which replace options of the same name.
+        joint_kinds: returns the kinds of the joints, for options with positions of joints.
 
     Raises:
-        TypeError: the options are not of type `message`.
+        TypeError: the options are not of type `message`, or state other units than `units`.
         CampaignError: the text of units or goal is not understood.
     """
     if not isinstance(options, message | None):
         raise TypeError(f"options must be a {message.__name__}, not a {type(options).__name__}")
     merged = {} if options is None else options.model_dump(mode="json", exclude_unset=True)
-    merged |= fields
-    if isinstance(merged.get("units"), str):
-        from jointstiff.service.conversion.arrays import parse_units
-
-        merged["units"] = parse_units(merged["units"])
+    if "units" in message.model_fields or any(not isinstance(each, str | bool) for each in fields.values()):
+        merged = _merge_numbers(message, merged, fields, joint_kinds)
+    else:  # without numbers, so that a `Client` imports no numerics
+        merged |= {name: value for name, value in fields.items() if name != "units"}
     if isinstance(merged.get("goal"), str):
         from jointstiff.service.conversion.units import parse_goal_text
 
@@ -178,12 +189,45 @@ def merge_options(
     return merged
 
 
+def _merge_numbers(
+    message: type[Message],
+    merged: dict[str, Any],
+    fields: Mapping[str, Any],
+    joint_kinds: JointKinds | None,
+) -> dict[str, Any]:
+    """Return fields of a request with keyword arguments, converted to the units of the request.
+
+    Raises:
+        TypeError: the fields of the request state other units than the argument `units`.
+        CampaignError: the units are not understood.
+    """
+    from jointstiff.service.conversion.arguments import complete_units, convert_to_si
+
+    stated = {name: value for name, value in fields.items() if name != "units"}
+    with as_campaign_error(""):
+        units = complete_units(fields.get("units", merged.get("units")))
+        if "units" in merged and complete_units(merged["units"]) != units:
+            raise TypeError("`options` state their own units: leave `units` out")
+        merged = merged | convert_to_si(message, stated, units, joint_kinds)
+    if "units" in message.model_fields:
+        known: Any = message.model_fields["units"].annotation  # readings of geometry have no unit of force
+        merged["units"] = {name: unit for name, unit in units.items() if name in known.model_fields}
+    return merged
+
+
 def describe_fields(verb: Callable[..., object], options: type[Message]) -> None:
     """Append a section `Keyword Args`, with the descriptions of all options, to the docstring of a verb."""
-    lines = []
+    lines = [
+        "    units: Units of the numbers of this call, such as 'm, rad, kN, kN.m'; default: mm, deg, N, N.m. "
+        "Masses are in kg, and quantities that combine units in SI units. Numbers of messages, such as "
+        f"`{options.__name__}`, are in the units of the message."
+    ]
     for name, field in options.model_fields.items():
+        if name == "units":
+            continue
         schema = field.json_schema_extra
-        unit = f" [{schema['unit']}]" if isinstance(schema, dict) and schema.get("unit") else ""
+        si_unit = schema.get("unit") if isinstance(schema, dict) else None
+        unit = f" [{_SHOWN_UNITS.get(str(si_unit), si_unit)}]" if si_unit else ""
         lines.append(f"    {name}: {' '.join((field.description or '').split())}{unit}")
     verb.__doc__ = "\n".join([inspect.cleandoc(verb.__doc__ or ""), "\nKeyword Args:", *lines])
 

@@ -12,12 +12,14 @@ from jointstiff.schemas.measurement import MeasurementSetDocument
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Run
 from jointstiff.service.library import robots
-from jointstiff.service.library.robots import AnyUnits, plain_fields
+from jointstiff.service.library.robots import plain_fields
 from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import parse_document, read_campaign
 
 if TYPE_CHECKING:
     import numpy.typing as npt
+
+    from jointstiff.service.conversion.arguments import AnyUnits
 
     Numbers = npt.ArrayLike | Mapping[str, Any]
 
@@ -46,7 +48,7 @@ class Campaign(messages.Campaign):
         directions: Numbers | None = None,
         targets: Sequence[str] | Mapping[str, npt.ArrayLike] | None = None,
         labels: Sequence[str] | None = None,
-        units: AnyUnits = "mm, deg, N",
+        units: AnyUnits = None,
         sigma: float | None = None,
         encoders: str = "motor",
         name: str = "readings from arrays",
@@ -75,7 +77,8 @@ class Campaign(messages.Campaign):
             directions: (3,), (T, 3) or (N, T, 3): directions of the lengths, axes of R0.
             targets: names of the targets, or their places (3,) in the flange frame by name.
             labels: (N,) names of the observations; c01, c02, … if absent.
-            units: units of all numbers above and of `sigma`, such as "m, rad, N" or "mm, deg, kN, kN.m".
+            units: units of all numbers above and of `sigma`, such as "m, rad, kN, kN.m"; default: mm, deg, N
+                and N.m.
             sigma: standard uncertainty of one coordinate of one reading; estimated from the residuals if
                 absent.
             encoders: encoders that close the position loop, `motor` or `secondary`.
@@ -87,7 +90,8 @@ class Campaign(messages.Campaign):
             CampaignError: an array has a wrong shape, or a length seems to be in another unit; its `problem`
                 states the array, the place and the remedy.
         """
-        from jointstiff.service.conversion.arrays import ArrayReadings, parse_units
+        from jointstiff.service.conversion.arguments import complete_units
+        from jointstiff.service.conversion.arrays import ArrayReadings
 
         described = robots.robot(robot)
         with as_campaign_error(""):
@@ -104,7 +108,7 @@ class Campaign(messages.Campaign):
                 targets,
                 labels,
             )
-            readings = arrays.document(parse_units(units))
+            readings = arrays.document(complete_units(units))
         noise = {} if sigma is None else {"noise": {"sigma": float(sigma)}}
         document = {"name": name, "encoders": encoders, **noise, **plain_fields(header), **readings}
         options = run if isinstance(run, Mapping) else {} if run is None else plain_fields(run)

@@ -11,19 +11,17 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.joints import JointKind
-from jointstiff.schemas.measurement import Units
 from jointstiff.service.resources.documents import parse_document
 from jointstiff.solver.errors import RequestError
 
 if TYPE_CHECKING:
     from jointstiff.schemas.deflection import LinkMass
+    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Vector
     from jointstiff.service.library.campaigns import Numbers
 
 AnyPostures = Any
 """CSV file of postures and loads, load cases as in the API, or an array (N, n) of postures."""
-ARRAY_UNITS: Final = "m, deg, N"
-"""Default units of arrays of postures and forces."""
 _MAX_ANGLE: Final = 4 * pi
 """Greatest joint angle that is accepted, two turns [rad]; a greater one is probably in another unit."""
 
@@ -34,7 +32,7 @@ class PredictFields(TypedDict, total=False):
     absolute: bool
     masses: Sequence[LinkMass | Mapping[str, Any]]
     confidence: float
-    units: str | Units | Mapping[str, Any]
+    units: AnyUnits
     load_point: Vector | None
     place: Vector | None
     at: Vector
@@ -53,29 +51,27 @@ def make_load_cases(
         postures: CSV file, cases, or array (N, n).
         joints: kinds of the robot's n joints (revolute or prismatic) by name, in order.
         forces: (N, 3), or (3,) for all postures; only with an array of postures.
-        options: fields of `DeflectionOptions`; also `at`, which sets both load point and place; with arrays
-            also `moments`.
+        options: fields of `DeflectionOptions`, in mm, deg and N unless `units` states others; also `at`,
+            which sets both load point and place; with arrays also `moments`.
 
     Raises:
         RequestError: the table is not understood, or an angle is in another unit.
         MeasurementError: an array has a wrong shape.
         CampaignError: the cases or the options cannot be used.
     """
-    from jointstiff.service.conversion.arrays import parse_units
+    from jointstiff.service.conversion.arguments import complete_units
     from jointstiff.service.runs.deflection import read_load_cases
 
     fields = dict(options)
     if (point := fields.pop("at", None)) is not None:
         fields = {"load_point": point, "place": point} | fields
-    if isinstance(fields.get("units"), str):
-        fields["units"] = parse_units(fields["units"])
+    fields["units"] = units = complete_units(fields.get("units"))
     if isinstance(postures, str | PathLike):
         text = Path(postures).read_text(encoding="utf-8-sig", errors="replace")
         return read_load_cases(text, joints, **_convert_points(fields))
     if forces is None and isinstance(postures, Sequence) and isinstance(postures[0], Mapping | Message):
         return parse_document({**fields, "cases": list(postures)}, DeflectionOptions)
-    fields.setdefault("units", parse_units(ARRAY_UNITS))
-    cases = _cases_from_arrays(postures, forces, fields.pop("moments", None), joints, fields["units"])
+    cases = _cases_from_arrays(postures, forces, fields.pop("moments", None), joints, units["angle"])
     return parse_document({**fields, "cases": cases}, DeflectionOptions)
 
 
@@ -84,7 +80,7 @@ def _cases_from_arrays(
     forces: object,
     moments: object,
     joints: Mapping[str, JointKind],
-    units: Units | Mapping[str, str],
+    angle_unit: str,
 ) -> list[dict[str, Any]]:
     """Return a load case, as a dictionary for JSON, for each row of an array of postures (N, n).
 
@@ -99,18 +95,17 @@ def _cases_from_arrays(
     q = to_number_array(postures, "postures")
     q = q.reshape(1, -1) if q.ndim == 1 else q
     if forces is None:
-        remedy = "give (N, 3) or (3,): predict(run, q, forces=(0, 0, -500), at=(0, 0, 0.12))"
+        remedy = "give (N, 3) or (3,): predict(run, q, forces=(0, 0, -500), at=(0, 0, 120))"
         raise RequestError(
             "`forces` are missing: without a load, the arm does not deflect", where="forces", remedy=remedy
         )
     revolute = [j for j, kind in enumerate(joints.values()) if kind == "revolute" and j < q.shape[1]]
-    angle_unit = units["angle"] if isinstance(units, Mapping) else units.angle
     greatest_angle = ANGLE[angle_unit] * max(map(abs, q[:, revolute].ravel().tolist()), default=0.0)
     if greatest_angle > _MAX_ANGLE:
         raise RequestError(
             f"a joint angle of {greatest_angle:.4g} rad exceeds two turns",
             where="postures",
-            remedy="state the unit of the angles, such as units='m, deg, N'",
+            remedy="state the unit of the angles, such as units='mm, rad, N'",
         )
     force_rows, moment_rows = (
         None if vectors is None else to_vectors(vectors, len(q), name).tolist()

@@ -23,16 +23,18 @@ from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job, JobSummary
 from jointstiff.schemas.live import MeasurementSet
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetSummary
+from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.robot import Robot, RobotDocument, RobotSummary
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.kinds.kind import AnyJob, File, Kind
 from jointstiff.service.kinds.registry import KINDS
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
-from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress, import_verb
+from jointstiff.service.kinds.verb import Cancel, JobMonitor, OnProgress, import_verb, merge_options
 from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import Campaign, extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, RobotTrend, TabledRun, make_presented_class
+from jointstiff.service.library.robots import read_joint_kinds
 from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import AwayError, RefusedError, as_campaign_error, http_problem
 from jointstiff.service.resources.documents import (
@@ -51,7 +53,7 @@ if TYPE_CHECKING:
     from jointstiff.schemas.deflection import Map
     from jointstiff.schemas.fleet import Fleet
     from jointstiff.schemas.geometry import Geometry
-    from jointstiff.schemas.options import RunOptions
+    from jointstiff.schemas.joints import JointKind
     from jointstiff.schemas.plan import Plan
     from jointstiff.schemas.process import Process
     from jointstiff.schemas.program import Program
@@ -228,15 +230,20 @@ class Client(Verbs):
             self.begun(monitor)  # refuses an executor
             document = read_campaign(campaign)
             run_options = to_json_object(document.run if options is None else options)
-            run_options = {"leave_out": document.run.leave_out, **run_options, **fields}
+            run_options = {
+                "leave_out": document.run.leave_out,
+                **run_options,
+                **merge_options(RunOptions, None, fields),
+            }
             return self.runs.wait(self.post(to_json_object(document) | {"run": run_options}), monitor)
 
-    def trend(self, robot: Robot | RobotSummary | str, **filters: str) -> RobotTrend:
+    def trend(self, robot: Robot | RobotSummary | str, **filters: str | bool) -> RobotTrend:
         """Return the trend of a stored robot's joints over its campaigns.
 
         Args:
             robot: stored robot, its summary, or its id.
             filters: filters of the API, such as `serial_number`; default: the values of the latest campaign.
+                `same_load_point=True` if the load of all campaigns hung at the same point of the flange.
         """
         identifier = robot if isinstance(robot, str) else robot.id
         answer = self.send("GET", f"/v1/robots/{quote(identifier, safe='')}/trend", filters)
@@ -359,6 +366,13 @@ class Client(Verbs):
         text = parse_document(to_json_object(robot), RobotDocument).model_dump_json()
         return self.robots.create(text, key=content_key(text)).id
 
+    def joint_kinds(self, source: Any) -> Mapping[str, JointKind]:  # noqa: ANN401 - a robot, or a source
+        """Return the kinds of the joints by name, in order, of a robot or of a prepared source."""
+        source = self._replace_foreign_run(source)
+        if isinstance(source, Run):
+            source = self.read_campaign(source)
+        return read_joint_kinds(source if isinstance(source, RobotDocument) else read_campaign(source).robot)
+
     def done(
         self,
         kind: Kind[AnyJob, Any],
@@ -435,7 +449,7 @@ class Client(Verbs):
         self,
         verb: str,
         path: str,
-        query: Mapping[str, str] | None = None,
+        query: Mapping[str, str | bool] | None = None,
         document: Document | str | None = None,
         key: str | None = None,
         files: Mapping[str, bytes] | None = None,

@@ -20,7 +20,7 @@ from jointstiff.service.library import results
 from jointstiff.service.library.campaigns import extract_run_options
 from jointstiff.service.library.cases import AnyPostures, make_load_cases
 from jointstiff.service.library.results import Prediction, TabledRun, make_presented_class
-from jointstiff.service.library.robots import prepare_once
+from jointstiff.service.library.robots import prepare_once, read_joint_kinds
 from jointstiff.service.library.verbs import Verbs
 from jointstiff.service.problems import CampaignError, as_campaign_error, http_problem
 from jointstiff.service.process import one_thread
@@ -38,6 +38,7 @@ from jointstiff.solver.errors import RequestError
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from jointstiff.schemas.joints import JointKind
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import PredictFields
     from jointstiff.service.reports.exports import ExportedModel
@@ -128,6 +129,13 @@ class Here(Verbs):
         """Prepare a robot as an input of further work; return its id."""
         with as_campaign_error("robot"):
             return self.inputs.add_robot(prepare_once(robot))
+
+    @one_thread()
+    def joint_kinds(self, source: Any) -> Mapping[str, JointKind]:  # noqa: ANN401 - a robot, or a source
+        """Return the kinds of the joints by name, in order, of a robot or of a prepared source."""
+        document = source if isinstance(source, RobotDocument) else cast("Any", self.campaign).robot
+        with as_campaign_error("robot"):
+            return read_joint_kinds(document)
 
     @one_thread()
     def done(
@@ -325,9 +333,9 @@ def predict(
             array (N, n) of joint values, as the controller shows them.
         forces: (N, 3), or (3,) for all postures, axes of R0; only with an array of postures.
         options: fields of `DeflectionOptions`; also `at`, the point in the flange frame where the force acts
-            and whose deflection is predicted, and with arrays `moments` (N, 3) or (3,). Arrays and their
-            points are in m, deg and N unless `units` states others, such as "mm, deg, N"; the default for
-            files and cases is SI units.
+            and whose deflection is predicted, and with arrays `moments` (N, 3) or (3,). All numbers of the
+            call, load cases as well, are in mm, deg, N and N.m unless `units` states others, such as
+            "m, rad, kN, kN.m".
 
     Raises:
         CampaignError: run, table or array cannot be used.

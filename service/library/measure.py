@@ -6,6 +6,7 @@ import asyncio
 import json
 import threading
 from collections.abc import Coroutine, Mapping
+from concurrent.futures import Future
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeVar, cast
 from urllib.parse import quote
@@ -19,16 +20,18 @@ from jointstiff.schemas.live import (
     LiveState,
     MeasurementSetPost,
 )
-from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, SetChange
+from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, SetChange, Units
 from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.plan import Goal, PlannedReading
 from jointstiff.schemas.robot import RobotDocument
+from jointstiff.service.conversion.arguments import AnyUnits, complete_units, convert_to_si
 from jointstiff.service.conversion.prepared import (
     PreparedRobot,
     prepare_robot,
     read_stated_transform,
     resolve_stated_frame,
 )
+from jointstiff.service.conversion.units import FORCE
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.live.campaign import MOST_READINGS, Declaration, Entry, LiveCampaign
 from jointstiff.service.live.declaration import Scales, declare_set, read_goal
@@ -196,7 +199,7 @@ class _SetInService:
         return run, state
 
 
-class _SourceThread:
+class SourceThread:
     """Thread with an event loop, in which a source can receive data between readings."""
 
     def __init__(self) -> None:
@@ -206,12 +209,16 @@ class _SourceThread:
 
     def run_coroutine(self, coroutine: Coroutine[Any, Any, Value]) -> Value:
         """Run a coroutine in the thread; wait for its end and return its value."""
-        future = asyncio.run_coroutine_threadsafe(coroutine, self._loop)
+        future = self.start_coroutine(coroutine)
         try:
             return future.result()
         except BaseException:
             future.cancel()
             raise
+
+    def start_coroutine(self, coroutine: Coroutine[Any, Any, Value]) -> Future[Value]:
+        """Start a coroutine in the thread; return its future, which can be cancelled."""
+        return asyncio.run_coroutine_threadsafe(coroutine, self._loop)
 
     def close(self) -> None:
         """Stop the event loop and end the thread."""
@@ -241,17 +248,25 @@ class LiveMeasurement:
         post: MeasurementSetPost,
         source: Source | None,
         wait: float,
+        units: Units,
     ) -> None:
         """Begin a live measurement; called by `jointstiff.measure` and `Client.measure`.
 
-        `wait` is the time [s] after which a source that sends nothing is considered stopped.
+        Args:
+            measured_set: measurement set in this process or in a service.
+            robot: measured robot, with n joints.
+            post: declaration of goal, load and targets.
+            source: source of readings; None for readings by `observe`.
+            wait: time after which a source that sends nothing is considered stopped [s].
+            units: units of the arguments of `observe`.
         """
         self._set, self._robot, self._post = measured_set, robot.robot, post
         self._options = cast("LiveOptions", post.open)
         self._scales = Scales.from_units(post.units, robot.robot)
+        self._units_of_caller = Scales.from_units(units, robot.robot)
         self.source, self._wait = source, wait
         self.joint_names, self.joint_kinds = robot.robot.joint_names, robot.robot.joint_kinds
-        self._loop: _SourceThread | None = None
+        self._loop: SourceThread | None = None
         self._checked: CheckedSource | None = None
         self._confirmed = False
         self.state = measured_set.state()  #: results of the readings so far, and the next planned reading
@@ -295,18 +310,40 @@ class LiveMeasurement:
         """Add a reading, compare it with the others, and return the state that follows from all readings.
 
         Args:
-            unloaded: positions without load [m], by target or (T, 3) in the order of the targets; in R0, or
-                in the frame of the campaign.
+            unloaded: positions without load, by target or (T, 3) in the order of the targets; in R0, or in
+                the frame of the campaign. All numbers are in the units that `jointstiff.measure` was called
+                with: mm, deg and N unless it stated others.
             loaded: positions under load in the same form; None for readings by the robot's own weight.
             label: label of the reading; default: the label of the next planned reading.
-            joints: (n,) joint values as the controller shows them [rad or m]; default: as planned.
-            force: (3,) force on the robot, axes of R0 [N]; default: as planned.
-            sigma: standard uncertainty of a coordinate by target [m], where the campaign states none.
+            joints: (n,) joint values as the controller shows them; default: as planned.
+            force: (3,) force on the robot, axes of R0; default: as planned.
+            sigma: standard uncertainty of a coordinate by target, where the campaign states none.
 
         Raises:
             CampaignError: the reading cannot be right, or another reading has this label.
             RefusedError: the service refuses the reading.
         """
+        units = self._units_of_caller
+        return self._observe_in_si(
+            _scale_positions(unloaded, units.length),
+            _scale_positions(loaded, units.length),
+            label=label,
+            joints=None if joints is None else np.asarray(joints, dtype=np.float64) * np.array(units.joints),
+            force=None if force is None else np.asarray(force, dtype=np.float64) * units.force,
+            sigma=None if sigma is None else {name: units.length * each for name, each in sigma.items()},
+        )
+
+    def _observe_in_si(
+        self,
+        unloaded: Any,  # noqa: ANN401 - an array or positions by target [m]
+        loaded: Any,  # noqa: ANN401 - an array or positions by target [m]
+        *,
+        label: str | None,
+        joints: Any,  # noqa: ANN401 - anything that numpy understands [rad or m]
+        force: Any,  # noqa: ANN401 - anything that numpy understands [N]
+        sigma: Mapping[str, float] | None,
+    ) -> LiveState:
+        """Add a reading in SI units; return the state that follows from all readings."""
         planned, units = self.next, self._scales
         if planned is None and (label is None or joints is None or force is None):
             remedy = "give `label`, `joints` and `force` of the reading"
@@ -451,7 +488,7 @@ class LiveMeasurement:
             )
         if self._loop is not None:
             return
-        self._loop = _SourceThread()
+        self._loop = SourceThread()
         self._checked = CheckedSource(self.source, self._make_source_setting(), self._wait)
         try:
             self._loop.run_coroutine(self._checked.open())
@@ -511,7 +548,7 @@ class LiveMeasurement:
         If the robot's own weight is the load, the targets are read only once. Return `read`, or the person's
         decision to skip the posture or to stop.
         """
-        source_thread = cast("_SourceThread", self._loop)
+        source_thread = cast("SourceThread", self._loop)
         checked_source = cast("CheckedSource", self._checked)
         positions: list[dict[str, Point]] = []
         load_states = (False,) if isinstance(self._options.load, OwnWeight) else (False, True)
@@ -534,7 +571,7 @@ class LiveMeasurement:
             }
         # A source gives (position, standard uncertainty) for each target.
         unloaded_and_loaded = [{name: position for name, (position, _) in each.items()} for each in positions]
-        self.observe(
+        self._observe_in_si(
             *unloaded_and_loaded,
             label=planned.label,
             joints=planned.joints,
@@ -551,7 +588,7 @@ class LiveMeasurement:
         """
         if self._confirmed:
             return
-        profile = cast("_SourceThread", self._loop).run_coroutine(
+        profile = cast("SourceThread", self._loop).run_coroutine(
             cast("CheckedSource", self._checked).profile(posture)
         )
         if profile is not None and not person.confirms(profile):
@@ -574,6 +611,7 @@ def measure(
     timeout: float = PATIENCE,
     client: Client | None = None,
     source_options: Mapping[str, Any] | None = None,
+    units: AnyUnits = None,
     **options: Any,  # noqa: ANN401 - fields of LiveOptions
 ) -> LiveMeasurement:
     """Begin a live measurement: a campaign that is measured until a declared goal is reached.
@@ -588,13 +626,15 @@ def measure(
         source: `simulated:SEED`, `lines:/dev/ttyUSB0`, `lines:tcp://host:port`, `lines:udp://:port`,
             `robodk`, the name of an entry point in the group `jointstiff.sources`, or an object with
             ``async def point(name)``. Without a source, add readings with `observe`.
-        force: (3,) force in the work area, axes of R0 [N]; default: the force of the load.
+        force: (3,) force in the work area, axes of R0; default: the force of the load.
         timeout: seconds after which a source that sends nothing has stopped.
         client: client of the service that keeps the measurement set; default: this process keeps the set.
         source_options: options of the source `lines`: `columns` or `pattern`, `source_unit`, `request`,
             `baud`, `sample`.
-        options: fields of `LiveOptions` in SI units, such as `load`, `targets`, `work_area` (or `area`),
-            `load_point`, `sigma`, `surroundings`, `candidates`, `seed`. A load may be a text, such as
+        units: units of the numbers of this call and of `observe`, such as "m, rad, kN, kN.m"; default: mm,
+            deg, N and N.m.
+        options: fields of `LiveOptions`, such as `load`, `targets`, `work_area` (or `area`), `load_point`,
+            `sigma`, `surroundings`, `candidates`, `seed`. A load may be a text with its force in N, such as
             "dead_weight:1500".
 
     Raises:
@@ -604,14 +644,20 @@ def measure(
     """
     from jointstiff.schemas.fields import parse_planned_load
 
-    if isinstance(options.get("load"), str):
-        options["load"] = parse_planned_load(options["load"])
     full_options = {_FULL_NAMES.get(name, name): value for name, value in options.items()}
     robot_document, campaign = _robot_and_campaign(robot)
     with as_campaign_error(""):
-        area_force = None if force is None else tuple(np.asarray(force, dtype=np.float64).tolist())
+        stated_units = complete_units(units)
+        force_size = FORCE[stated_units["force"]]
+        area_force = None if force is None else tuple((force_size * np.asarray(force, np.float64)).tolist())
+        if isinstance(goal, Mapping):
+            goal = convert_to_si(LiveOptions, {"goal": goal}, stated_units)["goal"]
         parsed_goal = read_goal(goal, cast("Any", area_force))
         prepared = prepare_robot(robot_document)
+        kinds = dict(zip(prepared.robot.joint_names, prepared.robot.joint_kinds, strict=True))
+        full_options = convert_to_si(LiveOptions, full_options, stated_units, lambda: kinds)
+        if isinstance(full_options.get("load"), str):
+            full_options["load"] = parse_planned_load(full_options["load"])
         set_document = None if campaign is None else campaign.measurement_set
         run_options = RunOptions() if campaign is None else RunOptions(confidence=campaign.run.confidence)
         own_weight = None if campaign is None else campaign.run.weight
@@ -623,7 +669,14 @@ def measure(
         if client is None
         else _SetInService(client, robot_document, declaration)
     )
-    return LiveMeasurement(measured_set, prepared, declaration, opened_source, timeout)
+    return LiveMeasurement(measured_set, prepared, declaration, opened_source, timeout, Units(**stated_units))
+
+
+def _scale_positions(positions: Any, factor: float) -> Any:  # noqa: ANN401 - an array or positions by target
+    """Return positions, an array or arrays by target, times a factor; None for None."""
+    if isinstance(positions, Mapping):
+        return {name: factor * np.asarray(each, dtype=np.float64) for name, each in positions.items()}
+    return None if positions is None else factor * np.asarray(positions, dtype=np.float64)
 
 
 def _parse_options(options: Mapping[str, Any], goal: Goal) -> dict[str, Any]:

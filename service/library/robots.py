@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING, Any
 from pydantic import PrivateAttr
 
 from jointstiff.schemas.fields import Message
-from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import JointMap, RobotDocument
 from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import parse_document, read_robot
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.joints import JointKind
+    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.conversion.prepared import PreparedRobot
-
-AnyUnits = Units | Mapping[str, str] | str
 
 
 class ModelledRobot(RobotDocument):
@@ -63,6 +62,16 @@ def prepare_once(document: RobotDocument) -> PreparedRobot:
     return document.replace_model_of(prepared) if isinstance(document, ModelledRobot) else prepared
 
 
+def read_joint_kinds(document: RobotDocument) -> dict[str, JointKind]:
+    """Return the kind of each joint, revolute or prismatic, by name and in order.
+
+    Raises:
+        RobotError: the description of the robot cannot be used.
+    """
+    prepared = prepare_once(document).robot
+    return dict(zip(prepared.joint_names, prepared.joint_kinds, strict=True))
+
+
 @lru_cache(maxsize=4)
 def _prepare_cached(robot: str) -> PreparedRobot:
     """Return the robot of a document, the JSON text `robot`, prepared for computations."""
@@ -78,7 +87,7 @@ def robot(
     base: str | None = None,
     flange: str | None = None,
     convention: str | None = None,
-    units: AnyUnits = "m, rad, N",
+    units: AnyUnits = None,
     joint_map: JointMap | Mapping[str, Any] | None = None,
 ) -> RobotDocument:
     """Return the document of a robot, from any form of description.
@@ -91,7 +100,7 @@ def robot(
         base: link of a URDF whose frame is R0; default: its root.
         flange: link of a URDF, or frame of a model, that is the flange; default: the only tip.
         convention: convention of the rows, `standard` or `modified` (Craig).
-        units: units of the lengths and angles of rows, such as "mm, deg, N".
+        units: units of the lengths and angles of rows, such as "m, rad, N"; default: mm and deg.
         joint_map: map from the controller's joints to the model's; default: identity, or the map of the arm.
 
     Raises:
@@ -158,13 +167,14 @@ def _make_robot_fields(
     units: AnyUnits,
 ) -> dict[str, Any]:
     """Return the fields of a robot: from a Pinocchio model, or from rows of Denavit-Hartenberg parameters."""
-    from jointstiff.service.conversion.arrays import convert_dh_rows, convert_pinocchio_model, parse_units
+    from jointstiff.service.conversion.arguments import complete_units
+    from jointstiff.service.conversion.arrays import convert_dh_rows, convert_pinocchio_model
 
     with as_campaign_error("robot"):
         if hasattr(source, "jointPlacements"):  # a Pinocchio model
             model, bodies = convert_pinocchio_model(source, flange)
             return {"name": source.name or "robot", "model": model, **({"bodies": bodies} if bodies else {})}
-        return {"model": convert_dh_rows(source, convention, parse_units(units))}
+        return {"model": convert_dh_rows(source, convention, complete_units(units))}
 
 
 def plain_fields(fields: Message | Mapping[str, Any]) -> dict[str, Any]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import count
+from itertools import count, islice
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -29,7 +29,7 @@ from jointstiff.schemas.plan import (
     PlanRequest,
     ReadingOptions,
 )
-from jointstiff.schemas.run import RunResult
+from jointstiff.schemas.run import Residual, RunResult
 from jointstiff.service.conversion.prepared import PreparedSet, check_set
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.plan.work import to_design_request
@@ -269,14 +269,24 @@ class LiveCampaign:
             still_needed=0 if needs_no_reading else progress.still_needed,
             readings=self._list_readings(),
             joints=progress.list_joints(),
+            residuals=self._residuals_of_last_reading(),
             deflection_uncertainty=None if share is None else share.uncertainty,
             greatest_deflection=None if share is None else share.greatest,
             assessment=result.assessment if isinstance(result, RunResult) else None,
             next=None if needs_no_reading else self.plan_next_reading(),
+            following=[] if needs_no_reading else self._plan_following_readings(),
             warnings=list(progress.so_far.noticed),
             measurement_set_id=measurement_set_id,
             run_id=run_id,
         )
+
+    def _residuals_of_last_reading(self) -> list[Residual]:
+        """Return the residuals of the last reading that counts; an empty list without an identification."""
+        result = self.progress.result
+        if not isinstance(result, RunResult):
+            return []
+        label = self.observations[-1].label
+        return [each for each in result.residuals if each.observation == label]
 
     def _state_and_message(self) -> tuple[Literal["measuring", "reached", "cannot", "closed"], str]:
         """Return the state of the campaign, and a sentence that explains the state to people."""
@@ -290,16 +300,36 @@ class LiveCampaign:
         next_reading = self.progress.next
         if next_reading is None:
             return None
-        # Labels are m01, m02 and so on, without labels that the user gave to earlier readings.
-        labels = map("m{:02d}".format, count(1 + len(self.entry_by_label)))
         return PlannedReading(
-            label=next(label for label in labels if label not in self.entry_by_label),
+            label=next(self._free_labels()),
             joints=next_reading.joints.tolist(),
             force=tuple(next_reading.force.tolist()),
             anchor=next_reading.anchor,
             held_out=self.progress.awaits_held_out,
             reason=self.progress.reason_of_next,
         )
+
+    def _plan_following_readings(self) -> list[PlannedReading]:
+        """Return posture, load and label of the readings that will probably come after the next one."""
+        next_reading = self.progress.next
+        labels = islice(self._free_labels(), 1, None)
+        return [
+            PlannedReading(
+                label=label,
+                joints=each.joints.tolist(),
+                force=tuple(each.force.tolist()),
+                anchor=each.anchor,
+                held_out=False,
+            )
+            for each, label in zip(
+                () if next_reading is None else next_reading.following, labels, strict=False
+            )
+        ]
+
+    def _free_labels(self) -> Iterator[str]:
+        """Yield m01, m02 and so on, without labels that the user gave to earlier readings."""
+        labels = map("m{:02d}".format, count(1 + len(self.entry_by_label)))
+        return (label for label in labels if label not in self.entry_by_label)
 
     def entries_for_change(self, change: SetChange) -> list[Entry]:
         """Return new entries for a change that withdraws or keeps observations, or skips the next posture.

@@ -24,7 +24,7 @@ from jointstiff.service.conversion.prepared import PreparedRobot, prepare_set
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, parse_goal_text
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.mechanics.block import targets_in_flange
-from jointstiff.solver.mechanics.measurements import Measurements
+from jointstiff.solver.mechanics.measurements import ASSUMED_LIVE_DRIFT, Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -116,11 +116,13 @@ def declare_set(
     header["name"] = f"measured live: {robot.document.name}"[:200]
     live_options = LiveOptions.model_validate({**option_fields, "goal": goal})
     post = OpenPost.model_validate({**header, "robot_id": "robot", "open": live_options})
-    return complete_targets_and_load_point(post, live_options)
+    return complete_declaration(post, live_options)
 
 
-def complete_targets_and_load_point(post: OpenPost, options: LiveOptions) -> OpenPost:
-    """Return the declaration of a live campaign, with missing targets and load points filled in.
+def complete_declaration(post: OpenPost, options: LiveOptions) -> OpenPost:
+    """Return the declaration of a live campaign, with missing targets, load points and drift filled in.
+
+    The readings of a live campaign come in the order of time: a drift is assumed if none is stated.
 
     Args:
         post: declaration. Its `flange_targets` and `load_point`, in its own unit of length, are copied to
@@ -140,7 +142,12 @@ def complete_targets_and_load_point(post: OpenPost, options: LiveOptions) -> Ope
     elif options.load_point is not None and point is None:
         x, y, z = options.load_point
         point = (x / length, y / length, z / length)
-    return post.model_copy(update={"load_point": point, "open": options.model_copy(update=added_options)})
+    noise = post.noise
+    if not isinstance(options.load, OwnWeight) and (noise is None or noise.drift is None):
+        drift = ASSUMED_LIVE_DRIFT / length
+        noise = Noise(drift=drift) if noise is None else noise.model_copy(update={"drift": drift})
+    completed_options = options.model_copy(update=added_options)
+    return post.model_copy(update={"load_point": point, "noise": noise, "open": completed_options})
 
 
 def _derive_live_options(

@@ -155,29 +155,33 @@ def make_source(text: str, options: Mapping[str, Any]) -> Source:
 class CheckedSource:
     """A source whose readings are checked before they count; an implausible reading raises an error."""
 
-    def __init__(self, source: Any, setting: Setting, patience: float = PATIENCE) -> None:  # noqa: ANN401
+    def __init__(self, source: Any, setting: Setting, patience: float | None = PATIENCE) -> None:  # noqa: ANN401
         """Check the readings of a source.
 
         Args:
             source: object that has at least the method `point` of a `Source`.
             setting: robot and targets of the campaign.
-            patience: longest time to wait for each answer of the source [s].
+            patience: longest time to wait for each answer of the source [s]; None waits for ever.
         """
         self._source, self._setting, self._patience = source, setting, patience
-        self._earlier_positions: set[Place] = set()  # all positions read before, of all targets
+        self._earlier_positions: set[Place] = set()  # all positions read in earlier postures and loads
+        self._last_positions: set[Place] = set()  # positions of the last reading
+        self._last_stand: Stand | None = None  # stand of the last reading
         self._announced_stand: Stand | None = None  # posture announced to the source and not read yet
         self._unloaded: dict[str, FloatArray] = {}  # target → last position without load (3,) [m]
+        self._unloaded_joints: tuple[float, ...] = ()  # joint values of `_unloaded` [rad or m]
 
     async def open(self) -> None:
         """Get the source ready."""
         await self._call_if_defined("open", self._setting)
 
-    async def profile(self, stand: Stand) -> str | None:
+    async def profile(self, stand: Stand | None = None) -> str | None:
         """Announce a posture to the source; return the source's text on how its readings are understood.
 
         The user confirms the text. Return None if there is nothing to confirm.
         """
-        await self._call_if_defined("stand", stand)
+        if stand is not None:
+            await self._call_if_defined("stand", stand)
         self._announced_stand = stand
         profile: str | None = await self._call_if_defined("profile")
         return profile
@@ -187,23 +191,38 @@ class CheckedSource:
         with suppress(SourceError):
             await self._call_if_defined("close")
 
-    async def read(self, stand: Stand) -> dict[str, Point]:
+    async def read(
+        self,
+        stand: Stand,
+        on_point: Callable[[str, Place], object] = lambda _name, _place: None,
+        *,
+        goes_on: bool = False,
+    ) -> dict[str, Point]:
         """Read all targets in a posture, with or without load; return target → (position, uncertainty) [m].
+
+        Args:
+            stand: posture and load. A later reading of the same stand may repeat a position.
+            on_point: function called with the name and the position [m] of each target as it was read.
+            goes_on: True if the targets are read once more in the same stand, which the source knows already.
 
         Raises:
             SourceError: the source has stopped, or sent a position that cannot be right.
         """
-        if self._announced_stand != stand:
+        if stand != self._last_stand:
+            self._earlier_positions |= self._last_positions
+            self._last_positions, self._last_stand = set(), stand
+        if not goes_on and self._announced_stand != stand:
             await self._call_if_defined("stand", stand)
         self._announced_stand = None  # a second reading in this posture is announced to the source again
         points: dict[str, Point] = {}
         for name in self._setting.targets:
             points[name] = point = await self._read_target(name)
             self._refuse_implausible(stand, name, np.array(point[0]), points)
-        places = {name: np.array(place) for name, (place, _) in points.items()}
-        self._earlier_positions |= {place for place, _ in points.values()}
-        # Positions without load are compared only with the next reading, which is in the same posture.
-        self._unloaded = {} if stand.loaded else places
+            on_point(name, point[0])
+        self._last_positions = {place for place, _ in points.values()}
+        if not stand.loaded:
+            self._unloaded = {name: np.array(place) for name, (place, _) in points.items()}
+            self._unloaded_joints = stand.joints
         return points
 
     async def _call_if_defined(self, method_name: str, *arguments: object) -> Any:  # noqa: ANN401 - whatever a source answers
@@ -287,7 +306,8 @@ class CheckedSource:
                     remedy="check which target the instrument sees, then read again",
                 )
         if stand.loaded:
-            unloaded_place = self._unloaded.get(name)
+            is_same_posture = stand.joints == self._unloaded_joints
+            unloaded_place = self._unloaded.get(name) if is_same_posture else None
             deflection = 0.0 if unloaded_place is None else float(np.linalg.norm(place - unloaded_place))
             if deflection > _LARGEST_DEFLECTION:
                 raise SourceError(

@@ -31,7 +31,7 @@ from jointstiff.schemas.query import OpenSetQuery, SetQuery
 from jointstiff.schemas.run import RunRequest
 from jointstiff.service.conversion.prepared import frame_fields
 from jointstiff.service.live.campaign import Declaration, Entry, LiveCampaign
-from jointstiff.service.live.declaration import complete_targets_and_load_point
+from jointstiff.service.live.declaration import complete_declaration
 from jointstiff.service.problems import LabelTakenError, NotFoundError
 from jointstiff.service.resources.stored import Resources, load_job, resolve_frame
 from jointstiff.service.store.tables import AccessKey, IdempotencyKey, LiveEntry, OpenSetRecord
@@ -69,7 +69,7 @@ class OpenSets:
         if key is not None and (earlier := self._store.open_sets.find(key)) is not None:
             return earlier.id
         options, robot_id = self._take_options_from_plan(options), request.robot_id
-        header = complete_targets_and_load_point(
+        header = complete_declaration(
             request.model_copy(update={"observations": [], "robot_id": robot_id}), options
         )
         resolved, frame_findings = resolve_frame(self._store, header)
@@ -290,7 +290,7 @@ class OpenSets:
         record = self._store.open_sets.get(set_id)
         header = live.MeasurementSetPost.model_validate_json(record.document)
         if header.open is not None:  # older records may state the load point in one place only
-            header = complete_targets_and_load_point(header, header.open)
+            header = complete_declaration(header, header.open)
         robot, _ = self._resources.robots.load(record.robot_id)
         resolved = None if record.resolved is None else ResolvedFrame.model_validate_json(record.resolved)
         return Declaration(robot, header, resolved, _FINDINGS.validate_json(record.warnings))

@@ -31,19 +31,30 @@ _FIELDS: Final = (
 # takes the active one. Registers, signals, timers, messages, speeds, collision detection: no position and no
 # frame changes by them.
 _HARMLESS: Final = (
-    r"(?:R|SR|F|DO|RO|GO|AO|WO|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
-    r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=) ?(.+?)(?:\(sec\)| ?%)?"
+    r"(?:R|SR|F|DO|RO|GO|AO|WO|UO|SO|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
+    r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$WAITTMOUT=|\$[\w$.\[\]\0]*OVERRIDE=) ?(.+?)(?:\(sec\)| ?%)?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|TC_ONLINE|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+)"
-    r"|(?:PAYLOAD|UALM|DIAG_REC|SPOT|Arc (?:Start|End))\[(.*)\]|COL GUARD ADJUST ?(.+)"
+    r"|(?:PAYLOAD|UALM|DIAG_REC|SPOT|SS|SE|(?:Arc|Weld) (?:Start|End))(?:\[[^\[\]]*\])?|COL GUARD ADJUST ?(.+)"
+    # A weave swings about the path. Conditions act on moves that say Skip or Offset, which are left.
+    r"|Weave [\w ]+(?:\[[^\[\]]*\])?|(?:SKIP|(?:TOOL_|V)?OFFSET) CONDITION .+|MONITOR END \w+"
+    r"|VISION (?:RUN_FIND|GET_NFOUND|SET_REFERENCE) .*"
+)
+# Instructions of words alone that displace targets, or soften the arm, until others end them
+_LASTING_WORDS: Final = (
+    r"(?i:[JLCAS]|P|PR|TOUCH|TRACK|MP|RPM|SEARCH|SOFTFLOAT|FOLLOW|DEF\w*|LINE|(?:TOOL_|V)?OFFSET|UFRAME|UTOOL|INDEPENDENT"
+    r"|SIMULTANEOUS|FORCE|CALIB|GROUP|IF|FOR|SELECT|JMP|LBL|RUN|CALL|WAIT|END\w*)\b"
 )
 # Text behind a target that does not move the target: termination, acceleration, configuration, spots, signals
 _TAIL: Final = re.compile(
     r"(?:\0|R\[[^\[\]]*\])?(?: ?(?:%|(?:mm|cm|inch|deg)/(?:sec|min)|sec|msec|max_speed|WELD_SPEED))?"
     r"(?: ?(?:FINE|Wjnt|PTH|BREAK|MROT|(?:CNT|CR|CD|ACC|AP_LD|RT_LD)(?:\d++| ?\0)|(?:CNT|ACC) ?R\[[^\[\]]*\]"
     r"|EV ?\0%"
-    r"|(?:SPOT|Arc (?:Start|End)) ?\[[^\[\]]*\]"
-    r"|(?:TB|TA|DB) ?\0 ?(?:sec|mm)?,(?:P-SPS|CALL ?\w++(?:\([^()]*\))?|(?:DO|RO|GO|AO)\[[^\[\]]*\]=\w++)))*"
+    r"|(?:SPOT|SS|(?:Arc|Weld) (?:Start|End)) ?\[[^\[\]]*\]|SE(?!\w)"
+    r"|(?:TB|TA|DB) ?\0 ?(?:sec|mm)?,"
+    r"(?:P-SPS|CALL ?\w++(?:\([^()]*\))?|(?:DO|RO|GO|AO)\[[^\[\]]*\]=(?:PULSE,\0 ?sec|\w++|\0))))*"
 )
+# Text behind a target that ends the move before it, and the label where the program continues otherwise
+_SKIP: Final = re.compile(r" ?Skip,LBL ?\[(?P<label>[^\[\]]*)\](?:,PR\[[^\[\]]*\]=\w+)?")
 # Text behind a target that moves this target: an increment, an offset, coordinated motion, a remote tool
 _OFFSETS: Final = (
     r"(?:INC|RTCP|COORD(?:\[[^\[\]]*\])?|(?:Tool_)?Offset(?:,PR\[[^\[\]]*\])?|VOFFSET,VR\[[^\[\]]*\])"
@@ -106,7 +117,8 @@ def _translate_move(line: Line) -> list[Op]:
     Raises:
         Misread: the number of positions is wrong, or the text after them is unknown.
     """
-    letter, tail = line["letter"], line["tail"]
+    letter, skip = line["letter"], _SKIP.search(line["tail"])
+    tail = _SKIP.sub("", line["tail"])
     has_second = bool(line["second"])  # an arc has a second position, on the next line
     if has_second != (letter == "C"):
         raise Misread("an arc needs two positions, the second on the next line; any other move needs one")
@@ -122,12 +134,28 @@ def _translate_move(line: Line) -> list[Op]:
     )
     reason = ""
     if offset:
-        place = line.span("tail")[0] + offset.start()
+        place = line.span("tail")[0] + line["tail"].index(offset[0].strip())
         quoted = ir.quote_statement(offset[0], line.ordinals_in(place, len(line.text)))
         reason = f"{quoted} moves the target"
+    elif skip:
+        reason = "Skip may end the move before its target"
     matched_frames = ("UFRAME_NUM", "UTOOL_NUM")
     move = ir.Move(_MOTIONS[letter], names, bases, tools, matched_frames, reason=reason, remedy=_REMEDY)
-    return [*(ir.Call(name, anytime=True, event=name) for name in re.findall(r",CALL ?(\w++)", tail)), move]
+    calls = [ir.Call(name, anytime=True, event=name) for name in re.findall(r",CALL ?(\w++)", tail)]
+    if skip is None:
+        return [*calls, move]
+    place = line.span("tail")[0]
+    ordinals = line.ordinals_in(place + skip.start("label"), place + skip.end("label"))
+    label: ir.Name = ("%s", ordinals[0]) if skip["label"] == "\0" else "\0"
+    return [*calls, move, ir.Flow("if"), ir.Flow("jump", label), ir.Flow("close")]
+
+
+def _translate_macro(line: Line) -> list[Op]:
+    """Return the call of a macro, whose name may have several words and a number.
+
+    An instruction of the controller with words alone looks like a macro, and may last.
+    """
+    return [ir.Call(line.text.replace("\0", "n"), may_last=True)]
 
 
 def _translate_register_move(line: Line) -> list[Op]:
@@ -355,7 +383,7 @@ LANGUAGE: Final = ir.Language(
     head="/MN",
     read=read_fanuc,
     # comment behind a number in brackets, and the text of a message
-    comment=r":[^:\[\]\r\n]*+(?=\])|(?<=MESSAGE)\[[^\[\]\r\n]*+\]",
+    comment=r":[^\[\]\r\n]*+(?=\])|(?<=MESSAGE)\[[^\[\]\r\n]*+\]",
     blank=r" ?;?:|^[ ;]+|[ ;]+$",
     text=r"'[^'\r\n]*+'",
     word=r"[$]?[^\W\d]\w*+",
@@ -372,6 +400,7 @@ LANGUAGE: Final = ir.Language(
     is_frame=lambda name: name.startswith(("UF ", "UT ")),
     # Manual, chapter 4: other programs cannot change the positions of this program.
     is_own=lambda name: name.startswith("P["),
+    positions="P",
     is_reached=lambda name: name in {"UFRAME_NUM", "UTOOL_NUM"},
     lasting="",  # offsets, tracking, soft float: what is not understood may last
     rules=(
@@ -388,11 +417,16 @@ LANGUAGE: Final = ir.Language(
         (r"ENDIF|ENDFOR", "close"),
         (r"LBL ?\[#{name}\]", "label"),
         (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
+        (
+            r"VISION GET_\w+ .*(?P<action>JMP LBL ?\[.*\])",
+            _translate_conditional_action,
+        ),
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),
         (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
         (_HARMLESS, _translate_harmless_instruction),
         (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _translate_frame_change),
         (r".*(?:UFRAME|UTOOL).*", _refuse_computed_frame),
-        (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*P\[[^=]*=.*", _translate_position_change),
+        (rf"(?!{_LASTING_WORDS})[A-Za-z]\w*(?: \w+)*(?: ?\0)?", _translate_macro),
+        (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*(?<!\w)P\[[^=]*=.*", _translate_position_change),
     ),
 )

@@ -162,8 +162,9 @@ class ControlFlow:
             for routine, fault in self.faulty_routines.items()
             if routine in self.begins
         }
-        # A handler without a name handles errors.
-        if any(not names[self.begins[handler]] for handler in self.anytime_routines):
+        # A handler without a name handles errors; a handler that resumes ends the routines it interrupted.
+        handles_errors = any(not names[self.begins[handler]] for handler in self.anytime_routines)
+        if handles_errors or any(isinstance(op, ir.Flow) and op.kind == "resume" for op in ops):
             self._add_error_exits()
 
     def _append_missing_ends(self, ops: list[Op]) -> None:
@@ -193,7 +194,7 @@ class ControlFlow:
     def _add_error_exits(self) -> None:
         """Add the end of the routine to the successors of each operation of the routine.
 
-        An error may occur anywhere, and a handler of the caller may then continue behind the call.
+        An error or an interrupt may occur anywhere; the caller may then continue behind the call.
         """
         for end, name in self.ends.items():
             for i in self.bodies[name][:-1]:
@@ -216,8 +217,8 @@ class ControlFlow:
             self._labels[self._open_routines[-1]][self._names[i]] = i
         elif op.kind == "jump":
             self._jumps.append(i)
-        elif op.kind in {"leave", "return"}:
-            kinds = {"routine"} if op.kind == "return" else {"loop", "repeat", "routine"}
+        elif op.kind in {"leave", "return", "resume"}:
+            kinds = {"routine"} if op.kind != "leave" else {"loop", "repeat", "routine"}
             enclosing = [block for block in self._open_blocks if block.kind in kinds]
             for block in enclosing[-1:]:  # the innermost block of these kinds, if any
                 block.exits.append(i)
@@ -392,6 +393,7 @@ class Machine:
         translations: dict[str, list[tuple[int, Op]]] = {}
         # operations of the last statement, if a repetition of this statement can differ in numbers only
         repeatable: list[tuple[int, Op]] | None = None
+        held: list[tuple[list[tuple[int, Op]], int, int]] = []  # statements that act behind the next move
         for masked, line, number in zip(masked_texts, lines.tolist(), first.tolist(), strict=True):
             ops = translations.get(masked)
             if ops is None:
@@ -401,16 +403,35 @@ class Machine:
                     self.refuse(line, fault.reason, fault.remedy, source)
                 if len(translations) < _MAX_TRANSLATIONS:
                     translations[masked] = ops
-            if ops is repeatable:  # long programs are mostly such moves: they share one operation
+            if (
+                ops is repeatable and not held
+            ):  # long programs are mostly such moves: they share one operation
                 line_offset, _ = ops[-1]
                 self._repeats[len(self._ops) - 1].extend((line + line_offset, number))
                 continue
-            self._add_operations(ops, source, line, number, declares)
             effects = [op for _, op in ops if not isinstance(op, ir.Use)]
+            if any(isinstance(op, ir.Call) and op.behind_next for op in effects) and not declares:
+                held.append((ops, line, number))
+                continue
+            is_move = [type(op) for op in effects] == [ir.Move]
+            if held and effects and not is_move:
+                self._add_held(held, source)
+            self._add_operations(ops, source, line, number, declares)
+            if held and is_move:
+                self._add_held(held, source)
+                repeatable = None
+                continue
             is_repeatable = (
                 len(effects) == 1 and isinstance(effects[0], ir.Move) and effects[0].differs_only_in_target
             )
             repeatable = ops if is_repeatable and not declares else None
+        self._add_held(held, source)
+
+    def _add_held(self, held: list[tuple[list[tuple[int, Op]], int, int]], source: int) -> None:
+        """Add the operations of statements that act behind the next move, and empty their list."""
+        for ops, line, number in held:
+            self._add_operations(ops, source, line, number, "")
+        held.clear()
 
     def _add_operations(
         self, ops: Iterable[tuple[int, Op]], source: int, line: int, number: int, declares: str
@@ -489,9 +510,10 @@ class Machine:
             # An unknown routine that an attached routine calls counts as called where this one is attached.
             is_attached = name in self._attached_routines
             changed = self._changed[name].items()
-            self._anytime.update(
-                {each: cause for each, cause in changed if not (is_attached and each == UNKNOWN)}
-            )
+            for each, cause in changed:
+                ends_lasting = each == ir.MODE and not cause.reason
+                if not ((is_attached and each == UNKNOWN) or ends_lasting):
+                    self._anytime[each] = cause
 
     def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
         """Note why values become unknown at a statement, for each name that the statement changes."""
@@ -563,7 +585,7 @@ class Machine:
             else:
                 self._update_state(state, i)
             for name, (content, line) in state.items():
-                reason = f"{name} changes while the program runs"
+                reason = f"{name} changes while the program runs" if name != ir.MODE else ""
                 cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
                 self._changed[routine][name] = content if isinstance(content, Cause) else cause
         self._summarise_faults_and_attachments()
@@ -731,6 +753,8 @@ class Machine:
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)
+            if name == ir.MODE and state.get(name, ("",))[0] in self._faults.values():
+                return  # the end of force control and the like does not mend a fault of the text
             state[name] = self._evaluate(place, name, op.value, state), place.line
         elif isinstance(op, ir.MakeUnknown):
             cause = place.make_cause(op.reason, op.remedy)
@@ -743,6 +767,8 @@ class Machine:
             unknown = None if is_own else self._explain_unknown_call(place, op)
             if unknown := unknown or self._find_unknown_in_attached(place, op):
                 self._forget_names(state, unknown)
+                if op.may_last:
+                    state[ir.MODE] = unknown, unknown.line
 
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
@@ -901,7 +927,8 @@ class Machine:
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
         cause = self._find_obstacle(place, op, frames, state)
-        self._needs_assumption |= cause is None and UNKNOWN in state and bool(self.unknown_routines)
+        is_behind_unknown = UNKNOWN in state or UNKNOWN in self._anytime
+        self._needs_assumption |= cause is None and is_behind_unknown and bool(self.unknown_routines)
         repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
         if len(repeats) and cause is None:
             lines, first = np.vstack([[place.line, place.first], repeats]).T

@@ -42,7 +42,7 @@ _TURNS_TOOL: Final = frozenset({"$ORI_TYPE", "$PAL_MODE"})
 # KSS: positions that the controller stores, for all of its programs
 _STORED_POSITION: Final = re.compile(r"\$AXIS_ACT|\$POS_ACT|\$H_POS|X?HOME\d?")
 _RESERVED: Final = (
-    r"S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?|ASYPTP|ASYCONT|DEF|DEFFCT|DEFDAT|END\w*|IF|THEN|ELSE|FOR|TO|STEP|WHILE"
+    r"S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?|ASYPTP|ASYCONT|DEF|DEFFCT|DEFDAT|END(?:IF|FOR|WHILE|LOOP|SWITCH|FCT|DAT|SPLINE)?|IF|THEN|ELSE|FOR|TO|STEP|WHILE"
     r"|LOOP|REPEAT|UNTIL|SWITCH|CASE|DEFAULT|GOTO|WAIT|HALT|EXIT|RETURN|CONTINUE|TRIGGER|INTERRUPT|(?:PTP_)?SPLINE"
     r"|DECL|GLOBAL|SIGNAL|EXT|BRAKE|RESUME|WITH|DO|ANOUT|ANIN|BAS|C_(?:PTP|DIS|VEL|ORI|SPL)|\$BASE|\$TOOL"
 )
@@ -58,13 +58,18 @@ _BLEND: Final = re.compile(r" ?(?<![\w$])C_(?:PTP|DIS|VEL|ORI|SPL)")
 _LONGEST_BLEND: Final = len(" C_PTP")
 _FIELD: Final = re.compile(r"(\w+)(?:\[\])? ?(\0|TRUE|FALSE|\"[^\"]*\"|#\w+|'\w+')")
 _SEPARATED: Final = re.compile(r" (?=[\0\w\"#'$])|(?<=\w):|(?<=\])(?=[\0\w\"#'$ ])|(?<=\[)(?=\])")
-_OWN_FRAME: Final = re.compile(rf"\$(BASE|TOOL|IPO_MODE)=(?:STOOL2?|SBASE|SIPO_MODE)\(({_NAME})(?:\.\w+)?\)")
-"""A frame of a single move, by the name of its data."""
+_OWN_FRAME: Final = re.compile(
+    rf"\$(BASE|TOOL|IPO_MODE)=(?:(?:STOOL2?|SBASE|SIPO_MODE)\((?P<data>{_NAME})(?:\.\w+)?\)"
+    rf"|(?P<table>(?:BASE|TOOL)_DATA)\[\0\]|(?P<name>{_NAME}))"
+)
+"""A frame of a single move, by the name of its data, in the controller's table, or by its own name."""
 # Each part ends at the first word that may end it: any other division would take the square of the time.
 _TRIGGER: Final = (
     r"TRIGGER WHEN (?:DISTANCE|PATH)=((?:(?! ?\b(?:ONSTART|DELAY=)).)+)(?: ?ONSTART)? ?\bDELAY="
     r"((?:(?! ?\bDO ).)+) ?\bDO "
 )
+_AXES_OF_STEP: Final = r" ?#(?:TOOL|BASE)$"
+"""Axes along which the step of a relative move is given, at the end of the move."""
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 
@@ -174,6 +179,12 @@ def _translate_assignment(line: Line) -> list[Op]:
         if not index.startswith("[\0]"):
             raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
         target, index = (f"{name}[%s]", line.first_ordinal("index")), index.removeprefix("[\0]")
+    elif name in {"$ACT_BASE", "$ACT_TOOL"} and not index:  # BAS copies them where it sets frames
+        active: ir.Name = name.replace("ACT_", "")
+        statement = ir.quote_statement(line.text, line.ordinals)
+        reason = f"{statement}: the controller's variable {name} may move targets"
+        changes = [ir.MakeUnknown(frozenset({active, name}), reason, "omit it")]
+        return [*_read_value(line, line["value"]), *changes]
     elif _MAY_MOVE_TARGETS.match(line.text):
         raise Misread(f"the controller's variable {name} may move targets", "omit it")
     # The indices of elements are expressions; all of them are read as one expression.
@@ -196,10 +207,11 @@ def _translate_move(line: Line) -> list[Op]:
         Misread: there is no target, or the settings of the move are unknown.
     """
     motion, begin = _MOTIONS[line["motion"]], line.span("rest")[0]
-    end, settings = _find_end_of_targets(line.text, begin)
+    whole = re.sub(_AXES_OF_STEP, "", line.text) if line["relative"] else line.text
+    end, settings = _find_end_of_targets(whole, begin)
     if end == begin:
         raise Misread(_NOT_WHOLE)
-    found, own_frames = _read_settings(line, settings)
+    found, own_frames = _read_settings(line, *settings)
     targets: list[Literal | ir.Name | None] = []
     for start, stop in split_outside_brackets(line.text[:end], begin):
         name = line.text[start:stop]
@@ -212,27 +224,23 @@ def _translate_move(line: Line) -> list[Op]:
     known = tuple(each for each in targets if each is not None)
     if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
         reason = "the target is relative to the position before the move" if line["relative"] else _NOT_WHOLE
-        text = line.text[begin:end]
-        if line["relative"]:  # the step may be given along the axes of the tool
-            text = re.sub(r" ?#(?:TOOL|BASE)$", "", text)
+        step = re.sub(_AXES_OF_STEP, "", line.text[begin:end])
         return ir.make_uncorrected_move(
-            [*found, *line.read_expression(_SEPARATED.sub(",", text))], reason, _REMEDY
+            [*found, *line.read_expression(_SEPARATED.sub(",", step))], reason, _REMEDY
         )
-    base, tool = ir.Copy("$BASE"), ir.Copy("$TOOL")
-    if own_frames:
-        base, tool = (ir.Copy(f"{own_frames}.{role}", through=True) for role in ("BASE", "TOOL"))
+    base, tool = (own_frames.get(role, ir.Copy(f"${role}")) for role in ("BASE", "TOOL"))
     return [*found, ir.Move(motion, known, (base,) * len(known), (tool,) * len(known))]
 
 
-def _find_end_of_targets(text: str, begin: int) -> tuple[int, str]:
-    """Return the index where the targets of a move end, and the text of its settings after WITH, or "".
+def _find_end_of_targets(text: str, begin: int) -> tuple[int, tuple[int, int]]:
+    """Return the index where the targets of a move end, and the span of its settings after WITH.
 
-    The targets begin at index `begin`.
+    The targets begin at index `begin`. The span is empty if there are no settings.
     """
     match = _WITH.search(text, begin)
     if match is None:
-        return _strip_blends(text, begin, len(text)), ""
-    settings = text[match.end() : _strip_blends(text, match.end(), len(text))]
+        return _strip_blends(text, begin, len(text)), (len(text), len(text))
+    settings = match.end(), _strip_blends(text, match.end(), len(text))
     return _strip_blends(text, begin, match.start()), settings
 
 
@@ -245,18 +253,27 @@ def _strip_blends(text: str, begin: int, end: int) -> int:
     return end
 
 
-def _read_settings(line: Line, text: str) -> tuple[list[Op], str]:
-    """Return the operations of the settings after WITH, and the name of frame data for this move only, or "".
+def _read_settings(line: Line, begin: int, end: int) -> tuple[list[Op], dict[str, ir.Copy]]:
+    """Return the operations of the settings after WITH, and the frames that are set for this move only.
+
+    The settings are the text between two indices; the frames have the keys BASE and TOOL.
 
     Raises:
-        Misread: a setting is unknown, calls a routine, or sets only one of base and tool.
+        Misread: a setting is unknown, calls a routine, or takes only one of base and tool from frame data.
     """
-    # Names of the frame data of this move, by BASE, TOOL and IPO_MODE; operations of the other settings
-    own_frames, found = dict[str, str](), list[Op]()
-    for start, end in split_outside_brackets(text) if text else ():
-        setting = text[start:end]
-        if match := _OWN_FRAME.fullmatch(setting):
-            own_frames[match[1]] = match[2]
+    found, frames, data = list[Op](), dict[str, ir.Copy](), dict[str, str]()
+    for start, stop in split_outside_brackets(line.text[:end], begin) if begin < end else ():
+        setting = line.text[start:stop]
+        match = _OWN_FRAME.fullmatch(setting)
+        role = match[1] if match else ""
+        if match and match["data"]:
+            data[role] = match["data"]
+            frames[role] = ir.Copy(f"{match['data']}.{role}", through=True)
+        elif match and match["table"] == f"{role}_DATA":
+            frames[role] = ir.Copy((f"{role}_DATA[%s]", line.ordinals_in(start, stop)[0]))
+        elif match and match["name"] and role != "IPO_MODE":
+            found.append(ir.Use(frozenset({match["name"]})))
+            frames[role] = ir.Copy(match["name"])
         elif (
             not setting.startswith("$")
             or _MAY_MOVE_TARGETS.match(setting)
@@ -267,12 +284,12 @@ def _read_settings(line: Line, text: str) -> tuple[list[Op], str]:
             )
         else:
             found += _read_value(line, setting.partition("=")[2])
-    has_both = own_frames.keys() >= {"BASE", "TOOL"} and len(set(own_frames.values())) == 1
-    if ir.calls_routine(found) or (own_frames and not has_both):
+    has_both = data.keys() >= {"BASE", "TOOL"} and len(set(data.values())) == 1
+    if ir.calls_routine(found) or (data and not has_both):
         raise Misread(
             "the settings after WITH call a routine, or set only one of tool and base", _SET_BEFORE_MOVE
         )
-    return found, own_frames.get("TOOL", "")
+    return found, frames
 
 
 def _translate_spline(line: Line) -> list[Op]:
@@ -287,7 +304,7 @@ def _translate_spline(line: Line) -> list[Op]:
     end, settings = _find_end_of_targets(line.text, begin)
     if end > begin:
         raise Misread(UNKNOWN_STATEMENT)
-    found, own_frames = _read_settings(line, settings)
+    found, own_frames = _read_settings(line, *settings)
     reason, remedy = "the block of splines has frames of its own", "set $BASE and $TOOL before the block"
     return [*found, *([ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own_frames else [])]
 
@@ -301,12 +318,15 @@ def _translate_routine(line: Line) -> list[Op]:
 def _translate_attachment(line: Line) -> list[Op]:
     """Return the operations of an interrupt or a trigger, whose routine may run at any time."""
     # A trigger has no number; the number of an interrupt gives a name by which it is switched on.
+    # KSS: a trigger acts on the path of the move behind it, which is planned before, with its frames.
     event: ir.Name = ("INTERRUPT %s", line.first_ordinal("number")) if line["number"] else "TRIGGER"
     action = re.sub(r" ?\bPRIO=", "+", line["action"])
     found = ir.mark_anytime([*line.read_expression(line["when"]), *line.read_expression(action)], event)
     # BAS: IR_STOPM only stops the robot and waits.
     return [
-        op._replace(harmless=True) if isinstance(op, ir.Call) and op.name == "IR_STOPM" else op
+        op._replace(harmless=op.harmless or op.name == "IR_STOPM", behind_next=event == "TRIGGER")
+        if isinstance(op, ir.Call)
+        else op
         for op in found
     ]
 
@@ -379,7 +399,7 @@ LANGUAGE: Final = ir.Language(
     comment=r";[^\r\n]*+|(?<![^\r\n])&[^\r\n]*+",
     text=r"\"[^\"\r\n]*+\"|#\w++|'[HD][0-9A-F]++'",
     word=r"\$?[^\W\d]\w*+",
-    number=rf"{ir.NUMBER}|'B[01]{{1,16}}+'",
+    number=rf"{ir.NUMBER}|'B ?[01]{{1,16}}+'",
     operators="AND|OR|EXOR|NOT|B_AND|B_OR|B_EXOR|B_NOT",
     reserved=_RESERVED,
     # KSS: arithmetic, strings, the state of variables, pulses, and what inline forms set speeds by
@@ -420,6 +440,10 @@ LANGUAGE: Final = ir.Language(
         (r"GOTO @{name}", "jump"),
         (r"@{name}:", "label"),
         (r"RETURN ?(.*)", "return"),
+        # KSS: an interrupt's routine brakes the motion; RESUME also ends the routines that it interrupted
+        (r"BRAKE(?: F)?", ""),
+        (r"RESUME", "resume"),
+        (r"ANOUT ON (.+?)(?: ?(?:DELAY|MINIMUM|MAXIMUM)=[+-]?\0)+", ""),
         (r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))", ""),
         (
             rf"(?:GLOBAL )?INTERRUPT DECL #{{number}} WHEN (?P<when>.+?) ?DO (?P<action>{_NAME}\(.*\))",

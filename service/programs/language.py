@@ -103,6 +103,9 @@ class Call(NamedTuple):
     event: Name = ""
     # whether the call changes nothing, unless the program itself defines a routine with this name
     harmless: bool = False
+    # whether an unknown routine may also leave something that lasts (`MODE`)
+    may_last: bool = False
+    behind_next: bool = False  # whether the routine runs only behind a move that is the next statement
 
 
 class Use(NamedTuple):
@@ -144,7 +147,7 @@ class Flow(NamedTuple):
     Blocks begin with `if`, `loop` or `repeat` (a loop that runs at least once) and end with `close`; further
     branches begin with `branch` or `default`; `leave` leaves a loop. Routines begin with `routine`, or with
     `handler` if they may run at any time, and end with `end`. `close_or_end` ends a block or a routine. The
-    other kinds are `label`, `jump` and `return`.
+    other kinds are `label`, `jump`, `return`, and `resume`, which also ends the routines that were interrupted.
     """
 
     kind: str
@@ -248,6 +251,7 @@ class Language:
     # endings such as `.BASE`, with which the name of a structure becomes the name of one of its fields
     field_endings: tuple[str, ...] = ()
     callable_from_outside: bool = False  # whether other programs may call each of the routines
+    positions: str = ""  # name of the array of the program's positions, if there is one
     suffixes: str = ""  # suffixes of the names of its files, separated by blanks
     pose: Notation | None = None  # notation in which users write frames; None for the notation of the program
     remark: str = "#"  # begin of a remark
@@ -380,7 +384,13 @@ class Language:
         number of lines below the first line of the statement's text.
         """
         reason = f"{quote_statement(line.text, line.ordinals)}: {fault.reason}"
-        remedy, names = fault.remedy or self.remedy, _NAME.findall(_QUOTED.sub("_", line.text))
+        remedy, text = fault.remedy or self.remedy, _QUOTED.sub("_", line.text)
+        names: set[Name] = set(_NAME.findall(text))
+        if self.positions:  # only those elements of the array that the statement names may change
+            names.discard(self.positions)
+            for match in re.finditer(rf"(?<![\w$]){self.positions}\[(\0\])?", line.text):
+                ordinals = line.ordinals_in(match.start(), match.end())
+                names.add((f"{self.positions}[%s]", ordinals[0]) if ordinals else self.positions)
         # Without names, `MakeUnknown` makes all values unknown. The names of the statement are listed as
         # well, because their values change while the program runs; `_` keeps the list from being empty.
         ops: list[tuple[int, Op]] = [

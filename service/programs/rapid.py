@@ -28,10 +28,15 @@ _HARMLESS: Final = (
     r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT"
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
     r"|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
+    # Ends of displacements; corrections of paths act on moves with \Corr only
+    r"|(?:PDISP|EOFFS)OFF|SOFTDEACT|CORR(?:CON|DISCON|CLEAR|WRITE)|(?:START|STOP)MOVE|(?:STORE|RESTO|CLEAR)PATH"
 )
 # Moves of a process, and instructions that shift targets and frames: neither can be corrected
 _PROCESS_MOVE: Final = re.compile(r"(?:ARC|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:[LCJ]|[LC]\w++)")
-_SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|SEARCH|CORR|WAITWOBJ|DROPWOBJ|IND")
+_SEARCH: Final = re.compile(r"SEARCH[LCJ]|SEARCHEXTJ")
+_SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CORR|WAITWOBJ|DROPWOBJ|IND")
+# Force control, moves of several robots, guidance from outside, and data that are written by their names
+_LASTING: Final = re.compile(r"FC\w+|SYNCMOVE\w+|EGM\w+|SET(?:ALL)?DATAVAL")
 _RESERVED: Final = (
     r"(?:END)?(?:MODULE|PROC|FUNC|TRAP|RECORD)|LOCAL|TASK|CONST|PERS|VAR|IF|THEN|ELSE|ELSEIF|ENDIF|FOR|FROM|TO"
     r"|STEP|DO|ENDFOR|WHILE|ENDWHILE|TEST|CASE|DEFAULT|GOTO|ERROR|UNDO|BACKWARD|CONNECT|WITH|RETURN|RAISE|RETRY"
@@ -114,7 +119,16 @@ def _translate_instruction(line: Line) -> list[Op]:
         return [*found, ir.Call(name, harmless=True)]
     if _PROCESS_MOVE.fullmatch(name):
         reason, remedy = f"{name} is a move of a process such as welding", "write it as MoveL, MoveJ or MoveC"
-        return ir.make_uncorrected_move([*found, ir.MakeUnknown(frozenset(), reason, remedy)], reason, remedy)
+        return ir.make_uncorrected_move(found, reason, remedy)
+    if _SEARCH.fullmatch(name):  # it gives the place of a signal to one of its arguments
+        reason, remedy = f"{name} moves until a signal comes", "omit it"
+        plain = [each for each in line["arguments"].split(",") if not each.lstrip().startswith("\\")]
+        if len(plain) > 1 and re.fullmatch(_WORD, plain[1]):
+            names = frozenset({plain[1]})
+        return ir.make_uncorrected_move([*found, ir.MakeUnknown(names, reason, remedy)], reason, remedy)
+    if _LASTING.fullmatch(name):
+        reason = f"{name} may move targets or frames"
+        return [*found, *(ir.MakeUnknown(each, reason, "omit it") for each in (names, frozenset({ir.MODE})))]
     if _SHIFT.match(name):
         reason = f"{name} moves targets or frames"
         return [
@@ -331,6 +345,9 @@ LANGUAGE: Final = ir.Language(
     constants={"WOBJ0": np.eye(4), "TOOL0": np.eye(4)},
     field_endings=tuple(ending for endings in _FRAMES_OF.values() for ending in endings),
     is_frame=lambda _: True,
+    # Each move names its tool and its work object: routines of other files reach no active frame.
+    is_reached=lambda _: False,
+    lasting="",  # what is not understood may displace targets
     callable_from_outside=True,
     rules=(
         (

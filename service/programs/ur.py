@@ -25,8 +25,11 @@ _MOVES_WITHOUT_TARGET: Final = re.compile(
     r"(?:servo|speed)[jlc]|\w*(?:force|freedrive|teach)_mode|tool_contact|optimove[jl]|\w*(?:conveyor|path_offset)\w*"
     r"|screw_driving|move_until_contact|position_deviation_warning|reset_revolution_counter|set_pos"
 )
-# Those of them that last: they also move what later moves reach
+# Those of them that last, and so move what later moves reach, until another one ends them
 _LASTING: Final = re.compile(r"(?!servo|speed|tool_contact|optimove|move_until_contact).*")
+_END_OF_LASTING: Final = re.compile(
+    r"end_(?:force|freedrive|teach)_mode|path_offset_disable|stop_conveyor_tracking|end_screw_driving"
+)
 # Routines that tell a value, wait, show a text, or set payload, signals, registers and connections.
 _HARMLESS: Final = (
     r"sleep|sync|textmsg|popup|halt|stop[jl]|zero_ftsensor|(?:enter|exit)_critical|random|force|is_(?:steady|within_safety_limits)"
@@ -36,7 +39,7 @@ _HARMLESS: Final = (
     r"|get_(?:inverse_kin|forward_kin|tcp_offset|tcp_force|tool_current|joint_t\w+|controller_temp|steptime"
     r"|freedrive_status|(?:actual|target)_(?:tcp|joint|payload|waypoint)\w*|conveyor_tick_count)"
     r"|(?:read|write)_(?:in|out)put_\w+|(?:read|write)_port_\w+|(?:modbus|socket|rtde)_\w+|rpc_factory"
-    r"|pose_\w+|point_dist|interpolate_pose|rpy2rotvec|rotvec2rpy|wrench_trans|to_(?:str|num)|str_\w+|norm|normalize|length"
+    r"|pose_\w+|tool_pose|point_dist|interpolate_pose|rpy2rotvec|rotvec2rpy|wrench_trans|to_(?:str|num)|str_\w+|norm|normalize|length"
     r"|floor|ceil|sqrt|pow|log|a?(?:sin|cos|tan)|atan2|d2r|r2d|abs|\w*binary_list\w*|make_list"
 )
 _RESERVED: Final = (
@@ -73,12 +76,20 @@ def _translate_call(line: Line) -> list[Op]:
     """Return the operations of a call; a call that moves the robot becomes an uncorrected move."""
     name = line["name"]
     found = line.read_expression(line.text)
+    if _END_OF_LASTING.fullmatch(name):
+        return [*(op for op in found if not _is_call_of(name, op)), ir.Assign(ir.MODE, ir.Named(""))]
     if not _MOVES_WITHOUT_TARGET.fullmatch(name):
         return found
+    found = [op for op in found if not _is_call_of(name, op)]  # no function of the controller sets the tool
     reason, remedy = f"{name} moves the robot without a target", "use movej, movel, movep or movec"
     if _LASTING.fullmatch(name):
         found.append(ir.MakeUnknown(frozenset({ir.MODE}), reason, remedy))
     return ir.make_uncorrected_move(found, reason, remedy)
+
+
+def _is_call_of(name: str, op: Op) -> bool:
+    """Return whether an operation calls a routine."""
+    return isinstance(op, ir.Call) and op.name == name
 
 
 def _read_literal(line: Line, start: int, end: int) -> Literal | None:
@@ -154,7 +165,7 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
         first, *more = list(split_outside_brackets(line.text[: end - 1], start + call.end()))
         if call[1] == "get_inverse_kin":
             if len(more) > 3 or "tcp=" in text:  # the fifth argument is a tool
-                raise Misread("get_inverse_kin is called with its own tool")
+                raise Misread("the call of get_inverse_kin states a tool")
             for each in more:  # angles near the answer, and tolerances
                 found += line.read_expression(line.text[slice(*each)].removeprefix("qnear="))
             return _read_target(line, *first, found)
@@ -192,7 +203,7 @@ LANGUAGE: Final = ir.Language(
         (r"(?:elif|case) ?(.+):|else:?", "branch"),
         (r"default:", "default"),
         (r"break|continue", "leave"),
-        (rf"pass|halt|(?:kill|join) {_WORD}", ""),
+        (rf"pass|halt|(?:enter|exit)_critical|(?:kill|join) {_WORD}", ""),
         (r"return ?(.*)", "return"),
         (
             rf"set_tcp\((?:pose=)?p{_SIX}(?:,.*)?\)",

@@ -6,7 +6,7 @@ from jointstiff.schemas.comparison import Comparison, ComparisonResult
 from jointstiff.schemas.finding import Problem
 from jointstiff.service.kinds.comparison.kind import COMPARISON, make_charts
 from jointstiff.service.problems import CampaignError, http_problem
-from jointstiff.service.reports.document import Document, Letterhead, Section, format_percent, list_versions
+from jointstiff.service.reports.document import Document, Letterhead, Section, list_versions
 from jointstiff.service.reports.job import job_parts
 from jointstiff.service.reports.pictures import draw_bars
 from jointstiff.service.tables.report import View
@@ -59,7 +59,10 @@ def _make_first_table(result: ComparisonResult) -> Table:
         if entry.weighting != "covariance":
             name += f", {entry.weighting.replace('_', ' ')}"
         # Of a method with and without the constraint, the constrained run comes last, and is shown.
-        methods.setdefault(name, {})[entry.side] = format_percent(entry.compensation)
+        explained = entry.compensation
+        methods.setdefault(name, {})[entry.side] = (
+            NO_NUMBER if explained is None else f"{100 * explained:.1f} %"
+        )
     rows = []
     for side in result.sides:
         lengths = [length for length in side.deflection if length is not None]

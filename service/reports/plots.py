@@ -157,7 +157,8 @@ def _draw_chart(axis: Axes, chart: Chart) -> None:
         else:
             look |= {"hatch": _HATCHES[number % len(_HATCHES)], "edgecolor": "0.2", "linewidth": 0.3}
             whiskers = {"elinewidth": 0.8, "capthick": 0.8, "ecolor": "0.2"}
-            axis.bar(positions, heights, bar_width, capsize=1.5, error_kw=whiskers, **look)
+            bars = axis.bar(positions, heights, bar_width, capsize=1.5, error_kw=whiskers, **look)
+            _outline_whiskers(bars)
         _mark_open_ends(axis, positions, heights, intervals or ())
     if chart.logarithmic:
         axis.set_yscale("log")
@@ -188,6 +189,16 @@ def _mark_open_ends(
         if interval is not None and interval[1] is None and not isnan(height):
             arrow = {"arrowstyle": "<-", "linewidth": 0.8}  # the head is at the end of the text
             axis.annotate("", (position, height), (0, 14), "data", "offset points", arrow)
+
+
+def _outline_whiskers(bars: Any) -> None:  # noqa: ANN401 - a container of bars of matplotlib
+    """Draw a white line around the whiskers of bars, so that they are seen on dark bars, in grey, too."""
+    from matplotlib.patheffects import withStroke
+
+    if bars.errorbar is not None:
+        _, caps, lines = bars.errorbar.lines
+        for each in (*caps, *lines):
+            each.set_path_effects([withStroke(linewidth=2.0, foreground="white")])
 
 
 def _mark_missing(axis: Axes, chart: Chart) -> None:

@@ -592,6 +592,9 @@ def _describe_shared_uncertainties(noise: Noise, millimetres: float) -> Iterator
     for name, value in (("Load point", noise.load_point), ("Places of the targets", noise.target_places)):
         if value is not None:
             yield f"{name}: {format_rounded(millimetres * value)} mm a coordinate."
+    if noise.drift is not None:
+        micrometres = format_rounded(1e3 * millimetres * noise.drift)
+        yield f"Drift: {micrometres} µm a coordinate from one observation to the next."
     if noise.axes is not None:
         yield (
             f"Axes of the robot's model: {format_rounded(millimetres * noise.axes.position)} mm across, "

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     from jointstiff.solver.integrity.other_robots import KnownRobot
     from jointstiff.solver.mechanics.robot import Robot
 
-_LENGTHS: Final = frozenset(("sigma", "station", "constant", "load_point", "target_places", "position"))
+_LENGTHS: Final = frozenset(
+    ("sigma", "station", "constant", "load_point", "target_places", "drift", "position")
+)
 """Fields of the request, and of its `noise`, that hold lengths."""
 
 

@@ -67,7 +67,7 @@ _SHOWN_UNITS: Final = {
     "rad": (1e3, "mrad"),
     "N/m": (1e-3, "N/mm"),
     "m/N": (1e3, "mm/N"),
-    "1": (1.0, ""),
+    "1": (1.0, "1"),
 }
 _CSV_COLUMNS: Final = {
     "label": "label",

@@ -240,7 +240,7 @@ def _convert_typed_lengths(measurement_set: _Set, old_metres: float, new_metres:
     noise = measurement_set.noise
     if noise is not None and noise.sigma is not None:
         scale = conversion_factor(noise.sigma, _USUAL_SIGMA)
-        lengths = {name: getattr(noise, name) for name in ("sigma", "load_point", "target_places")}
+        lengths = {name: getattr(noise, name) for name in ("sigma", "load_point", "target_places", "drift")}
         noise = noise.model_copy(
             update={name: None if length is None else scale * length for name, length in lengths.items()}
         )

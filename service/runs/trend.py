@@ -10,6 +10,7 @@ from functools import cached_property, lru_cache
 from math import hypot, inf
 from typing import Annotated, Any, Final, Literal
 
+import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from jointstiff.schemas import trend as messages
@@ -22,6 +23,7 @@ from jointstiff.service.problems import StoreUnavailableError
 from jointstiff.service.resources.stored import robot_from_record
 from jointstiff.service.store.store import Store
 from jointstiff.service.store.tables import MeasurementSetEntry, RobotEntry
+from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.comparison.campaigns import CHANGED_LEVEL, Change, log_stiffness
 
 _MAX_RUNS: Final = 2_000
@@ -69,6 +71,7 @@ class _StoredComponent(_StoredPart):
     included: bool = True
     degrees_of_freedom: float | None = None
     contributions: list[float]
+    responses: list[tuple[float, float, float]] | None = None
 
 
 class _StoredBudget(_StoredPart):
@@ -81,6 +84,16 @@ class _StoredBudget(_StoredPart):
             return {}
         index = self.joints.index(joint)
         return {part.source: part.contributions[index] for part in self.components if part.included}
+
+    def responses_to_load_point(self, joint: str) -> tuple[float, float, float] | None:
+        """Return changes of a joint's compliance by one standard uncertainty of the load point.
+
+        The changes [rad/(N·m)] are along the axes of the flange; None if the run does not state them.
+        """
+        if joint not in self.joints:
+            return None
+        index = self.joints.index(joint)
+        return next((part.responses[index] for part in self.components if part.responses is not None), None)
 
 
 class _StoredResult(_StoredPart):
@@ -128,6 +141,17 @@ class Campaign:
         budget = self.run.result.budget
         return {} if budget is None else budget.contributions_to(joint)
 
+    def relative_responses_to_load_point(self, joint: str) -> FloatArray | None:
+        """Return changes (3,) of ln k of a joint by one standard uncertainty of the load point.
+
+        None if the run does not state the changes or has no compliance of the joint.
+        """
+        budget, result = self.run.result.budget, self.joints.get(joint)
+        responses = None if budget is None else budget.responses_to_load_point(joint)
+        if responses is None or result is None or not result.compliance:
+            return None
+        return -np.array(responses) / result.compliance
+
     @property
     def selection(self) -> messages.TrendSelection:
         """Serial number and options, which all campaigns of one trend share."""
@@ -142,14 +166,18 @@ class Campaign:
         )
 
 
-def compare_campaigns(names: Sequence[str], campaigns: Sequence[Campaign]) -> dict[str, Any]:
+def compare_campaigns(
+    names: Sequence[str], campaigns: Sequence[Campaign], *, same_load_point: bool = False
+) -> dict[str, Any]:
     """Compare campaigns of a robot; return the trend's fields `campaigns`, `joints`, `level` and `note`.
 
     Args:
         names: names of the robot's joints.
         campaigns: comparable campaigns, oldest first.
+        same_load_point: True if the load of all campaigns hung at the same point of the flange, so that the
+            error of the load point is the same.
     """
-    changes = {name: _estimate_change(campaigns, name) for name in names}
+    changes = {name: _estimate_change(campaigns, name, same_load_point=same_load_point) for name in names}
     # The more joints are tested, the stricter each test has to be.
     test_count = sum(1 for change in changes.values() if change is not None)
     joints = [_summarise_joint(campaigns, name, changes[name], test_count) for name in names]
@@ -167,14 +195,17 @@ def compare_campaigns(names: Sequence[str], campaigns: Sequence[Campaign]) -> di
         ],
         "joints": joints,
         "level": CHANGED_LEVEL,
-        "note": _write_note(campaigns, joints),
+        "note": _write_note(campaigns, joints, same_load_point=same_load_point),
     }
 
 
-def _estimate_change(campaigns: Sequence[Campaign], name: str) -> Change | None:
+def _estimate_change(
+    campaigns: Sequence[Campaign], name: str, *, same_load_point: bool = False
+) -> Change | None:
     """Return the change of a joint's stiffness from the first to the latest campaign that determines it.
 
-    None if fewer than two campaigns determine the stiffness.
+    None if fewer than two campaigns determine the stiffness. With `same_load_point` both campaigns have one
+    error of the load point, and only the difference between their responses to this error counts.
     """
     with_stiffness = [
         campaign for campaign in campaigns if _compute_log_stiffness(campaign, name) is not None
@@ -185,6 +216,10 @@ def _estimate_change(campaigns: Sequence[Campaign], name: str) -> Change | None:
     instruments = {campaign.measured.instrument for campaign in first_and_last}
     # A budget with a single source says nothing about the load cell.
     budgets = [sources for campaign in first_and_last if len(sources := campaign.sources(name)) > 1]
+    responses = [campaign.relative_responses_to_load_point(name) for campaign in first_and_last]
+    shared = None
+    if same_load_point and responses[0] is not None and responses[1] is not None:
+        shared = float(np.linalg.norm(responses[0] - responses[1]))
     first, last = (
         _compute_log_stiffness(
             campaign,
@@ -192,12 +227,14 @@ def _estimate_change(campaigns: Sequence[Campaign], name: str) -> Change | None:
             same_load_cell=len(instruments) == 1 and None not in instruments,
             # If neither campaign states the scale of its load cell, both are taken to use the same cell.
             assumed_cell=all(budget.get("assumed_force_scale", 0.0) > 0.0 for budget in budgets),
+            same_load_point=shared is not None,
         )
         for campaign in first_and_last
     )
     if first is None or last is None:
         return None
-    return Change.between(first, last, min(map(_find_fewest_degrees_of_freedom, first_and_last)))
+    freedom = min(map(_find_fewest_degrees_of_freedom, first_and_last))
+    return Change.between(first, last, freedom, 0.0 if shared is None else shared)
 
 
 def _find_fewest_degrees_of_freedom(campaign: Campaign) -> float:
@@ -214,6 +251,7 @@ def _compute_log_stiffness(
     *,
     same_load_cell: bool = False,
     assumed_cell: bool = False,
+    same_load_point: bool = False,
 ) -> tuple[float, float] | None:
     """Return ln k of a joint's stiffness k, and the standard uncertainty of ln k.
 
@@ -225,6 +263,7 @@ def _compute_log_stiffness(
         name: name of the joint.
         same_load_cell: True to leave out the stated error of the load cell's scale.
         assumed_cell: True to leave out the assumed error of the load cell's scale.
+        same_load_point: True to leave out the error of the load point.
     """
     joint = campaign.joints.get(name)
     if joint is None or joint.status != "identified" or joint.verdict == "do_not_use":
@@ -232,6 +271,8 @@ def _compute_log_stiffness(
     is_shared = {
         "force_scale": same_load_cell,
         "assumed_force_scale": assumed_cell,
+        "load_point": same_load_point,
+        "assumed_load_point": same_load_point,
     }
     shared_uncertainty = hypot(
         *(
@@ -277,8 +318,10 @@ def _make_estimate_of_change(change: Change) -> Estimate:
     return Estimate(value=change.relative, standard_uncertainty=change.relative_uncertainty)
 
 
-def _write_note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJoint]) -> str | None:
-    """Return a remark on too few campaigns, or on most joints changing in one direction; None otherwise."""
+def _write_note(
+    campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJoint], *, same_load_point: bool
+) -> str | None:
+    """Return a remark on too few campaigns, on joints that change together, or on load points; else None."""
     if not campaigns:
         return "no campaign: identify measurement sets of this robot by the same method"
     if len(campaigns) == 1:
@@ -291,6 +334,18 @@ def _write_note(campaigns: Sequence[Campaign], joints: Sequence[messages.TrendJo
             f"{agreeing} of {len(joints)} joints changed in one direction, which suggests an error of the "
             "force: check the load of the first and of the latest campaign"
         )
+    if same_load_point:
+        without = [
+            campaign.measured.name
+            for campaign in campaigns
+            if all(campaign.relative_responses_to_load_point(joint.name) is None for joint in joints)
+        ]
+        if without:
+            return (
+                f"the runs of {', '.join(map(repr, without))} do not state how an error of the load point "
+                "moves their stiffnesses, so each of these campaigns keeps an error of its own: identify "
+                "these sets again with an uncertainty of the load point"
+            )
     return None
 
 
@@ -322,7 +377,7 @@ def choose_selection(
     Return the selection; None if no selection matches the query. Counting campaigns keeps a single run with
     other options from ending a trend.
     """
-    filters = query.model_dump(exclude_none=True)
+    filters = query.model_dump(exclude_none=True, exclude={"same_load_point"})
     matching = {
         selection: campaigns
         for selection, campaigns in group_by_selection(runs).items()
@@ -441,7 +496,7 @@ class Trends:
             selection=selection,
             serial_numbers=sorted({entry.serial_number for entry in sets if entry.serial_number is not None}),
             left_out=left_out,
-            **compare_campaigns(names, campaigns_of_trend),
+            **compare_campaigns(names, campaigns_of_trend, same_load_point=query.same_load_point),
         )
 
     def last_campaign(self, entry: RobotEntry) -> LastCampaign | None:

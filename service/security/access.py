@@ -388,6 +388,22 @@ class Gate:
         count = self._store.wrong_keys.count
         return await run_sync(count, get_network(address), limiter=self._counting_slot) > FORGIVEN
 
+    async def refuse_guesses(self, address: str) -> None:
+        """Refuse to look at a short code if the network of an address has sent too many wrong ones.
+
+        A code is short enough to be guessed. So, unlike a key, even the right code is refused.
+
+        Raises:
+            WrongKeysError: the network has sent too many wrong keys or codes.
+        """
+        present = self._store.wrong_keys.present
+        if await run_sync(present, get_network(address), limiter=self._database_slots) > FORGIVEN:
+            raise WrongKeysError
+
+    async def count_guess(self, address: str) -> None:
+        """Count a wrong code for the network of an address, together with wrong keys."""
+        await self._count_wrong_key(address)
+
     async def _delay_answer(self) -> None:
         """Wait for `SLOW_SECONDS`, unless `MOST_SLOW` answers are being delayed already."""
         if self._delayed_answers >= MOST_SLOW:

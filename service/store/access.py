@@ -197,6 +197,13 @@ class WrongKeys:
             connection.execute(update.values(number=count_before + 1.0, counted_at=now))
         return count_before
 
+    def present(self, network: str) -> float:
+        """Return the present count of wrong keys of a network, without counting."""
+        with self._database.reading() as connection:
+            return self._read_present_count(
+                connection, sa.select(wrong_keys).where(wrong_keys.c.network == network)
+            )
+
     def _read_present_count(self, connection: sa.Connection, query: sa.Select[Any]) -> float:
         """Return the count that a query finds, decreased by one for each period `FORGET` since it was stored.
 

@@ -249,7 +249,7 @@ class Collection(Generic[Record, Entry]):
             filters: column → value that the column must have.
             spans: column of times → begin (included) and end (excluded); None for no limit.
             deleted: True to list only the deleted records.
-            q: words to search; each must be a part of one of the names that the listing shows.
+            q: words to search; each must be a part of a name, serial number, operator or instrument.
             sort: `created_at` or `name`; in descending order with a minus in front.
             counted: True to count the records of all pages, which is done with the first page.
 
@@ -589,8 +589,9 @@ class MeasurementSets(Collection[MeasurementSetRecord, MeasurementSetEntry]):
         self, record: MeasurementSetRecord, parent_rows: Mapping[str, Any]
     ) -> dict[str, str | None]:
         """Return column → text for a new set: the robot's name, and the text for searches."""
+        robot = value_of_parent(parent_rows, "robot_id")
         return _make_set_name_columns(
-            record.name, value_of_parent(parent_rows, "robot_id"), record.serial_number
+            record.name, robot, record.serial_number, record.operator, record.instrument
         )
 
     def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
@@ -615,7 +616,7 @@ class OpenSets(Collection[OpenSetRecord, OpenSetRecord]):
         self, record: OpenSetRecord, parent_rows: Mapping[str, Any]
     ) -> dict[str, str | None]:
         """Return column → text for a new live campaign: the robot's name, and the text for searches."""
-        return _make_set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"), None)
+        return _make_set_name_columns(record.name, value_of_parent(parent_rows, "robot_id"))
 
     def _delete_related(self, connection: sa.Connection, removed_ids: Sequence[str]) -> None:
         """Delete the entries of removed live campaigns."""
@@ -646,51 +647,66 @@ def _make_robot_name_columns(name: str) -> dict[str, str | None]:
     return {"words": make_search_text(name)}
 
 
-def _make_set_name_columns(name: str, robot: str | None, serial_number: str | None) -> dict[str, str | None]:
-    """Return column → text for the columns of a set's row that hold copies of names.
-
-    `name` is the set's own name, `robot` the name of its robot.
-    """
-    return {"robot_name": robot, "words": make_search_text(name, robot, serial_number)}
+def _make_set_name_columns(
+    name: str,
+    robot: str | None,
+    serial_number: str | None = None,
+    operator: str | None = None,
+    instrument: str | None = None,
+) -> dict[str, str | None]:
+    """Return column → text for the columns of a set's row that hold copies of names; `robot` is a name."""
+    words = make_search_text(name, robot, serial_number, operator, instrument)
+    return {"robot_name": robot, "words": words}
 
 
 def job_name_columns(
-    name: str | None, robot: str | None, measurement_set: str | None, serial_number: str | None
+    name: str | None,
+    robot: str | None,
+    measurement_set: str | None,
+    serial_number: str | None,
+    operator: str | None,
+    instrument: str | None,
 ) -> dict[str, str | None]:
     """Return column → text for the columns of a job's row that hold copies of names.
 
     `robot` and `measurement_set` are names. A job without name is sorted by the name of its set.
     """
+    own_set = name and measurement_set
     return {
         "robot_name": robot,
         "measurement_set_name": measurement_set,
         "serial_number": serial_number,
-        "words": make_search_text(name or measurement_set, robot, serial_number, name and measurement_set),
+        "words": make_search_text(
+            name or measurement_set, robot, serial_number, own_set, operator, instrument
+        ),
     }
 
 
-def _make_set_names_query(table: sa.Table, serial_number: sa.ColumnElement[Any]) -> sa.Select[Any]:
-    """Return the query of sequence, name, robot's name and serial number of the sets in a table."""
-    names = sa.select(table.c.sequence, table.c.name, robots.c.name, serial_number)
+def _make_set_names_query(table: sa.Table, *searched: sa.ColumnElement[Any]) -> sa.Select[Any]:
+    """Return the query of sequence, name, robot's name and further columns of the sets in a table."""
+    names = sa.select(table.c.sequence, table.c.name, robots.c.name, *searched)
     return names.join_from(table, robots, robots.c.id == table.c.robot_id)
 
+
+SEARCHED: Final = ("serial_number", "operator", "instrument")
+"""Columns of a measurement set that are searched together with its name."""
 
 _NAME_QUERIES: Final[Mapping[sa.Table, tuple[sa.Select[Any], Callable[..., dict[str, str | None]]]]] = (
     MappingProxyType(
         {
             robots: (sa.select(robots.c.sequence, robots.c.name), _make_robot_name_columns),
             measurement_sets: (
-                _make_set_names_query(measurement_sets, measurement_sets.c.serial_number),
+                _make_set_names_query(measurement_sets, *(measurement_sets.c[name] for name in SEARCHED)),
                 _make_set_name_columns,
             ),
-            open_sets: (_make_set_names_query(open_sets, sa.null()), _make_set_name_columns),
+            open_sets: (_make_set_names_query(open_sets), _make_set_name_columns),
             jobs: (
                 sa.select(
                     jobs.c.sequence,
                     jobs.c.name,
                     robots.c.name,
                     measurement_sets.c.name,
-                    measurement_sets.c.serial_number,
+                    *(measurement_sets.c[name] for name in SEARCHED),
                 )
                 .outerjoin_from(jobs, robots, robots.c.id == jobs.c.robot_id)
                 .outerjoin(measurement_sets, measurement_sets.c.id == jobs.c.measurement_set_id),
@@ -726,7 +742,7 @@ def mark_campaigns_outdated(connection: sa.Connection, condition: sa.ColumnEleme
 @cache
 def _make_parent_locking_query(table: sa.Table) -> sa.Select[Any]:
     """Return the query that locks a row, given its id, and reads its names and its time of deletion."""
-    columns = [table.c[name] for name in ("deleted_at", "name", "serial_number") if name in table.c]
+    columns = [table.c[name] for name in ("deleted_at", "name", *SEARCHED) if name in table.c]
     return sa.select(*columns).where(table.c.id == sa.bindparam("id")).with_for_update(read=True)
 
 

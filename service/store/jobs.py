@@ -12,6 +12,7 @@ import sqlalchemy as sa
 
 from jointstiff.service.problems import DamagedError, Resource
 from jointstiff.service.store.collection import (
+    SEARCHED,
     Collection,
     job_name_columns,
     mark_campaigns_outdated,
@@ -138,12 +139,10 @@ class JobRecords(Collection[JobRecord, JobEntry]):
     ) -> dict[str, str | None]:
         """Return column → text, for copies of the names of the job's robot and set, and for searches."""
         set_column = "measurement_set_id"
-        serial_number = value_of_parent(parent_rows, set_column, "serial_number")
         return job_name_columns(
             record.name,
             value_of_parent(parent_rows, "robot_id"),
-            value_of_parent(parent_rows, set_column),
-            serial_number,
+            *(value_of_parent(parent_rows, set_column, name) for name in ("name", *SEARCHED)),
         )
 
     def _mark_campaign_outdated(self, connection: sa.Connection, identifier: str) -> None:

@@ -15,7 +15,8 @@ from jointstiff.service.store.tables import RecordPage, Row
 LAST_SEQUENCE: Final = 2**63 - 1
 _MAX_INDEXED: Final = 500
 """Greatest length of an indexed text [characters]: PostgreSQL allows 2704 bytes, schemas 200 characters."""
-_MAX_WORD: Final = 150  # searched characters of a name: four names must fit into an index
+_MAX_WORD: Final = 150  # searched characters of a name
+_MAX_WORDS: Final = 2_400  # bytes of all searched names of a row, which must fit into an index
 _SEPARATOR: Final = "\x1f"  # between two names; no name has it
 
 
@@ -105,7 +106,8 @@ def _search_conditions(database: Database, words: sa.Column[Any], q: str) -> lis
 
 def make_search_text(*names: str | None) -> str:
     """Join names, with case folded, to a text for searches; the first name decides the order by name."""
-    return _SEPARATOR.join(_fold_case(name or "")[:_MAX_WORD] for name in names)
+    words = _SEPARATOR.join(_fold_case(name or "")[:_MAX_WORD] for name in names)
+    return words.encode()[:_MAX_WORDS].decode(errors="ignore")
 
 
 def _fold_case(text: str) -> str:

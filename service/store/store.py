@@ -13,6 +13,7 @@ import sqlalchemy as sa
 
 from jointstiff.service.problems import Resource
 from jointstiff.service.store.access import AccessKeys, Sessions, WrongKeys
+from jointstiff.service.store.bridges import Bridges
 from jointstiff.service.store.collection import (
     MEASUREMENT_SET,
     Journal,
@@ -65,6 +66,7 @@ class Store:
             database, MEASUREMENT_SET, open_sets, OpenSetRecord, OpenSetRecord, self.quota
         )
         self.live_entries = LiveEntries(database, live_entries, LiveEntry, self.quota)
+        self.bridges = Bridges(database)  # from trackers to the pages that show open sets
         # function that returns the jobs of a kind
         self.jobs: Callable[[Resource], JobRecords] = cache(
             lambda kind: JobRecords(database, kind, self.quota)

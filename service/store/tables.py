@@ -123,6 +123,21 @@ class LiveEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class BridgeRecord:
+    """A bridge from a tracker to the page that shows an open set."""
+
+    id: str  # 128 random bits, known to the page and to the command that joined
+    set_id: str
+    page_key: str  # id of the key that opened the bridge; empty if the service requires no keys
+    command_key: str | None  # id of the key of the command; None before it joined
+    code_hash: str | None  # SHA-256 of the code; None after it was used
+    created_at: datetime
+    stand: str | None  # JSON text of the posture that the page shows
+    reading: str | None  # JSON text of the last positions
+    heard_at: datetime | None  # time of the last message of the command
+
+
+@dataclass(frozen=True, slots=True)
 class JobRow:
     """A job of any kind without its contents."""
 
@@ -241,7 +256,7 @@ class RecordPage(Generic[Row]):
     total: int | None  # number of records on all pages; None if they were not counted
 
 
-LAYOUT: Final = "0015_units_of_tables"
+LAYOUT: Final = "0016_bridges_and_load_points"
 """Version of the tables and of the content of their documents; it gets a new name with each change.
 
 Before the first release only this layout is created and read; databases of other layouts are refused.
@@ -526,6 +541,8 @@ access_links = sa.Table(
     sa.Column("key_id", sa.String, nullable=False),
     sa.Column("ends_at", UtcDateTime, nullable=False),
 )
+
+bridges = sa.Table("bridges", metadata, *_make_columns(BridgeRecord, {}, key="id"))
 
 # Journals refer to nothing: they outlive the robots and the runs that they name.
 audit = _make_numbered_table("audit", AuditEntry, indexes=[_make_index("audit_key_id", "key_id")])

@@ -30,7 +30,7 @@ from jointstiff.service.store.store import Store
 ATTEMPTS: Final = 5
 """Number of workers that die over one part of a job, without a finished step, before the job is given up."""
 LATER_SECONDS: Final = 60.0
-"""Time until a part is offered again if only another version of the program knows its kind of job [s]."""
+"""Time [s] after which a part is offered again that only another version of the program can carry out."""
 _APPLICATION: Final = "jointstiff"
 _QUEUE: Final = "jointstiff-jobs"
 _VERSION: Final = "1"  # the same for all workers, because DBOS hands parts only to workers of one version

@@ -18,7 +18,7 @@ from jointstiff.service.process import ONE_THREAD
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
 """Environment variable in which a worker finds the URL of the store."""
 _SHORT_LIFE_SECONDS: Final = 60.0
-"""A worker that ends sooner after its start ended early; loading the libraries alone may take ten seconds."""
+"""A worker that ends within this time after its start ended early; loading the libraries may take 10 s."""
 _PAUSE_SECONDS: Final = 2.0
 _LONGEST_PAUSE_SECONDS: Final = 60.0
 _MIN_SHORT_LIVES: Final = 2

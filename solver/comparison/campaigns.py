@@ -5,8 +5,8 @@ Fieller's interval, and a p-value of the hypothesis that the stiffness has not c
 campaigns are fitted in one problem, in which no joint is softer in the second campaign. The share of the
 deflection that the second campaign avoids is measured where observations match, and predicted for all
 observations. For Gaussian ĉ₁, ĉ₂ the variable ``ĉ₁ − ρ ĉ₂`` has mean zero at the true ratio ρ = c₁/c₂ =
-k₂/k₁, so that ``|ĉ₁ − ρ ĉ₂| ≤ t √(s₁² + ρ² s₂²)`` holds with exactly the probability of t (E. C. Fieller,
-*Some problems in interval estimation*, J. R. Stat. Soc. B 16, 1954).
+k₂/k₁, so that ``|ĉ₁ − ρ ĉ₂| ≤ t √(s₁² − 2 ρ s₁₂ + ρ² s₂²)`` holds with exactly the
+probability of t (E. C. Fieller, *Some problems in interval estimation*, J. R. Stat. Soc. B 16, 1954).
 
 A change over time is the difference of ``ln k = -ln c`` of two campaigns; it has the variance of the errors
 that they do not share, and Student's distribution where their sigmas come from residuals.
@@ -58,6 +58,8 @@ _NO_EFFECT: Final = 1e-9
 _QUARTER: Final = pi / 2
 _ALIKE: Final = 0.5
 """Greatest relative difference of the deflections at which forces that differ are taken for a wrong unit."""
+_SAME_LOAD_POINT: Final = "same_load_point"
+"""Name of the option, as the place of an error."""
 _UNKNOWN: Final = (
     "the uncertainty of the joint is unknown in one of the sets: state `noise`, or add observations"
 )
@@ -73,6 +75,9 @@ class FreeEstimate:
     readings: FloatArray | None  #: (n, n) part due to the noise of the readings; None if sigma is unknown
     #: error term → (n, n) part due to this term, for terms whose uncertainty is assumed, not stated
     assumed: Mapping[str, FloatArray]
+    #: (n, 3) change of the estimate by one standard uncertainty of the load point along each axis of the
+    #: flange; (n, 0) if the load point has no stated or assumed uncertainty
+    load_point: FloatArray
     sigma: float | None  #: standard uncertainty of one coordinate of one reading [m]
     degrees_of_freedom: float  #: degrees of freedom of sigma; inf if it was given
     reasons: Sequence[str | None]  #: (n,) why the joint has no estimate; None if it has one
@@ -100,6 +105,23 @@ class Comparison(NamedTuple):
     #: labels of both campaigns whose observations differ in posture or load, or share no target
     unlike: tuple[str, ...]
     unit_mistake: Finding | None  #: finding of a wrong unit of force; None if none is suspected
+
+
+class PairCovariance(NamedTuple):
+    """Covariance of two campaigns' estimates, without the errors that cancel in a comparison."""
+
+    own: Sequence[FloatArray | None]  #: (n, n) of each campaign; None where sigma is unknown
+    cross: FloatArray  #: (n, n) between the first campaign (rows) and the second campaign (columns)
+
+    def select(self, j: int) -> tuple[float | None, float | None, float]:
+        """Return the variances of joint j in both campaigns, None if unknown, and the covariance of both."""
+        first, second = (None if part is None else float(part[j, j]) for part in self.own)
+        return first, second, float(self.cross[j, j])
+
+    def stack(self) -> FloatArray:
+        """Return the covariance (2 n, 2 n) of the first, then the second campaign; zero where unknown."""
+        first, second = (np.zeros_like(self.cross) if part is None else part for part in self.own)
+        return np.block([[first, self.cross], [self.cross.T, second]])
 
 
 class GaussianEstimate(NamedTuple):
@@ -130,7 +152,14 @@ class Matches:
     unlike: tuple[str, ...]
 
 
-def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool = False) -> Comparison:
+def compare_sides(
+    first: Side,
+    second: Side,
+    *,
+    confidence: float,
+    ordered: bool = False,
+    same_load_point: bool = False,
+) -> Comparison:
     """Compare the stiffnesses of two campaigns whose readings are independent.
 
     Args:
@@ -138,31 +167,31 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
         second: campaign of the stiffer state, such as after a repair, or with secondary encoders in the loop.
         confidence: level of the intervals, between 0 and 1.
         ordered: whether to fit both in one problem with c_second ≤ c_first for every joint.
+        same_load_point: whether the load hung at the same point of the flange, so that the error of the load
+            point is the same in both campaigns.
 
     Raises:
-        RequestError: the robots' joints differ, or the order contradicts the constraints.
+        RequestError: the robots' joints differ, the order contradicts the constraints, or the campaigns
+            cannot share a load point.
         SolverError: optimality could not be certified.
     """
-    first_names, second_names = first.robot.joint_names, second.robot.joint_names
-    if first_names != second_names or first.robot.joint_kinds != second.robot.joint_kinds:
+    names, others = first.robot.joint_names, second.robot.joint_names
+    if names != others or first.robot.joint_kinds != second.robot.joint_kinds:
         raise RequestError(
-            f"the robots have different joints: {', '.join(first_names)}, and {', '.join(second_names)}",
+            f"the robots have different joints: {', '.join(names)}, and {', '.join(others)}",
             where="run_ids",
             remedy="compare sets of one robot, or of two robots of the same model with the same joint names",
         )
-    covariances = _compute_independent_covariances(sides := (first, second))
+    covariance = _compute_pair_covariance(sides := (first, second), same_load_point=same_load_point)
     positive = all(bool((side.constraints.bounds.lower >= 0).all()) for side in sides)
     compliances = np.stack([side.compliance for side in sides])
     ordered_result = None
     if ordered:
-        ordered_result, optimum = fit_ordered(sides, covariances, confidence)
+        ordered_result, optimum = fit_ordered(sides, covariance, confidence)
         compliances = np.where(np.isnan(optimum), compliances, optimum)
     matches = match_observations(first.measurements, second.measurements)
     return Comparison(
-        [
-            _compare_joint(j, sides, covariances, confidence, positive=positive)
-            for j in range(len(first_names))
-        ],
+        [_compare_joint(j, sides, covariance, confidence, positive=positive) for j in range(len(names))],
         ordered_result,
         compute_avoided_deflection(sides, matches, compliances),
         matches.unlike,
@@ -171,162 +200,188 @@ def compare_sides(first: Side, second: Side, *, confidence: float, ordered: bool
 
 
 def models_differ(first: Robot, second: Robot) -> bool:
-    """Return whether two robots with the same joints differ in geometry or joint map.
-
-    The robots are compared in two postures.
-    """
+    """Return whether two robots with the same joints differ in geometry or joint map (in two postures)."""
     if first is second:
         return False
     postures = np.stack([np.zeros(first.n), np.linspace(0.3, 1.1, first.n)])
     kinematics = []  # of each robot: angles, Jacobian and flange pose
     for robot in (first, second):
-        robot_postures = Postures(robot, robot.joint_map.model_angles(postures))
-        kinematics.append(
-            (
-                robot_postures.q,
-                robot_postures.jacobian,
-                robot_postures.flange_rotation,
-                robot_postures.flange_translation,
-            )
-        )
-    return any(
-        bool((np.abs(first_array - second_array) > _MODEL_TOLERANCE).any())
-        for first_array, second_array in zip(*kinematics, strict=True)
-    )
+        at = Postures(robot, robot.joint_map.model_angles(postures))
+        kinematics.append((at.q, at.jacobian, at.flange_rotation, at.flange_translation))
+    return any(bool((np.abs(a - b) > _MODEL_TOLERANCE).any()) for a, b in zip(*kinematics, strict=True))
 
 
-def _compute_independent_covariances(sides: Sequence[Side]) -> list[FloatArray | None]:
-    """Return the covariance (n, n) of each campaign's estimate, without errors that both campaigns share.
+def _compute_pair_covariance(sides: Sequence[Side], *, same_load_point: bool) -> PairCovariance:
+    """Compute the covariance of both campaigns' estimates without the errors that cancel in a comparison.
 
-    An assumed error of the load cell's scale cancels in a comparison. Each campaign keeps the error of its
-    own load point: a load that is hung anew hangs elsewhere. The covariance is None where sigma is unknown.
+    An assumed error of the load cell's scale cancels. Each campaign has its own error of the load point,
+    because a load that is hung anew hangs elsewhere, unless the load hung at the same point.
+
+    Raises:
+        RequestError: the campaigns cannot share a load point.
     """
-    common_uncertainties = [side.measurements.common_uncertainty for side in sides]
-    shared_terms = frozenset.intersection(*(each.assumed for each in common_uncertainties)) - {"load_point"}
-    covariances = []
+    common = [side.measurements.common_uncertainty for side in sides]
+    shared_terms = frozenset.intersection(*(each.assumed for each in common)) - {"load_point"}
+    own = []
     for free in (side.free for side in sides):
         shared = sum(free.assumed[term] for term in shared_terms if term in free.assumed)
-        covariances.append(None if free.readings is None else free.covariance - shared)
-    return covariances
+        own.append(None if free.readings is None else free.covariance - shared)
+    n = sides[0].robot.n
+    if not same_load_point:
+        return PairCovariance(own, np.zeros((n, n)))
+    if not all(side.free.load_point.any() for side in sides):
+        raise RequestError(
+            "one of the runs has no uncertainty of its load point, so there is no error to share",
+            where=_SAME_LOAD_POINT,
+            remedy="omit `same_load_point`, or identify both sets again with an uncertainty "
+            "`noise.load_point` above zero and without a fitted load point",
+        )
+    check_same_load_point([side.measurements for side in sides])
+    first, second = (side.free.load_point for side in sides)
+    return PairCovariance(own, first @ second.T)
+
+
+def check_same_load_point(campaigns: Sequence[Measurements]) -> None:
+    """Check that all campaigns state the same load points with the same uncertainty.
+
+    Raises:
+        RequestError: the load points differ by more than `LOAD_POINT_TOLERANCE`, or their uncertainties
+            differ.
+    """
+    loaded_points = [each.load_point[each.force.any(axis=1)] for each in campaigns]
+    if not all(map(len, loaded_points)):
+        return  # a moment alone has no load point
+    first = loaded_points[0]
+    for points, campaign in zip(loaded_points, campaigns, strict=True):
+        distance = np.linalg.norm(points[:, None] - first, axis=2)
+        farthest = max(distance.min(axis=0).max(), distance.min(axis=1).max())
+        uncertainties = [each.common_uncertainty.load_point for each in (campaigns[0], campaign)]
+        if farthest > LOAD_POINT_TOLERANCE or uncertainties[0] != uncertainties[1]:
+            stated = " and ".join(figure(1e3 * size, ".3g") for size in uncertainties)
+            raise RequestError(
+                f"two sets state load points {figure(1e3 * farthest, '.3g')} mm apart, with uncertainties of "
+                f"{stated} mm, so the error of the load point is not the same in both",
+                where=_SAME_LOAD_POINT,
+                remedy="omit `same_load_point`, or state the same load point and uncertainty in all sets",
+            )
 
 
 def _compare_joint(
-    index: int,
+    j: int,
     sides: Sequence[Side],
-    covariances: Sequence[FloatArray | None],
+    covariance: PairCovariance,
     confidence: float,
     *,
     positive: bool,
 ) -> JointRatio:
-    """Build the ratio of the stiffnesses of a joint with interval and p-value, or say why it is unknown.
+    """Build the ratio of the stiffnesses of joint j with interval and p-value, or say why it is unknown.
 
     Args:
-        index: index of the joint.
+        j: index of the joint.
         sides: both campaigns.
-        covariances: (n, n) covariance of each campaign's estimate; None where sigma is unknown.
+        covariance: covariance of both estimates.
         confidence: level of the interval.
         positive: whether compliances are known to be zero or positive.
     """
-    name, estimates = sides[0].robot.joint_names[index], []
-    for ordinal, side, covariance in zip(("first", "second"), sides, covariances, strict=True):
-        value = float(side.free.compliance[index])
+    name, gaussian = sides[0].robot.joint_names[j], []
+    *variances, shared = covariance.select(j)
+    for ordinal, side, variance in zip(("first", "second"), sides, variances, strict=True):
+        value = float(side.free.compliance[j])
         if not isfinite(value):
-            return JointRatio(name=name, reason=f"in the {ordinal} set: {side.free.reasons[index]}")
-        if covariance is not None and covariance[index, index] > 0.0:
-            degrees_of_freedom = side.free.degrees_of_freedom
-            estimates.append(GaussianEstimate(value, sqrt(covariance[index, index]), degrees_of_freedom))
-    if len(estimates) < len(sides):
+            return JointRatio(name=name, reason=f"in the {ordinal} set: {side.free.reasons[j]}")
+        if variance is not None and variance > 0.0:
+            gaussian.append(GaussianEstimate(value, sqrt(variance), side.free.degrees_of_freedom))
+    if len(gaussian) < len(sides):
         return JointRatio(name=name, reason=_UNKNOWN)
-    first, second = estimates
+    first, second = gaussian
     are_positive = first.value > 0 and second.value > 0
-    uncertainty_of_difference = hypot(first.standard_uncertainty, second.standard_uncertainty)
-    degrees_of_freedom = min(first.degrees_of_freedom, second.degrees_of_freedom)
-    interval = compute_ratio_interval(first, second, confidence, positive=positive)
+    spread = sqrt(first.standard_uncertainty**2 + second.standard_uncertainty**2 - 2.0 * shared)
+    freedom = min(first.degrees_of_freedom, second.degrees_of_freedom)
+    interval = compute_ratio_interval(first, second, confidence, positive=positive, covariance=shared)
     return JointRatio(
         name=name,
         ratio=first.value / second.value if are_positive else None,
         ratio_interval=None if interval is None else (interval.lower, interval.upper),
         ratio_excluded=None if interval is None else interval.excluded,
-        p_value=float(
-            2.0
-            * special.stdtr(degrees_of_freedom, -abs(first.value - second.value) / uncertainty_of_difference)
-        ),
+        p_value=float(2.0 * special.stdtr(freedom, -abs(first.value - second.value) / spread)),
         reason=None if are_positive else _NEGATIVE,
     )
 
 
 def compute_ratio_interval(
-    first: GaussianEstimate, second: GaussianEstimate, confidence: float, *, positive: bool
+    first: GaussianEstimate,
+    second: GaussianEstimate,
+    confidence: float,
+    *,
+    positive: bool,
+    covariance: float = 0.0,
 ) -> RatioInterval | None:
-    """Compute Fieller's interval of the ratio ρ = c_first / c_second = k_second / k_first.
-
-    In units of the standard uncertainties s₁ and s₂, the estimates are a point ``(ĉ₂/s₂, ĉ₁/s₁)`` at distance
-    r
-    and angle θ. With t the quantile, the interval is ``|sin(θ − φ)| ≤ t/r`` for ``tan φ = ρ s₂/s₁``: an arc
-    of
-    directions, repeated every half turn. If the arc passes through the vertical, where the ratio is infinite,
-    the interval has no upper limit.
+    """Compute Fieller's interval of the ratio c_first / c_second = k_second / k_first.
 
     The interval is exact if both uncertainties come from one sigma, or sigma is given. Otherwise the fewer
     degrees of freedom are used, so that the interval covers the true ratio at least as often as `confidence`.
 
     Args:
         first: estimate of the first compliance.
-        second: estimate of the second compliance, independent of the first.
+        second: estimate of the second compliance.
         confidence: between 0 and 1.
         positive: whether both compliances, and so their ratio, are known to be zero or positive.
+        covariance: covariance of both estimates [(rad/(N·m))²]; zero if they are independent.
 
     Returns:
         The interval; None if `positive` and all ratios that the estimates allow are negative.
     """
-    quantile = student_quantile(
-        0.5 + confidence / 2, min(first.degrees_of_freedom, second.degrees_of_freedom)
-    )
-    first_scaled = first.value / first.standard_uncertainty
-    second_scaled = second.value / second.standard_uncertainty
-    scale = first.standard_uncertainty / second.standard_uncertainty
-    distance = hypot(second_scaled, first_scaled)
-    if distance <= quantile:  # the point is so near the origin that every direction is allowed
-        return RatioInterval(0.0 if positive else None, None)
-    angle = atan2(first_scaled, second_scaled)
-    if angle > _QUARTER or angle <= -_QUARTER:  # the ratio stays the same if both signs change
-        angle -= pi if angle > 0 else -pi
-    lower_angle, upper_angle = angle - asin(quantile / distance), angle + asin(quantile / distance)
-    lower, upper = scale * tan(lower_angle), scale * tan(upper_angle)
-    if lower_angle > -_QUARTER and upper_angle < _QUARTER:
-        if positive and upper < 0.0:
-            return None
-        return RatioInterval(max(0.0, lower) if positive else lower, upper)
-    # The arc passes through the vertical: all ratios are allowed but those between `upper` and `lower`.
-    if positive and upper < 0.0:
-        return RatioInterval(max(0.0, lower), None)
-    return RatioInterval(0.0 if positive else None, None, (upper, lower))
+    t = student_quantile(0.5 + confidence / 2, min(first.degrees_of_freedom, second.degrees_of_freedom))
+    # With b = covariance / s₂², ĉ₁ − b ĉ₂ is independent of ĉ₂, and has the ratio ρ − b to ĉ₂.
+    shift = covariance / second.standard_uncertainty**2
+    own = sqrt(first.standard_uncertainty**2 - shift * covariance)
+    independent = GaussianEstimate(first.value - shift * second.value, own)
+    lower, upper, excluded = _compute_independent_ratio_interval(independent, second, t)
+    lower, upper = (None if end is None else end + shift for end in (lower, upper))
+    if excluded is not None:
+        excluded = (excluded[0] + shift, excluded[1] + shift)
+    if not positive:
+        return RatioInterval(lower, upper, excluded)
+    if upper is not None and upper < 0.0:
+        return None
+    if excluded is not None and excluded[0] < 0.0:  # of both parts only the upper part is positive
+        return RatioInterval(max(0.0, excluded[1]), None)
+    return RatioInterval(0.0 if lower is None else max(0.0, lower), upper, excluded)
 
 
-def _join_constraints(sides: Sequence[Side], joint_count: int) -> tuple[Constraints, Constraints]:
-    """Return the constraints on the compliances (2 n,) of two campaigns, fitted separately and together.
+def _compute_independent_ratio_interval(
+    first: GaussianEstimate, second: GaussianEstimate, t: float
+) -> RatioInterval:
+    """Compute Fieller's interval of c_first / c_second for independent estimates of any sign.
 
-    The compliances of the second campaign have the indices n to 2 n - 1. The fit of both together has the
-    further constraints ``c_second ≤ c_first``.
+    In units of the uncertainties, with the point ``(ĉ₂/s₂, ĉ₁/s₁)`` at distance r and angle θ, the interval
+    is ``|sin(θ − φ)| ≤ t/r`` for ``tan φ = ρ s₂/s₁``: an arc of directions, repeated every half turn. If the
+    arc passes through the vertical, where the ratio is infinite, the interval has no upper limit.
 
     Args:
-        sides: first and second campaign.
-        joint_count: number n of joints.
+        first: estimate of the first compliance.
+        second: estimate of the second compliance.
+        t: quantile, the greatest |ĉ₁ − ρ ĉ₂| in standard uncertainties.
     """
-    first, second = (side.constraints for side in sides)
-    bounds = Bounds(
-        np.concatenate([first.bounds.lower, second.bounds.lower]),
-        np.concatenate([first.bounds.upper, second.bounds.upper]),
-    )
-    # A pair (i, j) of an order states c_i ≤ c_j.
-    order_of_second = tuple((joint_count + i, joint_count + j) for i, j in second.order)
-    order: Order = (*first.order, *order_of_second)
-    second_below_first = tuple((joint_count + joint, joint) for joint in range(joint_count))
-    return Constraints(bounds, order), Constraints(bounds, (*second_below_first, *order))
+    y = first.value / first.standard_uncertainty
+    x = second.value / second.standard_uncertainty
+    scale = first.standard_uncertainty / second.standard_uncertainty
+    r = hypot(x, y)
+    if r <= t:  # the point is so near the origin that every direction is allowed
+        return RatioInterval(None, None)
+    angle = atan2(y, x)
+    if angle > _QUARTER or angle <= -_QUARTER:  # the ratio stays the same if both signs change
+        angle -= pi if angle > 0 else -pi
+    low, high = angle - asin(t / r), angle + asin(t / r)
+    lower, upper = scale * tan(low), scale * tan(high)
+    if low > -_QUARTER and high < _QUARTER:
+        return RatioInterval(lower, upper)
+    # The arc passes through the vertical: all ratios are allowed but those between `upper` and `lower`.
+    return RatioInterval(None, None, (upper, lower))
 
 
 def fit_ordered(
-    sides: Sequence[Side], covariances: Sequence[FloatArray | None], confidence: float
+    sides: Sequence[Side], covariance: PairCovariance, confidence: float
 ) -> tuple[OrderedResult, FloatArray]:
     """Fit both campaigns in one problem subject to ``c_second ≤ c_first`` for every joint (method.md §5).
 
@@ -337,7 +392,7 @@ def fit_ordered(
 
     Args:
         sides: the softer campaign, such as with motor encoders in the loop, and the stiffer campaign.
-        covariances: (n, n) covariance of each campaign's estimate; None where sigma is unknown.
+        covariance: covariance of both estimates.
         confidence: level of the intervals.
 
     Returns:
@@ -348,49 +403,43 @@ def fit_ordered(
         RequestError: the constraints contradict each other, or an uncertainty is unknown.
         SolverError: optimality could not be certified.
     """
-    free_estimates, joint_count = [side.free for side in sides], sides[0].robot.n
-    readings_covariances = [each.readings for each in free_estimates if each.readings is not None]
-    all_errors = [each for each in covariances if each is not None]
-    if len(readings_covariances) < len(sides):
+    free, n = [side.free for side in sides], sides[0].robot.n
+    noise = [each.readings for each in free if each.readings is not None]
+    if len(noise) < len(sides):
         raise RequestError(
             "sigma is neither given nor determined by the residuals, so the two sets cannot be weighted",
             where="ordered",
             remedy="state `noise.sigma`, or add observations",
         )
-    separate, together = _join_constraints(sides, joint_count)
-    centre = np.concatenate([each.compliance for each in free_estimates])
-    known_indices = np.flatnonzero(np.isfinite(centre))
-    compliances, intervals = np.full(2 * joint_count, np.nan), np.full((2 * joint_count, 2), np.nan)
-    estimated = [np.flatnonzero(np.isfinite(each.compliance)) for each in free_estimates]
-    blocks = [
-        block[np.ix_(joint, joint)]
-        for block, joint in zip(readings_covariances, estimated, strict=True)
-        if len(joint)
-    ]
+    first_constraints, second_constraints = (side.constraints for side in sides)
+    bounds = Bounds(
+        np.concatenate([first_constraints.bounds.lower, second_constraints.bounds.lower]),
+        np.concatenate([first_constraints.bounds.upper, second_constraints.bounds.upper]),
+    )
+    # In an order, (i, j) states c_i ≤ c_j; the compliances of the second campaign have the numbers n to 2 n −
+    # 1.
+    order: Order = (*first_constraints.order, *((n + i, n + j) for i, j in second_constraints.order))
+    separate = Constraints(bounds, order)
+    together = Constraints(bounds, (*((n + j, j) for j in range(n)), *order))
+    centre = np.concatenate([each.compliance for each in free])
+    known = np.flatnonzero(np.isfinite(centre))
+    c, ends = np.full(2 * n, np.nan), np.full((2 * n, 2), np.nan)
+    estimated = [np.flatnonzero(np.isfinite(each.compliance)) for each in free]
+    blocks = [part[np.ix_(j, j)] for part, j in zip(noise, estimated, strict=True) if len(j)]
     R = block_diag(*map(invert_to_root, blocks))
     fits = [
-        StageFit.from_rows(
-            R, R @ centre[known_indices], known_indices, constraints.select(known_indices)
-        ).solution
+        StageFit.from_rows(R, R @ centre[known], known, constraints.select(known)).solution
         for constraints in (together, separate)
     ]
-    compliances[known_indices] = fits[0].compliance
-    squares = [float(np.square(R @ (fit.compliance - centre[known_indices])).sum()) for fit in fits]
-    quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free_estimates))
-    likelihood = Likelihood(
-        np.arange(len(known_indices)),
-        centre[known_indices],
-        block_diag(*all_errors)[np.ix_(known_indices, known_indices)],
-    )
-    functions = np.eye(len(known_indices))
-    lower, upper = compute_profile_ends(
-        likelihood, together.select(known_indices), functions, np.array([quantile])
-    )[0].T
-    intervals[known_indices] = np.stack(
-        [np.minimum(lower, compliances[known_indices]), np.maximum(upper, compliances[known_indices])], axis=1
-    )
-    first, second = compliances.reshape(2, joint_count)
-    stiffness = [[invert_compliance(value) for value in block] for block in (first, second)]
+    c[known] = fits[0].compliance
+    squares = [float(np.square(R @ (fit.compliance - centre[known])).sum()) for fit in fits]
+    quantile = student_quantile(0.5 + confidence / 2, min(each.degrees_of_freedom for each in free))
+    likelihood = Likelihood(np.arange(len(known)), centre[known], covariance.stack()[np.ix_(known, known)])
+    every = np.eye(len(known))
+    low, high = compute_profile_ends(likelihood, together.select(known), every, np.array([quantile]))[0].T
+    ends[known] = np.stack([np.minimum(low, c[known]), np.maximum(high, c[known])], axis=1)
+    first, second = c.reshape(2, n)
+    stiffness = [[invert_compliance(value) for value in part] for part in (first, second)]
     message = OrderedResult(
         joints=build_messages(
             OrderedJoint,
@@ -400,102 +449,83 @@ def fit_ordered(
             compliance_second=second,
             stiffness_first=stiffness[0],
             stiffness_second=stiffness[1],
-            compliance_interval_first=intervals[:joint_count],
-            compliance_interval_second=intervals[joint_count:],
+            compliance_interval_first=ends[:n],
+            compliance_interval_second=ends[n:],
             equal=first == second,
         ),
         chi_square_increase=max(0.0, squares[0] - squares[1]),
         certificate=greatest_violations([fits[0].certificate]),
     )
-    return message, compliances.reshape(2, joint_count)
+    return message, c.reshape(2, n)
 
 
-def find_force_unit_mistake(first: Measurements, second: Measurements, matches: Matches) -> Finding | None:
+def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Matches) -> Finding | None:
     """Find out whether one of two campaigns states its forces in a wrong unit, such as kgf read as N.
 
     The unit is suspect if the forces of most matching postures differ by the ratio of two units, such as N
     and kgf, while the deflections hardly differ.
 
     Args:
-        first: the first campaign.
-        second: the second campaign.
+        one: the first campaign.
+        two: the second campaign.
         matches: observations that match with the forces as stated.
 
     Returns:
         The finding; None if no mistake is suspected.
     """
-    for (unit, size), (read_as, other_size) in permutations(FORCE_UNITS.items(), 2):
+    for (unit, size), (other, other_size) in permutations(FORCE_UNITS.items(), 2):
         ratio = size / other_size
-        scaled = match_observations(first, second, ratio)
+        scaled = match_observations(one, two, ratio)
         # The ratio has to make most observations with a common label match that did not match as stated.
         new_matches = np.setdiff1d(scaled.observations[0], matches.observations[0])
         if 2 * len(new_matches) <= len(matches.present) + len(matches.unlike):
             continue
-        avoided_share = compute_measured_shares((first, second), scaled, (None, None))[1]
-        if avoided_share is not None and abs(avoided_share.value) < _ALIKE:
+        share = compute_measured_shares((one, two), scaled, (None, None))[1]
+        if share is not None and abs(share.value) < _ALIKE:
             return Finding(
                 code="force_unit_suspect",
                 weight="do_not_use",
                 message="in the same postures, the forces of the second campaign are "
                 f"{figure(ratio, '.3g')} times those of the first, but the deflections "
-                f"{figure(1.0 - avoided_share.value, '.3g')} times: probably {read_as} were read as {unit} "
-                f"in the second campaign, or {unit} as {read_as} in the first",
+                f"{figure(1.0 - share.value, '.3g')} times: probably {other} were read as {unit} in the "
+                f"second campaign, or {unit} as {other} in the first",
                 remedy="correct `units.force` of the campaign that states it wrongly",
             )
     return None
 
 
-def match_observations(first: Measurements, second: Measurements, force_ratio: float = 1.0) -> Matches:
+def match_observations(one: Measurements, two: Measurements, force_ratio: float = 1.0) -> Matches:
     """Find the observations of two campaigns with equal label, posture and load, and a target in common.
 
     Args:
-        first: the first campaign.
-        second: the second campaign.
+        one: the first campaign.
+        two: the second campaign.
         force_ratio: factor on the forces of the first campaign before they are compared.
     """
-    shared = [name for name in first.targets if name in second.targets]
-    targets = np.array(
-        [[measurements.targets.index(name) for name in shared] for measurements in (first, second)], np.intp
-    )
-    index_in_two = {label: rows_of_first for rows_of_first, label in enumerate(second.labels)}
-    pairs = [
-        (rows_of_first, index_in_two[label])
-        for rows_of_first, label in enumerate(first.labels)
-        if label in index_in_two
-    ]
+    shared = [name for name in one.targets if name in two.targets]
+    targets = np.array([[m.targets.index(name) for name in shared] for m in (one, two)], np.intp)
+    index_in_two = {label: i for i, label in enumerate(two.labels)}
+    pairs = [(i, index_in_two[label]) for i, label in enumerate(one.labels) if label in index_in_two]
     observations = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
     readings = []
-    for measurements, rows, target in zip((first, second), observations[..., None], targets, strict=True):
-        direction = (
-            np.zeros(measurements.position.shape)
-            if measurements.direction is None
-            else measurements.direction
-        )
-        readings.append((direction[rows, target], measurements.present[rows, target]))
+    for m, rows, target in zip((one, two), observations[..., None], targets, strict=True):
+        direction = np.zeros(m.position.shape) if m.direction is None else m.direction
+        readings.append((direction[rows, target], m.present[rows, target]))
     # Readings along one direction match if their directions agree; a zero vector reads all coordinates.
-    (direction_first, read_in_one), (direction_second, read_in_two) = readings
-    # A gauge on the flange turns with the postures
-    cosine = np.abs((direction_first * direction_second).sum(axis=-1))
-    both_full = ~(direction_first.any(axis=-1) | direction_second.any(axis=-1))
+    (along_one, read_in_one), (along_two, read_in_two) = readings
+    cosine = np.abs((along_one * along_two).sum(axis=-1))  # a gauge on the flange turns with the postures
+    both_full = ~(along_one.any(axis=-1) | along_two.any(axis=-1))
     present = read_in_one & read_in_two & ((cosine > np.cos(2.0 * POSTURE_TOLERANCE)) | both_full)
-    rows_of_first, rows_of_second = observations
-    is_same = (
-        np.abs(first.joints[rows_of_first] - second.joints[rows_of_second]).max(axis=1) <= POSTURE_TOLERANCE
-    )
+    i, k = observations
+    same = np.abs(one.joints[i] - two.joints[k]).max(axis=1) <= POSTURE_TOLERANCE
     # The load point does not matter where no force acts.
-    is_near = (
-        np.linalg.norm(first.load_point[rows_of_first] - second.load_point[rows_of_second], axis=1)
-        <= LOAD_POINT_TOLERANCE
-    )
-    is_same &= is_near | ~first.force[rows_of_first].any(axis=1)
-    for first_load, second_load in (
-        (force_ratio * first.force[rows_of_first], second.force[rows_of_second]),
-        (first.moment[rows_of_first], second.moment[rows_of_second]),
-    ):
-        greater_size = np.maximum(np.linalg.norm(first_load, axis=1), np.linalg.norm(second_load, axis=1))
-        is_same &= np.linalg.norm(first_load - second_load, axis=1) <= LOAD_TOLERANCE * greater_size
-    matching = is_same & present.any(axis=1)
-    unlike = tuple(first.labels[j] for j in rows_of_first[~matching])
+    near = np.linalg.norm(one.load_point[i] - two.load_point[k], axis=1) <= LOAD_POINT_TOLERANCE
+    same &= near | ~one.force[i].any(axis=1)
+    for a, b in ((force_ratio * one.force[i], two.force[k]), (one.moment[i], two.moment[k])):
+        size = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
+        same &= np.linalg.norm(a - b, axis=1) <= LOAD_TOLERANCE * size
+    matching = same & present.any(axis=1)
+    unlike = tuple(one.labels[j] for j in i[~matching])
     return Matches(observations[:, matching], targets, present[matching], unlike)
 
 
@@ -512,35 +542,35 @@ def compute_avoided_deflection(
     measured_shares, total_share = compute_measured_shares(
         [side.measurements for side in sides], matches, [side.free.sigma for side in sides]
     )
-    is_unknown = sides[0].free.unseen | sides[1].free.unseen
+    unknown = sides[0].free.unseen | sides[1].free.unseen
     # Mean deflections (N, 2) in the observations of each campaign, with the compliances of both campaigns
-    in_first, in_second = (_predict_mean_lengths(side, compliances, is_unknown) for side in sides)
+    in_first, in_second = (_predict_mean_lengths(side, compliances, unknown) for side in sides)
     first_labels, second_labels = (side.measurements.labels for side in sides)
     only_second = np.setdiff1d(np.arange(len(second_labels)), matches.observations[1]).tolist()
-    total_lengths = np.nansum(np.vstack([in_first, in_second[only_second]]), axis=0)
+    total = np.nansum(np.vstack([in_first, in_second[only_second]]), axis=0)
     share_of_row = dict(zip(matches.observations[0].tolist(), measured_shares, strict=True))
     shares = [
         ConfigurationShare(
             observation=label,
-            side="both" if row in share_of_row else "first",
-            measured=share_of_row.get(row),
-            predicted=_compute_avoided_share(*in_first[row]),
+            side="both" if i in share_of_row else "first",
+            measured=share_of_row.get(i),
+            predicted=_compute_avoided_share(*in_first[i]),
         )
-        for row, label in enumerate(first_labels)
+        for i, label in enumerate(first_labels)
     ]
     shares += [
         ConfigurationShare(
-            observation=second_labels[row],
+            observation=second_labels[i],
             side="second",
             measured=None,
-            predicted=_compute_avoided_share(*in_second[row]),
+            predicted=_compute_avoided_share(*in_second[i]),
         )
-        for row in only_second
+        for i in only_second
     ]
     return AvoidedDeflection(
         matching=len(measured_shares),
         measured=total_share,
-        predicted=_compute_avoided_share(*total_lengths),
+        predicted=_compute_avoided_share(*total),
         configurations=shares,
     )
 
@@ -550,8 +580,7 @@ def compute_measured_shares(
 ) -> tuple[list[Estimate | None], Estimate | None]:
     """Compute the share of the measured deflection that the second campaign avoids.
 
-    A share is 1 − (mean deflection in the second campaign) / (mean deflection in the first campaign). To
-    first order, the length of a deflection d has the standard uncertainty ``√(d̂ᵀ Σ d̂)``; d̂ is the
+    To first order, the length of a deflection d has the standard uncertainty ``√(d̂ᵀ Σ d̂)``; d̂ is the
     direction of d and Σ the covariance of d. Readings are independent.
 
     Args:
@@ -568,8 +597,7 @@ def compute_measured_shares(
     for measurements, rows, targets, sigma in zip(
         readings, matches.observations[..., None], matches.targets, sigmas, strict=True
     ):
-        deflection = measurements.deflection[rows, targets]
-        covariance = measurements.covariance
+        deflection, covariance = measurements.deflection[rows, targets], measurements.covariance
         if covariance.ndim == 4:  # (N, T, 3, 3); otherwise all readings have one covariance (3, 3)
             covariance = covariance[rows, targets]
         length = np.linalg.norm(deflection, axis=2)
@@ -582,18 +610,16 @@ def compute_measured_shares(
     if not shares:
         return shares, None
     totals = [float(mean.sum()) for mean in means]
-    return shares, _estimate_avoided_share(
-        *totals, *(float(np.sqrt((uncertainty**2).sum())) for uncertainty in uncertainties)
-    )
+    return shares, _estimate_avoided_share(*totals, *(float(np.sqrt((u**2).sum())) for u in uncertainties))
 
 
-def _predict_mean_lengths(side: Side, compliances: FloatArray, is_unknown: BoolArray) -> FloatArray:
-    """Predict the mean length of the deflections of the targets, for each observation of a campaign.
+def _predict_mean_lengths(side: Side, compliances: FloatArray, unknown: BoolArray) -> FloatArray:
+    """Predict the mean deflection of each observation's targets, with the compliances of each campaign.
 
     Args:
         side: campaign with the N observations.
         compliances: (2, n) compliances of both campaigns [rad/(N·m)].
-        is_unknown: (n,) mask of the joints whose compliance one of the campaigns does not determine.
+        unknown: (n,) joints that one of the campaigns does not show.
 
     Returns:
         (N, 2) mean length [m] in each observation, with the compliances of the first and of the second
@@ -602,15 +628,13 @@ def _predict_mean_lengths(side: Side, compliances: FloatArray, is_unknown: BoolA
     robot, measurements, means = side.robot, side.measurements, []
     count = measurements.present.sum(axis=1)
     for compliance in compliances:
-        balanced_compliance = compliance if side.complementary_stiffness else None
-        predicted = predict(
-            robot, measurements, compliance, balanced_compliance=balanced_compliance
-        ).predicted
+        balanced = compliance if side.complementary_stiffness else None
+        predicted = predict(robot, measurements, compliance, balanced_compliance=balanced).predicted
         means.append((np.linalg.norm(predicted, axis=2) * measurements.present).sum(axis=1) / count)
     blocks = regressor_blocks(robot, measurements)
-    regressor_size = np.concatenate([np.abs(block.A).max(axis=(1, 2)) for block in blocks])
-    depends_on_unknown = (regressor_size[:, is_unknown] > _NO_EFFECT * regressor_size.max()).any(axis=1)
-    return np.where(depends_on_unknown[:, None], np.nan, np.stack(means, axis=1))
+    size = np.concatenate([np.abs(block.A).max(axis=(1, 2)) for block in blocks])
+    hidden = (size[:, unknown] > _NO_EFFECT * size.max()).any(axis=1)
+    return np.where(hidden[:, None], np.nan, np.stack(means, axis=1))
 
 
 def _compute_avoided_share(first: float, second: float) -> float | None:
@@ -655,9 +679,13 @@ class Change:
 
     @classmethod
     def between(
-        cls, first: tuple[float, float], second: tuple[float, float], degrees_of_freedom: float = inf
+        cls,
+        first: tuple[float, float],
+        second: tuple[float, float],
+        degrees_of_freedom: float = inf,
+        shared: float = 0.0,
     ) -> Change:
-        """Return the change of the logarithm ln k of a stiffness k from the first to the second campaign.
+        """Return the change of ln k from the first to the second campaign.
 
         Args:
             first: ln k of the first campaign, and the standard uncertainty from errors of this campaign
@@ -665,8 +693,9 @@ class Change:
             second: ln k and standard uncertainty of the second campaign.
             degrees_of_freedom: the fewer degrees of freedom of the two uncertainties, so that a change is
                 found significant by chance at most as often as the level says.
+            shared: standard uncertainty of the difference from errors that both campaigns share.
         """
-        return cls(second[0] - first[0], hypot(first[1], second[1]), degrees_of_freedom)
+        return cls(second[0] - first[0], hypot(first[1], second[1], shared), degrees_of_freedom)
 
     @property
     def relative(self) -> float:
@@ -699,8 +728,8 @@ def log_stiffness(
     Args:
         compliance: [rad/(N·m)].
         standard_uncertainty: standard uncertainty of the compliance [rad/(N·m)].
-        shared_uncertainty: part of the uncertainty from errors that are the same in all campaigns, such as
-            the scale of one load cell [rad/(N·m)]; they cancel in a difference and are subtracted.
+        shared_uncertainty: part of the uncertainty from errors that are the same in all campaigns, such as the scale of
+            one load cell [rad/(N·m)]; they cancel in a difference and are subtracted.
 
     Returns:
         ln k, and its standard uncertainty from errors of this campaign alone; None if the joint has no
@@ -708,6 +737,6 @@ def log_stiffness(
     """
     if compliance is None or standard_uncertainty is None or not compliance > 0:
         return None
-    own_variance = standard_uncertainty**2 - min(shared_uncertainty, _MOST_SHARED * standard_uncertainty) ** 2
-    relative_uncertainty = sqrt(own_variance) / compliance
-    return (-log(compliance), relative_uncertainty) if 0 < relative_uncertainty <= MOST_RELATIVE else None
+    own = standard_uncertainty**2 - min(shared_uncertainty, _MOST_SHARED * standard_uncertainty) ** 2
+    relative = sqrt(own) / compliance
+    return (-log(compliance), relative) if 0 < relative <= MOST_RELATIVE else None

@@ -962,15 +962,17 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
     if prediction.bending == "links_or_base":
         intervals = "the intervals of the stiffnesses contain the values of both models"
         if not prediction.joined:
+            used, other = ("base", "links") if prediction.predicted_by == "base" else ("links", "base")
             intervals = (
-                "the intervals of the stiffnesses are computed from the model with the base only, because "
-                "the model with links has no certified solution: rounding hides which links bend"
+                f"the intervals of the stiffnesses are computed from the model with {used} only, because the "
+                f"model with {other} has no certified solution"
             )
         yield Finding(
             code="links_or_base",
             weight="use_with_care",
-            message=f"{evidence}Links or the base bend: a model with links and a model with a base predict "
-            f"the held-out postures equally well. Predictions use the model with the base; {intervals}",
+            message=f"{evidence}Links or the base bend: the readings do not distinguish a model with links "
+            f"from a model with a base. Predictions use the model with {prediction.predicted_by}; "
+            f"{intervals}",
             remedy="turn joint 1 between the readings, or put a target on the base plate",
         )
     elif prediction.bending == "base":

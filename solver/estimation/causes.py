@@ -99,6 +99,17 @@ class Screening:
         """
         return self.base_p_value < MISTAKE_LEVEL and not self.makes_links_unnecessary
 
+    @property
+    def links_may_be_base(self) -> bool:
+        """True if the tests do not distinguish bending links from a bending base.
+
+        Either of the two explains the readings, and the other then explains nothing more. Held-out postures
+        do not decide, because a pedestal that yields equally about x and y moves targets exactly as link 1
+        does.
+        """
+        second = min(self.links_p_value_with_base, self.base_p_value_with_links)
+        return self.base_needs_validation and second >= LINKS_LEVEL
+
 
 def screen_estimate(
     robot: Robot, measurements: Measurements, estimate: Estimate, scattered: bool = False

@@ -735,6 +735,9 @@ class BudgetComponent(Spread):
     evaluation: Literal["A", "B"]
     included: bool  #: whether it is part of the standard uncertainty of the joints
     degrees_of_freedom: float | None = None  #: of a type A evaluation; None for infinite
+    #: (n, 3) changes of the compliances by one standard uncertainty of the load point along each axis of the
+    #: flange [rad/(N·m)]; None for another source
+    responses: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -791,7 +794,11 @@ class UncertaintyBudget:
         if common_errors is not None:
             components += [
                 BudgetComponent(
-                    responses @ responses.T, source, "A" if source == "fitted_causes" else "B", True
+                    responses @ responses.T,
+                    source,
+                    "A" if source == "fitted_causes" else "B",
+                    True,
+                    responses=responses if source.endswith("load_point") else None,
                 )
                 for source, responses in common_errors.by_source.items()
                 if responses.any()
@@ -914,6 +921,8 @@ class Prediction:
     contributions: Contributions | None = None  #: of the joints; None where links or the base bend, too
     #: what bends in addition to the joints; None for nothing
     bending: Literal["links", "base", "links_or_base"] | None = None
+    #: for `links_or_base`: what bends in the model of the predictions
+    predicted_by: Literal["links", "base"] = "base"
     joined: bool = True  #: for `links_or_base`: whether the intervals contain the values of both models
     #: (N, n) deflections ``δθ = diag(τ) c`` of the joints behind their gearboxes [rad]; None where links or
     #: the base bend, too

@@ -65,7 +65,7 @@ _LEAST_DAMPING, _DAMPING_FACTOR = 1e-12, 10.0
 trial."""
 _ROUNDING = 2e-16
 _EXACT_RMS = 1e-8
-"""Residual [m rms] that no tracker sees: exact readings of a joint that hardly moved end there slowly."""
+"""Residual [m rms], below the noise of any tracker, at which a fit that did not converge is accepted."""
 _CONVERGED = 1e-9
 _RANK_TOLERANCE = 1e-10
 """Singular value of the column-scaled Jacobian, relative to the largest, that counts as zero."""

@@ -363,7 +363,8 @@ class Selection:
     largest: ModelName  #: richest model that contains `simplest`: its fit gives the intervals
     #: gain of the best model with links or base over joints alone; None if one of the two was not compared
     gain: HeldOutGain | None
-    #: best model with links alone, if a bending base is chosen and predicts no better than this model
+    #: best model that bends links where the chosen one bends the base, or the reverse, if the readings do not
+    #: distinguish the two
     tied: ModelName | None = None
 
     def find_held_out(self, model: ModelName, losses: Sequence[Loss] = LOSSES) -> HeldOut:
@@ -377,12 +378,15 @@ class Selection:
         return replace(self, models=models)
 
     @classmethod
-    def choose_among(cls, models: Sequence[HeldOut], *, screened: bool) -> Selection:
+    def choose_among(
+        cls, models: Sequence[HeldOut], *, screened: bool, links_may_be_base: bool = False
+    ) -> Selection:
         """Compare models, and return the selection with the best, the simplest and the largest of them.
 
         Args:
             models: accuracy of each model and loss, models listed from simple to rich.
             screened: whether a test has shown that something in addition to the joints bends.
+            links_may_be_base: whether the tests do not distinguish links from the base.
         """
         model_names = dict.fromkeys(candidate.model for candidate in models)
         best_loss_of_model = [_pick_best_loss(models, name, LOSSES) for name in model_names]
@@ -395,7 +399,7 @@ class Selection:
             simplest,
             largest,
             _compute_gain(best_loss_of_model),
-            _find_tied_model(best_loss_of_model, simplest),
+            _find_tied_model(best_loss_of_model, simplest, links_may_be_base=links_may_be_base),
         )
 
 
@@ -411,6 +415,7 @@ def select_model(
     requested: ModelName | None = None,
     *,
     screened: bool = False,
+    links_may_be_base: bool = False,
 ) -> Selection:
     """Choose the penalty's weight for each model and loss, and compare the models at these weights.
 
@@ -419,6 +424,7 @@ def select_model(
         paths: fits of each model and loss.
         requested: model that must have a certified fit; other models without a certified fit are left out.
         screened: whether a test has shown that something in addition to the joints bends.
+        links_may_be_base: whether the tests do not distinguish links from the base.
 
     Raises:
         UnsupportedMethodError: the requested model has no weight with a certified fit in every fold.
@@ -454,7 +460,7 @@ def select_model(
         )
         for number, (key, index) in enumerate(chosen_index.items())
     )
-    return Selection.choose_among(models, screened=screened)
+    return Selection.choose_among(models, screened=screened, links_may_be_base=links_may_be_base)
 
 
 def find_simplest_model(candidates: Sequence[HeldOut], best: HeldOut, *, screened: bool) -> ModelName:
@@ -489,19 +495,25 @@ def find_richest_model(names: Sequence[ModelName], chosen: ModelName) -> ModelNa
     return [name for name in names if name in WITH_BASE or chosen not in WITH_BASE][-1]
 
 
-def _find_tied_model(by_name: Sequence[HeldOut], chosen: ModelName) -> ModelName | None:
-    """Return the best model with bending links and rigid base, if links and base are not distinguishable.
+def _find_tied_model(
+    by_name: Sequence[HeldOut], chosen: ModelName, *, links_may_be_base: bool
+) -> ModelName | None:
+    """Return the best model that bends links instead of the base, or the base instead of links.
 
-    A name is returned only if `joints_and_base` is chosen, and a model with links predicts nearly as well
-    (within one standard error of the difference); otherwise None.
+    None if the chosen model bends neither or both, or if the readings distinguish the two: the tests do, and
+    the model with links predicts worse than the chosen base by more than one standard error.
     """
-    with_base = next((each for each in by_name if each.model == chosen == "joints_and_base"), None)
+    with_base = next((each for each in by_name if each.model == "joints_and_base"), None)
     links = [each for each in by_name if each.model in LINKS_ALONE]
     if with_base is None or not links:
         return None
     best = min(links, key=lambda each: each.mean_residual)
+    if chosen in LINKS_ALONE:
+        return with_base.model if links_may_be_base else None
+    if chosen != with_base.model:
+        return None
     difference, standard_error = best.compare_residuals(with_base)
-    return best.model if difference <= standard_error else None
+    return best.model if links_may_be_base or difference <= standard_error else None
 
 
 def _compute_gain(by_name: Sequence[HeldOut]) -> HeldOutGain | None:

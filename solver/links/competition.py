@@ -42,6 +42,7 @@ from jointstiff.solver.links.fit import (
 from jointstiff.solver.links.model import (
     LINKS_ALONE,
     LOSSES,
+    WITH_BASE,
     ElasticColumns,
     ElasticModel,
     list_losses_to_compare,
@@ -231,14 +232,23 @@ class Competition:
         """
         is_automatic = self._requested is None
         # Models are compared automatically only after a test has indicated that links or base bend.
-        selection = select_model(self._folds, paths, self._requested, screened=is_automatic)
+        links_may_be_base = is_automatic and self.screening.links_may_be_base
+        selection = select_model(
+            self._folds,
+            paths,
+            self._requested,
+            screened=is_automatic,
+            links_may_be_base=links_may_be_base,
+        )
         if is_automatic and not self.penalty_is_given:
             # A model whose best penalty is the smallest tried needs a smaller one for a fair comparison.
             for name in dict.fromkeys(each.model for each in selection.models):
                 held_out = selection.find_held_out(name)
                 if held_out.penalty == self._weights[0]:
                     selection = self._refine_penalty(held_out, selection, paths)
-            selection = Selection.choose_among(selection.models, screened=is_automatic)
+            selection = Selection.choose_among(
+                selection.models, screened=is_automatic, links_may_be_base=links_may_be_base
+            )
         chosen = selection.find_held_out(self._requested or selection.simplest)
         if chosen.model == "joints":
             # The identification of joints alone supports these two losses only.
@@ -296,8 +306,8 @@ class Competition:
     def _fit_whole_set(self, held_out: HeldOut, selection: Selection, paths: _Paths) -> Elastic:
         """Fit the chosen model to the whole set, with intervals that account for the choice of the model.
 
-        If held-out postures do not distinguish links from the base, the intervals contain the intervals of
-        both models, provided that the model with links has a certified optimum.
+        If the readings do not distinguish links from the base, the intervals contain the intervals of both
+        models, provided that the tied model has a certified optimum.
         """
         elastic = self._fit_with_chosen_penalty(held_out, paths)
         if self._requested is not None:
@@ -306,10 +316,15 @@ class Competition:
         richest = self._fit_richest_model(elastic, selection, paths)
         effective = self._compute_effective(elastic, richest)
         if selection.tied is not None:
-            with_links = self._compute_effective_of_links(selection.tied, selection, paths)
-            if with_links is not None:
-                effective = effective.widen_ranges_by(with_links)
-            prediction = replace(elastic.prediction, bending="links_or_base", joined=with_links is not None)
+            tied = self._compute_effective_of_tied(selection.tied, selection, paths)
+            if tied is not None:
+                effective = effective.widen_ranges_by(tied)
+            prediction = replace(
+                elastic.prediction,
+                bending="links_or_base",
+                predicted_by="base" if elastic.model.name in WITH_BASE else "links",
+                joined=tied is not None,
+            )
             elastic = replace(elastic, prediction=prediction)
         return Elastic(elastic, effective, richest.model.name)
 
@@ -327,25 +342,26 @@ class Competition:
         except UnsupportedMethodError:
             return elastic
 
-    def _compute_effective_of_links(
+    def _compute_effective_of_tied(
         self, tied: ModelName, selection: Selection, paths: _Paths
     ) -> EffectiveCompliances | None:
-        """Return the effective compliances of the tied model with links; None if its fit is not certified.
+        """Return the effective compliances of the tied model; None if its fit is not certified.
 
-        The intervals come from the richest model with links and rigid base, or from the tied model if the fit
-        of the richest is not certified.
+        The intervals come from the richest model with links and rigid base if links are tied, or from the
+        tied model if the fit of the richest is not certified.
         """
-        richest = next(each.model for each in reversed(selection.models) if each.model in LINKS_ALONE)
+        alike = LINKS_ALONE if tied in LINKS_ALONE else {tied}
+        richest = next(each.model for each in reversed(selection.models) if each.model in alike)
         try:
-            links = self._fit_with_chosen_penalty(selection.find_held_out(tied), paths)
+            fit_of_tied = self._fit_with_chosen_penalty(selection.find_held_out(tied), paths)
         except UnsupportedMethodError:
             return None
         try:
             return self._compute_effective(
-                links, self._fit_with_chosen_penalty(selection.find_held_out(richest), paths)
+                fit_of_tied, self._fit_with_chosen_penalty(selection.find_held_out(richest), paths)
             )
         except UnsupportedMethodError:
-            return self._compute_effective(links, links)
+            return self._compute_effective(fit_of_tied, fit_of_tied)
 
     def _compute_effective(self, elastic: ElasticEstimate, richest: ElasticEstimate) -> EffectiveCompliances:
         """Return effective joint compliances of the fit `elastic`, with ranges from the fit `richest`."""

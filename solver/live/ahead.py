@@ -8,7 +8,7 @@ that have to be chosen in this way until the goal is met is the number of missin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -22,6 +22,8 @@ from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 
+MOST_FOLLOWING: Final = 2
+"""Greatest number of readings after the next one that are chosen ahead, as if each was read as predicted."""
 MOST_MORE: Final = 60
 """Greatest number of missing readings that is computed: if more are missing, the goal is out of reach."""
 _BEFORE: Final = 3.0
@@ -55,10 +57,10 @@ class KnownCompliances:
 
     @property
     def relative_uncertainty(self) -> FloatArray:
-        """Half-width (n,) of each compliance's interval, divided by the compliance; inf if unknown."""
-        half_widths = self.factor * np.sqrt(np.diagonal(self.covariance))
-        is_known = np.isfinite(self.compliance) & (np.nan_to_num(self.compliance) > 0.0)
-        return np.where(is_known, half_widths / np.where(is_known, self.compliance, 1.0), np.inf)
+        """(n,) half-width of each compliance's interval divided by the compliance; inf if it is unknown."""
+        half = self.factor * np.sqrt(np.diagonal(self.covariance))
+        known = np.isfinite(self.compliance) & (np.nan_to_num(self.compliance) > 0.0)
+        return np.where(known, half / np.where(known, self.compliance, 1.0), np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +93,8 @@ class NextReading:
     anchor: int | None  #: index of the anchor of the cable; None without a cable
     #: number of readings until the goal is met, including this reading; None for more than `MOST_MORE`
     missing: int | None
+    #: readings that will probably follow, `MOST_FOLLOWING` at most; `missing` is None in them
+    following: tuple[NextReading, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,57 +153,45 @@ class CandidateReadings:
         """(s,) indices of the joints that the loads twist."""
         return self.pool.parameters.joints
 
-    def compare_with_goal(self, goal: Goal, known_compliances: KnownCompliances) -> UncertaintyShare:
+    def compare_with_goal(self, goal: Goal, known: KnownCompliances) -> UncertaintyShare:
         """Compare the uncertainty after the readings so far with the uncertainty that a goal allows.
 
         Args:
             goal: uncertainty of the joints, of the deflection in the work area, or for a decision whether the
                 deflection exceeds a limit.
-            known_compliances: compliances from the readings so far.
+            known: compliances from the readings so far.
         """
         n = self.robot.n
         if isinstance(goal, JointsGoal):
-            ratios = known_compliances.relative_uncertainty[self.twisted_joints] / goal.relative
+            ratios = known.relative_uncertainty[self.twisted_joints] / goal.relative
             # The joints that are farthest from the goal count most.
             urgency = np.square(np.clip(np.where(np.isfinite(ratios), ratios, np.inf), 0.1, 10.0))
             weights = np.zeros((n, n))
             weights[self.twisted_joints, self.twisted_joints] = urgency / np.square(
-                self._reference_compliances(known_compliances)[self.twisted_joints]
+                self._reference_compliances(known)[self.twisted_joints]
             )
             farthest = int(self.twisted_joints[np.argmax(ratios)])
             return UncertaintyShare(ratios, weights, goal.relative, joint=farthest)
         rows = self.work_area_deflections.reshape(-1, n)
         # The mean variance of the deflection is tr(mean_square · covariance).
-        mean_square, is_unknown = rows.T @ rows / len(rows), ~np.isfinite(known_compliances.compliance)
-        if is_unknown.any() and np.abs(rows[:, is_unknown]).max() > _TWISTS * np.abs(rows).max():
+        mean_square, unknown = rows.T @ rows / len(rows), ~np.isfinite(known.compliance)
+        if unknown.any() and np.abs(rows[:, unknown]).max() > _TWISTS * np.abs(rows).max():
             allowed = goal.limit if isinstance(goal, DecisionGoal) else goal.uncertainty
-            first_unknown = int(np.flatnonzero(is_unknown)[0])
+            first_unknown = int(np.flatnonzero(unknown)[0])
             return UncertaintyShare(np.array([np.inf]), mean_square, allowed, joint=first_unknown)
         if not isinstance(goal, DecisionGoal):
-            uncertainty = known_compliances.factor * float(
-                np.sqrt((mean_square * known_compliances.covariance).sum())
-            )
+            uncertainty = known.factor * float(np.sqrt((mean_square * known.covariance).sum()))
             ratios = np.array([uncertainty / goal.uncertainty])
             return UncertaintyShare(ratios, mean_square, goal.uncertainty, uncertainty=uncertainty)
         # A decision needs the deflection with the greatest upper end: it must be clearly below or above the
         # limit.
-        deflections = self.work_area_deflections @ np.nan_to_num(known_compliances.compliance)
+        deflections = self.work_area_deflections @ np.nan_to_num(known.compliance)
         length = np.linalg.norm(deflections, axis=-1)
         # Derivative of each deflection's length with respect to the compliances.
-        length_derivatives = np.einsum(
-            "...i,...ij->...j", deflections / length[..., None], self.work_area_deflections
-        )
-        half_widths = known_compliances.factor * np.sqrt(
-            np.einsum(
-                "...j,jk,...k->...", length_derivatives, known_compliances.covariance, length_derivatives
-            )
-        )
-        worst = np.unravel_index(int(np.argmax(length + half_widths)), length.shape)
-        uncertainty, greatest, row = (
-            float(half_widths[worst]),
-            float(length[worst]),
-            length_derivatives[worst],
-        )
+        along = np.einsum("...i,...ij->...j", deflections / length[..., None], self.work_area_deflections)
+        u = known.factor * np.sqrt(np.einsum("...j,jk,...k->...", along, known.covariance, along))
+        worst = np.unravel_index(int(np.argmax(length + u)), length.shape)
+        uncertainty, greatest, row = float(u[worst]), float(length[worst]), along[worst]
         allowed = max(abs(goal.limit - greatest), 1e-12)
         ratios, weights = np.array([uncertainty / allowed]), np.outer(row, row)
         return UncertaintyShare(ratios, weights, allowed, uncertainty=uncertainty, greatest=greatest)
@@ -207,129 +199,123 @@ class CandidateReadings:
     def choose_next(
         self,
         goal: Goal,
-        known_compliances: KnownCompliances,
+        known: KnownCompliances,
         readings: Measurements | None,
         excluded: FloatArray,
-        present_posture: FloatArray | None = None,
+        at: FloatArray | None = None,
     ) -> NextReading | None:
-        """Choose the next reading: the candidate that reduces the uncertainty most, relative to the goal.
+        """Choose the next reading: the candidate that reduces the uncertainty relative to the goal most.
 
         Args:
             goal: goal of the campaign.
-            known_compliances: compliances from the readings so far.
+            known: compliances from the readings so far.
             readings: the readings so far; None before the first reading.
             excluded: (K, n) postures that were already read or skipped, joint angles as on the controller
                 [rad].
-            present_posture: (n,) present posture of the arm [rad]; None if travel does not matter.
+            at: (n,) present posture of the arm [rad]; None if travel does not matter.
 
         Returns:
             The reading, with the number of readings until the goal is met; None if no candidate remains.
         """
-        parameters = self.pool.parameters
-        candidates = self.pool.candidates
-        uncertainty_share = self.compare_with_goal(goal, known_compliances)
+        parameters, candidates, share = (
+            self.pool.parameters,
+            self.pool.candidates,
+            self.compare_with_goal(goal, known),
+        )
         basis = parameters.basis[: self.robot.n]
-        criterion = AOptimality(basis.T @ uncertainty_share.weights @ basis)
-        # Information before the readings; the information of each reading is added
-        information = self.pool.base
+        criterion = AOptimality(basis.T @ share.weights @ basis)
+        M = self.pool.base  # information before the readings; the information of each reading is added
         if readings is not None:
             rows = build_known_rows(self.robot, self.request, readings) @ parameters.basis
-            information = information + rows.T @ rows / (readings.sigma or self.request.equipment.sigma) ** 2
+            M = M + rows.T @ rows / (readings.sigma or self.request.equipment.sigma) ** 2
         # A weak prior keeps the information regular before enough postures are read.
-        weak_prior = np.diag(np.full(len(information), _BEFORE**-2.0))
+        weak_prior = np.diag(np.full(len(M), _BEFORE**-2.0))
         distinct = DistinctPostures(self.pool.readings.joints, self.request.angle)
-        is_free = np.ones(len(candidates), dtype=np.bool_)
+        free = np.ones(len(candidates), dtype=np.bool_)
         for posture in excluded:
-            is_free &= np.abs(distinct.postures - posture).max(axis=1) >= self.request.angle
-        if not is_free.any():
+            free &= np.abs(distinct.postures - posture).max(axis=1) >= self.request.angle
+        if not free.any():
             return None
-        best = self._choose_best_candidate(criterion, information + weak_prior, is_free, present_posture)
-        next_index, missing_readings = int(best.index[0]), None
+        best = self._choose_best_candidate(criterion, M + weak_prior, free, at)
+        chosen, missing = [self._make_reading(best)], None
         # The ratio of the uncertainties so far to the uncertainties that the design predicts is assumed to be
         # the same after further readings.
-        predicted = self._predict_shares(goal, known_compliances, uncertainty_share, information)
+        predicted = self._predict_shares(goal, known, share, M)
         ratio = np.ones(len(predicted))
-        comparable = np.isfinite(uncertainty_share.ratios) & np.isfinite(predicted)
-        ratio[comparable] = np.clip(uncertainty_share.ratios[comparable] / predicted[comparable], *_RATIO)
-        force = self.pool.candidate_forces(best.force, best.index)[0]
-        anchor = int(self.pool.readings.anchor[next_index])
+        comparable = np.isfinite(share.ratios) & np.isfinite(predicted)
+        ratio[comparable] = np.clip(share.ratios[comparable] / predicted[comparable], *_RATIO)
         # Readings are added one after the other, until the predicted uncertainties meet the goal.
         for count in range(1, MOST_MORE + 1):
-            information = information + best.information[0]
-            is_free &= ~distinct.find_conflicts(int(best.index[0]))
-            if (
-                ratio * self._predict_shares(goal, known_compliances, uncertainty_share, information)
-            ).max() <= 1.0:
-                missing_readings = count
+            M = M + best.information[0]
+            free &= ~distinct.find_conflicts(int(best.index[0]))
+            if missing is None and (ratio * self._predict_shares(goal, known, share, M)).max() <= 1.0:
+                missing = count
+            if not free.any() or (missing is not None and len(chosen) > MOST_FOLLOWING):
                 break
-            if not is_free.any():
-                break
-            best = candidates.find_highest_priced(criterion.supergradient(information + weak_prior), is_free)
-        joints = self.pool.readings.joints[next_index]
-        return NextReading(next_index, joints, force, None if anchor < 0 else anchor, missing_readings)
+            best = candidates.find_highest_priced(criterion.supergradient(M + weak_prior), free)
+            if len(chosen) <= MOST_FOLLOWING:
+                chosen.append(self._make_reading(best))
+        return replace(chosen[0], missing=missing, following=tuple(chosen[1:]))
+
+    def _make_reading(self, candidate: Atoms) -> NextReading:
+        """Return the posture and the load of a candidate, given as `Atoms` of length one."""
+        index = int(candidate.index[0])
+        force = self.pool.candidate_forces(candidate.force, candidate.index)[0]
+        anchor = int(self.pool.readings.anchor[index])
+        return NextReading(
+            index, self.pool.readings.joints[index], force, None if anchor < 0 else anchor, None
+        )
 
     def _predict_shares(
-        self,
-        goal: Goal,
-        known_compliances: KnownCompliances,
-        uncertainty_share: UncertaintyShare,
-        M: FloatArray,
+        self, goal: Goal, known: KnownCompliances, share: UncertaintyShare, M: FloatArray
     ) -> FloatArray:
         """Predict the ratios (s,) or (1,) of uncertainty to allowed uncertainty for an information matrix M.
 
         Args:
             goal: goal of the campaign.
-            known_compliances: compliances from the readings so far.
-            uncertainty_share: uncertainty so far, relative to the goal.
+            known: compliances from the readings so far.
+            share: uncertainty so far, relative to the goal.
             M: (p, p) information of the readings so far and of predicted readings.
         """
         parameters = self.pool.parameters
         if isinstance(goal, JointsGoal):
             joints = self.twisted_joints
-            half_widths = (
-                known_compliances.factor * compute_uncertainties(M, len(joints)) * parameters.nominal[joints]
-            )
-            return np.asarray(
-                half_widths / self._reference_compliances(known_compliances)[joints] / goal.relative
-            )
+            half = known.factor * compute_uncertainties(M, len(joints)) * parameters.nominal[joints]
+            return np.asarray(half / self._reference_compliances(known)[joints] / goal.relative)
         basis = parameters.basis[: self.robot.n]
-        information = AOptimality(basis.T @ uncertainty_share.weights @ basis).information(M)
+        information = AOptimality(basis.T @ share.weights @ basis).information(M)
         deviation = information**-0.5 if information > 0.0 else np.inf
-        return np.array([known_compliances.factor * deviation / uncertainty_share.allowed])
+        return np.array([known.factor * deviation / share.allowed])
 
-    def _reference_compliances(self, known_compliances: KnownCompliances) -> FloatArray:
+    def _reference_compliances(self, known: KnownCompliances) -> FloatArray:
         """Return the compliances (n,) [rad/(N·m)], where nominal values replace unknown compliances.
 
         With the nominal values all joints move the targets equally far.
         """
-        return np.where(
-            np.isfinite(known_compliances.compliance),
-            known_compliances.compliance,
-            self.pool.parameters.nominal,
-        )
+        return np.where(np.isfinite(known.compliance), known.compliance, self.pool.parameters.nominal)
 
     def _choose_best_candidate(
-        self, criterion: AOptimality, M: FloatArray, is_free: BoolArray, present_posture: FloatArray | None
+        self, criterion: AOptimality, M: FloatArray, free: BoolArray, at: FloatArray | None
     ) -> Atoms:
-        """Return the free candidate that reduces the variance most; of nearly equal candidates, the nearest.
+        """Return the free candidate that reduces the variance most; of nearly equal ones, the nearest.
 
         Args:
             criterion: weighted mean of variances that is to be reduced.
             M: (p, p) information so far.
-            is_free: (N,) mask of the candidates that may be chosen.
-            present_posture: (n,) present posture of the arm [rad]; None if travel does not matter.
+            free: (N,) mask of the candidates that may be chosen.
+            at: (n,) present posture of the arm [rad]; None if travel does not matter.
 
         Returns:
             The candidate as `Atoms` of length one: its index, force and information.
         """
         G = criterion.supergradient(M)
-        prices = np.where(is_free, self.pool.candidates.prices(G), -np.inf)
-        index = np.argsort(-prices)[: min(_TRIED, int(is_free.sum()))]
+        prices = np.where(free, self.pool.candidates.prices(G), -np.inf)
+        index = np.argsort(-prices)[: min(_TRIED, int(free.sum()))]
         tried = self.pool.candidates.build_atoms(index, G)
         variance = 1.0 / criterion.information(M + tried.information)
         good = np.flatnonzero(variance <= _AS_GOOD * variance.min())
         joints = self.pool.readings.joints[index[good]]
         # Without a present posture, the least variance decides.
-        cost = variance[good] if present_posture is None else np.abs(joints - present_posture).max(axis=1)
-        best_index = good[np.argmin(cost)]
-        return tried[best_index : best_index + 1]
+        cost = variance[good] if at is None else np.abs(joints - at).max(axis=1)
+        best = good[np.argmin(cost)]
+        return tried[best : best + 1]

@@ -40,7 +40,7 @@ _SAME_SOLUTION: Final = 1e-3
 _SINGULAR: Final = 2e-3
 """Least singular value up to which branches cannot be distinguished."""
 _LEAST_STEP: Final = 1.0 / 1024.0
-"""Smallest share of a straight line that is followed in one step."""
+"""Smallest fraction of a straight line that is followed in one step."""
 _TURN: Final = 2.0 * np.pi
 _TURNS: Final = np.arange(-2, 3) * _TURN
 """Full turns that are tried about an angle [rad]."""

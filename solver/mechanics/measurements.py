@@ -310,6 +310,9 @@ class CommonUncertainty:
     axis_position: float = 0.0
     #: standard uncertainty of a joint axis's direction, about each direction across it [rad]
     axis_direction: float = 0.0
+    #: standard uncertainty of the drift of loaded against unloaded positions from one observation to the
+    #: next, along each axis of R0 [m]
+    drift: float = 0.0
     assumed: frozenset[str] = frozenset()  #: terms whose uncertainty was not stated with the readings
 
     @property
@@ -335,6 +338,7 @@ class CommonUncertainty:
             ("target_places", self.target_places),
             ("axes.position", self.axis_position),
             ("axes.direction", self.axis_direction),
+            ("drift", self.drift),
         ):
             if not (np.isfinite(value) and value >= 0.0):
                 raise MeasurementError(
@@ -344,6 +348,9 @@ class CommonUncertainty:
                 )
 
 
+ASSUMED_LIVE_DRIFT: Final = 2.5e-6
+"""Standard uncertainty of the drift from one observation to the next [m] that live campaigns assume, which is
+50 µm over 20 observations."""
 EXACT: Final = CommonUncertainty()
 """Loads and places without uncertainty."""
 
@@ -429,6 +436,8 @@ class Measurements:
     #: `present` is False. None if there are no such targets.
     unloaded_only: BoolArray | None = None
     force_unit: ForceUnit = "N"  #: unit of forces that was declared with the readings; `force` is in N
+    #: (N,) number of each observation in the order of reading, by which a drift grows; 0, 1, … if empty
+    order: FloatArray = field(default_factory=lambda: np.zeros(0))
     labels: tuple[str, ...] = ()  #: (N,) labels of the observations; "1", "2", … where none are given
     targets: tuple[str, ...] = ()  #: (T,) names of the targets; "1", "2", … where none are given
 
@@ -438,6 +447,8 @@ class Measurements:
             raise MeasurementError("no observation", remedy="give at least one observation")
         object.__setattr__(self, "labels", _complete_names("labels", self.labels, count))
         object.__setattr__(self, "targets", _complete_names("targets", self.targets, targets))
+        if not self.order.size:
+            object.__setattr__(self, "order", np.arange(float(count)))
         self._refuse_invalid_noise()
         for name, shape in self._row_shapes.items():
             check_array(name, getattr(self, name), (count, *shape))
@@ -483,6 +494,7 @@ class Measurements:
         shapes |= dict.fromkeys(("force", "moment", "load_point"), (3,))
         shapes |= dict.fromkeys(("position", "deflection", "direction"), (*targets, 3))
         shapes |= dict.fromkeys(("in_flange", "present", "weight", "unloaded_only"), targets)
+        shapes["order"] = ()
         return {
             name: shape
             for name, shape in shapes.items()

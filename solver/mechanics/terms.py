@@ -300,6 +300,15 @@ def _shift_readings(block: RegressorBlock, compliance: FloatArray) -> Motion:  #
     return Motion(np.broadcast_to(np.eye(3), (*block.points.shape, 3)))
 
 
+def _drift_readings(block: RegressorBlock, compliance: FloatArray) -> Motion:
+    """Return the motion due to a drift of all readings under load that grows with the order of reading.
+
+    The unknowns are the drift from one observation to the next along each axis of R0 [m].
+    """
+    shift = _shift_readings(block, compliance).targets
+    return Motion(block.measurements.order[:, None, None, None] * shift)
+
+
 def _shift_and_turn_readings(pivot: FloatArray, block: RegressorBlock, compliance: FloatArray) -> Motion:
     """Return the motion due to a shift of all readings under load and a turn about a pivot (3,) in R0 [m]."""
     turned = -skew(block.points - pivot)
@@ -369,6 +378,7 @@ SHIFT = Term(
     words="a shift of all readings under load by {}",
     remedy=_READ_AGAIN,
 )
+DRIFT = Term("drift", "m", _drift_readings, partial(_read_uncertainties, ("drift",)))
 
 TERMS: Final[dict[str, Term]] = {
     term.name: term
@@ -380,6 +390,7 @@ TERMS: Final[dict[str, Term]] = {
         LOAD_ZERO,
         PLAY,
         SHIFT,
+        DRIFT,
         TARGET_PLACES,
         AXES,
     )

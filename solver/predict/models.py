@@ -663,6 +663,8 @@ class ModelErrorBound:
     #: (B,) uncertainty of the displacement per size of load, over that of the worst measured target; above
     #: EXTRAPOLATED the prediction is extrapolated. Either ratio above 1 widens the ball.
     leverage_ratio: FloatArray
+    #: (B,) standard deviation of the model error along any direction [m]; inf where nothing is known
+    deviation: FloatArray
 
     def interval(self, displacement: FloatArray, of_readings: FloatArray | None) -> FloatArray:
         """Return intervals (B, 3, 2) of displacements [m] that contain the balls and the readings' intervals.
@@ -713,6 +715,16 @@ class ModelError:
         index = int(np.searchsorted(self.share, confidence - _SLACK))
         return float(self.score[index]) if index < len(self.score) else float("inf")
 
+    @cached_property
+    def deviation(self) -> float:
+        """Standard deviation of the error along any direction, at a growth of 1 [m]: a third of the square.
+
+        Infinite if the other postures did not determine a prediction.
+        """
+        weight = np.diff(self.share, prepend=0.0)
+        # `inf · 0` cannot occur: each step has a positive weight.
+        return float(np.sqrt((weight @ np.square(self.score)) / weight.sum() / 3.0))
+
     def bound(self, cases: LoadCases, leverage: FloatArray, confidence: float) -> ModelErrorBound:
         """Return the bound of the model error at predicted places.
 
@@ -737,7 +749,7 @@ class ModelError:
         ) * np.maximum(leverage_ratio, 1.0)
         radius = self.quantile(confidence) * growth
         unmeasured = "force" if self.force == 0.0 else "moment" if self.moment == 0.0 else None
-        return ModelErrorBound(radius, unmeasured, relative_load, leverage_ratio)
+        return ModelErrorBound(radius, unmeasured, relative_load, leverage_ratio, self.deviation * growth)
 
 
 def _compute_residual_growth(load: FloatArray, leverage: FloatArray, noise: float | None) -> FloatArray:

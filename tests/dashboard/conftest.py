@@ -137,20 +137,24 @@ def stored(api: httpx2.Client) -> Stored:
         return post(api, "/v1/measurement-sets", {**document, "robot_id": robot})["id"]
 
     first, second = add("motor", 3), add("secondary", 4)
-    run = post(api, "/v1/runs", {"measurement_set_id": first})["id"]
-    other = post(api, "/v1/runs", {"measurement_set_id": second})["id"]
+    run = post(api, "/v1/runs?wait=60", {"measurement_set_id": first})["id"]
+    other = post(api, "/v1/runs?wait=60", {"measurement_set_id": second})["id"]
     decoupled = {"measurement_set_id": first, "method": "decoupled_partial_pose"}
-    runs = [run, post(api, "/v1/runs", decoupled)["id"]]
-    comparison = post(api, "/v1/comparisons", {"run_ids": runs})["id"]
-    pair = post(api, "/v1/comparisons", {"run_ids": [run, other], "ordered": True})["id"]
+    runs = [run, post(api, "/v1/runs?wait=60", decoupled)["id"]]
+    comparison = post(api, "/v1/comparisons?wait=60", {"run_ids": runs})["id"]
+    pair = post(api, "/v1/comparisons?wait=60", {"run_ids": [run, other], "ordered": True})["id"]
     joints = [f"joint_{j}" for j in range(2, 7)]  # a weight never twists the first
-    plan = post(api, "/v1/plans", {"measurement_set_id": first, "readings": 6, "joints": joints})["id"]
+    plan = post(api, "/v1/plans?wait=60", {"measurement_set_id": first, "readings": 6, "joints": joints})[
+        "id"
+    ]
     work = {"run_id": run, "area": [[1.2, -0.6, 0.6], [1.8, 0.6, 1.0]], "grid": [7, 9, 2]}
     tool = {"place": [0.0, 0.0, 0.25], "turns": 4, "force": [0.0, 0.0, -900.0]}
-    made = post(api, "/v1/maps", work | tool)["id"]
+    made = post(api, "/v1/maps?wait=60", work | tool)["id"]
     sweeps = json.loads((ROOT / "examples" / "sweeps.json").read_text(encoding="utf-8"))
-    geometry = post(api, "/v1/geometries", {**sweeps, "name": "stored sweeps"})["id"]
-    fleet = post(api, "/v1/fleets", {"measurement_set_ids": [first, second], "name": "stored fleet"})["id"]
+    geometry = post(api, "/v1/geometries?wait=60", {**sweeps, "name": "stored sweeps"})["id"]
+    fleet = post(api, "/v1/fleets?wait=60", {"measurement_set_ids": [first, second], "name": "stored fleet"})[
+        "id"
+    ]
     program, live = compensated(api, run), opened(api, robot)
     return Stored(robot, first, second, run, comparison, pair, plan, made, program, geometry, live, fleet)
 

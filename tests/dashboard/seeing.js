@@ -4,8 +4,8 @@
   const NOTATION = /3\.188\(17\): .*/; // says how uncertainties are written
   const UNIT =
     /%|°|‰|\b(?:mm|µm|μm|m|km|rad|mrad|µrad|deg|N|kN|kg|g|s|ms|min|h|Hz|MB|kB|m²|s²)\b|N·m|Nm|\/rad|\/m\b|\/N\b/;
-  const ALONE = /\b(?:scale|ratio|times|weight|p value|correlation|singular values|condition number|degrees of freedom)\b|×|χ²|O[₁-₅]|R$|versions|direction|points along|\bcondition\b|std\. uncertaint/i; // pure numbers
-  const BARS = ".header, .sections, .gobar, .selection, .toasts, .tip, .skip";
+  const ALONE = /\b(?:scale|ratio|times|weight|p value|correlation|singular values|condition number|degrees of freedom)\b|×|χ²|O[₁-₅]|R$|versions|direction|points along|\bcondition\b|std\. uncertaint|parameters|penalty|\bsigma\b|K_c\/k|combination of|\bdetermine\b/i; // pure numbers
+  const BARS = ".header, .sections, .gobar, .selection, .toasts, .tip, .skip, .head .folded[open]"; // layers above the view
   const BLOCK = "td, th, dd, dt, li, p, label, figcaption, h1, h2, h3, legend, summary, option, button, output, [role=cell], [role=columnheader], .gain, .figures > span, svg";
 
   let known = new Map();
@@ -20,7 +20,9 @@
       const gone = style.clipPath !== "none" || style.visibility === "hidden" || style.opacity === "0" || !further;
       const cuts = style.overflowX !== "visible" && element.clientWidth > 0;
       const scrolls = ["auto", "scroll"].includes(style.overflowX);
-      known.set(element, gone ? null : cuts ? [...further, { box: element.getBoundingClientRect(), scrolls }] : further);
+      const ellipsis = style.textOverflow === "ellipsis" || style.webkitLineClamp !== "none";
+      const edge = { box: element.getBoundingClientRect(), scrolls, ellipsis };
+      known.set(element, gone ? null : cuts ? [...further, edge] : further);
     }
     return known.get(element);
   }
@@ -55,7 +57,7 @@
           ? line
           : { left: line.left, right: line.right, top: middle - 0.36 * size, bottom: middle + 0.36 * size };
         const box = seen(letters, element, ever);
-        if (box) yield { node, element, box, bar: element.closest(BARS) };
+        if (box) yield { node, element, box, line: letters, bar: element.closest(BARS), drawn: element.closest("svg") };
       }
     }
   }
@@ -161,6 +163,46 @@
     return [...faults];
   }
 
+  /** Text that a box cuts off without an ellipsis, and choices whose words are wider than their box. */
+  function cutTexts() {
+    const faults = new Set();
+    for (const { node, element, line, drawn } of texts(document.body, true)) {
+      let { left, right, top, bottom } = line;
+      for (const { box, scrolls, ellipsis } of [...(edges(element) ?? [])].reverse()) {
+        if (scrolls) break;
+        const beyond = left < box.left - 1.5 || right > box.right + 1.5 || top < box.top - 1.5 || bottom > box.bottom + 1.5;
+        if (beyond && !ellipsis) faults.add(`"${words(node)}" is cut off by its box`);
+        [left, right] = [Math.max(left, box.left), Math.min(right, box.right)];
+        [top, bottom] = [Math.max(top, box.top), Math.min(bottom, box.bottom)];
+        if (right < left || bottom < top) break;
+      }
+      const chart = drawn && getComputedStyle(drawn).overflow !== "visible" ? drawn.getBoundingClientRect() : null;
+      if (chart && (line.left < chart.left - 1.5 || line.right > chart.right + 1.5)) faults.add(`"${words(node)}" is cut off by its drawing`);
+    }
+    return [...faults];
+  }
+
+  /** Headings that skip a level, or come before that of the view. */
+  function headings() {
+    const faults = [];
+    let before = 0;
+    for (const heading of document.querySelectorAll("main :is(h1, h2, h3, h4, h5, h6)")) {
+      if (!heading.checkVisibility()) continue;
+      const level = Number(heading.tagName[1]);
+      if (level > before + 1) faults.push(`a heading of level ${level} after one of level ${before}: "${words(heading)}"`);
+      before = level;
+    }
+    return faults;
+  }
+
+  /** The first row of the joints stands low. */
+  function firstStiffness(most) {
+    const value = document.querySelector("main .joint > .value");
+    if (!value) return ["no stiffness"];
+    const bottom = value.getBoundingClientRect().bottom + scrollY;
+    return bottom <= most ? [] : [`the first stiffness stands at ${Math.round(bottom)} px`];
+  }
+
   function firstNumber(most) {
     let first = Infinity;
     let total = 0;
@@ -173,15 +215,25 @@
     return first <= most ? [] : [`the first number stands at ${Math.round(first)} px`];
   }
 
-  /** All faults at a width, on a screen or on paper. */
-  window.seeing = (paper, mostRow, mostFirst) => {
+  /** Faults of the view as it comes: the first number and the first stiffness stand too low [px]; 0 for no limit. */
+  window.first = (mostFirst, mostStiffness) => {
+    [known, read] = [new Map(), new Map()];
+    return [
+      ...(mostFirst ? firstNumber(mostFirst) : []),
+      ...(mostStiffness ? firstStiffness(mostStiffness) : []),
+    ];
+  };
+
+  /** All other faults at a width, on a screen or on paper, with what is folded opened. */
+  window.seeing = (paper, mostRow) => {
     [known, read] = [new Map(), new Map()];
     return [
       ...overlaps(),
       ...bareNumbers(),
       ...clippedHeads(paper),
+      ...cutTexts(),
+      ...headings(),
       ...(mostRow ? highRows(mostRow) : []),
-      ...(mostFirst ? firstNumber(mostFirst) : []),
     ];
   };
 })();

@@ -201,6 +201,24 @@ def test_changes_of_3d_views_leave_nothing_behind(visit, stored):
     assert {name: last[name] / first[name] for name in first if last[name] > 1.2 * first[name]} == {}
 
 
+def test_a_view_comes_back_by_itself_after_an_outage(visit, stored):
+    """Also one whose code was not loaded before."""
+    visited = visit("tablet", view="#/runs")
+    page = visited.page
+    page.locator(".rows .item").first.wait_for()
+    page.route("**/*", lambda route: route.abort())
+    page.evaluate("(run) => { location.hash = `#/runs/${run}` }", stored.run)
+    expect(page.get_by_text("could not be loaded")).to_be_visible()
+    page.unroute("**/*")
+    expect(page.get_by_role("table", name="Joint stiffness")).to_be_visible()
+    expect(page.get_by_text("could not be loaded")).to_have_count(0)
+    page.route("**/*", lambda route: route.abort())
+    page.evaluate("(robot) => { location.hash = `#/compare/trend/${robot}` }", stored.robot)
+    expect(page.get_by_text("could not be loaded")).to_be_visible()
+    page.unroute("**/*")
+    expect(page.locator("svg.chart").first).to_be_visible()
+
+
 FIRST_BUDGET = 106_000
 """Bytes over the wire, bodies and headers, of all that the first look at a result loads.
 
@@ -216,14 +234,7 @@ def test_first_load_of_a_result_is_small_and_asks_no_one_else(visit, stored):
     visited.page.on(
         "console", lambda m: policy_breaches.append(m.text) if "Content Security" in m.text else None
     )
-    sizes: dict[str, int] = {}
-
-    def weigh(request):
-        if request.url.startswith("http"):
-            size = request.sizes()
-            sizes[request.url] = size["responseBodySize"] + size["responseHeadersSize"]
-
-    visited.page.on("requestfinished", weigh)
+    sizes = visited.weigh()
     visited.go(f"#/runs/{stored.run}")
     visited.page.get_by_role("table", name="Joint stiffness").wait_for()
     visited.page.wait_for_load_state("networkidle")
@@ -250,14 +261,7 @@ START_REQUESTS = 12
 
 def test_the_start_is_small_and_asks_little(visit, stored):
     visited = visit("phone")
-    sizes: dict[str, int] = {}
-
-    def weigh(request):
-        if request.url.startswith("http"):
-            size = request.sizes()
-            sizes[request.url] = size["responseBodySize"] + size["responseHeadersSize"]
-
-    visited.page.on("requestfinished", weigh)
+    sizes = visited.weigh()
     visited.page.goto(visited.url)
     visited.page.locator(".rows .badge").first.wait_for()
     visited.page.wait_for_load_state("networkidle")

@@ -71,6 +71,11 @@ def test_a_newcomer_measures_a_simulated_arm_to_its_goal(visit, api):
         if reached.is_visible():
             break
     expect(page.get_by_text("Reached after").first).to_be_visible()
+    last = api.get(f"/v1/measurement-sets/{campaign}/next").json()["residuals"]
+    page.get_by_text(f"Residuals of {last[0]['observation']}").click()
+    drawn = page.get_by_text(re.compile(r"measured minus predicted, drawn [\d\u2009\u202f ]+ times longer"))
+    expect(drawn).to_contain_text("mm")
+    page.get_by_role("img", name="with the residuals of the targets").wait_for()
     page.get_by_role("button", name="Close and identify").click()
     page.get_by_role("table", name="Joint stiffness").wait_for()
     run = api.get(f"/v1/jobs/{page.url.rsplit('/', 1)[1]}").json()
@@ -165,6 +170,37 @@ def test_no_reading_is_lost_when_the_service_is_started_again(browser, bundle, t
             assert labels(api, campaign) == ["m01", "m02"]
         page.go_back()
         expect(page.get_by_role("heading", name="Next: m03")).to_be_visible()
+    context.close()
+
+
+def test_the_next_two_postures_are_there_without_a_network(browser, bundle, tmp_path):
+    """Without a plan: they are fetched ahead, drawn and measured, also after the page is loaded again."""
+    database, port = f"sqlite:///{tmp_path / 'jointstiff.db'}", free_port()
+    context = browser.new_context(viewport={"width": 390, "height": 844}, has_touch=True)
+    page = context.new_page()
+    with serving(database, 1, port) as service:
+        campaign = simulated(Visit(page, ready(service).url))
+        read(page, "m01")
+        expect(page.get_by_role("heading", name="Next: m02")).to_be_visible()
+        page.wait_for_function(
+            "async () => (await (await caches.open('jointstiff-page')).keys()).length > 20"
+        )
+        page.wait_for_load_state("networkidle")
+    read(page, "m02")
+    expect(page.get_by_text("The service is away. 1 reading waits in this browser")).to_be_visible()
+    page.reload()
+    read(page, "m03")
+    page.reload()
+    read(page, "m04")
+    expect(page.get_by_text("The next posture comes when the service is back.")).to_be_visible()
+    with serving(database, 1, port) as service:
+        with httpx2.Client(base_url=ready(service).url, timeout=180.0) as api:
+            for _ in range(600):
+                if len(labels(api, campaign)) == 4:
+                    break
+                page.wait_for_timeout(100)
+            assert labels(api, campaign) == ["m01", "m02", "m03", "m04"]
+        expect(page.get_by_role("heading", name="Next: m05")).to_be_visible()
     context.close()
 
 

@@ -131,6 +131,55 @@ def test_typescript_client(url, bodies, tmp_path):
     run(node, "post.ts", folder=tmp_path)
 
 
+GENERATOR = "openapi-generator-cli==7.26.0"
+REQUIRE_DOTNET = "JOINTSTIFF_REQUIRE_DOTNET"
+"""The nightly lane of clients has .NET and Java: a test of them that is skipped there fails."""
+
+
+def require(*programs):
+    """Skip the test if a program is missing, or fail it in the lane that has all of them."""
+    for program in programs:
+        if shutil.which(program) is None:
+            reason = f"{program} is not installed"
+            if os.environ.get(REQUIRE_DOTNET) == "1":
+                pytest.fail(f"{reason} ({REQUIRE_DOTNET}=1)")
+            pytest.skip(reason)
+
+
+def run_dotnet(*arguments, folder):
+    """Run the compiler of .NET, which writes its settings and packages to the folder."""
+    quiet = {"DOTNET_CLI_TELEMETRY_OPTOUT": "1", "DOTNET_NOLOGO": "1", "DOTNET_CLI_HOME": str(folder)}
+    command = ["dotnet", *map(str, arguments)]
+    done = subprocess.run(
+        command, cwd=folder, env=os.environ | quiet, capture_output=True, text=True, check=False, timeout=280
+    )
+    assert done.returncode == 0, done.stdout[-4000:]
+
+
+@pytest.mark.slow
+def test_csharp_client(url, tmp_path):
+    """openapi-generator: the client in C# compiles."""
+    require("java", "dotnet")
+    (tmp_path / "openapi.json").write_bytes(httpx2.get(f"{url}/openapi.json", timeout=100.0).content)
+    form = "targetFramework=net8.0,packageName=Jointstiff.Client"
+    options = ("--library", "httpclient", "--additional-properties", form)
+    generate = ("generate", "-g", "csharp", "-i", "openapi.json", "-o", "client", *options)
+    carry_out(uv(), "tool", "run", GENERATOR, *generate, cwd=tmp_path)
+    run_dotnet("build", "client/src/Jointstiff.Client", folder=tmp_path)
+
+
+@pytest.mark.slow
+def test_the_example_in_csharp_compiles_with_dotnet(tmp_path):
+    """Mono, with which the example is run, is old: the file compiles with the present .NET, too."""
+    require("dotnet")
+    shutil.copy(ROOT / "examples" / "clients" / "Identify.cs", tmp_path)
+    (tmp_path / "Identify.csproj").write_text(
+        '<Project Sdk="Microsoft.NET.Sdk"><PropertyGroup><OutputType>Exe</OutputType>'
+        "<TargetFramework>net8.0</TargetFramework></PropertyGroup></Project>"
+    )
+    run_dotnet("build", folder=tmp_path)
+
+
 def typescript(url, bodies):
     """Return a program that posts the bodies, written out so that the compiler checks them."""
     lines = [

@@ -40,7 +40,7 @@ def test_recorded_figures_are_of_one_commit():
     page = f"before\n{BEGIN}\n{END}\nafter\n"
     first = rewritten(page, "Commit a:", {"y": FIGURES[:1], "x": FIGURES[1:]})
     rows = ["| `x` | c | 2 **not met** | ≥ 3 |", "| `y` | a \\| b | 0.5 m | ≤ 1 m |"]
-    head = ["", "| benchmark | figure | measured | asked |", "|---|---|---|---|"]
+    head = ["", "| benchmark | figure | measured | required |", "|---|---|---|---|"]
     assert first.splitlines() == ["before", BEGIN, "Commit a:", *head, *rows, END, "after"]
     again = rewritten(first, "Commit a:", {"y": FIGURES[1:]})
     assert [line for line in again.splitlines() if "`" in line] == [rows[0], rows[0].replace("x", "y")]
@@ -54,6 +54,12 @@ def test_recorded_figures_are_of_one_commit():
         END,
         "after",
     ]
+
+
+def test_a_number_with_two_bounds_has_one_row():
+    figures = [Figure("c", 2.0, "at least", 1.0, " %"), Figure("c", 2.0, "at most", 1.5, " %")]
+    page = rewritten(f"{BEGIN}\n{END}", "Commit a:", {"x": figures})
+    assert "| `x` | c | 2 % **not met** | ≥ 1 %, ≤ 1.5 % |" in page.splitlines()
 
 
 def test_the_page_has_room_for_recorded_figures():

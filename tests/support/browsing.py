@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import ConsoleMessage, Page, expect
+from playwright.sync_api import ConsoleMessage, Page, Request, expect
 from support.processes import LONGEST_SECONDS
 
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -62,6 +62,18 @@ class Visit:
         """Keep what went wrong; that an answer was a refusal is for the page to show."""
         if message.type == "error" and "Failed to load resource" not in message.text:
             self.faults.append(message.text)
+
+    def weigh(self) -> dict[str, int]:
+        """Return address → bytes over the wire, bodies and headers, of what is loaded from now on."""
+        sizes: dict[str, int] = {}
+
+        def note(request: Request) -> None:
+            if request.url.startswith("http"):
+                size = request.sizes()
+                sizes[request.url] = size["responseBodySize"] + size["responseHeadersSize"]
+
+        self.page.on("requestfinished", note)
+        return sizes
 
     def settle(self) -> None:
         """Wait until nothing is on its way any more."""

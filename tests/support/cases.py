@@ -47,6 +47,8 @@ WIDTH = 150
 """Columns of a line of an expected answer."""
 CLOSE = 1e-4
 """Relative difference of two numbers that counts."""
+SI = "m, rad, N, N.m"
+"""Units of the options of cases."""
 POSTURES = [[0.3, -0.4, 0.5, 0.2, 0.6, -0.1, 0.4], [-0.5, 0.2, 0.3, -0.8, 0.9, 0.4, -0.2]]
 SHIFTS = {"moved": [[2e-4, -1e-4, 3e-4]], "bumped": [[4e-4, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]}
 """Displacements of what is read under load [m]: of all targets, or of each."""
@@ -305,7 +307,7 @@ def _values(message: Any) -> Any:
 
 def identify(document: dict[str, Any], **options: Any) -> dict[str, Any]:
     """Identify; where there is a number for each joint, predict two postures, too."""
-    run = js.identify(document, **options)
+    run = js.identify(document, units=SI, **options)
     out = _of_run(run)
     if run.result is not None and all(joint.compliance is not None for joint in run.result.joints):
         moved = predict(document, run=run)
@@ -316,7 +318,7 @@ def identify(document: dict[str, Any], **options: Any) -> dict[str, Any]:
 
 def predict(document: dict[str, Any], *, run_options: Any = None, run: Any = None, **options: Any) -> Any:
     """Predict two postures, or the cases given."""
-    run = run or js.identify(document, **(run_options or {}))
+    run = run or js.identify(document, units=SI, **(run_options or {}))
     count = len(run.result.joints)
     given = [
         {"joints": posture[:count], "force": force}
@@ -339,7 +341,7 @@ def predict(document: dict[str, Any], *, run_options: Any = None, run: Any = Non
 
 def mended(document: dict[str, Any], **options: Any) -> dict[str, Any]:
     """Return the reasons of a run, and what each action that they advise gives."""
-    run = js.identify(document, **options)
+    run = js.identify(document, units=SI, **options)
     out: dict[str, Any] = _assessed(run.result.assessment)
     for action in sorted({each.action.kind for each in run.result.assessment.reasons if each.action}):
         again = run.apply(action)
@@ -356,12 +358,12 @@ def findings(document: dict[str, Any]) -> dict[str, Any]:
 
 def compensate(document: dict[str, Any], program: Mapping[str, str], **options: Any) -> dict[str, Any]:
     """Compensate a program that is given as its files' texts."""
-    run = js.identify(document, **options.pop("run", {}))
+    run = js.identify(document, units=SI, **options.pop("run", {}))
     with tempfile.TemporaryDirectory() as folder:
         files = [Path(folder, name) for name in program]
         for file in files:
             file.write_text(program[file.name])
-        found = js.compensate(run, *files, **options).result
+        found = js.compensate(run, *files, **{"units": "m, deg, N"} | options).result
     names = ("deflection", "correction", "residual")
     return _assessed(found.assessment) | {
         "moves": [found.moves, found.moves_left, found.points, found.corrected, found.capped],
@@ -381,7 +383,7 @@ def compensate(document: dict[str, Any], program: Mapping[str, str], **options: 
 def measure(document: dict[str, Any], mistakes: Mapping[str, str] | None = None, **options: Any) -> Any:
     """Measure by a simulated source, or an arm that is read with mistakes; each state on the way."""
     most, states = options.pop("most", 200), dict[str, Any]()
-    with js.measure(document, source="simulated:1", **options) as live:
+    with js.measure(document, source="simulated:1", units=SI, **options) as live:
         while live.state.state == "measuring" and live.next is not None and live.count < most:
             following, mistake = live.next, (mistakes or {}).get(str(live.count))
             if mistakes is None:
@@ -450,7 +452,7 @@ def trend(*documents: dict[str, Any]) -> dict[str, Any]:
 
 def compare(*documents: dict[str, Any], **options: Any) -> dict[str, Any]:
     """Compare methods on a campaign, or two campaigns."""
-    found = js.compare(*documents, **options).result
+    found = js.compare(*documents, units=SI, **options).result
     out: dict[str, Any] = _assessed(found.assessment)
     for each in found.entries:
         name = f"{each.side} {each.method} {each.weighting} {'positive' if each.positive else 'free'}"
@@ -470,7 +472,7 @@ def compare(*documents: dict[str, Any], **options: Any) -> dict[str, Any]:
 
 def plan(document: dict[str, Any], **options: Any) -> dict[str, Any]:
     """Plan readings."""
-    found = js.plan(document, **options).result
+    found = js.plan(document, units=SI, **options).result
     return _assessed(found.assessment) | {
         "criterion": [found.criterion, found.efficiency, found.random_efficiency, found.goal_share],
         "feasible": [found.considered, found.feasible, found.struck_out],
@@ -485,8 +487,8 @@ def plan(document: dict[str, Any], **options: Any) -> dict[str, Any]:
 
 def map_(document: dict[str, Any], run_options: Any = None, **options: Any) -> dict[str, Any]:
     """Map a work area."""
-    run = js.identify(document, **(run_options or {}))
-    found = js.map(run, **options).result
+    run = js.identify(document, units=SI, **(run_options or {}))
+    found = js.map(run, units=SI, **options).result
     out: dict[str, Any] = _assessed(found.assessment)
     out |= {"counts": _values(found.counts), "percentiles": list(found.percentiles.values())}
     for name in ("worst", "stiffest"):

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx2
-from playwright.sync_api import Dialog, Locator, Page, expect
+from playwright.sync_api import Locator, Page, expect
 from support.browsing import Visit, file_of
 from support.processes import until
 
@@ -134,13 +134,13 @@ class Flow:
         assert self.api.get(f"/v1/{address}").status_code == 404
 
     def answered(self, text: str) -> None:
-        """Answer the next question: a text, or `no`."""
-
-        def answer(dialog: Dialog) -> None:
-            self.asked.append(dialog.message)
-            dialog.dismiss() if text == "no" else dialog.accept(text)
-
-        self.page.once("dialog", answer)
+        """Answer the question that the page asks: `yes`, `no`, or a text."""
+        dialog = self.page.get_by_role("dialog")
+        self.asked.append(dialog.inner_text())
+        if text not in {"yes", "no"}:
+            dialog.get_by_role("textbox").fill(text)
+        dialog.get_by_role("button", name="Cancel" if text == "no" else "Continue").click()
+        expect(dialog).to_have_count(0)
 
     def was_asked(self, number: str, text: str) -> None:
         """Have been asked so often, the first time in such words."""

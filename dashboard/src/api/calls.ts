@@ -73,7 +73,7 @@ export type SetQuery = QueryOf<"/v1/measurement-sets">;
 const described = <Path extends keyof paths>(query: QueryOf<Path>) => query as Described<Path>;
 
 /** Kinds of work, as the API names them. */
-export type Collection = "runs" | "comparisons" | "fleets" | "geometries" | "plans" | "maps" | "programs";
+export type Collection = "runs" | "comparisons" | "fleets" | "geometries" | "plans" | "maps" | "programs" | "processes";
 
 interface Messages {
   runs: of.Run;
@@ -83,7 +83,11 @@ interface Messages {
   plans: of.Plan;
   maps: of.Map;
   programs: of.Program;
+  processes: of.Process;
 }
+
+/** Tables of jobs that the page draws. */
+export type JobTable = "map" | "points" | "turns" | "places";
 
 /** A listed job: of runs with what a run always has. */
 export type Summary<Of extends Collection> = Of extends "runs" ? of.RunSummary : of.JobSummary;
@@ -96,6 +100,7 @@ const KINDS = {
   plans: "plan",
   maps: "map",
   programs: "program",
+  processes: "process",
 } as const satisfies Record<Collection, of.JobSummary["kind"]>;
 
 const jobs = {
@@ -132,9 +137,17 @@ const posted = (key: string) => ({ params: { query: { wait: 1 }, ...once(key) } 
 
 /** Add a job of a kind that is posted as JSON; fields that were filled in are checked by the service. */
 const add =
-  <Of extends Exclude<Collection, "programs">>(collection: Of) =>
+  <Of extends Exclude<Collection, "programs" | "processes">>(collection: Of) =>
   (body: unknown, key: string) =>
     read<Messages[Of]>(client.POST(`/v1/${collection}` as "/v1/runs", { ...posted(key), body: body as never }));
+
+/** Add a job of a kind that is posted as files with what is stated of them. */
+const addForm =
+  <Of extends "programs" | "processes">(collection: Of) =>
+  (files: File[], stated: unknown, key: string) =>
+    read<Messages[Of]>(
+      client.POST(`/v1/${collection}` as "/v1/programs", { ...posted(key), body: form(files, stated) as never }),
+    );
 
 const changeRobot = (robot_id: string, body: of.RobotChange) =>
   read<of.Robot>(client.PATCH("/v1/robots/{robot_id}", { params: { path: { robot_id } }, body }));
@@ -158,6 +171,8 @@ const sets = {
   delete: (set: string) => changeSet(set, { deleted: true }),
   restore: (set: string) => changeSet(set, { deleted: false }),
 };
+
+const bridgeAt = (bridge: string): string => `/v1/bridges/${id(bridge)}`;
 
 export const api = {
   session: () => read<of.Session>(client.GET(SESSION)),
@@ -209,6 +224,20 @@ export const api = {
     code: (set: string, page: string) => withQuery(`/v1/measurement-sets/${id(set)}/code.svg`, { page }),
   },
 
+  /** Bridges from trackers, which the description of the API leaves out: paths and messages are stated here. */
+  bridges: {
+    open: (set: string) =>
+      read<of.Paired>(
+        client.POST(`/v1/measurement-sets/${id(set)}/bridge` as "/v1/measurement-sets/{set_id}/close", setPath(set)),
+      ),
+    show: (bridge: string, stand: of.BridgeStand) =>
+      read<undefined>(client.PUT(`${bridgeAt(bridge)}/stand` as never, { body: stand } as never)),
+    end: (bridge: string) => read<undefined>(client.DELETE(bridgeAt(bridge) as never, {} as never)),
+    /** Fails with 404 when the bridge has ended. */
+    check: (bridge: string) => read<undefined>(client.HEAD(bridgeAt(bridge) as never, {} as never)),
+    followed: (bridge: string) => bridgeAt(bridge),
+  },
+
   jobs,
   runs: { ...kind("runs"), add: add("runs") },
   comparisons: { ...kind("comparisons"), add: add("comparisons") },
@@ -216,17 +245,14 @@ export const api = {
   geometries: { ...kind("geometries"), add: add("geometries") },
   plans: { ...kind("plans"), add: add("plans") },
   maps: { ...kind("maps"), add: add("maps") },
-  programs: {
-    ...kind("programs"),
-    add: (files: File[], stated: unknown, key: string) =>
-      read<of.Program>(client.POST("/v1/programs", { ...posted(key), body: form(files, stated) as never })),
-  },
+  programs: { ...kind("programs"), add: addForm("programs") },
+  processes: { ...kind("processes"), add: addForm("processes") },
   predict: (body: unknown) => read<of.DeflectionResult>(client.POST("/v1/deflections", { body: body as never })),
   apply: (run_id: string, body: of.Action) =>
     read<of.Run>(client.POST("/v1/runs/{run_id}/apply", { params: { path: { run_id }, query: { wait: 1 } }, body })),
   tables: (job: string, view: Query, signal?: AbortSignal) => file<of.ShownTables>(job, "tables.json", view, signal),
-  mapTable: (map: string, signal?: AbortSignal) => file<Columns>(map, "map.json", {}, signal),
-  programPoints: (program: string, signal?: AbortSignal) => file<Columns>(program, "points.json", {}, signal),
+  /** A table of a job, column by column. */
+  table: (job: string, name: JobTable, signal?: AbortSignal) => file<Columns>(job, `${name}.json`, {}, signal),
   programFile: (program: string, file: string) => withQuery(jobs.file(program, "program"), { file }),
 };
 

@@ -1,6 +1,6 @@
 /** Queries of the service: their keys, how long their answers are fresh, and which of them stay on this device. */
 import { client, onDevice, type QueryOptions } from "../state/query";
-import { api, type JobQuery, type RobotQuery, type SetQuery } from "./calls";
+import { api, type JobQuery, type JobTable, type RobotQuery, type SetQuery } from "./calls";
 import { goesOn } from "./follow";
 import type * as of from "./types";
 
@@ -63,10 +63,8 @@ export const queries = {
     query({ queryKey: ["geometries", filters], queryFn: ({ signal }) => api.geometries.list(filters, signal) }),
   tables: (job: string, view: Record<string, string>) =>
     query({ queryKey: ["tables", job, view], queryFn: ({ signal }) => api.tables(job, view, signal), ...FIXED }),
-  mapTable: (id: string) =>
-    query({ queryKey: ["map-table", id], queryFn: ({ signal }) => api.mapTable(id, signal), ...FIXED }),
-  programPoints: (id: string) =>
-    query({ queryKey: ["program-points", id], queryFn: ({ signal }) => api.programPoints(id, signal), ...FIXED }),
+  table: (id: string, name: JobTable) =>
+    query({ queryKey: ["table", id, name], queryFn: ({ signal }) => api.table(id, name, signal), ...FIXED }),
   /** Kinematics of a source in some configurations. */
   kinematics: (source: of.RobotSource | null, joints: number[][]) =>
     query<of.Posture[]>({

@@ -52,6 +52,36 @@ export interface Page<Item> {
   total: number | null;
 }
 
+/** A new bridge from a tracker, with the code that joins it; bridges are no part of the described API. */
+export interface Paired {
+  id: string;
+  code: string | null;
+  ends_at: string;
+}
+
+/** Where a tracker is to read: joints in rad or m, force in N. */
+export interface BridgeStand {
+  number: number;
+  label: string;
+  joints: number[];
+  force: readonly number[];
+  loaded: boolean;
+}
+
+/** Positions [m] that a tracker read in the stand of a number, and why it reads none. */
+export interface BridgeReading {
+  number: number | null;
+  points: Record<string, [number, number, number]>;
+  trouble: string | null;
+}
+
+export interface BridgeState {
+  joined: boolean;
+  /** Whether the command at the tracker was heard within the last seconds. */
+  connected: boolean;
+  reading: BridgeReading;
+}
+
 /** A robot that is stored, or one that is not yet. */
 export type RobotSource = { robot_id: string } | { robot: messages.RobotDocument };
 

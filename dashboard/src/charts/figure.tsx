@@ -111,7 +111,7 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
     <figure class="figure" ref={figure}>
       <figcaption>
         <div>
-          <h3>{title}</h3>
+          <h2>{title}</h2>
         </div>
         {tools && <div class="tools">{tools}</div>}
       </figcaption>
@@ -259,10 +259,21 @@ interface BarFigureProps {
   series: Series[];
   unit: string;
   stacked?: boolean;
+  /** What the names are, in the table. */
+  named?: string;
 }
 
 /** Bars for the first series, narrower ones inside for the second, dots for the others; or all of them stacked. */
-export function BarFigure({ title, note, names, series, unit, stacked = false, ...opening }: BarFigureProps & Opening) {
+export function BarFigure({
+  title,
+  note,
+  names,
+  series,
+  unit,
+  stacked = false,
+  named = text.deflection.configuration,
+  ...opening
+}: BarFigureProps & Opening) {
   if (names.length === 0) return null;
   const value = (one: Series, i: number) => one.values[i] ?? null;
   const heights = stacked ? stacks(names, series) : series.flatMap(({ values }) => values.filter((v) => v !== null));
@@ -272,7 +283,7 @@ export function BarFigure({ title, note, names, series, unit, stacked = false, .
       return height === null ? [] : [`${one.label}: ${significant(height, 3)} ${unit}`];
     });
   const labels = series.map((one) => one.label);
-  const columns = [text.deflection.configuration, ...alike(labels, unit)];
+  const columns = [named, ...alike(labels, unit)];
   return (
     <Figure
       title={title}

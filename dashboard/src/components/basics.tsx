@@ -4,12 +4,14 @@ import { useLayoutEffect, useRef, useState, useEffect, useContext, useId } from 
 import { go, type Action, hasNavigated, link, toast } from "../state/action";
 import { text } from "../i18n";
 import type { Problem, Finding, RunState, Usability } from "../api/types";
+import { recalled, remember } from "../state/kept";
 import { type Query, send } from "../state/query";
 import { Viewer } from "../state/session";
 import { listen } from "../lib/events";
 import { dayText, roughTime, timeText, zonedText } from "../lib/format";
 import { groupedBy } from "../lib/json";
 import { placeName, sentence } from "../lib/said";
+import { api } from "../api/calls";
 import { problemOf } from "../api/problem";
 
 export function useWidth<Box extends HTMLElement>(): [RefObject<Box | null>, number] {
@@ -315,7 +317,7 @@ export function ProblemNote({ problem, retry, restore }: NoteProps) {
   const listed = problem.errors?.some(({ reason }) => problem.detail.endsWith(reason));
   return (
     <div class="note bad" role="alert">
-      <h3>{problem.title}</h3>
+      <h2>{problem.title}</h2>
       {!listed && (
         <p>
           <Prose text={problem.detail} />
@@ -406,7 +408,7 @@ export const Seen = ({ warning }: { warning: { where: string | null; message: st
 export function Empty({ title, hint, children }: { title: string; hint: string; children?: ComponentChildren }) {
   return (
     <div class="empty">
-      <h3>{title}</h3>
+      <h2>{title}</h2>
       <p>{hint}</p>
       {children}
     </div>
@@ -597,21 +599,45 @@ export function Term({ of, children }: { of: Known; children?: string }) {
   );
 }
 
-/** A view in a module of its own. After an update of the service its file is another: the page has to be loaded again. */
+/** As long as the service is away, it is asked again after this time. */
+const AGAIN_MS = 4_000;
+const RELOADED = "reloaded";
+
+/** Load the page again, once within a minute: what was typed is kept. */
+function reloadOnce(): void {
+  if (Date.now() - Number(recalled(RELOADED, "sessionStorage") ?? 0) < 60_000) return;
+  remember(RELOADED, Date.now(), "sessionStorage");
+  location.reload();
+}
+
+/**
+ * A view in a module of its own. Where it cannot be loaded, it is tried again once the service answers; after an update
+ * of the service its file is another, so that the page is loaded again.
+ */
 export function lazy<Props extends object>(load: () => Promise<FunctionComponent<Props>>): FunctionComponent<Props> {
   let loaded: FunctionComponent<Props> | null = null;
   return function Lazy(props: Props) {
     const [View, setView] = useState<FunctionComponent<Props> | null>(() => loaded);
     const [failed, setFailed] = useState(false);
     useEffect(() => {
-      if (loaded) return;
-      load().then(
-        (view) => {
-          loaded = view;
-          setView(() => view);
-        },
-        () => setFailed(true),
-      );
+      let timer: ReturnType<typeof setTimeout> | undefined;
+      const again = () => {
+        timer = setTimeout(() => void api.session().then(() => attempt(reloadOnce), again), AGAIN_MS);
+      };
+      const attempt = (failing: () => void) =>
+        load().then(
+          (view) => {
+            loaded = view;
+            setView(() => view);
+            setFailed(false);
+          },
+          () => {
+            setFailed(true);
+            failing();
+          },
+        );
+      if (!loaded) void attempt(again);
+      return () => clearTimeout(timer);
     }, []);
     if (failed) return <Outdated />;
     return View ? <View {...props} /> : <Busy />;

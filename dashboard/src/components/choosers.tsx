@@ -7,6 +7,7 @@ import type { MeasurementSetSummary } from "../api/types";
 import { text } from "../i18n";
 import { FROM_FILE, ROBOTS, robotsToldApart, SETS, setsToldApart } from "../state/choices";
 import { useQuery } from "../state/query";
+import { Busy } from "./basics";
 import { Select, TextField } from "./fields";
 
 const PAUSE_MS = 250;
@@ -27,30 +28,39 @@ interface Choices {
   options: { value: string; label: string }[];
   /** A search, where there are more than are listed. */
   search: { q: string; find: (q: string) => void } | null;
+  /** Whether the service has answered. */
+  known: boolean;
 }
 
 function useSearch(count: number, total: number | null | undefined, q: string, find: (q: string) => void) {
   return q !== "" || (total ?? 0) > count ? { q, find } : null;
 }
 
+/** Whether a query has its first answer, or a problem instead. */
+export const isKnown = ({ data, problem }: { data: unknown; problem: unknown }): boolean =>
+  data !== undefined || problem !== null;
+
 /** Robots to choose from; the chosen one is among them however many there are. */
 export function useRobotChoices(chosen: string): Choices {
   const [q, find] = useState("");
-  const { data } = useQuery({ ...queries.robots({ ...ROBOTS, q: q || null }), placeholderData: keepPreviousData });
+  const listed = useQuery({ ...queries.robots({ ...ROBOTS, q: q || null }), placeholderData: keepPreviousData });
+  const { data } = listed;
   const items = data?.items ?? [];
   const isMissing =
     data !== undefined && chosen !== "" && chosen !== FROM_FILE && !items.some(({ id }) => id === chosen);
   const { data: own } = useQuery({ ...queries.robot(chosen), enabled: isMissing });
   const search = useSearch(items.length, data?.total, q, find);
   const names = robotsToldApart(isMissing && own ? [own, ...items] : items);
-  return { options: [...names].map(([value, label]) => ({ value, label })), search };
+  return { options: [...names].map(([value, label]) => ({ value, label })), search, known: isKnown(listed) };
 }
 
 /** Sets to choose from, with their robots; the chosen one is among them however many there are. */
 export function useSetChoices(chosen: string): Choices & { items: MeasurementSetSummary[] } {
   const [q, find] = useState("");
-  const { data } = useQuery({ ...queries.sets({ ...SETS, q: q || null }), placeholderData: keepPreviousData });
-  const robots = useQuery(queries.robots(ROBOTS)).data?.items ?? [];
+  const listed = useQuery({ ...queries.sets({ ...SETS, q: q || null }), placeholderData: keepPreviousData });
+  const listedRobots = useQuery(queries.robots(ROBOTS));
+  const { data } = listed;
+  const robots = listedRobots.data?.items ?? [];
   const items = data?.items ?? [];
   const isMissing = data !== undefined && chosen !== "" && !items.some(({ id }) => id === chosen);
   const { data: own } = useQuery({ ...queries.set(chosen), enabled: isMissing });
@@ -61,16 +71,15 @@ export function useSetChoices(chosen: string): Choices & { items: MeasurementSet
     value: id,
     label: [names.get(id), robotNames.has(robot) ? `(${robotNames.get(robot)})` : ""].filter(Boolean).join(" "),
   }));
-  return { options, search, items };
+  return { options, search, items, known: isKnown(listed) && isKnown(listedRobots) };
 }
 
-interface SearchedProps extends ComponentProps<typeof Select> {
-  search: Choices["search"];
-}
+type SearchedProps = ComponentProps<typeof Select> & Pick<Choices, "search" | "known">;
 
 /** A choice, with a search above it where there is one. */
-export function SearchedSelect({ search, ...field }: SearchedProps) {
+export function SearchedSelect({ search, known, ...field }: SearchedProps) {
   const [typed, setTyped] = useTyped(search?.q ?? "", (q) => search?.find(q.trim()));
+  if (!known) return <Busy />;
   return (
     <>
       {search && (
@@ -99,12 +108,13 @@ interface RobotProps extends ChooserProps {
 }
 
 export function RobotSelect({ none, ofFile, several = false, ...field }: RobotProps) {
-  const { options, search } = useRobotChoices(field.value);
-  if (several && options.length < 2 && !search) return null;
+  const { options, search, known } = useRobotChoices(field.value);
+  if (several && known && options.length < 2 && !search) return null;
   return (
     <SearchedSelect
       {...field}
       search={search}
+      known={known}
       options={[
         { value: "", label: none },
         ...(ofFile ? [{ value: FROM_FILE, label: text.start.fromFile(String(ofFile.name ?? "")) }] : []),
@@ -115,7 +125,7 @@ export function RobotSelect({ none, ofFile, several = false, ...field }: RobotPr
 }
 
 export function SetSelect({ none, ...field }: ChooserProps & { none?: string }) {
-  const { options, search } = useSetChoices(field.value);
+  const { options, search, known } = useSetChoices(field.value);
   const all = none === undefined ? options : [{ value: "", label: none }, ...options];
-  return <SearchedSelect {...field} search={search} options={all} />;
+  return <SearchedSelect {...field} search={search} known={known} options={all} />;
 }

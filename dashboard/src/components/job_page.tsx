@@ -147,15 +147,25 @@ interface VerdictCardProps {
   context: RunContext | null;
   /** What each verdict means, where it is not about stiffnesses. */
   sentences?: Record<Usability, string>;
+  /** The run that it was made from: its reasons are said there, once. */
+  of?: Run | null | undefined;
 }
 
-export const VerdictCard = ({ assessment, context, sentences = words.sentence }: VerdictCardProps) => (
-  <section class={`verdict-card ${assessment.verdict}`} aria-label={words.title}>
-    <VerdictLine assessment={assessment} sentences={sentences} />
-    <Reasons assessment={assessment} context={context} />
-    <Notes notes={assessment.notes} />
-  </section>
-);
+export function VerdictCard({ assessment, context, sentences = words.sentence, of }: VerdictCardProps) {
+  const ofRun = of?.result?.assessment.reasons ?? [];
+  const isOfRun = ({ code, message }: Finding) => ofRun.some((one) => one.code === code && one.message === message);
+  const reasons = assessment.reasons.filter((reason) => !isOfRun(reason));
+  return (
+    <section class={`verdict-card ${assessment.verdict}`} aria-label={words.title}>
+      <VerdictLine assessment={assessment} sentences={sentences} />
+      <Reasons assessment={{ ...assessment, reasons }} context={context} />
+      {of && reasons.length < assessment.reasons.length && (
+        <LinkButton href={link(["runs", of.id])}>{words.onRun(assessment.reasons.length - reasons.length)}</LinkButton>
+      )}
+      <Notes notes={assessment.notes} />
+    </section>
+  );
+}
 
 /** The verdict in one sentence. */
 export function VerdictLine({ assessment, sentences = words.sentence }: Omit<VerdictCardProps, "context">) {
@@ -244,10 +254,10 @@ function ActionButtons({ action, context }: { action: Action; context: RunContex
 export const variantBy = (run: Run, action: Action): Promise<Run> => api.apply(run.id, action);
 
 /** Kinds with a report for information; that of a run has a tab of its own, where it is signed. */
-const REPORTED: readonly Collection[] = ["comparisons", "fleets", "plans", "maps", "programs"];
+const REPORTED: readonly Collection[] = ["comparisons", "fleets", "plans", "maps", "programs", "processes"];
 
 /** Made from a run, whose verdict they carry. */
-const CARRIED: readonly Collection[] = ["plans", "maps", "programs"];
+const CARRIED: readonly Collection[] = ["plans", "maps", "programs", "processes"];
 
 export interface PageJob extends Standing {
   request: object;
@@ -266,6 +276,8 @@ interface About {
   about?: ComponentChildren;
   /** Address of the list that it stands in. */
   list: string;
+  /** The run that it was made from. */
+  run?: Run | null;
   /** What is to be done next. */
   first?: ComponentChildren;
   /** What else can be done with this kind of job. */
@@ -299,7 +311,7 @@ export function JobPage<Of extends PageJob, Context>({
     <Show of={loaded} title={kind} restore={() => api.jobs.restore(id)}>
       {(found) => {
         const { job } = found;
-        const { name, title, about, list, first, actions } = head(found);
+        const { name, title, about, list, run, first, actions } = head(found);
         return (
           <>
             <Head
@@ -326,7 +338,7 @@ export function JobPage<Of extends PageJob, Context>({
               </p>
             )}
             {job.error && <ProblemNote problem={job.error} />}
-            <Carried collection={collection} job={job} />
+            <Carried collection={collection} job={job} run={run} />
             {job.result && children(job.result, found, loaded.refetch)}
           </>
         );
@@ -342,15 +354,21 @@ function VerdictOrState({ job }: { job: PageJob }) {
   return job.result || goesOn(job.state) ? null : <State state={job.state} />;
 }
 
-/** The verdict on what was made of a run, with its reasons; other results show their own themselves. */
-function Carried({ collection, job }: { collection: Collection; job: PageJob }) {
+interface CarriedProps {
+  collection: Collection;
+  job: PageJob;
+  run: Run | null | undefined;
+}
+
+/** The verdict on what was made of a run, with its own reasons; other results show theirs themselves. */
+function Carried({ collection, job, run }: CarriedProps) {
   const { assessment } = (job.result ?? {}) as { assessment?: Assessment | null };
   if (!CARRIED.includes(collection) || !assessment || (assessment.verdict === "use" && !assessment.headline))
     return null;
   const { accept_verdict: accepted } = job.request as { accept_verdict?: Usability | null };
   return (
     <>
-      <VerdictCard assessment={assessment} context={null} />
+      <VerdictCard assessment={assessment} context={null} of={run} />
       {accepted === assessment.verdict && <p class="note warn">{text.assessment.despite}</p>}
     </>
   );
@@ -371,7 +389,10 @@ function Actions({ collection, job, name, list }: ActionsProps) {
     list,
     deleted: text.deletion.done(name),
   });
-  const kind = collection.replace(/ies$/, "y").replace(/s$/, "");
+  const kind = collection
+    .replace(/ies$/, "y")
+    .replace(/sses$/, "ss")
+    .replace(/(?<!s)s$/, "");
   const download = () => saveJson(job, fileName(`${kind}-${job.id}`, "json"));
   return (
     <>

@@ -2,6 +2,7 @@
 import type { LastCampaign, Usability } from "../api/types";
 import { changeText } from "../lib/trend";
 import { useAction, useDeletion } from "../state/action";
+import { askFor, sure } from "../state/question";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { Name, Button, Icon, ProblemNote, Folded, When } from "./basics";
@@ -65,18 +66,20 @@ export function StoredActions({ of: { id, name }, api, list }: StoredProps) {
     list,
     deleted: text.deletion.done(name),
   });
-  const rename = () => {
-    const typed = prompt(words.newName, name)?.trim();
+  const rename = async () => {
+    const typed = (await askFor(words.newName, name))?.trim();
     if (typed && typed !== name) action.run({ name: typed });
   };
-  const remove = () => confirm(text.deletion.sure(name)) && deletion.run();
+  const remove = async () => {
+    if (await sure(text.deletion.sure(name))) deletion.run();
+  };
   const problem = action.problem ?? deletion.problem;
   return (
     <>
-      <Button acts look="quiet" disabled={action.busy} onClick={rename}>
+      <Button acts look="quiet" disabled={action.busy} onClick={() => void rename()}>
         {words.rename}
       </Button>
-      <Button acts look="quiet" disabled={deletion.busy} onClick={remove}>
+      <Button acts look="quiet" disabled={deletion.busy} onClick={() => void remove()}>
         {text.run.delete}
       </Button>
       {problem && <ProblemNote problem={problem} />}

@@ -252,7 +252,8 @@ const isStated = (value: unknown): boolean => value !== null && value !== undefi
 /** The noise to post with a set in `units` that had the noise `before`. */
 export function noiseOf({ residuals, ...asked }: StatedNoise, before: Noise | null, units: Units): unknown {
   const { length, angle } = factors(units);
-  const { sigma, instrument, encoder_sigma: encoder, load_point: point, target_places: places, force } = asked;
+  const { sigma, instrument, encoder_sigma: encoder, load_point: point, target_places: places } = asked;
+  const { drift, force, repeatability } = asked;
   const load = stated(force);
   const { station, range, transverse } = (instrument ?? {}) as Record<string, Fields>;
   const part = (of: Fields | undefined) => ({
@@ -270,6 +271,8 @@ export function noiseOf({ residuals, ...asked }: StatedNoise, before: Noise | nu
     ...(isStated(encoder) ? { encoder_sigma: sized(encoder, 1 / angle) } : {}),
     ...(isStated(point) ? { load_point: sized(point, 1 / length) } : {}),
     ...(isStated(places) ? { target_places: sized(places, 1 / length) } : {}),
+    ...(isStated(drift) ? { drift: sized(drift, 1 / length) } : {}),
+    ...(isStated(repeatability) ? { repeatability: sized(repeatability, 1 / angle) } : {}),
     ...(isFields(load) && Object.keys(load).length > 0 ? { force: load } : {}),
   };
   const said = Object.entries(noise).filter(([, value]) => value !== null && value !== undefined && value !== false);

@@ -30,6 +30,29 @@ const perJoint = (units: Units, kind: JointKind | undefined): number => {
   return 1 / (kind === "prismatic" ? length : angle);
 };
 
+/**
+ * Rows with the positions [m] of a tracker in a column. A target that the tracker had filled and lost is blank: what
+ * it said before trouble is of no use.
+ */
+export function tracked(
+  rows: Rows,
+  column: keyof Typed,
+  points: Record<string, readonly number[]>,
+  before: ReadonlySet<string>,
+): Rows {
+  const next = { ...rows };
+  for (const [target, typed] of Object.entries(rows)) {
+    const place = points[target];
+    if (place) next[target] = { ...typed, [column]: place.map((part) => (1e3 * part).toFixed(4)).join(" ") };
+    else if (before.has(target)) next[target] = { ...typed, [column]: "" };
+  }
+  return next;
+}
+
+/** Whether all targets have their three numbers in a column. */
+export const isComplete = (rows: Rows, column: keyof Typed): boolean =>
+  Object.values(rows).every((typed) => vectorIn(typed[column] ?? ""));
+
 /** The first target whose numbers are missing or cannot be read; null if there is none. Blank ones are left out. */
 export function unread(rows: Rows, unloadedOnly: boolean): string | null {
   const complete = ({ unloaded, loaded, unloaded_after }: Typed) =>

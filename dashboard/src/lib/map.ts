@@ -1,8 +1,9 @@
 /** Places of a map and points of a compensated program as their tables have them, and what of them is drawn. */
 import type { MapRequest } from "../api/types";
+import { extent, roundStep } from "./format";
 import { type Columns, numeric, readerOf } from "./json";
 import { radians } from "./stiffness";
-import type { Vector } from "./vector";
+import { norm, subtract, type Vector } from "./vector";
 
 /** Why a place has no numbers, or that it has. */
 type PlaceStatus = "reached" | "out_of_reach" | "joint_limits" | "unseen_joint" | "overloaded" | "not_followed";
@@ -66,8 +67,11 @@ export interface Slice {
 /** Most cells of a slice along an axis; of finer grids every second or third place is drawn. */
 const MOST = 60;
 
-export function sliceOf(grid: MapRequest["grid"], across: Axis, layer: number): Slice {
-  const [u, v] = ([0, 1, 2] as const).filter((axis) => axis !== across) as [Axis, Axis];
+/** `area`: the box of the map; the longer side of the slice lies across the screen. */
+export function sliceOf(grid: MapRequest["grid"], across: Axis, layer: number, area?: MapRequest["area"]): Slice {
+  const span = (axis: Axis) => (area ? area[1][axis] - area[0][axis] : 0);
+  const axes = ([0, 1, 2] as const).filter((axis) => axis !== across) as [Axis, Axis];
+  const [u, v] = span(axes[1]) > span(axes[0]) ? [axes[1], axes[0]] : axes;
   const index = (i: number, j: number): number => {
     const at = [0, 0, 0];
     [at[across], at[u], at[v]] = [layer, i, j];
@@ -110,24 +114,53 @@ export interface PathPoint {
   joints: number[];
   /** How far the load moves the tool [mm]; NaN without a load. */
   deflection: number;
+  /** Interval of the deflection, with the model error if that is bounded [mm]; NaN where there is none. */
+  interval: readonly [number, number];
   /** Distance of the loaded tool from its target, as the program is written [mm]. */
   residual: number;
+  /** Length of the path up to here, in straight lines [m]. */
+  along: number;
 }
 
 /** The points of a program's table, in the order of the path. */
 export function pointsOf(table: Columns): PathPoint[] {
   const { column, numbers } = readerOf(table);
+  let along = 0;
+  let before: Vector | null = null;
   return column("point").map((number, i) => {
     const at = (head: string): number => numbers(head, i);
+    const place: Vector = [at("place x [m]"), at("place y [m]"), at("place z [m]")];
+    along += before ? norm(subtract(place, before)) : 0;
+    before = place;
+    const ends = (of: string) => [at(`deflection low, ${of} [mm]`), at(`deflection high, ${of} [mm]`)] as const;
+    const withModelError = ends("with model error");
     return {
       number: numeric(number),
       line: at("line"),
-      place: [at("place x [m]"), at("place y [m]"), at("place z [m]")],
+      place,
+      along,
+      interval: withModelError.every(Number.isFinite) ? withModelError : ends("readings"),
       joints: [1, 2, 3, 4, 5, 6].map((j) => radians(at(`J${j} [deg]`))),
       deflection: at("deflection [mm]"),
       residual: at("residual [mm]"),
     };
   });
+}
+
+/** Bins of a round width from zero that hold all values, about so many, and the number of values of each series in each. */
+export function binned(series: number[][], about: number): { width: number; counts: number[][] } {
+  const most = extent(series.flat())?.[1] || 1;
+  const width = roundStep(most, about);
+  const count = Math.max(1, Math.ceil(most / width));
+  const counts = series.map((values) => {
+    const found = Array<number>(count).fill(0);
+    for (const value of values) {
+      const bin = Math.min(count - 1, Math.floor(value / width));
+      if (bin >= 0) found[bin] = (found[bin] ?? 0) + 1;
+    }
+    return found;
+  });
+  return { width, counts };
 }
 
 /** At most `most` of a path's points, evenly, its ends among them. */

@@ -15,7 +15,9 @@ import {
   Points,
   PointsMaterial,
   type PerspectiveCamera,
+  type Scene,
 } from "three";
+import { CSS2DObject, CSS2DRenderer } from "three/addons/renderers/CSS2DRenderer.js";
 import type { Posture } from "../api/types";
 import { add, norm, subtract, times, type Vector } from "../lib/vector";
 import { significant, roundStep } from "../lib/format";
@@ -209,54 +211,73 @@ export interface Label {
   kind: "joint" | "target" | "x" | "y" | "z";
 }
 
-const [LEAST_GAP, LETTER, MOST_WIDE] = [17, 7, 110]; // px
+const [LEAST_GAP, BESIDE] = [17, 20]; // px
 /** To the right of the point, to its left, below, above: the first that is free is taken. */
 const PLACES = [0, 18, -18].flatMap((below) => [1, -1].map((side) => [side, below] as const));
 
-export class Labels {
-  readonly #box: HTMLElement;
-  #labels: Label[] = [];
+/** Names at their points by three's renderer of elements, moved apart here; one without a free place is left out. */
+export class Labels extends Group {
+  readonly #renderer = new CSS2DRenderer();
   readonly #point = new Vector3();
+  /** Labels in the order in which they take places, with their sizes [px]. */
+  #labels: { label: CSS2DObject; kind: Label["kind"]; wide: number; high: number }[] = [];
 
   constructor(beside: HTMLElement) {
-    this.#box = document.createElement("div");
-    this.#box.className = "scene-labels";
-    this.#box.setAttribute("aria-hidden", "true");
-    beside.parentElement?.append(this.#box);
+    super();
+    const { domElement } = this.#renderer;
+    domElement.className = "scene-labels";
+    domElement.setAttribute("aria-hidden", "true");
+    beside.parentElement?.append(domElement);
   }
 
   set(labels: Label[]): void {
-    this.#labels = labels;
-    this.#box.replaceChildren(
-      ...labels.map(({ name, kind }) => {
-        const label = document.createElement("span");
-        label.className = kind === "joint" ? "" : kind;
-        label.textContent = name;
-        return label;
-      }),
-    );
-  }
-
-  /** Put each beside its point; one that finds no free place is left out. */
-  place(camera: PerspectiveCamera, width: number, height: number): void {
-    const taken: [number, number, number][] = [];
-    this.#labels.forEach(({ at, kind }, i) => {
-      const label = this.#box.children[i] as HTMLElement;
-      const { x, y, z } = this.#point.set(...at).project(camera);
-      const [left, top] = [((x + 1) / 2) * width, ((1 - y) / 2) * height];
-      const wide = Math.min(MOST_WIDE, 8 + (label.textContent?.length ?? 0) * LETTER);
-      const most = Math.max(0, width - wide - 20); // the label and its gap stay in the window
-      const free = PLACES.map(
-        ([side, below]) => [Math.min(most, Math.max(0, left + (side < 0 ? -wide - 20 : 0))), top + below] as const,
-      ).find(([u, v]) => !taken.some(([x1, y1, w]) => u < x1 + w && x1 < u + wide && Math.abs(v - y1) < LEAST_GAP));
-      label.hidden = !free || z > 1 || left < 0 || left > width || top < 0 || top > height;
-      if (label.hidden || !free) return;
-      if (kind === "joint" || kind === "target") taken.push([free[0], free[1], wide]);
-      label.style.transform = `translate(${Math.round(free[0])}px, ${Math.round(free[1])}px)`;
+    this.clear(); // which removes their elements, too
+    const made = labels.map(({ name, at, kind }) => {
+      const element = document.createElement("span");
+      element.className = kind === "joint" ? "" : kind;
+      element.textContent = name;
+      const label = new CSS2DObject(element);
+      label.position.set(...at);
+      return { label, kind };
     });
+    this.add(...made.map(({ label }) => label));
+    this.#renderer.domElement.append(...made.map(({ label }) => label.element));
+    this.#labels = made.map((each) => ({
+      ...each,
+      wide: each.label.element.offsetWidth || 1,
+      high: each.label.element.offsetHeight || 1,
+    }));
   }
 
-  dispose(): void {
-    this.#box.remove();
+  render(scene: Scene, camera: PerspectiveCamera): void {
+    this.#part(camera);
+    this.#renderer.render(scene, camera);
+  }
+
+  resized(width: number, height: number): void {
+    this.#renderer.setSize(width, height);
+  }
+
+  /** Choose the side of its point on which each label is. */
+  #part(camera: PerspectiveCamera): void {
+    const { width, height } = this.#renderer.getSize();
+    const taken: [number, number, number][] = [];
+    for (const { label, kind, wide, high } of this.#labels) {
+      const { x, y, z } = this.#point.copy(label.position).project(camera);
+      const [left, top] = [((x + 1) / 2) * width, ((1 - y) / 2) * height];
+      const most = Math.max(0, width - wide - BESIDE); // the label and its gap stay in the window
+      const free = PLACES.map(
+        ([side, below]) => [Math.min(most, Math.max(0, left + (side < 0 ? -wide - BESIDE : 0))), top + below] as const,
+      ).find(([u, v]) => !taken.some(([x1, y1, w]) => u < x1 + w && x1 < u + wide && Math.abs(v - y1) < LEAST_GAP));
+      label.visible = free !== undefined && z <= 1 && left >= 0 && left <= width && top >= 0 && top <= height;
+      if (!label.visible || !free) continue;
+      if (kind === "joint" || kind === "target") taken.push([free[0], free[1], wide]);
+      label.center.set((left - free[0]) / wide, (top - free[1]) / high); // the anchor, as a share of the label
+    }
+  }
+
+  override dispose(): void {
+    this.clear();
+    this.#renderer.domElement.remove();
   }
 }

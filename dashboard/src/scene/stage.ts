@@ -67,6 +67,7 @@ export class Stage {
     sun.position.copy(new Vector3(2, -3, 5));
     this.#scene.add(new HemisphereLight(0xffffff, 0x8a938f, 1.9), sun, ...this.#parts);
     this.#labels = new Labels(canvas);
+    this.#scene.add(this.#labels);
     this.#bar = new ScaleBar(canvas);
     this.#orbit = new Orbit(this.#camera, canvas, () => this.request());
     this.#observer = new ResizeObserver(() => this.#resize());
@@ -77,7 +78,7 @@ export class Stage {
   }
 
   /** Hold these points in view; `reach` is the size of the arm [m]. */
-  room(points: Vector[]): void {
+  room(points: Vector[], near = false): void {
     const reach = Math.max(0.2, ...points.map(norm));
     if (Math.abs(reach / this.#reach - 1) > 0.35) {
       this.#reach = reach;
@@ -85,7 +86,7 @@ export class Stage {
       this.#shown = null;
     }
     const foot = this.#reach * 0.16;
-    this.#orbit.frame([...points, [foot, foot, 0], [-foot, -foot, 0]]);
+    this.#orbit.frame(near ? points : [...points, [foot, foot, 0], [-foot, -foot, 0]]);
     this.request();
   }
 
@@ -129,10 +130,9 @@ export class Stage {
     if (this.#show && this.#show !== this.#shown) this.#apply(this.#show);
     this.#bendNow(start);
     this.#renderer.render(this.#scene, this.#camera);
-    const { clientWidth: width, clientHeight: height } = this.canvas;
-    this.#labels.place(this.#camera, width, height);
+    this.#labels.render(this.#scene, this.#camera);
     const half = Math.tan((this.#camera.fov * Math.PI) / 360);
-    this.#bar.set(height / (2 * half * this.#orbit.distance), this.#show?.factor ?? 1);
+    this.#bar.set(this.canvas.clientHeight / (2 * half * this.#orbit.distance), this.#show?.factor ?? 1);
     performance.measure(FRAME, { start, end: performance.now() });
     if (++this.#frames % KEPT_FRAMES === 0) performance.clearMeasures(FRAME);
   };
@@ -218,6 +218,7 @@ export class Stage {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     if (width === 0 || height === 0) return;
     this.#renderer.setSize(width, height, false);
+    this.#labels.resized(width, height);
     this.#camera.aspect = width / height;
     this.#orbit.resized();
   }
@@ -249,7 +250,7 @@ function labelsOf(show: Show, reach: number): Label[] {
   const targets = show.targets.map(
     (name, i): Label => ({ name, kind: "target", at: show.measured[i]?.from ?? [0, 0, 0] }),
   );
-  return [...axes, ...joints, ...targets];
+  return [...axes, ...joints, ...targets].filter(({ name }) => name !== "");
 }
 
 /** Of one length whatever the load: it shows where and which way. */

@@ -54,6 +54,8 @@ interface ArmViewProps extends Partial<Omit<Show, "posture">> {
   posture: Posture;
   /** What the view must hold, all the time. */
   room: Vector[];
+  /** The room alone is looked at, without the foot of the arm. */
+  near?: boolean;
   label: string;
   /** Counts up to look from the first side again. */
   resets?: number;
@@ -68,7 +70,7 @@ export const ArmView = ({
 }: Omit<ArmViewProps, "posture"> & { posture: Posture | null | undefined }) =>
   posture ? <Drawing posture={posture} {...rest} /> : <Busy label={text.scene.loading} />;
 
-function Drawing({ room, label, resets = 0, bends = 0, ...drawn }: ArmViewProps) {
+function Drawing({ room, near = false, label, resets = 0, bends = 0, ...drawn }: ArmViewProps) {
   const show: Show = { ...ARM_ALONE, ...drawn };
   const canvas = useRef<HTMLCanvasElement>(null);
   const [stage, setStage] = useState<Stage | "none" | null>(null);
@@ -90,7 +92,7 @@ function Drawing({ room, label, resets = 0, bends = 0, ...drawn }: ArmViewProps)
     };
   }, []);
   const drawing = stage === "none" ? null : stage;
-  useEffect(() => drawing?.room(room), [drawing, JSON.stringify(room)]);
+  useEffect(() => drawing?.room(room, near), [drawing, near, JSON.stringify(room)]);
   useEffect(() => drawing?.show(show), [drawing, JSON.stringify(show)]);
   useEffect(() => {
     if (resets > 0) drawing?.reset();

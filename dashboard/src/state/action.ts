@@ -5,6 +5,7 @@ import type { Problem, Usability } from "../api/types";
 import { listen, news, tell } from "../lib/events";
 import { text } from "../i18n";
 import { send, useMutation } from "./query";
+import { askFor, sure } from "./question";
 
 export interface Route {
   parts: string[];
@@ -74,7 +75,7 @@ export function toast(message: string, action?: Toast["action"]): void {
 
 /** Copy a text, and say so; where there is no clipboard, as on plain http, it is shown to be copied. */
 export function copied(content: string, label: string, said: string): void {
-  if (!navigator.clipboard) prompt(label, content);
+  if (!navigator.clipboard) void askFor(label, content);
   else void navigator.clipboard.writeText(content).then(() => toast(said));
 }
 
@@ -97,7 +98,7 @@ export async function asking<Made>(post: (accepted: { accept_verdict?: Usability
     return await post({});
   } catch (error) {
     const { type, errors } = problemOf(error);
-    if (type !== NOT_TO_BE_USED || !confirm(text.assessment.sure(errors.map(({ reason }) => reason)))) throw error;
+    if (type !== NOT_TO_BE_USED || !(await sure(text.assessment.sure(errors.map(({ reason }) => reason))))) throw error;
     return post({ accept_verdict: "do_not_use" });
   }
 }

@@ -7,17 +7,25 @@ import { dayText, timeText } from "../lib/format";
 export const ROBOTS = { sort: "name", limit: 100 } as const;
 export const SETS = { limit: 100 } as const;
 
-/** The name of each item; where several have it, with hints that tell them apart. */
+/** The name of each item; where several have it, with hints that tell them apart, at last with a part of the id. */
 function toldApart<Item extends { id: string; name: string }>(
   items: Item[],
   hints: (item: Item) => string[],
 ): Map<string, string> {
-  const several = new Set(
-    items.filter(({ name }, i) => items.findIndex((one) => one.name === name) < i).map(({ name }) => name),
-  );
-  const shown = (item: Item) => (several.has(item.name) ? [item.name, ...hints(item)].join(" · ") : item.name);
-  return new Map(items.map((item) => [item.id, shown(item)]));
+  const more = [hints, ({ id }: Item) => [id.slice(0, SHORT_ID)]];
+  let names = items.map(({ name }) => name);
+  for (const further of more) {
+    const count = new Map<string, number>();
+    for (const name of names) count.set(name, (count.get(name) ?? 0) + 1);
+    names = items.map((item, i) => {
+      const name = names[i] ?? "";
+      return (count.get(name) ?? 0) > 1 ? [name, ...further(item)].join(" · ") : name;
+    });
+  }
+  return new Map(items.map(({ id }, i) => [id, names[i] ?? ""]));
 }
+
+const SHORT_ID = 6; // characters, as many as a person compares
 
 /** Sets with serial number and time. */
 export const setsToldApart = (

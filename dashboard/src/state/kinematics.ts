@@ -3,7 +3,7 @@ import { keepPreviousData } from "@tanstack/query-core";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { queries } from "../api/queries";
 import type { Posture, Problem, RobotSource } from "../api/types";
-import { useQuery } from "./query";
+import { type QueryOptions, useQuery } from "./query";
 
 export interface Drawn {
   kinematics: Posture[] | null;
@@ -14,12 +14,16 @@ export interface Drawn {
  * Kinematics of a source in some configurations; while a new answer is on its way the last one stays. One request is
  * on its way at a time, so that a slider that moves does not flood the service.
  */
-export function useKinematics(source: RobotSource | null, joints: number[][]): Drawn {
+export function useKinematics(
+  source: RobotSource | null,
+  joints: number[][],
+  keep = (options: QueryOptions<Posture[]>) => options,
+): Drawn {
   const wanted = JSON.stringify([source, joints]);
   const [sent, send] = useState(wanted);
   const [from, angles] = JSON.parse(sent) as [RobotSource | null, number[][]];
   const { data, problem, isFetching } = useQuery({
-    ...queries.kinematics(from, angles),
+    ...keep(queries.kinematics(from, angles)),
     enabled: from !== null,
     placeholderData: keepPreviousData,
   });

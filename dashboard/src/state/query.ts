@@ -46,6 +46,12 @@ export const onDevice = createPersister({
   prefix: "query",
 });
 
+/** A query whose answers stay on this device. */
+export const keptOnDevice = <Value>(options: QueryOptions<Value>): QueryOptions<Value> => ({
+  ...options,
+  persister: onDevice.persisterFn,
+});
+
 /** What a view shows of a query. */
 export interface Query<Value> {
   data: Value | undefined;

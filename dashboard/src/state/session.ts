@@ -6,20 +6,53 @@ import { api } from "../api/calls";
 import { queries } from "../api/queries";
 import { listen, news } from "../lib/events";
 import type { Session } from "../api/types";
-import { forgetKept, recalled, remember } from "./kept";
+import { forgetKept, recalled, remember, remembered } from "./kept";
 import { client, useQuery } from "./query";
 
-/** A form that is filled in: what was typed comes back with the view, as long as the browser's tab is open. */
+/**
+ * A field of a form: what was typed comes back with the view, as long as the browser's tab is open. Another name is
+ * another form.
+ */
+export function useTypedValue<Value>(
+  name: string,
+  start: Value,
+): [Value, (next: Value | ((before: Value) => Value)) => void] {
+  const key = `form.${name}`; // what an older page kept under `draft.` had other fields
+  const recall = () => ({ key, value: (recalled(key, "sessionStorage") as Value | null) ?? start });
+  const [kept, set] = useState(recall);
+  const { value } = kept.key === key ? kept : recall();
+  // At once: an effect after the next frame is dropped where the view is left before that frame.
+  useLayoutEffect(() => {
+    const isStart = JSON.stringify(value) === JSON.stringify(start);
+    remember(key, isStart ? null : value, "sessionStorage");
+  }, [key, value]);
+  return [
+    value,
+    (next) =>
+      set((before) => {
+        const last = before.key === key ? before.value : recall().value;
+        return { key, value: typeof next === "function" ? (next as (before: Value) => Value)(last) : next };
+      }),
+  ];
+}
+
+/** A form that is filled in, whose fields are changed one by one. */
 export function useDraft<Values extends object>(
   name: string,
   start: Values,
 ): [Values, (part: Partial<Values> | ((before: Values) => Partial<Values>)) => void] {
-  const key = `form.${name}`; // what an older page kept under `draft.` had other fields
-  const [values, set] = useState<Values>(() => ({ ...start, ...(recalled(key, "sessionStorage") as Values | null) }));
-  // At once: an effect after the next frame is dropped where the view is left before that frame.
-  useLayoutEffect(() => remember(key, values, "sessionStorage"), [key, values]);
-  return [values, (part) => set((before) => ({ ...before, ...(typeof part === "function" ? part(before) : part) }))];
+  const [values, set] = useTypedValue<Values>(name, start);
+  const all = { ...start, ...values };
+  return [
+    all,
+    (part) => set((before) => ({ ...start, ...before, ...(typeof part === "function" ? part(before) : part) })),
+  ];
 }
+
+/** Forget what was typed into forms whose names begin so: it was sent. */
+export const forgetTyped = (begin: string): void => {
+  for (const name of remembered(`form.${begin}`, "sessionStorage")) remember(name, null, "sessionStorage");
+};
 
 export const THEMES = ["auto", "light", "dark"] as const;
 export type Theme = (typeof THEMES)[number];

@@ -1,5 +1,4 @@
 /** What is stated of the errors of readings after the readings: stored with a set of its own, and identified again. */
-import { useState } from "preact/hooks";
 import { api } from "../api/calls";
 import type { MeasurementSet } from "../api/types";
 import { ActionButton } from "../components/basics";
@@ -9,6 +8,7 @@ import { text } from "../i18n";
 import { noiseOf, type StatedNoise, statesNoise } from "../lib/campaign";
 import { contentKey, freshKey, unreadIn } from "../lib/json";
 import { link, useAction } from "../state/action";
+import { useTypedValue } from "../state/session";
 import { NOISE } from "./flow";
 import type { RunContext } from "./run_context";
 
@@ -27,7 +27,7 @@ export async function withNoise(set: MeasurementSet, noise: StatedNoise): Promis
 const ASSUMED = ["load_point", "force", "target_places", "encoder_sigma"];
 
 export function Assumed({ context: { run, set } }: { context: RunContext }) {
-  const [noise, setNoise] = useState<StatedNoise>({});
+  const [noise, setNoise] = useTypedValue<StatedNoise>(`assumed/${run.id}`, {});
   const again = useAction(async () => {
     const stated = await withNoise(set, noise);
     const { variant_of: _, ...request } = run.request;

@@ -31,6 +31,7 @@ import { link, useAction, parse } from "../state/action";
 import { SearchedSelect, SetSelect, useSetChoices } from "../components/choosers";
 import { SETS } from "../state/choices";
 import { ask, useQuery } from "../state/query";
+import { useTypedValue } from "../state/session";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { howOf } from "../lib/ways";
@@ -99,11 +100,19 @@ async function comparable(run: Run): Promise<Run[]> {
   return held ? [plain, await identified({ ...joints, ...UNCONSTRAINED })] : [plain];
 }
 
-const compared = (runs: Run[], ordered = false): Promise<Comparison> =>
-  api.comparisons.add({ run_ids: [...new Set(runs.map((run) => run.id))], ordered }, freshKey("comparison"));
+interface PairOptions {
+  ordered: boolean;
+  same_load_point: boolean;
+}
+
+const compared = (runs: Run[], options: Partial<PairOptions> = {}): Promise<Comparison> =>
+  api.comparisons.add(
+    { run_ids: [...new Set(runs.map((run) => run.id))], ordered: false, same_load_point: false, ...options },
+    freshKey("comparison"),
+  );
 
 /** Compare two sides, `run:…` or `set:…`, which is identified; on request by all methods. */
-async function compareSides(sides: string[], ordered: boolean, methods: boolean): Promise<Comparison> {
+async function compareSides(sides: string[], options: Partial<PairOptions>, methods: boolean): Promise<Comparison> {
   const runs = await Promise.all(
     sides.map(async (side) => {
       const [kind, id = ""] = side.split(":", 2);
@@ -112,7 +121,7 @@ async function compareSides(sides: string[], ordered: boolean, methods: boolean)
       return methods ? [...leading, ...(await byMethods(own.request.measurement_set_id, null))] : leading;
     }),
   );
-  return compared(runs.flat(), ordered);
+  return compared(runs.flat(), options);
 }
 
 const words = later.compare;
@@ -315,7 +324,7 @@ const sideBySideWords = text.lists;
 export function SideBySideView({ ids }: { ids: string[] }) {
   const pair = useAction(async () => {
     const sides = ids.map((id) => `run:${id}`);
-    const made = await compareSides(sides, false, false);
+    const made = await compareSides(sides, {}, false);
     return link(["compare", "methods", made.id]);
   });
   const loaded = useQuery({
@@ -386,8 +395,9 @@ export function CompareView({ kind }: { kind: string }) {
 }
 
 function StartMethods({ newest }: { newest: MeasurementSetSummary[] }) {
-  const [set, setSet] = useState(parse(location.hash).query.get("set") ?? newest[0]?.id ?? "");
-  const [resample, setResample] = useState(false);
+  const given = parse(location.hash).query.get("set") ?? "";
+  const [set, setSet] = useTypedValue(`methods/${given}`, given || (newest[0]?.id ?? ""));
+  const [resample, setResample] = useTypedValue(`methods/${given}/resample`, false);
   const start = useAction(async () => {
     const count = resample ? (await ask(queries.set(set))).observations.length : 0;
     const resampling = resample ? { size: Math.max(1, Math.round(count / 2)), repetitions: 200, seed: 1 } : null;
@@ -416,13 +426,15 @@ interface SideProps {
 
 /** A side of a comparison: a set, which is identified, or a run. */
 function Side({ runs, ...field }: SideProps) {
-  const { options, search } = useSetChoices(field.value.startsWith("set:") ? field.value.slice("set:".length) : "");
+  const { options, search, known } = useSetChoices(
+    field.value.startsWith("set:") ? field.value.slice("set:".length) : "",
+  );
   const ofRuns = runs.map((run) => ({
     value: `run:${run.id}`,
     label: words.runSide(run.measurement_set_name ?? "…", howOf(run), timeText(run.created_at)),
   }));
   const ofSets = options.map(({ value, label }) => ({ value: `set:${value}`, label }));
-  return <SearchedSelect {...field} search={search} options={[...ofSets, ...ofRuns]} />;
+  return <SearchedSelect {...field} search={search} known={known} options={[...ofSets, ...ofRuns]} />;
 }
 
 function StartPair({ newest: sets }: { newest: MeasurementSetSummary[] }) {
@@ -433,14 +445,17 @@ function StartPair({ newest: sets }: { newest: MeasurementSetSummary[] }) {
   const other = unlike ?? others[0] ?? sets[1];
   const [begin, end] = unlike?.encoders === "secondary" ? [newest, unlike] : [other, newest];
   const query = parse(location.hash).query;
-  const [sides, setSides] = useState([
+  const form = `pair/${query.get("first") ?? ""}/${query.get("second") ?? ""}`;
+  const [sides, setSides] = useTypedValue(form, [
     query.get("first") ?? `set:${begin?.id ?? ""}`,
     query.get("second") ?? `set:${end?.id ?? ""}`,
   ]);
-  const [ordered, setOrdered] = useState(unlike !== undefined && !query.has("first") && !query.has("second"));
-  const [methods, setMethods] = useState(false);
+  const isOrdered = unlike !== undefined && !query.has("first") && !query.has("second");
+  const [ordered, setOrdered] = useTypedValue(`${form}/ordered`, isOrdered);
+  const [methods, setMethods] = useTypedValue(`${form}/methods`, false);
+  const [sameLoadPoint, setSameLoadPoint] = useTypedValue(`${form}/same_load_point`, false);
   const start = useAction(async () => {
-    const pair = await compareSides(sides, ordered, methods);
+    const pair = await compareSides(sides, { ordered, same_load_point: sameLoadPoint }, methods);
     return link(["compare", "methods", pair.id]);
   }, "pair");
   const possible = sides.every((side) => !side.endsWith(":")) && sides[0] !== sides[1];
@@ -462,6 +477,7 @@ function StartPair({ newest: sets }: { newest: MeasurementSetSummary[] }) {
         ))}
       </div>
       <Toggle label={words.ordered} checked={ordered} change={setOrdered} />
+      <Toggle label={words.sameLoadPoint} checked={sameLoadPoint} change={setSameLoadPoint} />
       <Toggle label={words.allMethods} checked={methods} change={setMethods} />
       {!possible && <p class="soft">{words.twoSets}</p>}
       <ActionButton look="primary" action={start} disabled={!possible} going={words.going}>

@@ -9,6 +9,7 @@ import { text } from "../i18n";
 import { later } from "../i18n/later";
 import type { ComponentChildren } from "preact";
 import type { Action } from "../state/action";
+import { useTypedValue } from "../state/session";
 
 const words = later.settings;
 const { mm } = text.units;
@@ -48,15 +49,16 @@ export const NOISE: Terms = {
   units: {
     load_point: [mm, 1e-3],
     target_places: [mm, 1e-3],
+    drift: ["µm", 1e-6],
     "force.direction": ["mrad", 1e-3],
     "instrument.station": [mm, 1e-3],
   },
 };
 
-/** What a run and its noise are told. */
-export function useRunForm() {
-  const [run, setRun] = useState<Fields>({});
-  const [noise, setNoise] = useState<StatedNoise>({});
+/** What a run and its noise are told; `readings`: a name of what is identified, which has a form of its own. */
+export function useRunForm(readings: string) {
+  const [run, setRun] = useTypedValue<Fields>(`identify/${readings}`, {});
+  const [noise, setNoise] = useTypedValue<StatedNoise>(`identify/${readings}/noise`, {});
   return { run, setRun, noise, setNoise, request: (set: string) => requestOf(set, run) };
 }
 
@@ -111,7 +113,7 @@ export function Advanced({ form: { run, setRun, noise, setNoise, request }, join
             />
             <SchemaFields
               of="Noise"
-              show={["sigma", "instrument", "force", "load_point", "target_places", "encoder_sigma", "repeatability"]}
+              show={["sigma", "instrument", "force", "load_point", "target_places", "drift", "encoder_sigma", "repeatability"]}
               value={noise}
               change={setNoise}
               terms={NOISE}

@@ -16,6 +16,7 @@ import { fixed } from "../lib/format";
 import { contentKey } from "../lib/json";
 import { type ReadingFacts, type Readings, readingsOf } from "../lib/campaign";
 import { takeHanded } from "../state/begun";
+import { useTypedValue } from "../state/session";
 import { text } from "../i18n";
 import { Refused } from "./flow";
 import { JobList } from "./runs";
@@ -61,7 +62,7 @@ function Found({ geometry, result }: { geometry: Geometry; result: GeometryResul
 }
 
 function SaveAsRobot({ geometry, result }: { geometry: Geometry; result: GeometryResult }) {
-  const [name, setName] = useState(words.asMeasured(geometry.name));
+  const [name, setName] = useTypedValue(`geometry/${geometry.id}`, words.asMeasured(geometry.name));
   const save = useAction(async () => {
     const document: RobotDocument = { name, model: { format: "geometry", geometry_id: geometry.id } };
     const robot = await api.robots.add(document, `robot-${geometry.id}-${name}`.slice(0, 200));

@@ -278,7 +278,7 @@ export function ImportFlow({ opened: { files, template }, robot: asked, take }: 
   const change = (next: ImportOptions) => put({ options: next });
   const [chosen, setChosen] = useState<string | null>(asked || null);
   const [joints, setJoints] = useState<number | null>(null);
-  const form = useRunForm();
+  const form = useRunForm(files.map(({ name }) => name).join("/"));
   useLayoutEffect(() => keepDraft(draft), [draft]);
 
   const names = robotsToldApart(known?.items ?? []);

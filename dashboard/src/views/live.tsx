@@ -11,6 +11,7 @@ import {
   Button,
   Head,
   LinkButton,
+  lazy,
   Name,
   NameLink,
   ProblemNote,
@@ -33,19 +34,23 @@ import { position, labelOf, inUnit } from "../lib/stiffness";
 import { type Vector, norm, times } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
 import { useAction, go, link, toast } from "../state/action";
+import { type Bridge, useBridge, useTracked } from "../state/bridge";
 import { keepPage } from "../state/device";
 import { recalled, remember } from "../state/kept";
 import { useKinematics } from "../state/kinematics";
 import { draftKey, keptIn, useFollowed } from "../state/live";
 import { mistakeIn } from "../state/opening";
-import { client, onDevice, useQuery } from "../state/query";
+import { client, keptOnDevice, useQuery } from "../state/query";
 import { discardReading, putState, sendReadings, useWaiting, type Waits as Waited } from "../state/readings";
 import { useSettings } from "../state/session";
 import { type DecimalMark, type Left, type Pasting, usePasting } from "../state/pasting";
+import { askFor, sure } from "../state/question";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { loadOf, shownJoint } from "./plans";
+import { TrackerCard, TrackerSaid } from "./tracker";
 
+const LastResiduals = lazy(async () => (await import("./last_reading")).LastResiduals);
 const words = later.measure;
 const MAX_BYTES = 8 * 1024 * 1024;
 
@@ -64,6 +69,7 @@ type Own = live.Stand & { again?: string };
 
 function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: LiveState }) {
   const gone = useFollowed(set.id, state.state === "closed");
+  const bridge = useBridge(set.id, state.state === "closed");
   const waits = useWaiting(set.id);
   const { waiting } = waits;
   const away = gone || waits.away;
@@ -75,8 +81,9 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
   );
   useEffect(() => void keepPage().catch(() => undefined), []);
   const planned = usePlanned(set);
-  const ahead = planned.filter((one) => !taken.has(one.label));
-  // Away from the service the plan goes on, if there is one.
+  const following = planned.length > 0 ? planned : (state.following ?? []);
+  const ahead = following.filter((one) => !taken.has(one.label));
+  // Away from the service the plan goes on, or what the service has chosen ahead.
   const suggested = state.next && !taken.has(state.next.label) ? state.next : away ? (ahead[0] ?? null) : null;
   useAhead(robot.id, ahead);
   const stand = own ?? (suggested as live.Stand | null);
@@ -92,7 +99,7 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
     if (read) setOwn({ ...live.standOf(read, set.units, kindsOf(robot)), again: doubted });
   };
   const close = useAction(async () => {
-    if (state.state === "measuring" && !confirm(words.sureToClose)) return;
+    if (state.state === "measuring" && !(await sure(words.sureToClose))) return;
     const closed = await api.openSets.close(set.id);
     putState(set.id, closed);
     if (closed.run_id) go(link(["runs", closed.run_id]));
@@ -171,7 +178,7 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
             {doubts.length > 0 && !own ? null : stand ? (
               <Posture
                 key={`${label} ${JSON.stringify(stand.joints)}`}
-                {...{ set, robot, label, stand, state }}
+                {...{ set, robot, label, stand, state, bridge }}
                 isOwn={own && (own.again ? words.repeats(own.again) : words.own)}
                 back={() => setOwn(null)}
                 send={(observation) => {
@@ -207,10 +214,12 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
                 </Button>
               ))}
             </SoFar>
+            <LastReading {...{ set, robot, state }} />
             <Record
               state={state}
               withdraw={(withdrawn, reason) => change.run({ withdrawn: { [withdrawn]: reason } })}
             />
+            <TrackerCard bridge={bridge} />
             <Code id={set.id} />
             {phone && simulated}
           </div>
@@ -221,19 +230,21 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
 }
 
 /** The postures of the plan of a set; none without one. */
-function usePlanned({ open: { plan_id: id } }: OpenSet): live.Planned[] {
-  const { data } = useQuery({ ...queries.plan(id ?? ""), enabled: id != null, persister: onDevice.persisterFn });
+function usePlanned({ open }: OpenSet): live.Planned[] {
+  const id = open?.plan_id; // a closed campaign has no options
+  const { data } = useQuery({ ...keptOnDevice(queries.plan(id ?? "")), enabled: id != null });
   return data?.result?.readings ?? [];
 }
 
-/** How many postures of a plan are fetched ahead. */
-const AHEAD = 2;
+/** How many postures are fetched ahead: that of the present reading, and two more. */
+const AHEAD = 3;
 
-/** Fetch the next postures of a plan before they are needed, so that they are drawn without a network, too. */
+/** Fetch the next postures before they are needed, so that they are drawn without a network, too. */
 function useAhead(robot: string, ahead: live.Planned[]): void {
   const next = ahead.slice(0, AHEAD).map(({ joints }) => joints);
   useEffect(() => {
-    for (const joints of next) void client.prefetchQuery(queries.kinematics({ robot_id: robot }, [joints]) as never);
+    for (const joints of next)
+      void client.prefetchQuery(keptOnDevice(queries.kinematics({ robot_id: robot }, [joints])) as never);
   }, [JSON.stringify(next)]);
 }
 
@@ -284,6 +295,7 @@ interface PostureProps {
   label: string;
   stand: live.Stand;
   state: LiveState;
+  bridge: Bridge;
   /** What to call a posture that was not suggested. */
   isOwn: string | null;
   back: () => void;
@@ -294,22 +306,35 @@ interface PostureProps {
 const kindsOf = (robot: Robot): JointKind[] => robot.joints.map(({ kind }) => kind);
 
 /** One posture: the arm, its angles, the load, and the boxes for its readings. */
-function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: PostureProps) {
+function Posture({ set, robot, label, stand, state, bridge, isOwn, back, send, skip }: PostureProps) {
   const kinds = kindsOf(robot);
   const unloadedOnly = set.open.load?.kind === "own_weight";
   const targets = (Object.keys(set.open.targets ?? {}).length > 0 ? set.open.targets : set.flange_targets) as Record<
     string,
     Vector
   >;
-  const [rows, setRows] = useState<live.Rows>(() => drafted(set.id, stand, Object.keys(targets)));
-  const latest = useRef(rows);
-  const change = (by: (rows: live.Rows) => live.Rows) => {
-    latest.current = by(latest.current);
-    setRows(latest.current);
-    remember(draftKey(set.id), { joints: stand.joints, rows: latest.current });
+  const [draft, setDraft] = useState<Draft>(() => drafted(set.id, stand, Object.keys(targets)));
+  const latest = useRef(draft);
+  const put = (part: Partial<Draft>) => {
+    latest.current = { ...latest.current, ...part };
+    setDraft(latest.current);
+    remember(draftKey(set.id), latest.current);
   };
+  const { rows, column } = draft;
+  const change = (by: (rows: live.Rows) => live.Rows) => put({ rows: by(latest.current.rows) });
+  const byTracker = useRef(new Set<string>());
+  const read = useTracked(bridge, { label, joints: stand.joints, force: stand.force }, column, ({ points }) => {
+    const before = byTracker.current;
+    byTracker.current = new Set(Object.keys(points));
+    change((now) => live.tracked(now, column, points, before));
+  });
+  const readInto = (next: keyof live.Typed) => {
+    byTracker.current = new Set();
+    put({ column: next });
+  };
+  const following = read && !unloadedOnly ? followingColumn(column, rows) : null;
   const pasting = usePasting(rows, change);
-  const { kinematics, problem } = useKinematics({ robot_id: robot.id }, [stand.joints]);
+  const { kinematics, problem } = useKinematics({ robot_id: robot.id }, [stand.joints], keptOnDevice);
   const posture = kinematics?.[0];
   const room = posture ? roomOf([posture]).flatMap((place) => [place, times(place, WITH_LABELS)]) : [];
   const lacking = live.unread(rows, unloadedOnly);
@@ -363,6 +388,14 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
       </p>
       {!phone && why}
       <ReadingsTable {...{ rows, change, unloadedOnly, pasting }} />
+      {read && (
+        <TrackerSaid
+          {...{ rows }}
+          reading={read}
+          connected={bridge.state?.connected ?? false}
+          loaded={column === "loaded"}
+        />
+      )}
       {set.instrument === live.SIMULATED && (
         <div class="row">
           <Button disabled={!posture} onClick={() => simulate(false)}>
@@ -374,10 +407,21 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
         </div>
       )}
       <div class="go">
-        <Button look="primary big" disabled={lacking !== null || pasting.busy} onClick={tell} acts>
-          {words.send}
-        </Button>
-        {skip && (
+        {following ? (
+          <Button look="primary big" disabled={!live.isComplete(rows, column)} onClick={() => readInto(following)} acts>
+            {words.tracker.keep[column as "unloaded" | "loaded"]}
+          </Button>
+        ) : (
+          <Button look="primary big" disabled={lacking !== null || pasting.busy} onClick={tell} acts>
+            {words.send}
+          </Button>
+        )}
+        {read && column !== "unloaded" && (
+          <Button look="quiet" onClick={() => readInto("unloaded")}>
+            {words.tracker.back}
+          </Button>
+        )}
+        {skip && !(read && column !== "unloaded") && (
           <Button look="quiet" onClick={skip} acts>
             {words.skip}
           </Button>
@@ -406,12 +450,31 @@ function Posture({ set, robot, label, stand, state, isOwn, back, send, skip }: P
   );
 }
 
-/** What was typed for this posture before the page was left. */
-function drafted(id: string, stand: live.Stand, targets: string[]): live.Rows {
-  const draft = recalled(draftKey(id)) as { joints: number[]; rows: live.Rows } | null;
-  const blank = Object.fromEntries(targets.map((name) => [name, { unloaded: "", loaded: "" }]));
-  return draft && JSON.stringify(draft.joints) === JSON.stringify(stand.joints) ? { ...blank, ...draft.rows } : blank;
+/** What was read in a posture, and the column that a tracker fills. */
+interface Draft {
+  joints: number[];
+  rows: live.Rows;
+  column: keyof live.Typed;
 }
+
+/** What was read in this posture before the page was left. */
+function drafted(id: string, { joints }: live.Stand, targets: string[]): Draft {
+  const draft = recalled(draftKey(id)) as Partial<Draft> | null;
+  const rows = Object.fromEntries(targets.map((name) => [name, { unloaded: "", loaded: "" }]));
+  const blank: Draft = { joints, rows, column: "unloaded" };
+  if (!draft || JSON.stringify(draft.joints) !== JSON.stringify(joints)) return blank;
+  return { ...blank, ...draft, rows: { ...rows, ...draft.rows } };
+}
+
+/** The column that a tracker fills after another one; null if the reading is complete then. */
+function followingColumn(column: keyof live.Typed, rows: live.Rows): keyof live.Typed | null {
+  if (column === "unloaded") return "loaded";
+  return column === "loaded" && readsAgain(rows) ? "unloaded_after" : null;
+}
+
+/** Whether the targets are read again after the load was taken off. */
+const readsAgain = (rows: live.Rows): boolean =>
+  Object.values(rows).some(({ unloaded_after: after }) => after !== undefined);
 
 interface RowsProps {
   rows: live.Rows;
@@ -422,7 +485,11 @@ interface RowsProps {
 
 function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
   const phone = usePhone();
-  const [again, setAgain] = useState(() => Object.values(rows).some((typed) => typed.unloaded_after));
+  const again = readsAgain(rows);
+  const readAgain = () =>
+    change((now) =>
+      Object.fromEntries(Object.entries(now).map(([target, typed]) => [target, { unloaded_after: "", ...typed }])),
+    );
   const columns: (keyof live.Typed)[] = unloadedOnly
     ? ["unloaded"]
     : ["unloaded", "loaded", ...(again ? (["unloaded_after"] as const) : [])];
@@ -442,7 +509,7 @@ function ReadingsTable({ rows, change, unloadedOnly, pasting }: RowsProps) {
       <legend>
         <b>{words.readings}</b> <small class="soft">{words.readingsHint}</small> <SignButton />
         {!unloadedOnly && !again && (
-          <Button look="quiet" aria-label={words.readAgainAfter} onClick={() => setAgain(true)}>
+          <Button look="quiet" aria-label={words.readAgainAfter} onClick={readAgain}>
             {phone ? words.afterShort : words.readAgainAfter}
           </Button>
         )}
@@ -686,6 +753,26 @@ function SoFar({ state, goal, asks, children }: SoFarProps) {
   );
 }
 
+/** The residuals of the last reading, drawn when they are unfolded. */
+function LastReading(props: { set: OpenSet; robot: Robot; state: LiveState }) {
+  const [shown, show] = useState(false);
+  const { residuals } = props.state;
+  const [first] = residuals;
+  if (!first) return null;
+  const far = Math.max(...residuals.map(({ residual }) => norm(residual)));
+  return (
+    <section class="card">
+      <details onToggle={(event) => show(event.currentTarget.open)}>
+        <summary>
+          {words.residuals.title(first.observation)}{" "}
+          <small class="soft">{words.residuals.far(`${significant(far * 1e3, 2)} ${text.units.mm}`)}</small>
+        </summary>
+        {shown && <LastResiduals {...props} />}
+      </details>
+    </section>
+  );
+}
+
 /** Half-width of an interval, relative to the compliance, that fills a bar. */
 const WIDEST = 0.6;
 /** As many readings determine what the load twists. */
@@ -747,8 +834,8 @@ function Record({ state, withdraw }: { state: LiveState; withdraw: (label: strin
     ]
       .filter(Boolean)
       .join(", ");
-  const ask = (label: string) => {
-    const reason = prompt(words.why_withdrawn(label))?.trim();
+  const ask = async (label: string) => {
+    const reason = (await askFor(words.why_withdrawn(label), ""))?.trim();
     if (reason) withdraw(label, reason);
   };
   return (
@@ -764,7 +851,7 @@ function Record({ state, withdraw }: { state: LiveState; withdraw: (label: strin
             note: words.states[keptIn(state).kept.includes(one.label) ? "kept" : one.state],
             how: about(one),
             actions: one.state !== "withdrawn" && (
-              <Button look="quiet" onClick={() => ask(one.label)} acts>
+              <Button look="quiet" onClick={() => void ask(one.label)} acts>
                 {words.withdraw}
               </Button>
             ),

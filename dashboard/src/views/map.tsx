@@ -8,6 +8,8 @@ import { goesOn } from "../api/follow";
 import { queries } from "../api/queries";
 import type { Map as WorkMap } from "../api/types";
 import { Busy, Download, NameLink, Choice, Facts, ProblemNote, useWidth } from "../components/basics";
+import { AlongPath } from "../charts/along_path";
+import { BarFigure } from "../charts/figure";
 import { Handle, Select } from "../components/fields";
 import { Going, JobPage, JobLines, JobTables } from "../components/job_page";
 import { freshKey } from "../lib/json";
@@ -32,7 +34,7 @@ interface SliceProps extends Pick<Look, "values" | "scale" | "chosen" | "choose"
   label: string;
 }
 
-function SliceChart({ slice, places, values, scale, chosen, choose, width, label }: SliceProps) {
+export function SliceChart({ slice, places, values, scale, chosen, choose, width, label }: SliceProps) {
   const { u, v, cells } = slice;
   const columns = cells[0]?.length ?? 1;
   const position = (index: number | undefined, axis: 0 | 1 | 2) => places[index ?? 0]?.position[axis] ?? 0;
@@ -116,7 +118,7 @@ function SliceChart({ slice, places, values, scale, chosen, choose, width, label
 }
 
 /** Place of a value between the ends of a scale; NaN where there is none. */
-const share = (value: number | undefined, [low, high]: readonly [number, number]): number =>
+export const share = (value: number | undefined, [low, high]: readonly [number, number]): number =>
   value === undefined ? Number.NaN : Math.min(1, Math.max(0, (value - low) / (high - low || 1)));
 
 function rampFill(part: number): string | undefined {
@@ -126,7 +128,7 @@ function rampFill(part: number): string | undefined {
 }
 
 /** The colours with their ends in numbers. */
-function RampLegend({ scale: [low, high], unit, label }: { scale: Look["scale"]; unit: string; label: string }) {
+export function RampLegend({ scale: [low, high], unit, label }: { scale: Look["scale"]; unit: string; label: string }) {
   const digits = Math.max(0, 2 - Math.floor(Math.log10(high || 1)));
   return (
     <p class="ramp-legend">
@@ -145,7 +147,7 @@ const words = later.map;
 /** A map with what it is about; without places while it goes on. */
 async function load(id: string, signal: AbortSignal) {
   const map = await api.maps.one(id, signal);
-  const places = map.result ? maps.placesOf(await ask(queries.mapTable(id))) : [];
+  const places = map.result ? maps.placesOf(await ask(queries.table(id, "map"))) : [];
   return { map, places, ...(await contextOfEnded(map.request.run_id)) };
 }
 
@@ -166,6 +168,7 @@ export function MapView({ id, query }: { id: string; query: URLSearchParams }) {
       head={({ job, own: { run, set } }) => ({
         name: job.request.name ?? words.title(set.name),
         list: link(["runs", run.id]),
+        run,
         about: <NameLink to={["runs", run.id]}>{set.name}</NameLink>,
         actions:
           job.result &&
@@ -276,14 +279,14 @@ function Sliced({ loaded, look, label }: { loaded: Loaded; look: Look; label: st
   const { map, places, run, set } = loaded;
   const { across, layer, chosen } = look;
   const [box, width] = useWidth<HTMLDivElement>();
-  const slice = maps.sliceOf(map.request.grid, across, layer);
+  const slice = maps.sliceOf(map.request.grid, across, layer, map.request.area);
   const place = places[chosen];
   return (
     <section class="card">
-      <h3>
+      <h2>
         <NameLink to={["runs", run.id]}>{set.name}</NameLink>{" "}
         <small class="soft">{text.methods[run.request.method]}</small>
-      </h3>
+      </h2>
       <div ref={box}>{width > 0 && <SliceChart {...look} {...{ slice, places, width, label }} />}</div>
       {place && <Numbers place={place} map={map} />}
     </section>
@@ -386,7 +389,7 @@ const COARSEST = 25;
 
 async function loadProgram(id: string, signal: AbortSignal) {
   const job = await api.programs.one(id, signal);
-  const points = job.result ? maps.pointsOf(await ask(queries.programPoints(id))) : [];
+  const points = job.result ? maps.pointsOf(await ask(queries.table(id, "points"))) : [];
   return { job, points, ...(await contextOfEnded(job.request.run_id)) };
 }
 
@@ -397,13 +400,14 @@ export function ProgramView({ id }: { id: string }) {
       id={id}
       kind={programWords.kind}
       load={(signal) => loadProgram(id, signal)}
-      head={({ job, run }) => ({
+      head={({ job, run, set }) => ({
         name: (job.request.files ?? [])[0]?.name ?? programWords.kind,
         list: link(["runs", run.id]),
-        about: <a href={link(["runs", run.id])}>{text.run.kind}</a>,
+        run,
+        about: <NameLink to={["runs", run.id]}>{set.name}</NameLink>,
         first: job.result?.files.map((file) => (
           <Download look="primary" href={api.programFile(id, file.name)}>
-            {programWords.download(file.name)}
+            <span class="clip">{programWords.download(file.name)}</span>
           </Download>
         )),
         actions: job.result && <Download href={api.jobs.file(id, "points.csv")}>{programWords.table}</Download>,
@@ -420,8 +424,10 @@ export function ProgramView({ id }: { id: string }) {
   );
 }
 
-function Path({ loaded: { points, robot } }: { loaded: Awaited<ReturnType<typeof loadProgram>> }) {
+function Path({ loaded: { job, points, robot } }: { loaded: Awaited<ReturnType<typeof loadProgram>> }) {
+  const confidence = job.result?.confidence ?? 0.95;
   const [when, setWhen] = useState<"before" | "after">("before");
+  const [look, setLook] = useState<keyof typeof programWords.looks>("path");
   const [chosen, setChosen] = useState(0);
   const drawn = useMemo(() => maps.thinned(points, MOST_DRAWN), [points]);
   const point = points[chosen];
@@ -437,36 +443,94 @@ function Path({ loaded: { points, robot } }: { loaded: Awaited<ReturnType<typeof
   };
   if (!posture || !point) return <Busy label={text.scene.loading} />;
   const { flange_origin: flange } = posture;
+  const path = drawn.map((one) => one.place);
   return (
-    <section class="scene">
-      <div class="view">
-        <ArmView
-          posture={posture}
-          axes={false}
-          predicted={[{ from: flange, along: subtract(point.place, flange) }]}
-          cloud={cloud}
-          room={[...roomOf([posture]), ...drawn.map((one) => one.place)]}
-          label={programWords.view}
-        />
-      </div>
-      <div class="controls">
-        <Choice
-          label={programWords.colour}
-          value={when}
-          change={setWhen}
-          options={{ before: text.assessment.before, after: programWords.afterShort }}
-        />
-        <RampLegend scale={[0, most]} unit={text.units.mm} label={programWords.off} />
-        <Handle label={programWords.choosePoint} count={points.length} value={chosen} change={setChosen}>
-          {programWords.point(point.number, point.line)}
-        </Handle>
-      </div>
-    </section>
+    <>
+      <section class="scene">
+        <div class="view">
+          <ArmView
+            posture={posture}
+            axes={false}
+            predicted={[{ from: flange, along: subtract(point.place, flange) }]}
+            cloud={cloud}
+            room={look === "path" ? around(path) : [...roomOf([posture]), ...path]}
+            near={look === "path"}
+            label={programWords.view}
+          />
+        </div>
+        <div class="controls">
+          <Choice
+            label={programWords.colour}
+            value={when}
+            change={setWhen}
+            options={{ before: text.assessment.before, after: programWords.afterShort }}
+          />
+          <RampLegend scale={[0, most]} unit={text.units.mm} label={programWords.off} />
+          <Choice label={programWords.look} value={look} change={setLook} options={programWords.looks} />
+          <Handle label={programWords.choosePoint} count={points.length} value={chosen} change={setChosen}>
+            {programWords.point(point.number, point.line)}
+          </Handle>
+        </div>
+      </section>
+      <Charts points={points} level={percent(confidence)} chosen={chosen} choose={setChosen} />
+    </>
   );
 }
 
+interface ChartsProps {
+  points: maps.PathPoint[];
+  /** Of the intervals. */
+  level: string;
+  chosen: number;
+  choose: (point: number) => void;
+}
+
+/** Distances from the targets along the path, and how often each distance is found. */
+function Charts({ points, level, chosen, choose }: ChartsProps) {
+  const { mm } = text.units;
+  const both = [
+    { mark: "as-sent", label: text.assessment.before, values: points.map(({ deflection }) => deflection) },
+    { mark: "as-corrected", label: programWords.afterShort, values: points.map(({ residual }) => residual) },
+  ];
+  const { width, counts } = maps.binned(
+    both.map(({ values }) => values),
+    BINS,
+  );
+  const digits = Math.max(0, -Math.floor(Math.log10(width) + 1e-9));
+  const axis = programWords.alongAxis;
+  return (
+    <>
+      <AlongPath
+        title={programWords.along}
+        along={points.map(({ along }) => 1e3 * along)}
+        lines={both}
+        band={{ label: programWords.band(level), ends: points.map(({ interval }) => interval) }}
+        axes={{ along: axis, value: mm, unit: mm, alongUnit: axis }}
+        chosen={chosen}
+        choose={choose}
+      />
+      <BarFigure
+        title={programWords.often}
+        note={programWords.oftenNote(`${significant(width, 2)} ${mm}`)}
+        names={counts[0]?.map((_, i) => fixed(i * width, digits)) ?? []}
+        series={both.map(({ mark, label }, i) => ({ mark, label, values: counts[i] ?? [] }))}
+        unit={programWords.points}
+        named={programWords.binAxis}
+      />
+    </>
+  );
+}
+
+const BINS = 24;
+
+/** Corners of a box around a path, with room for the tool. */
+function around(path: Vector[]): Vector[] {
+  const [low, high] = maps.boxAround(path, 0.15);
+  return [low, high];
+}
+
 /** Greatest length of a path along an axis, 0.1 m at least. */
-function lengthOf(places: Vector[]): number {
+export function lengthOf(places: Vector[]): number {
   const ends = ([0, 1, 2] as const).map((axis) => extent(places.map((place) => place[axis])) ?? [0, 0]);
   return Math.max(0.1, ...ends.map(([low = 0, high = 0]) => high - low));
 }

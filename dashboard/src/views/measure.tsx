@@ -1,5 +1,5 @@
 /** Where live campaigns begin: a goal, loads, targets and noise, declared before the first reading; or one that goes on. */
-import { useEffect, useState } from "preact/hooks";
+import { useEffect } from "preact/hooks";
 import { api } from "../api/calls";
 import { queries } from "../api/queries";
 import type { Plan } from "../api/types";
@@ -12,6 +12,7 @@ import { useAction, go, link } from "../state/action";
 import { RobotSelect } from "../components/choosers";
 import { ROBOTS } from "../state/choices";
 import { useQuery } from "../state/query";
+import { useTypedValue } from "../state/session";
 import { factors } from "../lib/stiffness";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
@@ -30,7 +31,7 @@ export function MeasureView({ query }: { query: URLSearchParams }) {
   return (
     <>
       <Head plain={words.title} first={<TrySimulated />} />
-      <OpenCampaigns />
+      <OpenCampaigns as="h2" />
       <Show of={robots} instead={({ items }) => items.length === 0 && <NoRobots />}>
         {({ items }) => (
           <Show of={planId ? plan : { ...plan, data: null }}>
@@ -61,17 +62,18 @@ function Declaration({ only, robot: given, plan }: DeclarationProps) {
   const base = planned?.request.measurement_set_id;
   const { data: ofSet } = useQuery({ ...queries.set(base ?? ""), enabled: base != null });
   const fixed = planned ? (planned.request.robot_id ?? ofSet?.robot_id ?? "") : "";
-  const [chosen, setRobot] = useState(given ?? only ?? "");
+  const form = `measure/${plan?.id ?? given ?? ""}`;
+  const [chosen, setRobot] = useTypedValue(`${form}/robot`, given ?? only ?? "");
   const robot = fixed || chosen;
-  const [name, setName] = useState("");
-  const [asked, setAsked] = useState<Fields>(() => ({
+  const [name, setName] = useTypedValue(`${form}/name`, "");
+  const [asked, setAsked] = useTypedValue<Fields>(form, {
     ...START,
     ...(planned?.request.sigma ? { sigma: planned.request.sigma } : {}),
     work_area: planned?.request.work_area ?? null,
-  }));
-  const [kind, setKind] = useState<Kind>("deflection");
-  const [goal, setGoal] = useState<Fields>({ relative: 0.15 });
-  const [noise, setNoise] = useState<Fields>({});
+  });
+  const [kind, setKind] = useTypedValue<Kind>(`${form}/kind`, "deflection");
+  const [goal, setGoal] = useTypedValue<Fields>(`${form}/goal`, { relative: 0.15 });
+  const [noise, setNoise] = useTypedValue<Fields>(`${form}/noise`, {});
   const campaign = useEquipped(robot);
   const { data: ofRobot } = useQuery({ ...queries.robot(fixed), enabled: fixed !== "" });
   useEffect(() => {

@@ -1,8 +1,9 @@
-/** Live campaigns that go on, and one that the page simulates: where the start offers to measure. */
+/** Live campaigns that go on, and one that the page simulates: what the start shows of measuring. */
 import { api } from "../api/calls";
 import { problemOf } from "../api/problem";
 import { queries } from "../api/queries";
-import { ActionButton } from "../components/basics";
+import { ActionButton, Busy } from "../components/basics";
+import { isKnown } from "../components/choosers";
 import { DeleteButton, Rows } from "../components/list";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
@@ -14,8 +15,10 @@ import { send, useQuery } from "../state/query";
 const words = later.measure;
 
 /** Campaigns that are still measured, on this device or another. */
-export function OpenCampaigns() {
-  const { data: open } = useQuery(queries.sets({ open: true, limit: 20 }));
+export function OpenCampaigns({ as: Heading }: { as: "h2" | "h3" }) {
+  const listed = useQuery(queries.sets({ open: true, limit: 20 }));
+  if (!isKnown(listed)) return <Busy />;
+  const { data: open } = listed;
   if (!open || open.items.length === 0) return null;
   const failed = (error: unknown) => toast(problemOf(error).detail);
   const remove = (id: string, name: string) =>
@@ -24,8 +27,8 @@ export function OpenCampaigns() {
       toast(text.deletion.done(name), { label: text.runs.undo, run: restore });
     }, failed);
   return (
-    <section class="card" aria-labelledby="open-campaigns">
-      <h2 id="open-campaigns">{words.goOn}</h2>
+    <>
+      <Heading>{words.goOn}</Heading>
       <Rows
         rows={open.items.map(({ id, name, observation_count: count }) => ({
           id,
@@ -35,7 +38,7 @@ export function OpenCampaigns() {
           actions: <DeleteButton name={name} remove={() => remove(id, name)} />,
         }))}
       />
-    </section>
+    </>
   );
 }
 

@@ -2,8 +2,8 @@
 import { useState, useEffect } from "preact/hooks";
 import { api } from "../api/calls";
 import { queries } from "../api/queries";
-import type { JointKind, MeasurementSet, PlanResult, Robot } from "../api/types";
-import { Button, ActionButton, Show, Title, Download, LinkButton, Name, NameLink } from "../components/basics";
+import type { JointKind, MeasurementSet, PlanResult, Robot, Run } from "../api/types";
+import { Busy, Button, ActionButton, Show, Title, Download, LinkButton, Name, NameLink } from "../components/basics";
 import { fixed } from "../lib/format";
 import { equipmentOf, unchanged, toFillIn } from "../lib/live";
 import { position, positionUnit } from "../lib/stiffness";
@@ -39,20 +39,36 @@ export function Postures({ result, robot }: { result: PlanResult; robot: Robot }
     <div class="flow">
       <section class="card" aria-labelledby="postures">
         <h2 id="postures">{words.postures}</h2>
-        <ol class="postures">
-          {readings.map((each, i) => (
-            <li class={i === chosen ? "shown" : undefined}>
-              <b>{each.label}</b>
-              <Button look="quiet" onClick={() => choose(i)}>
-                <span>
-                  <span class="hidden">{words.show(each.label)}: </span>
-                  {each.joints.map((value, j) => shownJoint(value, robot.joints[j]?.kind, 0)).join("  ")}{" "}
-                  <small class="soft">{loadOf(each)}</small>
-                </span>
-              </Button>
-            </li>
-          ))}
-        </ol>
+        <div class="scroll">
+          <table class="postures">
+            <thead>
+              <tr>
+                <th>{words.reading}</th>
+                {robot.joints.map(({ name, kind }) => (
+                  <th class="number">
+                    <Name>{name}</Name> [{positionUnit(kind).trim()}]
+                  </th>
+                ))}
+                <th>{words.load}</th>
+              </tr>
+            </thead>
+            <tbody>
+              {readings.map((each, i) => (
+                <tr class={i === chosen ? "shown" : undefined} onClick={() => choose(i)}>
+                  <th scope="row">
+                    <Button look="quiet" aria-label={words.show(each.label)} aria-pressed={i === chosen}>
+                      {each.label}
+                    </Button>
+                  </th>
+                  {each.joints.map((value, j) => (
+                    <td class="number">{fixed(position(value, robot.joints[j]?.kind), 0)}</td>
+                  ))}
+                  <td>{loadOf(each)}</td>
+                </tr>
+              ))}
+            </tbody>
+          </table>
+        </div>
       </section>
       {shown && (
         <section class="card sticky" aria-labelledby="current">
@@ -132,15 +148,17 @@ async function equippedSet(id: string): Promise<{ set: MeasurementSet; equipment
 }
 
 /** The last campaign of a robot and what it was measured with; undefined until it is known, null if there is none. */
-export const useEquipped = (robot: string) =>
-  useQuery({
+export function useEquipped(robot: string) {
+  const { data, problem } = useQuery({
     queryKey: ["equipped", robot],
     queryFn: async () => {
       const [last] = (await ask(queries.sets({ robot_id: robot, limit: 1 }))).items;
       return last ? equippedSet(last.id) : null;
     },
     enabled: robot !== "",
-  }).data;
+  });
+  return robot === "" || problem ? null : data;
+}
 
 /** `after`: the run of the campaign so far, whose causes and omitted readings hold on. */
 function Begin({ given, after }: { given: string; after: string | null }) {
@@ -175,7 +193,7 @@ function Begin({ given, after }: { given: string; after: string | null }) {
   const joints = ofRobot?.joints.map(({ name }) => name) ?? [];
   const [robots, sets] = [useRobotChoices(kind === "robot" ? id : ""), useSetChoices(kind === "set" ? id : "")];
   const form = { of: "PlanRequest", value: asked, change, terms: { ...EQUIPMENT, joints } };
-  const equipment = <Equipment {...form} />;
+  const equipment = campaign === undefined ? <Busy /> : <Equipment {...form} />;
   return (
     <Form action={start} look="card form">
       <p>{words.intro}</p>
@@ -187,6 +205,7 @@ function Begin({ given, after }: { given: string; after: string | null }) {
             find: (q) => [robots, sets].forEach(({ search }) => search?.find(q)),
           }
         }
+        known={robots.known && sets.known}
         value={subject}
         change={pick}
         options={[
@@ -224,6 +243,12 @@ export const Equipment = (form: { of: string; value: Fields; change: (part: Fiel
   <SchemaFields {...form} show={["load", "targets", "load_point", "sigma", "tracker", "surroundings"]} />
 );
 
+/** The newest run of a set, if there is one: the reasons of a plan that goes on from the set are said there. */
+async function newestRun(set: string): Promise<Run | null> {
+  const found = await ask(queries.runs({ measurement_set_id: set, state: "succeeded", limit: 1 }));
+  return found.items[0] ? ask(queries.run(found.items[0].id)) : null;
+}
+
 export function PlanView({ id }: { id: string }) {
   return (
     <JobPage
@@ -235,12 +260,14 @@ export function PlanView({ id }: { id: string }) {
         const setId = plan.request.measurement_set_id;
         const base = setId ? await ask(queries.set(setId)) : null;
         const robot = await ask(queries.robot(base?.robot_id ?? plan.request.robot_id ?? ""));
-        return { job: plan, base, robot, subject: base?.name ?? robot.name };
+        const run = setId && plan.result?.assessment ? await newestRun(setId) : null;
+        return { job: plan, base, robot, run, subject: base?.name ?? robot.name };
       }}
-      head={({ job, base, robot, subject }) => ({
+      head={({ job, base, robot, run, subject }) => ({
         name: words.title(subject),
         title: <Name>{subject}</Name>,
         list: "#/plans",
+        run,
         about: <NameLink to={base ? ["sets", base.id] : ["robots", robot.id]}>{subject}</NameLink>,
         first: job.result && (
           <>

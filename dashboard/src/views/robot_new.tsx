@@ -15,6 +15,7 @@ import { type Fields, unreadIn, contentKey } from "../lib/json";
 import { Arm } from "../scene/view";
 import { useAction, link } from "../state/action";
 import { begunFiles } from "../state/begun";
+import { forgetTyped, useTypedValue } from "../state/session";
 
 const words = later.robots;
 const NONE: Catalogue["joint_maps"] = [];
@@ -199,12 +200,12 @@ function Presets({ map, count, change }: { map: Fields; count: number; change: (
 type Format = "catalogue" | "dh" | "urdf";
 
 export function RobotNewView() {
-  const [name, setName] = useState("");
-  const [format, setFormat] = useState<Format>("catalogue");
-  const [arm, setArm] = useState<NominalArm | null>(null);
-  const [dh, setDh] = useState<DhTable>(newDh);
-  const [urdf, setUrdf] = useState<UrdfText>({ urdf: "", base: "", flange: "" });
-  const [stated, setStated] = useState<Fields>({});
+  const [name, setName] = useTypedValue("robot/name", "");
+  const [format, setFormat] = useTypedValue<Format>("robot/format", "catalogue");
+  const [arm, setArm] = useTypedValue<NominalArm | null>("robot/arm", null);
+  const [dh, setDh] = useTypedValue<DhTable>("robot/dh", newDh());
+  const [urdf, setUrdf] = useTypedValue<UrdfText>("robot/urdf", { urdf: "", base: "", flange: "" });
+  const [stated, setStated] = useTypedValue<Fields>("robot/stated", {});
   const document = useMemo<RobotDocument | null>(() => {
     if (format === "catalogue") {
       return arm && { name: name.trim() || arm.name, model: arm.model, joint_map: arm.joint_map };
@@ -231,6 +232,7 @@ export function RobotNewView() {
         ? { name: document.name, model: { format: "catalogue" as const, arm: arm.name } }
         : { ...document, name: name.trim() };
     const { id } = await api.robots.add(robot, contentKey("robot", robot));
+    forgetTyped("robot/");
     return (await ask(begunFiles)) ? link([], { robot: id }) : link(["robots", id]);
   });
   return (

@@ -39,11 +39,13 @@ import {
 import { ROBOTS, robotsToldApart, SETS } from "../state/choices";
 import { ask, type Pages, type PagesOptions, usePages, useQuery } from "../state/query";
 import { link, useAction } from "../state/action";
+import { useTypedValue } from "../state/session";
 import { JobList, MOST_RUNS, runRows } from "./runs";
 import { type RunColumn, RunsTable } from "./run_stiffness";
 import { keepPreviousData } from "@tanstack/query-core";
 import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
+import { isKnown } from "../components/choosers";
 import { ChangedJoints, FilterBar, type Row, Rows, useFilter, StoredActions, wanted } from "../components/list";
 import { TextField } from "../components/fields";
 import { factsOf, measuredBetween, notedIn, type Typed, typedOf } from "../lib/campaign";
@@ -152,7 +154,9 @@ async function twinsOf({ content_hash }: Robot): Promise<RunColumn[]> {
 
 /** Nothing, while there is only one robot of the kind. */
 function Twins({ robot }: { robot: Robot }) {
-  const twins = useQuery({ queryKey: ["twins", robot.id], queryFn: () => twinsOf(robot) }).data ?? [];
+  const found = useQuery({ queryKey: ["twins", robot.id], queryFn: () => twinsOf(robot) });
+  if (!isKnown(found)) return <Busy />;
+  const twins = found.data ?? [];
   if (twins.length < 2) return null;
   const ids = twins.slice(0, MOST_RUNS).map(({ run }) => run.id);
   return (
@@ -452,8 +456,10 @@ export function SetView({ id }: { id: string }) {
 }
 
 function SetPage({ set }: { set: MeasurementSet }) {
-  const { data: robot } = useQuery(queries.robot(set.robot_id));
+  const ofSet = useQuery(queries.robot(set.robot_id));
+  const robot = ofSet.data;
   const runs = useQuery(queries.runs({ measurement_set_id: set.id, limit: 100 })).data?.items;
+  if (!isKnown(ofSet)) return <Busy />;
   return (
     <>
       <Head
@@ -502,7 +508,7 @@ function SetPage({ set }: { set: MeasurementSet }) {
 export function SetMetadata({ set }: { set: MeasurementSet }) {
   const words = later.metadata;
   /** What is typed; null while nothing is changed. */
-  const [typed, setTyped] = useState<Typed | null>(null);
+  const [typed, setTyped] = useTypedValue<Typed | null>(`noted/${set.id}`, null);
   const noted = typed && notedIn(typed);
   const save = useAction(async () => {
     if (!noted) return;

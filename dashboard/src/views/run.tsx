@@ -16,6 +16,7 @@ const RobotPart = lazy(async () => (await import("./run_deflection")).RobotPart)
 const PredictPart = lazy(async () => (await import("./use")).PredictPart);
 const MapForm = lazy(async () => (await import("./use")).MapForm);
 const ProgramForm = lazy(async () => (await import("./use")).ProgramForm);
+const ProcessForm = lazy(async () => (await import("./process_form")).ProcessForm);
 const JobList = lazy(async () => (await import("./runs")).JobList);
 const RunFiles = lazy(async () => (await import("./use")).RunFiles);
 
@@ -82,7 +83,7 @@ function Parts({ context, part, query }: { context: RunContext; part: string; qu
 
 /** A form, and what was made by it before of runs of this robot. */
 const withList =
-  (Form: ComponentType<Pick<PartProps, "context">>, collection: "maps" | "programs") =>
+  (Form: ComponentType<Pick<PartProps, "context">>, collection: "maps" | "programs" | "processes") =>
   ({ context }: PartProps): VNode => (
     <>
       <Form context={context} />
@@ -97,5 +98,6 @@ const VIEWS: Record<keyof typeof text.run.views, ComponentType<PartProps>> = {
   predict: PredictPart,
   map: withList(MapForm, "maps"),
   program: withList(ProgramForm, "programs"),
+  process: withList(ProcessForm, "processes"),
   report: RunFiles,
 };

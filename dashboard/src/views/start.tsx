@@ -3,22 +3,22 @@ import { useEffect, useState } from "preact/hooks";
 import { api } from "../api/calls";
 import { queries } from "../api/queries";
 import type { MeasurementSet } from "../api/types";
-import { Busy, LinkButton, ProblemNote, Button, Empty, Head, Show, lazy } from "../components/basics";
-import { RobotSelect, SetSelect } from "../components/choosers";
+import { Busy, LinkButton, ProblemNote, Button, Empty, Show, Title, lazy } from "../components/basics";
+import { isKnown, RobotSelect, SetSelect } from "../components/choosers";
 import { RequestFields } from "../components/fields";
 import { Findings, Preview } from "../components/findings";
 import { type Campaign, factsOf, statesNoise } from "../lib/campaign";
 import { contentKey, freshKey, type Fields as Document } from "../lib/json";
 import { useAction, link, go } from "../state/action";
 import { begunFiles, handFile, keepFiles } from "../state/begun";
-import { FROM_FILE, ROBOTS, SETS, sourceOf } from "../state/choices";
+import { FROM_FILE, ROBOTS, robotsToldApart, SETS, sourceOf } from "../state/choices";
 import { type Opened, open } from "../state/opening";
 import { useQuery } from "../state/query";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { FileDrop, GoBar, Refused, Step, Advanced, useRunForm } from "./flow";
 import { withNoise } from "./assumed";
-import { Rows } from "../components/list";
+import { ChangedJoints, Rows } from "../components/list";
 import { OpenCampaigns, TrySimulated } from "./open_campaigns";
 import { latestRows } from "./runs";
 
@@ -28,16 +28,17 @@ const ImportFlow = lazy(async () => (await import("./import_flow")).ImportFlow);
 interface FlowProps {
   opened: Opened | null;
   robot: string;
+  /** A stored set that was chosen, else empty. */
   set: string;
+  setSet: (set: string) => void;
   take: (...files: File[]) => void;
 }
 
-export function CampaignFlow({ opened, robot: asked, set: askedSet, take }: FlowProps) {
+export function CampaignFlow({ opened, robot: asked, set: chosenSet, setSet, take }: FlowProps) {
   const { data: robots } = useQuery(queries.robots(ROBOTS));
   const { data: sets } = useQuery(queries.sets(SETS));
   const [choice, setChoice] = useState<{ of: Campaign | null; robot: string }>({ of: null, robot: asked });
-  const [chosenSet, setChosenSet] = useState(askedSet);
-  const form = useRunForm();
+  const form = useRunForm(opened?.kind === "campaign" ? opened.name : chosenSet);
   const campaign = opened?.kind === "campaign" ? opened.campaign : null;
   const storedId = opened ? "" : chosenSet;
   const before = choice.robot === FROM_FILE ? "" : choice.robot;
@@ -75,7 +76,7 @@ export function CampaignFlow({ opened, robot: asked, set: askedSet, take }: Flow
         <FileDrop again={opened !== null || storedId !== ""} take={take} />
         {opened?.kind === "template" && <p class="note good">{later.imports.templateFirst(opened.template.name)}</p>}
         {sets && sets.items.length > 0 && opened === null && (
-          <SetSelect label={text.files.stored} value={storedId} change={setChosenSet} none={text.files.storedNone} />
+          <SetSelect label={text.files.stored} value={storedId} change={setSet} none={text.files.storedNone} />
         )}
         {opened?.kind === "fault" && <Refused file={opened.name} why={text.files.faults[opened.fault]} />}
         {facts && (
@@ -113,11 +114,13 @@ export function CampaignFlow({ opened, robot: asked, set: askedSet, take }: Flow
           <Advanced form={form} joints={ofRobot?.joints.map((joint) => joint.name) ?? []} />
         </>
       )}
-      <GoBar
-        action={identify}
-        ready={campaign ? chosenRobot !== "" : set !== null}
-        why={storedId && !stored.data && !stored.problem ? null : lacking}
-      />
+      {(opened !== null || storedId !== "") && (
+        <GoBar
+          action={identify}
+          ready={campaign ? chosenRobot !== "" : set !== null}
+          why={storedId && !stored.data && !stored.problem ? null : lacking}
+        />
+      )}
     </RequestFields>
   );
 }
@@ -134,11 +137,12 @@ async function store(campaign: Campaign, robot: string): Promise<MeasurementSet>
 }
 
 export function StartView({ query }: { query: URLSearchParams }) {
-  const asked = query.get("set") ?? "";
-  const { data: begun } = useQuery(begunFiles);
+  const begun = useQuery(begunFiles);
+  const needed = [begun, useQuery(queries.robots(ROBOTS)), useQuery(queries.sets(SETS))];
   /** What was opened in this view; null until then. */
   const [chosen, setOpened] = useState<Opened | null>(null);
-  const opened = chosen ?? (asked ? null : (begun?.opened ?? null));
+  const [set, setSet] = useState(query.get("set") ?? "");
+  const opened = chosen ?? (set ? null : (begun.data?.opened ?? null));
   const [count, setCount] = useState(0);
   const take = async (...files: File[]) => {
     const read = await open(files, opened);
@@ -151,29 +155,48 @@ export function StartView({ query }: { query: URLSearchParams }) {
     setCount((before) => before + 1);
   };
   const robot = query.get("robot") ?? "";
+  const idle = opened === null && set === "";
+  const taken = (...files: File[]) => void take(...files);
   return (
     <>
-      <Head
-        plain={text.app.measure}
-        title={text.start.title}
-        first={
-          <>
-            <LinkButton href={link(["measure"])}>{later.measure.title}</LinkButton>
-            <TrySimulated />
-          </>
-        }
-      />
-      <OpenCampaigns />
-      {opened?.kind === "tables" ? (
-        <ImportFlow key={count} opened={opened} robot={robot} take={(...files) => void take(...files)} />
+      <Title plain={text.app.measure}>{text.start.title}</Title>
+      {!needed.every(isKnown) ? (
+        <Busy />
       ) : (
-        <CampaignFlow opened={opened} robot={robot} set={asked} take={(...files) => void take(...files)} />
+        <div class={idle ? "start" : "start begun"}>
+          <div>
+            {opened?.kind === "tables" ? (
+              <ImportFlow key={count} opened={opened} robot={robot} take={taken} />
+            ) : (
+              <CampaignFlow opened={opened} robot={robot} set={set} setSet={setSet} take={taken} />
+            )}
+            {idle && <OtherWays example={async () => take(await example())} />}
+          </div>
+          <GoOn />
+        </div>
       )}
-      <section aria-labelledby="recent">
-        <h2 id="recent">{text.start.recent}</h2>
-        <Recent example={async () => take(await example())} />
-      </section>
     </>
+  );
+}
+
+/** Ways to a result without a file. */
+function OtherWays({ example }: { example: () => Promise<void> }) {
+  return (
+    <div class="ways">
+      <section class="card">
+        <h2>{text.start.liveWay}</h2>
+        <p class="soft">{text.start.liveHint}</p>
+        <LinkButton href={link(["measure"])}>{later.measure.title}</LinkButton>
+      </section>
+      <section class="card">
+        <h2>{text.start.noReadings}</h2>
+        <p class="soft">{text.start.exampleHint}</p>
+        <div class="actions">
+          <Button onClick={() => void example()}>{text.start.example}</Button>
+          <TrySimulated />
+        </div>
+      </section>
+    </div>
   );
 }
 
@@ -183,20 +206,52 @@ async function example(): Promise<File> {
   return new File([await answer.blob()], "example.json");
 }
 
-function Recent({ example }: { example: () => Promise<void> }) {
+/** What was begun before: campaigns that are still measured, robots that changed, the latest runs. */
+function GoOn() {
+  return (
+    <section class="go-on" aria-labelledby="go-on">
+      <h2 id="go-on">{text.start.goOn}</h2>
+      <OpenCampaigns as="h3" />
+      <ChangedRobots />
+      <Recent />
+    </section>
+  );
+}
+
+const SHOWN = 5;
+
+/** Robots of which the last campaign shows a change. */
+function ChangedRobots() {
+  const { data: robots } = useQuery(queries.robots(ROBOTS));
+  const changed = robots?.items.filter(({ last_campaign: last }) => last?.changed.length) ?? [];
+  if (changed.length === 0) return null;
+  const names = robotsToldApart(robots?.items ?? []);
+  return (
+    <>
+      <h3>{text.start.changed}</h3>
+      <Rows
+        rows={changed.slice(0, SHOWN).map(({ id, name, last_campaign: last }) => ({
+          id,
+          name: names.get(id) ?? name,
+          href: link(["compare", "trend", id]),
+          standing: <ChangedJoints of={last} />,
+        }))}
+      />
+    </>
+  );
+}
+
+function Recent() {
   const recent = useQuery(queries.runs({ limit: 50 }));
   return (
-    <Show
-      of={recent}
-      instead={({ items }) =>
-        items.length === 0 && (
-          <Empty title={text.runs.none} hint={text.start.recentNone}>
-            <Button onClick={() => void example()}>{text.start.example}</Button>
-          </Empty>
-        )
-      }
-    >
-      {({ items }) => <Rows rows={latestRows(items).slice(0, 5)} />}
-    </Show>
+    <>
+      <h3>{text.start.recent}</h3>
+      <Show
+        of={recent}
+        instead={({ items }) => items.length === 0 && <Empty title={text.runs.none} hint={text.start.recentNone} />}
+      >
+        {({ items }) => <Rows rows={latestRows(items).slice(0, SHOWN)} />}
+      </Show>
+    </>
   );
 }

@@ -1,6 +1,6 @@
 /** Each joint of one robot over its campaigns: charts with intervals, and whether the latest differs from the first. */
 import { dayText, significant, pValue, extent, logarithmic, timeText } from "../lib/format";
-import { Name, Badge, Empty, Head, MeasureLink, Show } from "../components/basics";
+import { Name, Badge, Empty, Head, MeasureLink, Show, Toggle } from "../components/basics";
 import { go, link } from "../state/action";
 import { LeftAxis, Chart, Figure } from "../charts/figure";
 import { useState } from "preact/hooks";
@@ -105,7 +105,9 @@ interface Asked {
 
 export function TrendView({ robot: id, serial }: { robot: string; serial: string | null }) {
   const [asked, setAsked] = useState<Asked>({});
-  const trend = useQuery(queries.trend(id, { ...asked, serial_number: serial }));
+  const [sameLoadPoint, setSameLoadPoint] = useState(false);
+  const shared = sameLoadPoint ? { same_load_point: "true" } : {};
+  const trend = useQuery(queries.trend(id, { ...asked, ...shared, serial_number: serial }));
   const name = useQuery(queries.robot(id)).data?.name ?? "…";
   return (
     <>
@@ -119,6 +121,7 @@ export function TrendView({ robot: id, serial }: { robot: string; serial: string
           </>
         }
       />
+      <Toggle label={later.compare.sameLoadPoint} checked={sameLoadPoint} change={setSameLoadPoint} />
       <Show of={trend}>
         {(found) => (
           <>

@@ -1,7 +1,7 @@
 /** What a result is used for: deflections that are predicted, maps of a work area, programs that are corrected, files; each asked for in a tab of its run. */
 import { useMemo, useState } from "preact/hooks";
 import { api } from "../api/calls";
-import type { DeflectionResult, Posture, Problem, RunResult } from "../api/types";
+import type { DeflectionResult, Posture, Problem, Run, RunResult } from "../api/types";
 import { ActionButton, Busy, Button, Download, Facts, LinkButton, Prose, Toggle } from "../components/basics";
 import { Select, RequestFields } from "../components/fields";
 import { SchemaFields, DropZone, type Terms } from "../components/schema_form";
@@ -18,12 +18,16 @@ import { type PartProps, type RunContext, usePostures } from "./run_context";
 import { VerdictCard } from "../components/job_page";
 import { boxAround } from "../lib/map";
 import { recalled, remember } from "../state/kept";
-import { useDraft } from "../state/session";
+import { sure } from "../state/question";
+import { useDraft, useTypedValue } from "../state/session";
 
 const words = later.predict;
 
 /** What must be done first: what is not understood is written again, then what is missing is given, in order. */
-function lackOf(asked: Fields, needed: Partial<Record<keyof typeof later.form.lacking, unknown>>): string | null {
+export function lackOf(
+  asked: Fields,
+  needed: Partial<Record<keyof typeof later.form.lacking, unknown>>,
+): string | null {
   const typed = unreadIn(asked);
   if (typed !== null) return later.form.unread(typed);
   const missing = Object.entries(needed).find(([, value]) => !value)?.[0];
@@ -67,8 +71,8 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
     const force = rounded(loadOf(set, observation, posture).force, 1) as unknown as Vector;
     return { joints: rounded(observation.joints.map(shown), 3), force };
   };
-  const [chosen, setChosen] = useState("0");
-  const [asked, setAsked] = useState<Fields>({
+  const [chosen, setChosen] = useTypedValue(`predict/${run.id}/posture`, "0");
+  const [asked, setAsked] = useTypedValue<Fields>(`predict/${run.id}`, {
     load_point: rounded(times(point, 1e3 * unit.length), 3),
     ...measured(0),
   });
@@ -119,7 +123,7 @@ function Form({ context: { run, set, robot }, result, postures }: PartProps & { 
       {found?.question === JSON.stringify(asked) && (
         <section class="card" aria-live="polite">
           <Bent found={found} result={result} />
-          <Answer answer={found.answer} />
+          <Answer answer={found.answer} run={run} />
         </section>
       )}
     </div>
@@ -151,7 +155,8 @@ function Bent({ found: { posture, point, force, answer }, result }: { found: Pre
   );
 }
 
-export function Answer({ answer: { assessment, cases, confidence, remarks } }: { answer: DeflectionResult }) {
+export function Answer({ answer, run }: { answer: DeflectionResult; run?: Run }) {
+  const { assessment, cases, confidence, remarks } = answer;
   const [found] = cases;
   if (!found) return null;
   const level = percent(confidence);
@@ -164,7 +169,9 @@ export function Answer({ answer: { assessment, cases, confidence, remarks } }: {
   const length = budget ? um(size, budget.expanded_uncertainty) : significant(size * 1e6, 3);
   return (
     <>
-      {(assessment.headline ?? assessment.verdict !== "use") && <VerdictCard assessment={assessment} context={null} />}
+      {(assessment.headline ?? assessment.verdict !== "use") && (
+        <VerdictCard assessment={assessment} context={null} of={run} />
+      )}
       {displacement && (
         <Facts
           facts={[
@@ -202,7 +209,7 @@ export function MapForm({ context }: { context: RunContext }) {
 function AskMap({ context: { run, set }, postures }: { context: RunContext; postures: Posture[] }) {
   const start = useMemo(() => proposal(set, postures), [set, postures]);
   const [asked, change] = useDraft<Fields>(`map/${run.id}`, start);
-  const [near, setNear] = useState("");
+  const [near, setNear] = useTypedValue(`map/${run.id}/near`, "");
   const make = useAction(async () => {
     const { angle } = factors(set.units);
     const joints = near && set.observations[Number(near)]?.joints.map((value) => value * angle);
@@ -258,10 +265,10 @@ function proposal(set: RunContext["set"], postures: Posture[]): Fields {
   };
 }
 
-const LAST_FORCE = "force.last";
+export const LAST_FORCE = "force.last";
 
 /** The process force that was used last on this device, for an empty field: nobody typed it here. */
-function LastForce({ force, use }: { force: unknown; use: (force: number[]) => void }) {
+export function LastForce({ force, use }: { force: unknown; use: (force: number[]) => void }) {
   const last = recalled(LAST_FORCE) as number[] | null;
   if (force || !last) return null;
   return (
@@ -294,12 +301,54 @@ const unknownRoutines = (problem: Problem | null): string[] => [
   ),
 ];
 
+export interface Files {
+  files: File[];
+  take: (file: File) => void;
+  remove: (file: File) => void;
+}
+
+/** Files that are dropped one by one: one of the same name takes the place of the one before. */
+export function useFiles(changed?: () => void): Files {
+  const [files, setFiles] = useState<File[]>([]);
+  return {
+    files,
+    take: (file) => {
+      setFiles((before) => [...before.filter((one) => one.name !== file.name), file]);
+      changed?.();
+    },
+    remove: (file) => setFiles((before) => before.filter((one) => one !== file)),
+  };
+}
+
+/** Where files of a program are dropped, and those that were. */
+export const ProgramFiles = ({ of, title, hint }: { of: Files; title: string; hint: string }) => (
+  <>
+    <DropZone title={title} hint={hint} button={programWords.choose} accept={programWords.accept} take={of.take} />
+    {of.files.length > 0 && (
+      <ul>
+        {of.files.map((file) => (
+          <li>
+            <bdi>{file.name}</bdi>{" "}
+            <Button look="quiet" onClick={() => of.remove(file)}>
+              {programWords.remove}
+            </Button>
+          </li>
+        ))}
+      </ul>
+    )}
+  </>
+);
+
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
 export function ProgramForm({ context: { run } }: { context: RunContext }) {
-  const [files, setFiles] = useState<File[]>([]);
   const [asked, change] = useDraft<Fields>(`programs/${run.id}`, {});
   const [leave, setLeave] = useState(false);
   const [trust, setTrust] = useState<string[]>([]); // routines that the user trusts, as the question named them
+  const sent = useFiles(() => {
+    setLeave(false); // confirmed for the lines of another program
+    setTrust([]);
+  });
+  const { files } = sent;
   const force = (asked["load"] as Fields | undefined)?.["force"];
   const make = useAction(async () => {
     const units = { length: "mm", angle: "deg", force: "N" };
@@ -319,34 +368,11 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
       terms={{ labels: { values: programWords[name] }, within: `${name}[0].` }}
     />
   );
-  const take = (file: File) => {
-    setFiles((before) => [...before.filter((one) => one.name !== file.name), file]);
-    setLeave(false); // confirmed for the lines of another program
-    setTrust([]);
-  };
   return (
     <RequestFields action={make} look="card form">
       <h2>{programWords.form}</h2>
       <p>{programWords.formNote}</p>
-      <DropZone
-        title={programWords.drop}
-        hint={programWords.dropHint}
-        button={programWords.choose}
-        accept={programWords.accept}
-        take={take}
-      />
-      {files.length > 0 && (
-        <ul>
-          {files.map((file) => (
-            <li>
-              <bdi>{file.name}</bdi>{" "}
-              <Button look="quiet" onClick={() => setFiles(files.filter((one) => one.name !== file.name))}>
-                {programWords.remove}
-              </Button>
-            </li>
-          ))}
-        </ul>
-      )}
+      <ProgramFiles of={sent} title={programWords.drop} hint={programWords.dropHint} />
       <SchemaFields
         of="ProgramRequest"
         show={["accuracy_option", "axes", "start"]}
@@ -399,9 +425,12 @@ const fileWords = later.runFiles;
 export function RunFiles({ context, result: { assessment } }: PartProps) {
   const run = context.run.id;
   const refused = assessment.verdict === "do_not_use";
-  const sure = (event: Event) => {
-    if (refused && !confirm(text.assessment.sure(assessment.reasons.map(({ message }) => message))))
-      event.preventDefault();
+  /** The file of a result that is not to be used is asked about first. */
+  const asked = async (event: Event & { currentTarget: HTMLAnchorElement }) => {
+    if (!refused) return;
+    event.preventDefault();
+    const { href } = event.currentTarget;
+    if (await sure(text.assessment.sure(assessment.reasons.map(({ message }) => message)))) location.assign(href);
   };
   return (
     <section class="card">
@@ -416,7 +445,7 @@ export function RunFiles({ context, result: { assessment } }: PartProps) {
           <LinkButton
             key={format}
             href={api.jobs.file(run, `model.${format}${refused ? "?accept_verdict=do_not_use" : ""}`)}
-            onClick={sure}
+            onClick={(event) => void asked(event)}
             title={fileWords.models[format][1]}
             download
           >

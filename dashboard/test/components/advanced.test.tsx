@@ -37,7 +37,7 @@ vi.stubGlobal("fetch", async () => new Response(JSON.stringify({ components: { s
 let request: Record<string, unknown> = {};
 
 function Form({ problem = null }: { problem?: Problem | null }) {
-  const form = useRunForm();
+  const form = useRunForm("file.json");
   request = form.request("s");
   return (
     <FormProblem.Provider value={problem}>

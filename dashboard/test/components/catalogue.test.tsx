@@ -1,5 +1,6 @@
 // @vitest-environment happy-dom
 import { describe, expect, it, vi } from "vitest";
+import { QuestionDialog } from "../../src/components/question";
 import { api } from "../../src/api/calls";
 import type { Catalogue, MeasurementSet, NominalArm, RunSummary } from "../../src/api/types";
 import { StoredActions } from "../../src/components/list";
@@ -64,19 +65,29 @@ describe("names and the archive", () => {
   it("change, and blank or unchanged names do not", async () => {
     const change = vi.fn(async () => {});
     const root = await drawn(
-      <StoredActions
-        of={{ id: "r", name: "cell 3" }}
-        api={{ change, delete: change, restore: change }}
-        list="#/robots"
-      />,
+      <>
+        <StoredActions
+          of={{ id: "r", name: "cell 3" }}
+          api={{ change, delete: change, restore: change }}
+          list="#/robots"
+        />
+        <QuestionDialog />
+      </>,
     );
-    for (const typed of [null, " ", "cell 3"]) {
-      vi.stubGlobal("prompt", () => typed);
+    const rename = async (typed: string | null) => {
       await press(root, "Rename");
-    }
+      const field = root.querySelector<HTMLInputElement>("dialog input");
+      await settled(() => {
+        if (!field) throw new Error("no field");
+        field.value = typed ?? field.value;
+        field.dispatchEvent(new Event("input"));
+      });
+      if (typed === null) await press(root, "Cancel");
+      else await settled(() => root.querySelector("form")?.requestSubmit());
+    };
+    for (const typed of [null, " ", "cell 3"]) await rename(typed);
     expect(change).not.toHaveBeenCalled();
-    vi.stubGlobal("prompt", () => " cell 4 ");
-    await press(root, "Rename");
+    await rename(" cell 4 ");
     await settled(() => {});
     expect(change).toHaveBeenLastCalledWith("r", { name: "cell 4" });
     expect(change).toHaveBeenCalledTimes(1);

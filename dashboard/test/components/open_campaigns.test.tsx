@@ -31,7 +31,7 @@ it("deletes an open live campaign, and restores it", async () => {
   vi.spyOn(api.openSets, "restore").mockImplementation(async (id) => deleted.delete(id) as never);
   const root = await drawn(
     <>
-      <OpenCampaigns />
+      <OpenCampaigns as="h2" />
       <Said />
     </>,
   );

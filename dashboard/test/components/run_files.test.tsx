@@ -1,9 +1,10 @@
 // @vitest-environment happy-dom
 import { describe, expect, it, vi } from "vitest";
 import type { RunResult } from "../../src/api/types";
+import { QuestionDialog } from "../../src/components/question";
 import type { RunContext } from "../../src/views/run_context";
 import { RunFiles } from "../../src/views/use";
-import { drawn, settled } from "./drawn";
+import { drawn, press, settled } from "./drawn";
 
 const USE = { verdict: "use" as const, reasons: [], joints_identified: 6, joint_count: 6, headline: null, notes: [] };
 
@@ -17,17 +18,24 @@ const Files = ({ verdict }: { verdict: "use" | "do_not_use" }) => (
 
 describe("files of a run", () => {
   it("asks before a model of a run that is not to be used goes out", async () => {
-    const sure = vi.fn().mockReturnValue(false);
-    vi.stubGlobal("confirm", sure);
-    const root = await drawn(<Files verdict="do_not_use" />);
+    const root = await drawn(
+      <>
+        <Files verdict="do_not_use" />
+        <QuestionDialog />
+      </>,
+    );
+    const leave = vi.spyOn(location, "assign").mockImplementation(() => undefined);
     await settled(() => {});
     const model = root.querySelector("a[href*='model.mjcf']");
     expect(model?.getAttribute("href")).toContain("accept_verdict=do_not_use");
     const click = new MouseEvent("click", { cancelable: true, bubbles: true });
-    model?.dispatchEvent(click);
+    await settled(() => model?.dispatchEvent(click));
     expect(click.defaultPrevented).toBe(true);
-    expect(sure).toHaveBeenCalledOnce();
-    vi.unstubAllGlobals();
+    await press(root, "Cancel");
+    expect(leave).not.toHaveBeenCalled();
+    await settled(() => model?.dispatchEvent(click));
+    await press(root, "Continue");
+    expect(leave.mock.calls[0]?.[0]).toContain("model.mjcf");
   });
 
   it("links the report and each format", async () => {

@@ -1,5 +1,6 @@
 // @vitest-environment happy-dom
 import { expect, it } from "vitest";
+import type { Run } from "../../src/api/types";
 import { VerdictCard } from "../../src/components/job_page";
 import type { RunContext } from "../../src/views/run_context";
 import { drawn } from "./drawn";
@@ -73,4 +74,29 @@ it("offers each robot that fits on a button of its own, the best first", async (
     "Choose another robot: FANUC R-2000iC/165F",
     "Choose another robot: FANUC R-2000iC/210F",
   ]);
+});
+
+it("says a reason of the run on the run alone, and leads there", async () => {
+  const reason = (code: "base_bends" | "numbers_missing") => ({
+    code,
+    weight: "use_with_care" as const,
+    where: null,
+    observation: null,
+    message: `${code} is so`,
+    remedy: `Mend ${code}`,
+    action: null,
+  });
+  const assessment = {
+    verdict: "use_with_care" as const,
+    reasons: [reason("base_bends"), reason("numbers_missing")],
+    notes: [],
+    joints_identified: 6,
+    joint_count: 6,
+    headline: "Use this map with care: 1 reason of its run",
+  };
+  const run = { id: "r", result: { assessment: { reasons: [reason("base_bends")] } } } as unknown as Run;
+  const root = await drawn(<VerdictCard assessment={assessment} context={null} of={run} />);
+  expect(root.textContent).not.toContain("base_bends");
+  expect(root.textContent).toContain("Mend numbers_missing");
+  expect(root.querySelector("a[href='#/runs/r']")?.textContent).toBe("Show the reason on the run");
 });

@@ -16,13 +16,16 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.comparison import ComparedMethod, Comparison
     from jointstiff.schemas.options import Resampling, RunOptions
+    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
 
 
 class CompareFields(TypedDict, total=False):
     """Options of `compare`."""
 
+    units: AnyUnits
     ordered: bool
+    same_load_point: bool
     confidence: float | None
     methods: Sequence[ComparedMethod | Mapping[str, Any]]
     constraints: Sequence[Literal["unconstrained", "positive"]]

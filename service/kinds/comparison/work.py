@@ -251,7 +251,12 @@ def _add_comparison_of_sides(
             remedy="read the `error` of the run, and give a run that succeeded",
         )
     sides = [_make_solver_side(inputs, leading_run_of_side[name], runs_by_side[name]) for name in _SIDES]
-    side_comparison = compare_sides(*sides, confidence=result.confidence, ordered=request.ordered)
+    side_comparison = compare_sides(
+        *sides,
+        confidence=result.confidence,
+        ordered=request.ordered,
+        same_load_point=request.same_load_point,
+    )
     warnings = [
         _add_side_to_place(finding, name) for name, run, _ in leading_runs for finding in _list_warnings(run)
     ]
@@ -388,6 +393,7 @@ def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
     covariance = np.zeros((joint_count, joint_count))
     readings: FloatArray | None = None
     assumed: dict[str, FloatArray] = {}
+    load_point = np.zeros((joint_count, 0))
     # The likelihood has the estimate before constraints, of the joints that the readings determine.
     if likelihood is not None and result.budget is not None:
         compliance[likelihood.joints] = likelihood.centre
@@ -406,11 +412,15 @@ def _make_free_estimate(run: Run, robot: Robot) -> FreeEstimate:
                 readings = part_covariance
             elif component.source.startswith("assumed_"):
                 assumed[component.source.removeprefix("assumed_")] = part_covariance
+            if component.responses is not None:
+                load_point = np.zeros((joint_count, 3))
+                load_point[has_compliance] = component.responses
     return FreeEstimate(
         compliance=compliance,
         covariance=covariance,
         readings=readings,
         assumed=assumed,
+        load_point=load_point,
         sigma=result.sigma,
         degrees_of_freedom=inf if model.degrees_of_freedom is None else model.degrees_of_freedom,
         reasons=[joint.reason for joint in joints],
@@ -483,5 +493,8 @@ def request_comparison(
             runs_with_options.append((unconstrained, make_run(unconstrained)))
         runs += [run for _, run in runs_with_options if run is not None]
     return ComparisonRequest(
-        run_ids=[run.id for run in runs], ordered=options.ordered, confidence=options.confidence
+        run_ids=[run.id for run in runs],
+        ordered=options.ordered,
+        same_load_point=options.same_load_point,
+        confidence=options.confidence,
     )

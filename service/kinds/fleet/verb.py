@@ -14,12 +14,14 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.fleet import Fleet
     from jointstiff.schemas.options import RunOptions
+    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
 
 
 class FleetFields(TypedDict, total=False):
     """Options of `fleet`."""
 
+    units: AnyUnits
     name: str | None
     run: RunOptions | Mapping[str, Any]
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         TrackedPosition,
     )
     from jointstiff.schemas.robot import JointMap, RobotDocument
+    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress, Vector
 
 
@@ -31,7 +32,7 @@ class GeometryFields(TypedDict, total=False):
     """Options of `geometry`."""
 
     name: str
-    units: str | GeometryUnits | Mapping[str, Any]
+    units: AnyUnits | GeometryUnits
     robot_id: str | None
     robot: File | RobotDocument | Mapping[str, Any]
     joint_map: JointMap | Mapping[str, Any] | None
@@ -92,6 +93,8 @@ def geometry(
         robot = read_robot(robot) if isinstance(robot, str) else robot
         if isinstance(robot, Message):  # a robot replaces the id of a stored robot in the request
             named_options |= {"robot": robot.model_dump(mode="json"), "robot_id": None}
+        if options is None and "units" in request:  # the readings state the units of all numbers
+            named_options.setdefault("units", request["units"])
         request |= merge_options(GeometryRequest, options, named_options)
         return door.done(GEOMETRY, request, {}, monitor)
 

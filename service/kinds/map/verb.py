@@ -13,12 +13,14 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from jointstiff.schemas.deflection import Map
+    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, Matrix, OnProgress, Source, Vector
 
 
 class MapFields(TypedDict, total=False):
     """Options of `map`."""
 
+    units: AnyUnits
     absolute: bool
     accept_verdict: Literal["do_not_use"] | None
     name: str | None
@@ -75,7 +77,8 @@ def map(  # noqa: A001 - the name of the command
     with JobMonitor(on_progress, cancel, executor) as monitor:
         door = door.begun(monitor)
         request = {"run_id": door.identified(run, executor)}
-        return door.done(MAP, request | merge_options(MapOptions, options, fields), {}, monitor)
+        request |= merge_options(MapOptions, options, fields, lambda: door.joint_kinds(run))
+        return door.done(MAP, request, {}, monitor)
 
 
 describe_fields(map, MapOptions)

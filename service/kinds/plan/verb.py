@@ -28,12 +28,14 @@ if TYPE_CHECKING:
         Plan,
         Surroundings,
     )
+    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, Matrix, OnProgress, Source, Vector
 
 
 class PlanFields(TypedDict, total=False):
     """Options of `plan`."""
 
+    units: AnyUnits
     work_area: Matrix | None
     load: DeadWeight | Mapping[str, Any] | AnyDirection | Cable | OwnWeight | None
     targets: Mapping[str, Vector]
@@ -113,7 +115,8 @@ def plan(
                 "measurement_set_id": set_id,
                 **{name: value for name, value in inherited.items() if value},
             }
-        return door.done(PLAN, request | merge_options(PlanOptions, options, fields), {}, monitor)
+        request |= merge_options(PlanOptions, options, fields, lambda: door.joint_kinds(planned))
+        return door.done(PLAN, request, {}, monitor)
 
 
 describe_fields(plan, PlanOptions)

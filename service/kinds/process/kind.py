@@ -13,7 +13,7 @@ from jointstiff.schemas.process import (
     ProcessRequest,
     ProcessResult,
 )
-from jointstiff.service.kinds.kind import File, Kind
+from jointstiff.service.kinds.kind import Kind, list_table_files
 from jointstiff.service.kinds.program.kind import CONTENT, make_points_sheet
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import (
@@ -84,9 +84,7 @@ def _choice_sheet(name: str) -> Callable[[Process], Sheet]:
 
 _GAINS: Final = {
     "no_gain": "no gain: the deflection is the same at all turns, as for a spindle along the last axis",
-    "no_order": "no order is stated: the interval of the difference contains zero",
-    "less_by_readings": "less deflection than before by the errors of readings and forces; no order with the "
-    "model error, which two ways need not share",
+    "no_order": "no order is stated: the interval of the difference contains zero, or is unknown",
 }
 
 
@@ -111,15 +109,28 @@ def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
         )
     if result.places:
         parts += _place_parts(result)
-    parts += [Line(f"set in the controller: {_frame_text(each)}") for each in result.frames]
-    if job.request.branches == "free":
-        parts.append(Line("the branches are free: move to the joints in turns.csv; no program is written"))
+    parts += [Line(f"set in the controller: {_frame_text(each, result.format)}") for each in result.frames]
     return Report([*parts, *map(Line, result.remarks)])
 
 
-def _frame_text(frame: ProgramFrame) -> str:
-    """Return a base frame as text: name, and numbers as the program writes frames."""
-    return f"{frame.name or 'the base'}: {', '.join(figure(each, '.7g') for each in frame.values)}"
+_FRAME_UNITS: Final = {
+    "krl": ("mm", "°"),
+    "fanuc": ("mm", "°"),
+    "rapid": ("mm", "(q1 … q4)"),
+    "ur": ("m", "rad"),
+}
+"""Units of position and orientation of a frame, by the format of the program; a table has its own."""
+
+
+def _frame_text(frame: ProgramFrame, program_format: str) -> str:
+    """Return a base frame as text: name, and numbers as the program writes frames, with their units."""
+    numbers = [figure(each, ".7g") for each in frame.values]
+    position, orientation = ", ".join(numbers[:3]), ", ".join(numbers[3:])
+    name = frame.name or "the base"
+    if program_format not in _FRAME_UNITS:
+        return f"{name}: {position}, {orientation}, in the units of the table"
+    length, angle = _FRAME_UNITS[program_format]
+    return f"{name}: {position} {length}; {orientation} {angle}"
 
 
 def _micrometres(length: float) -> str:
@@ -190,7 +201,7 @@ def make_charts(result: ProcessResult) -> list[Chart]:
         return []
     names = [f"{degrees(each):.0f}°" for each in result.fixed_turns]
     series = {"the same turn along the path": result.fixed_deflections}
-    return [Chart("Deflection at fixed turns", names, series, 1e6, "µm", "turns")]
+    return [Chart("Deflection at fixed turns", names, series, 1e6, "µm", "turns", quantity="deflection")]
 
 
 _AREA: Final = ("x [m]", "y [m]", "deflection [m]")
@@ -235,41 +246,12 @@ PROCESS: Final = Kind[Process, ProcessRequest](
     is_form=True,
     to_answer=lambda document: CONTENT.sub('"content":null', document),
     files=(
-        File(
-            name="points.csv",
-            description="all points",
-            sheet=make_points_sheet,
-            made_of="result",
+        *list_table_files("points", "all points", make_points_sheet),
+        *list_table_files(
+            "turns", "turn, deflection before and after, and joints of each point", _choice_sheet("turns")
         ),
-        File(
-            name="points.json",
-            description="the table, column by column, with units",
-            sheet=make_points_sheet,
-            made_of="result",
-        ),
-        File(
-            name="turns.csv",
-            description="turn, deflection before and after, and joints of each point",
-            sheet=_choice_sheet("turns"),
-            made_of="result",
-        ),
-        File(
-            name="turns.json",
-            description="the table, column by column, with units",
-            sheet=_choice_sheet("turns"),
-            made_of="result",
-        ),
-        File(
-            name="places.csv",
-            description="all places that were tried, with their deflection",
-            sheet=_choice_sheet("places"),
-            made_of="result",
-        ),
-        File(
-            name="places.json",
-            description="the table, column by column, with units",
-            sheet=_choice_sheet("places"),
-            made_of="result",
+        *list_table_files(
+            "places", "all places that were tried, with their deflection", _choice_sheet("places")
         ),
     ),
     examples=_EXAMPLES,

@@ -5,57 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
 from jointstiff.schemas.process import ProcessOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.process.kind import PROCESS
-from jointstiff.service.kinds.program.verb import gather_files
+from jointstiff.service.kinds.program.verb import CompensateFields, gather_files
 from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import read_plan_source
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from concurrent.futures import Executor
 
-    from jointstiff.schemas.deflection import LinkMass
-    from jointstiff.schemas.measurement import Units
     from jointstiff.schemas.process import Process
-    from jointstiff.schemas.program import Cut, ProcessLoad, ProgramFrame
     from jointstiff.service.kinds.verb import Cancel, File, Matrix, OnProgress, Source, Vector
 
 
-class ProcessFields(TypedDict, total=False):
-    """Options of `process`."""
+class ProcessFields(CompensateFields, total=False):
+    """Options of `process`: those of `compensate`, and what may be chosen."""
 
-    absolute: bool
-    masses: Sequence[LinkMass | Mapping[str, Any]]
-    confidence: float
-    accept_verdict: Literal["do_not_use"] | None
-    units: str | Units | Mapping[str, Any]
-    accuracy_option: Literal["off", "same_as_measured", "compensates_load"]
-    load: ProcessLoad | Mapping[str, Any] | None
-    segments: Sequence[ProcessLoad | Mapping[str, Any]]
-    loads: File | None
-    cut: Cut | Mapping[str, Any] | None
-    axes: Literal["robot", "tool", "base", "feed"]
-    spindle: Vector | None
-    load_point: Vector | None
-    tools: Sequence[ProgramFrame | Mapping[str, Any]]
-    bases: Sequence[ProgramFrame | Mapping[str, Any]]
-    world: Vector | None
-    flange: Vector | None
-    tool_x: Vector | None
-    start: Vector | None
-    max_displacement: float | None
-    max_rotation: float | None
-    ramp_length: float
-    leave_alone: Sequence[str]
-    leave_others: bool
-    trust_routines: bool
-    external_axes: Literal["carry_nothing"] | None
-    format: Literal["csv", "krl", "fanuc", "rapid", "ur"] | None
-    mark: bool
     turn: Literal["free", "keep"] | Vector
     turns: int
     branches: Literal["keep", "free"]
@@ -68,7 +38,6 @@ class ProcessFields(TypedDict, total=False):
     place_turns: int
     correct: bool
     force_uncertainty: float | None
-    force: Vector
 
 
 def process(
@@ -90,10 +59,11 @@ def process(
         source: what `identify` returned, or a campaign, which is identified now; or an arm that was not
             measured: a robot document, or the name of an arm of the catalogue.
         path: the program, a .src with its .dat, or a CSV table of poses; or an array of poses of the tool
-            in R0: (N, 4, 4) [m], or (N, 6) with X, Y, Z [m] and rotation vector [rad]. The tool is the flange
-            unless `tools` states another.
-        forces: one force (3,), forces (N, 3) of the points of an array, a milling cut (fields of `Cut`), or
-            the CSV file of a load for each point, along `axes`.
+            in R0, in the units of the call: (N, 4, 4), or (N, 6) with X, Y, Z and rotation vector. The tool
+            is the flange unless `tools` states another.
+        forces: one force (3,); forces (N, 3) of the points of an array; a table (K, 4) of lengths along the
+            path and forces, interpolated at the points; a milling cut (fields of `Cut`); or the CSV file of
+            a load for each point or length. Forces are along `axes`.
         options: a `ProcessOptions`; keyword arguments replace options of the same name.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
             notebook, if it takes more than 2 s.
@@ -113,6 +83,8 @@ def process(
         OSError: a file cannot be read.
         ValueError: an array of poses or forces has another shape.
     """
+    from jointstiff.service.conversion.arguments import complete_units
+
     with JobMonitor(on_progress, cancel, executor) as monitor:
         door, named_options = door.begun(monitor), dict[str, Any](fields)
         # A run is used as it is; a robot, or the name of an arm, has no run.
@@ -126,18 +98,21 @@ def process(
         arrays = [each for each in path if not isinstance(each, str | PathLike)]
         contents = dict[str, bytes]()
         if options is None:
-            request |= {"units": {"length": "m", "angle": "deg", "force": "N"}, "accuracy_option": "off"}
+            request["accuracy_option"] = "off"
+        stated_units = named_options.get("units", None if options is None else options.units)
+        with as_campaign_error(""):
+            units = complete_units(stated_units)
         if arrays:
-            contents, defaults = _write_poses(arrays)
+            contents, defaults = _write_poses(arrays, units)
             request |= defaults
         if forces is not None:
-            named_options |= _state_forces(forces, contents)
+            named_options |= _state_forces(forces, contents, units)
         files_sent, named_options = gather_files([Path(each) for each in files], named_options)
         request |= merge_options(ProcessOptions, options, named_options)
         return door.done(PROCESS, request, contents | files_sent, monitor)
 
 
-def _write_poses(arrays: list[Any]) -> tuple[dict[str, bytes], dict[str, Any]]:
+def _write_poses(arrays: list[Any], units: Mapping[str, str]) -> tuple[dict[str, bytes], dict[str, Any]]:
     """Write an array of poses as the table of a path; return it by name, and default options for it.
 
     Raises:
@@ -146,13 +121,22 @@ def _write_poses(arrays: list[Any]) -> tuple[dict[str, bytes], dict[str, Any]]:
     import numpy as np
     from scipy.spatial.transform import Rotation
 
+    from jointstiff.service.conversion.units import ANGLE
+
     poses = np.asarray(arrays[0], dtype=np.float64)
     if len(arrays) > 1 or poses.shape[1:] not in {(4, 4), (6,)}:
         raise ValueError("the path must be one array of poses, (N, 4, 4) or (N, 6), or files")
     if poses.ndim == 3:
-        rotation = Rotation.from_matrix(poses[:, :3, :3]).as_rotvec()
+        rotation = Rotation.from_matrix(poses[:, :3, :3]).as_rotvec() / ANGLE[units["angle"]]
         poses = np.column_stack([poses[:, :3, 3], rotation])
-    lines = ["x [m],y [m],z [m],rx [rad],ry [rad],rz [rad]"]
+    lines = [
+        ",".join(
+            [
+                *(f"{axis} [{units['length']}]" for axis in "xyz"),
+                *(f"r{axis} [{units['angle']}]" for axis in "xyz"),
+            ]
+        )
+    ]
     lines += [",".join(f"{number:.15g}" for number in row) for row in poses.tolist()]
     zero = [0.0] * 6
     defaults = {
@@ -164,8 +148,12 @@ def _write_poses(arrays: list[Any]) -> tuple[dict[str, bytes], dict[str, Any]]:
     return {"path.csv": "\n".join(lines).encode() + b"\n"}, defaults
 
 
-def _state_forces(forces: Any, contents: dict[str, bytes]) -> dict[str, Any]:  # noqa: ANN401 - arrays, files
-    """Return the options that state forces; a table of forces is added to the contents of files.
+def _state_forces(
+    forces: Any,  # noqa: ANN401 - arrays, files
+    contents: dict[str, bytes],
+    units: Mapping[str, str],
+) -> dict[str, Any]:
+    """Return the options that state forces; a table of forces in `units` is added to the contents of files.
 
     Raises:
         ValueError: an array of forces has another shape.
@@ -179,13 +167,15 @@ def _state_forces(forces: Any, contents: dict[str, bytes]) -> dict[str, Any]:  #
     array = np.asarray(forces, dtype=np.float64)
     if array.shape == (3,):
         return {"force": array.tolist()}
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise ValueError("forces must be one force (3,), or forces (N, 3) of the points")
-    lines = ["point,Fx [N],Fy [N],Fz [N]"]
-    lines += [
-        ",".join([str(number), *(f"{each:.15g}" for each in row)])
-        for number, row in enumerate(array.tolist(), 1)
-    ]
+    if array.ndim != 2 or array.shape[1] not in {3, 4}:
+        raise ValueError(
+            "forces must be one force (3,), forces (N, 3) of the points, or lengths with forces (K, 4)"
+        )
+    first = f"length [{units['length']}]"
+    if array.shape[1] == 3:
+        first, array = "point", np.column_stack([np.arange(1, len(array) + 1), array])
+    lines = [",".join([first, *(f"F{axis} [{units['force']}]" for axis in "xyz")])]
+    lines += [",".join(f"{each:.15g}" for each in row) for row in array.tolist()]
     contents["forces.csv"] = "\n".join(lines).encode() + b"\n"
     return {"loads": "forces.csv"}
 

@@ -30,6 +30,7 @@ from jointstiff.service.kinds.program.work import (
     refuse_corrected_files,
 )
 from jointstiff.service.kinds.work import Arrays, Span, as_request_errors, cut_into_spans
+from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import choose_frame_notation, read_program
 from jointstiff.service.programs.notation import Orientation
 from jointstiff.service.resources.inputs import Inputs
@@ -37,8 +38,10 @@ from jointstiff.service.runs.verdicts import find_accepted_run, make_reason
 from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.messages import point
+from jointstiff.solver.process.candidates import find_branches
 from jointstiff.solver.process.cut import UNCERTAINTY
 from jointstiff.solver.process.deflection import Band, PathDeflection, Ranking
 from jointstiff.solver.process.path import find_feed_frames
@@ -99,6 +102,7 @@ class ProcessWork(ProgramWork):
         self.corrects = request.correct
         self._task = make_turn_task(request)
         self._sizes, self._chosen = np.zeros(0), dict[str, Any]()
+        self._unwritten: str | None = None  # why no program is written
 
     def steps(self) -> Sequence[Span]:
         """Return spans of places as steps, none for few; without a search one step for a long path."""
@@ -145,7 +149,7 @@ class ProcessWork(ProgramWork):
         elif parts:
             self._chosen = dict(parts[0])
         fields = dict(super().conclude(()))
-        if self._request.branches == "free":  # a program cannot state the branches
+        if self._unwritten is not None:
             fields |= {"files": [], "corrected": 0}
         return ProcessResult.model_validate(fields | self._describe_choice())
 
@@ -190,6 +194,7 @@ class ProcessWork(ProgramWork):
             self._run_model.model,
             self._run_model.error,
             cases,
+            is_prior=self._run_model.result is None,
             force_parts=self._split_forces(program, cases.force),
             confidence=request.confidence,
             greatest=request.objective == "greatest",
@@ -336,24 +341,16 @@ class ProcessWork(ProgramWork):
         searched = self._request.place is not None
         if self._request.turn != "keep" and not searched and not self._placed.choice.gains:
             return "no_gain"
-        if self._ranking.first_is_less:
-            return "less"
-        return "less_by_readings" if self._ranking.first_is_less_by_readings else "no_order"
+        return "less" if self._ranking.first_is_less else "no_order"
 
     def _list_reasons(self) -> list[Finding]:
         """Return the reason that comes first: nothing orders the chosen path and the path as it was sent."""
-        gain = self._gain()
-        if gain not in {"no_order", "less_by_readings"} or self._is_kept:
+        if self._gain() != "no_order" or self._is_kept:
             return []
-        band = self._ranking.difference
-        interval = band.with_model_error or band.readings
-        text = "has no interval"
-        if interval is not None:
+        text = "has no interval, as the model error is unknown"
+        if (interval := self._ranking.difference.with_model_error) is not None:
             text = f"is within {figure(1e6 * interval[0], '.3g')} to {figure(1e6 * interval[1], '.3g')} µm"
-        conclusion = "no order is stated"
-        if gain == "less_by_readings":
-            conclusion = "there is an order by the errors of readings and forces only"
-        message = f"the difference of the deflections before and after {text}, so that {conclusion}"
+        message = f"the difference of the deflections before and after {text}, so that no order is stated"
         remedy = "measure more, or with loads as those of the process, before the choice is trusted"
         verdict: Verdict = "use_with_care"
         return [make_reason("no_order", verdict, message, remedy)]
@@ -366,11 +363,62 @@ class ProcessWork(ProgramWork):
         """Read the written files back, and compare the joints with those that were meant.
 
         Raises:
-            RequestError: a target would be reached in other joints than meant.
+            RequestError: a target would be reached in other joints than meant, and the branches are kept.
         """
         self._written = points
-        if self._request.branches == "free" or self._is_kept:
+        if self._is_kept:
             return
+        if self._request.branches == "free":
+            self._unwritten = self._find_unstated_branch()
+            if self._unwritten is None:
+                try:
+                    self._unwritten = self._find_misread(contents)
+                except (ProgramError, RequestError) as error:
+                    self._unwritten = str(error)
+        elif (misread := self._find_misread(contents)) is not None:
+            raise RequestError(
+                misread,
+                where="turn",
+                remedy="state a range of `turn`, or `branches: free` and take the joints from turns.csv",
+            )
+
+    def _find_unstated_branch(self) -> str | None:
+        """Return why the program cannot state the chosen branches; None if it can, or need not.
+
+        Words such as KUKA's S keep their bits of shoulder and elbow, so that a target with such words may
+        change the side of its wrist only. FANUC's letters are kept, so that nothing may change.
+        """
+        targets, visited = self._program.targets, self._visits.targets
+        literals = [targets.literals[i] for i in targets.literal[visited].tolist()]
+        if any(not each.notation.has_pose and not each.notation.is_joints for each in literals):
+            return "the program states no angle about the tool's axis"
+        states = np.array([bool(each.words or each.letters) for each in literals])
+        if not states.any():
+            return None  # the controller takes the nearest posture
+        sent, robot = self._as_sent.programmed, self._run_model.model.robot
+        if sent is None:
+            return "the arm configurations of the program as it was sent are not known"
+        chosen, programmed = (
+            find_branches(self._inverse, Postures(robot, robot.joint_map.model_angles(joints)))
+            for joints in (self._placed.choice.joints, sent.cases.joints[self._visits.number])
+        )
+        wrist, elbow, whole = ((chosen ^ programmed) >> bit & 1 for bit in range(3))
+        has_letters = np.array([bool(each.letters) for each in literals])
+        unstated = states & ((elbow | wrist ^ elbow ^ whole | has_letters & wrist) > 0)
+        if not unstated.any():
+            return None
+        return (
+            f"line {int(targets.line[visited[np.argmax(unstated)]])}: the words of the target cannot be "
+            "rewritten for the chosen side of shoulder, elbow or wrist"
+        )
+
+    def _find_misread(self, contents: Sequence[bytes]) -> str | None:
+        """Return where the written files would be read in other joints than meant; None if nowhere.
+
+        Raises:
+            RequestError: a frame of the written program is not known.
+            ProgramError: the configuration of a target is ambiguous, or it is not reached.
+        """
         request, model, placed = self._request, self._run_model.model, self._placed
         files = [
             (source.name, content) for source, content in zip(self._program.sources, contents, strict=True)
@@ -394,16 +442,22 @@ class ProcessWork(ProgramWork):
                 self._visits.targets,
                 start=self._meant[0],
             )
-        difference = np.abs(read - self._meant).max(axis=1)
-        if (difference > _READ_BACK).any():
-            i = int(np.argmax(difference > _READ_BACK))
-            line = int(program.targets.line[self._visits.targets[i]])
-            raise RequestError(
-                f"line {line}: the controller would not reach the turned target in the posture that was "
-                f"meant, as a joint would differ by {np.degrees(difference[i]):.3g}°",
-                where="turn",
-                remedy="state a range of `turn`, or `branches: free` and take the joints from turns.csv",
-            )
+        wrong = np.abs(read - self._meant).max(axis=1) > _READ_BACK
+        if not wrong.any():
+            return None
+        i = int(np.argmax(wrong))
+        line = int(program.targets.line[self._visits.targets[i]])
+        return (
+            f"line {line}: the controller would not reach the turned target in the posture that was meant, "
+            f"as a joint would differ by {np.degrees(np.abs(read[i] - self._meant[i]).max()):.3g}°"
+        )
+
+    def _list_remarks(self) -> list[str]:
+        """Return the remarks of a compensated program, and why no program was written."""
+        if self._unwritten is None:
+            return super()._list_remarks()
+        reason = f"no program is written, so move to the joints in turns.csv: {self._unwritten}"
+        return [reason, *super()._list_remarks()]
 
     @property
     def _meant(self) -> FloatArray:

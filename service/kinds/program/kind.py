@@ -13,7 +13,7 @@ from jointstiff.schemas.program import (
     ProgramRequest,
     ProgramResult,
 )
-from jointstiff.service.kinds.kind import File, Kind
+from jointstiff.service.kinds.kind import Kind, list_table_files
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import (
     Chart,
@@ -165,17 +165,10 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     is_form=True,
     to_answer=lambda document: CONTENT.sub('"content":null', document),  # files have their own addresses
     files=(
-        File(
-            name="points.csv",
-            description="all points: deflection, correction, interval, residual, and reason if not corrected",
-            sheet=make_points_sheet,
-            made_of="result",
-        ),
-        File(
-            name="points.json",
-            description="the table, column by column, with units",
-            sheet=make_points_sheet,
-            made_of="result",
+        *list_table_files(
+            "points",
+            "all points: deflection, correction, interval, residual, and reason if not corrected",
+            make_points_sheet,
         ),
     ),
     examples=_EXAMPLES,

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
 
-from jointstiff.schemas import program as schemas
-from jointstiff.schemas.program import MAX_LINE, ProcessLoad, ProgramFrame, ProgramOptions
+from jointstiff.schemas.program import ProgramFrame, ProgramOptions
 from jointstiff.service.conversion.robots import joint_factors, refuse_far_point, refuse_wrong_joint_count
-from jointstiff.service.conversion.units import FORCE, LENGTH
+from jointstiff.service.conversion.units import LENGTH
+from jointstiff.service.kinds.program.loads import Loads, collect_loads
 from jointstiff.service.kinds.work import as_request_errors
-from jointstiff.service.problems import FilesError
 from jointstiff.service.programs.errors import Fault, ProgramError, quote_text
 from jointstiff.service.programs.formats import choose_frame_notation
 from jointstiff.service.programs.notation import Edit, Notation, Orientation
 from jointstiff.service.programs.program import BLOCK, NUMBERS, FrameName, Program
-from jointstiff.service.runs.deflection import parse_vector_header
-from jointstiff.service.runs.verdicts import moment_factor
-from jointstiff.service.tables.files import split_table_rows
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -33,7 +28,6 @@ from jointstiff.solver.mechanics.inverse import (
     flange_poses,
 )
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.process.cut import MATERIALS, Cut, Material
 from jointstiff.solver.process.path import apply_feed_frames, find_feed_frames
 
 _LEAST_SINE: Final = 1e-3
@@ -281,213 +275,6 @@ def _read_stated_pose(notation: Notation, values: Sequence[float] | None, field:
     return notation.to_pose(values)
 
 
-_MORE_LINES: Final = 1_000
-"""Lines that a table of loads may have in addition to two lines for each point: blank lines take memory."""
-_REMEDY: Final = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are moments, Mx [N.m] …"
-
-
-@dataclass(frozen=True, eq=False)
-class Loads:
-    """Loads [N, N·m] along the axes that the request chooses, and the index of the load at each visit.
-
-    A visit is the arrival of a move at a target.
-    """
-
-    values: FloatArray  # (k, 6) force, then moment; the first row is zero and means no load
-    of_visit: IndexArray  # (v,) row of `values` for each visit of a target by a move
-
-
-def collect_loads(
-    options: ProgramOptions,
-    table: bytes | None,
-    lines: IndexArray,
-    points: IndexArray,
-    names: Sequence[str] = (),
-) -> Loads:
-    """Return the load at each visit of a target, from the table of loads or else from the options.
-
-    Args:
-        options: options with one load for the whole program, or with loads for segments of lines.
-        table: content of the CSV file with a load for each point; None if the loads are in the options.
-        lines: (v,) line of the move at each visit.
-        points: (v,) number of the point at each visit, from 1.
-        names: names of the points in the program, for a table of labels; empty where a point has none.
-
-    Raises:
-        RequestError: segments overlap, or the unit of a moment is missing.
-        FilesError: the table has a mistake.
-    """
-    if table is not None:
-        return _read_load_table(table, points, names)
-    if options.cut is not None:
-        force = convert_cut(options.cut).mean_force()
-        return Loads(
-            np.stack([np.zeros(6), np.append(force, np.zeros(3))]), _find_segments([options.cut], lines)
-        )
-    stated: Sequence[ProcessLoad] = options.segments if options.load is None else [options.load]
-    # Row 0 is the zero load, for visits without load.
-    moments = np.array([load.moment for load in stated]).reshape(-1, 3)
-    values = np.zeros((len(stated) + 1, 6))
-    values[1:, :3] = FORCE[options.units.force] * np.array([load.force for load in stated]).reshape(-1, 3)
-    values[1:, 3:] = moment_factor(options.units, moments) * moments
-    if not stated:
-        return Loads(values, np.zeros(len(lines), dtype=np.intp))
-    return Loads(values, _find_segments(stated, lines))
-
-
-def convert_cut(cut: schemas.Cut) -> Cut:
-    """Convert the message of a cut, whose mean force can then be computed.
-
-    Raises:
-        RequestError: the width exceeds the diameter.
-    """
-    material = Material(1e-6 * (cut.pressure or 0.0), cut.exponent or 0.0, "as stated")
-    fields = cut.model_dump(exclude={"material", "pressure", "exponent", "first_line", "last_line"})
-    return Cut(material if cut.material is None else MATERIALS[cut.material], **fields)
-
-
-def _find_segments(segments: Sequence[ProcessLoad | schemas.Cut], lines: IndexArray) -> IndexArray:
-    """Return, for each of v lines, the number of its segment, from 1; 0 for a line outside of all segments.
-
-    Raises:
-        RequestError: two segments overlap.
-    """
-    sorted_segments = sorted(range(len(segments)), key=lambda i: segments[i].first_line or 0)
-    first_lines = np.array([segments[i].first_line or 0 for i in sorted_segments])
-    last_lines = np.array([segments[i].last_line or MAX_LINE for i in sorted_segments])
-    overlap = np.flatnonzero(first_lines[1:] <= last_lines[:-1])
-    if len(overlap):
-        raise RequestError(
-            f"line {first_lines[overlap[0] + 1]} has two loads",
-            where=f"segments[{sorted_segments[overlap[0] + 1]}]",
-            remedy="give segments of lines that do not overlap",
-        )
-    segment = np.searchsorted(first_lines, lines, side="right") - 1
-    is_inside = (segment >= 0) & (lines <= last_lines[segment])
-    return np.where(is_inside, np.array(sorted_segments)[segment] + 1, 0)
-
-
-def _read_load_table(content: bytes, points: IndexArray, names: Sequence[str] = ()) -> Loads:
-    """Return the loads of a CSV file; a point without a row has no load.
-
-    The first column has numbers of points, or labels: names of targets in the program.
-
-    Args:
-        content: content of the file.
-        points: (v,) number of the point at each visit, from 1.
-        names: names of the points in the program, for a table of labels.
-
-    Raises:
-        FilesError: a line of the file has a mistake; the error has the line.
-    """
-    point_count = int(points.max(initial=0))
-    text = content.decode("utf-8-sig", errors="replace")
-    most_lines = 2 * point_count + _MORE_LINES
-    most_cells = 8 * (2 * point_count + _MORE_LINES)
-    number_points = f"number the points from 1 to {point_count}, and give each point at most once"
-    # A huge file is refused before it is split into cells, which would take much memory.
-    if any(text.count(sign) > most_lines for sign in "\n\r") or any(
-        text.count(sign) > most_cells for sign in ",;\t"
-    ):
-        raise _table_fault(1, "the table has too many lines or cells for the program's points", number_points)
-    try:
-        rows, _ = split_table_rows(text)
-    except csv.Error:
-        raise _table_fault(1, "the file of loads is not a readable CSV table", _REMEDY) from None
-    columns = _load_columns(rows[0] if rows else [])
-    values, load_of_point = [np.zeros(6)], np.zeros(point_count + 1, dtype=np.intp)
-    point_of_label: dict[str, int] | None = _number_labels(names) if rows[0][0] == "label" else None
-    for line, row in enumerate(rows[1:], 2):
-        if any(row):
-            row = row if point_of_label is None else [_find_label(line, row[0], point_of_label), *row[1:]]
-            point, load = _parse_load_row(line, row, columns)
-            if not 1 <= point <= point_count or load_of_point[point]:
-                reason = f"point {point} occurs twice, or is not in the program"
-                raise _table_fault(line, reason, number_points)
-            load_of_point[point] = len(values)
-            values.append(load)
-    return Loads(np.array(values), load_of_point[points])
-
-
-def _number_labels(names: Sequence[str]) -> dict[str, int]:
-    """Return the number of the point of each name in capitals; 0 for a name that several points have."""
-    numbers = dict[str, int]()
-    for number, name in enumerate(names, 1):
-        numbers[name.upper()] = 0 if name.upper() in numbers else number
-    return numbers
-
-
-def _find_label(line: int, label: str, point_of_label: Mapping[str, int]) -> str:
-    """Return the number, as text, of the point that has a label as its name in the program.
-
-    Args:
-        line: line of the table, for errors.
-        label: label in the table.
-        point_of_label: number of each point by its name in capitals; 0 for a name of several points.
-
-    Raises:
-        FilesError: no point, or several points, have the name.
-    """
-    number = point_of_label.get(label.upper(), 0) if label else 0
-    if not number:
-        reason = f"the label {quote_text(label)} is not the name of one target of the program"
-        raise _table_fault(line, reason, "write names of targets as in the program, or number the points")
-    return str(number)
-
-
-def _parse_load_row(
-    line: int, row: Sequence[str], columns: Sequence[tuple[int, float]]
-) -> tuple[int, FloatArray]:
-    """Return the number of the point and its load (6,) [N, N·m] from a row of the table.
-
-    `columns` has a pair for each cell after the first: index in the load, and factor to SI units.
-    """
-    load = np.zeros(6)
-    try:
-        point, numbers = int(row[0]), [float(cell) for cell in row[1:]]
-    except ValueError:
-        raise _table_fault(line, "a cell is not a number", "write numbers with decimal points") from None
-    if len(numbers) != len(columns) or not np.isfinite(numbers).all() or max(map(abs, numbers)) > 1e9:
-        raise _table_fault(
-            line, "a cell is missing, or a number is out of range", "give a finite number in each column"
-        )
-    for (component, factor), number in zip(columns, numbers, strict=True):
-        load[component] = factor * number
-    return point, load
-
-
-def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
-    """Return (index in (Fx, …, Mz), factor to SI units) for each column except the first.
-
-    Raises:
-        FilesError: a header is unknown, or a column is missing or occurs twice.
-    """
-    columns = []
-    for cell in header[1:]:
-        try:
-            parsed = parse_vector_header(cell, ("force", "moment"))
-        except RequestError:
-            parsed = None
-        if parsed is None:
-            raise _table_fault(1, f"the header {cell[:40]!r} is not understood", _REMEDY)
-        quantity, axis, factor = parsed
-        columns.append((3 * (quantity == "moment") + axis, factor))
-    components = [component for component, _ in columns]
-    # Moments may be absent, but not forces: components 0, 1 and 2 are Fx, Fy and Fz.
-    if (
-        header[:1] not in (["point"], ["label"])
-        or len(set(components)) < len(components)
-        or not {0, 1, 2} <= set(components)
-    ):
-        raise _table_fault(1, "a column is missing, or occurs twice", _REMEDY)
-    return columns
-
-
-def _table_fault(line: int, reason: str, remedy: str) -> FilesError:
-    """Return an error at a line of the table of loads, for the caller to raise."""
-    return FilesError(reason, remedy=remedy, where=f"loads:{line}")
-
-
 _NEAR: Final = 1e-4
 """Distance of an angle from the limit of its range [rad] that rounded numbers in the program can cause."""
 _ROUNDING: Final = 1e-8
@@ -604,8 +391,11 @@ class StatedConfigurations:
         """
         targets = self._program.targets
         start, end = targets.spans[index, column].tolist()
-        binary = self._program.sources[targets.source[index]].text[start] == "'"  # KUKA's 'B010'
-        return start, end, f"'B{number:0{end - start - 3}b}'" if binary else str(number)
+        text = self._program.sources[targets.source[index]].text[start:end]
+        if text[0] != "'":
+            return start, end, str(number)
+        digits = text[2:-1].lstrip()  # KUKA's 'B010' or 'B 010'
+        return start, end, f"{text[: -len(digits) - 1]}{number:0{len(digits)}b}'"
 
     def _iterate_words(self, indices: IndexArray) -> Iterator[tuple[_Word, int, IndexArray]]:
         """Yield (word, column, positions) for each configuration word of some targets.
@@ -689,8 +479,20 @@ class Visits:
     loaded: IndexArray
 
     @classmethod
-    def collect(cls, program: Program, options: ProgramOptions, table: bytes | None) -> Visits:
+    def collect(
+        cls,
+        program: Program,
+        options: ProgramOptions,
+        table: bytes | None,
+        measure_lengths: Callable[[], FloatArray],
+    ) -> Visits:
         """Collect the visits of a program's targets, with loads from the options or from a CSV table.
+
+        Args:
+            program: the program.
+            options: options with frames and loads.
+            table: content of the table of loads; None if the loads are in the options.
+            measure_lengths: function that returns the lengths of the path, as `measure_lengths` does.
 
         Raises:
             RequestError: no move is under load, or a load does not fit the program.
@@ -716,7 +518,7 @@ class Visits:
             else ()
         )
         lines = program.moves.line[program.moves.move_of_visit]
-        loads = collect_loads(options, table, lines, target_numbers + 1, names)
+        loads = collect_loads(options, table, lines, target_numbers + 1, names, measure_lengths)
         if not (loads.of_visit.any() or options.absolute):
             raise RequestError(
                 "no move is under load",
@@ -733,6 +535,32 @@ class Visits:
         )
         loaded_targets = np.flatnonzero((load_of_target > 0) | options.absolute)
         return cls(visits, visited_targets[visit_order], target_numbers, first_visits, loads, loaded_targets)
+
+
+def measure_lengths(
+    program: Program, options: ProgramOptions, robot: Robot, inverse: InverseKinematics
+) -> FloatArray:
+    """Return the length (v,) of lines and arcs up to each visit of a target [m]; joint moves add nothing.
+
+    An arc has the length of the chords between its targets.
+
+    Raises:
+        RequestError: a frame of the program has no numbers.
+    """
+    frames, visits, targets = (
+        ProgramFrames.from_program(program, options),
+        program.moves.visits,
+        program.targets,
+    )
+    centres = frames.positions(program, visits)
+    if (joints := targets.given_as_joints[visits]).any():
+        angles = targets.values[visits[joints], :6] * targets.angle_unit[visits[joints], None]
+        model_angles = robot.joint_map.model_angles(inverse.insert_held_joints(angles))
+        poses = flange_poses(robot, model_angles) @ frames.tool.select(visits[joints])
+        centres[joints] = poses[:, :3, 3]
+    steps = np.linalg.norm(np.diff(centres, axis=0), axis=1)
+    steps[program.moves.is_visit_of_joint_move[1:]] = 0.0
+    return np.append(0.0, np.cumsum(steps))
 
 
 def find_path(

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
     from jointstiff.schemas.deflection import LinkMass
-    from jointstiff.schemas.measurement import Units
     from jointstiff.schemas.program import Cut, ProcessLoad, Program, ProgramFrame
+    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, File, OnProgress, Source, Vector
 
 
@@ -26,7 +26,7 @@ class CompensateFields(TypedDict, total=False):
     masses: Sequence[LinkMass | Mapping[str, Any]]
     confidence: float
     accept_verdict: Literal["do_not_use"] | None
-    units: str | Units | Mapping[str, Any]
+    units: AnyUnits
     accuracy_option: Literal["off", "same_as_measured", "compensates_load"]
     load: ProcessLoad | Mapping[str, Any] | None
     segments: Sequence[ProcessLoad | Mapping[str, Any]]
@@ -91,8 +91,6 @@ def compensate(
     with JobMonitor(on_progress, cancel, executor) as monitor:
         door = door.begun(monitor)
         request: dict[str, Any] = {"run_id": door.identified(run, executor)}
-        if options is None:
-            request["units"] = {"length": "m", "angle": "deg", "force": "N"}
         contents, named_options = gather_files(list(map(Path, files)), fields)
         request |= merge_options(ProgramOptions, options, named_options)
         return door.done(PROGRAM, request, contents, monitor)

@@ -32,7 +32,13 @@ from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.readings import hash_texts
 from jointstiff.service.conversion.robots import joint_kinds_by_name
 from jointstiff.service.conversion.units import ANGLE, LENGTH
-from jointstiff.service.kinds.program.path import ProgramPath, Visits, convert_start_joints, find_path
+from jointstiff.service.kinds.program.path import (
+    ProgramPath,
+    Visits,
+    convert_start_joints,
+    find_path,
+    measure_lengths,
+)
 from jointstiff.service.kinds.work import (
     Arrays,
     Span,
@@ -537,7 +543,12 @@ class ProgramWork(Work):
             external_axes=self._external_axes,
         )
         table = next((decompress_file(each) for each in request.files if each.name == request.loads), None)
-        self._visits = Visits.collect(self._program, request, table)
+        model = self._run_model.model
+
+        def measure() -> FloatArray:
+            return measure_lengths(self._program, request, model.robot, self._inverse)
+
+        self._visits = Visits.collect(self._program, request, table, measure)
 
     @cached_property
     def _inverse(self) -> InverseKinematics:

@@ -301,6 +301,7 @@ _UNCERTAINTY_SOURCES = {
     "assumed_force_scale": "scale of the force, 1 % assumed",
     "fitted_causes": "causes fitted with the joints",
     "target_places": "places of the targets",
+    "drift": "drift over the campaign",
     "axes": "axes of the robot's model",
     "model_error": "model error",
     "complementary_stiffness": "neglected K_c",

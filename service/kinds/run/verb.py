@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from jointstiff.schemas.finding import NamedCause
     from jointstiff.schemas.options import CrossValidation, OwnWeight, Resampling, StiffnessPrior
+    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
     from jointstiff.service.library.results import TabledRun
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 class IdentifyFields(TypedDict, total=False):
     """Options of `identify`."""
 
+    units: AnyUnits
     method: Literal["complete_pose", "partial_pose", "decoupled_partial_pose"]
     weighting: Literal["covariance", "characteristic_length", "uniform"]
     characteristic_length: float | None

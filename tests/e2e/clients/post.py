@@ -17,9 +17,9 @@ from jointstiff_client.api.measurement_sets import create_import, create_measure
 from jointstiff_client.api.plans import create_plan
 from jointstiff_client.api.robots import compute_kinematics, create_robot
 from jointstiff_client.api.runs import create_run
-from jointstiff_client.models.body_create_import import BodyCreateImport
 from jointstiff_client.models.comparison import Comparison
 from jointstiff_client.models.comparison_request import ComparisonRequest
+from jointstiff_client.models.create_import_body import CreateImportBody
 from jointstiff_client.models.dh_model import DhModel
 from jointstiff_client.models.dh_model_convention import DhModelConvention
 from jointstiff_client.models.dh_row import DhRow
@@ -60,7 +60,7 @@ def main() -> None:
         check(create_measurement_set.sync_detailed(client=CLIENT, body=readings), MeasurementSet)
     for body in BODIES["/v1/imports"]:
         files = [File(BytesIO(text.encode()), "table.csv") for text in body["files"]]
-        form = BodyCreateImport(files=files, options=json.dumps(body["options"]))
+        form = CreateImportBody(files=files, options=json.dumps(body["options"]))
         check(create_import.sync_detailed(client=CLIENT, body=form), ImportAnswer)
     jobs()
     typed()

@@ -130,7 +130,7 @@ def identify(client, set_id, **options):
     return run["id"]
 
 
-def measure(client, robot, month, softness=1.0, serial_number="W-1", sign=1.0):
+def measure(client, robot, month, softness=1.0, serial_number="W-1", sign=1.0, **fields):
     """A measurement set of the arm, joint_3 softer by a factor, forces stated with a sign; its id."""
     arm = default_arm()
     worn = replace(arm, stiffnesses=arm.stiffnesses * np.array([1.0, 1.0, softness, 1.0, 1.0, 1.0]))
@@ -138,7 +138,7 @@ def measure(client, robot, month, softness=1.0, serial_number="W-1", sign=1.0):
     for observation in readings["observations"]:
         observation["force"] = [sign * part for part in observation["force"]]
     stated = {"measured_at": f"2026-{month:02d}-10T08:00:00Z", "serial_number": serial_number}
-    document = readings | stated | {"robot_id": robot}
+    document = readings | stated | {"robot_id": robot} | fields
     return client.request("POST", "/v1/measurement-sets", json=document).json()["id"]
 
 
@@ -271,6 +271,55 @@ def vague(campaign):
     wide = joint.model_copy(update={"standard_uncertainty": 0.5 * joint.compliance})
     result = campaign.run.result.model_copy(update={"joints": [wide]})
     return replace(campaign, run=campaign.run.model_copy(update={"result": result}))
+
+
+def sharing(campaign, responses):
+    """The campaign whose run states changes of joint_1 by the load point, relative to its compliance."""
+    budget = campaign.run.result.budget
+    c = campaign.joints["joint_1"].compliance
+    stated = [tuple(size * c for size in responses)]
+    components = [
+        part.model_copy(update={"responses": stated} if part.source == "load_point" else {})
+        for part in budget.components
+    ]
+    result = campaign.run.result.model_copy(
+        update={"budget": budget.model_copy(update={"components": components})}
+    )
+    return replace(campaign, run=campaign.run.model_copy(update={"result": result}))
+
+
+def test_of_one_load_point_only_the_difference_of_its_effects_counts():
+    """By arithmetic: u(c)/c is 3 %, of which 2.9 % is the load point, in two directions."""
+    first, last = campaigns([None, None], source="load_point")
+    first, last = sharing(first, (0.029, 0.0, 0.0)), sharing(last, (0.02, 0.021, 0.0))
+    (joint,) = compare_campaigns(["joint_1"], [first, last], same_load_point=True)["joints"]
+    expected = np.sqrt(2 * (0.03**2 - 0.029**2) + 0.009**2 + 0.021**2)
+    assert joint.change.standard_uncertainty / (1 + joint.change.value) == pytest.approx(expected)
+
+
+def test_a_run_that_states_no_effect_of_its_load_point_keeps_its_own_error_and_is_named():
+    measured = list(campaigns([None, None], source="load_point"))
+    trend = compare_campaigns(["joint_1"], measured, same_load_point=True)
+    assert trend["joints"] == compare_campaigns(["joint_1"], measured)["joints"]
+    assert trend["note"].startswith("the runs of 'c', 'c' do not state how an error of the load point moves")
+
+
+def test_a_trend_of_one_load_point_is_narrower_and_refuses_sets_of_other_points(client):
+    robot = robot_of(client)
+    for month in (1, 2):
+        identify(client, measure(client, robot, month))
+    path = f"/v1/robots/{robot}/trend"
+
+    def uncertainties(**query):
+        joints = client.get(path, params=query).json()["joints"]
+        return np.array([joint["change"]["standard_uncertainty"] for joint in joints])
+
+    assert (uncertainties(same_load_point=True) < 1.001 * uncertainties()).all()
+    assert (uncertainties(same_load_point=True) / uncertainties()).min() < 0.97
+    identify(client, measure(client, robot, 3, load_point=[0.0, 0.0, 0.15]))
+    refused = client.get(path, params={"same_load_point": True})
+    assert refused.status_code == 422
+    assert "state load points" in refused.json()["detail"]
 
 
 def test_a_trend_names_the_campaigns_that_it_compares_if_others_are_later():

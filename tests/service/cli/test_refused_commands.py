@@ -126,6 +126,21 @@ def test_of_two_files_the_one_that_is_broken_is_named(folder, content, said):
     assert (refused.exit_code, words(refused.stderr)) == (2, said)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "a campaign or robot, --goal and --source are needed"),
+        (["campaign.json", "--goal", "15 %"], "a campaign or robot, --goal and --source are needed"),
+        (["--bridge", "simulated:1", "--server", "http://127.0.0.1:9"], "--bridge needs --server and --code"),
+        (["campaign.json", "--bridge", "simulated:1"], "--bridge takes no campaign, --goal or --source"),
+    ],
+)
+def test_measure_says_what_it_lacks(arguments, said):
+    shown = CliRunner().invoke(app, ["measure", *arguments])
+    assert shown.exit_code == 2
+    assert said in words(shown.stderr)
+
+
 def test_a_simulated_campaign_depends_on_its_seed_alone_and_replaces_no_file(folder):
     kept = (folder / "pull.json").read_bytes()
     refused = run("simulate", "pull.json")

@@ -186,6 +186,8 @@ HELP = {
         "change, or of a twin robot.",
         "--ordered / --no-ordered Also identify two sets in one problem in which no joint is softer in the "
         "second one, as with secondary encoders switched on.",
+        "--same-load-point / --no-same-load-point True if the load of both sets hung at the same point of "
+        "the flange: the error of the load point is then common.",
         "--confidence NUMBER Confidence level of ratios; default: that of the first run.",
         "--csv Print CSV for spreadsheets.",
     ],
@@ -226,9 +228,11 @@ HELP = {
         "docs/live.md explains goals and sources.",
         '--goal GOAL Uncertainty to reach: "15 %" of every stiffness that the load tests, or "6 um" of the '
         'deflection in the work area; or "below 0.5 mm" to decide whether the deflection stays below. '
-        "[required]",
+        "Required without --bridge.",
         "--source SOURCE simulated:SEED, lines:/dev/ttyUSB0, lines:tcp://host:port, lines:udp://:port, or "
-        "robodk. [required]",
+        "robodk. Required without --bridge.",
+        "--bridge SOURCE Source whose positions a page shows: with --server and --code, without campaign, "
+        "goal and --source. --code CODE Code that the page shows under *Tracker*.",
         "--most <int range> Number of readings after which the measurement ends. [default: 200; 1<=x<=200]",
         "--yes Ask nothing: read at once, one after the other.",
         "--timeout <float range> Seconds without data after which a source counts as stopped. "

@@ -85,6 +85,26 @@ class TestTwoCampaigns:
             "sets cannot be weighted | state `noise.sigma`, or add observations"
         )
 
+    def test_one_load_point_narrows_the_ratios_and_other_points_are_refused(self):
+        """The load of both campaigns hung at one point: 10 mm are assumed of the point, once."""
+        first, second = (
+            js.identify(campaign(configurations=16, seed=seed, load="pull"), elasticity="joints")
+            for seed in (5, 6)
+        )
+
+        def widths(**options):
+            joints = js.compare(first, second, methods=[], **options).result.joints
+            return np.array([high - low for low, high in (joint.ratio_interval for joint in joints)])
+
+        narrowed = widths(same_load_point=True) / widths()
+        assert narrowed.max() < 1.01
+        assert narrowed.min() < 0.97
+        elsewhere = campaign(configurations=16, seed=6, load="pull")
+        elsewhere["measurement_set"]["load_point"] = [0.0, 0.0, 0.15]
+        assert refused(js.compare, first, elsewhere, methods=[], same_load_point=True).startswith(
+            "comparison.same_load_point | two sets state load points"
+        )
+
     def test_a_set_of_unknown_noise_gives_no_ratio_and_a_prediction_alone(self, few, second):
         found = js.compare(few, second, methods=[]).result
         assert found.assessment.verdict == "do_not_use"

@@ -158,7 +158,9 @@ class TestPredictions:
             masses=[mass | {"centre": (300, 0, 0)}],
             units={"length": "mm", "angle": "deg", "force": "kN", "moment": "N.mm"},
         )
-        in_si = known.predict(file, load_point=(0, 0, 0.12), masses=[mass | {"centre": (0.3, 0, 0)}])
+        in_si = known.predict(
+            file, load_point=(0, 0, 0.12), masses=[mass | {"centre": (0.3, 0, 0)}], units="m, rad, N"
+        )
         place = [-0.000212208, 0.000163752, -0.00117863]
         assert in_si.cases[0].displacement == pytest.approx(place, rel=1e-3)
         assert stated.cases[0].displacement == pytest.approx(in_si.cases[0].displacement, rel=1e-12)

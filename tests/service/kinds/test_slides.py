@@ -179,14 +179,14 @@ def test_a_model_of_mujoco_has_a_slide_and_says_what_it_is_made_of(files, tmp_pa
 
 class TestWorkOfARail:
     def test_a_map_needs_to_know_where_the_rail_stands(self, runs):
-        found = js.map(runs["rail"], near=NEAR, **AREA).result
+        found = js.map(runs["rail"], near=NEAR, units="m, rad, N", **AREA).result
         assert (found.counts["reached"], found.worst.joints[0]) == (8, RAIL)
         assert [name for name, kind in found.joint_kinds.items() if kind == "prismatic"] == ["joint_1"]
-        assert refused(js.map, runs["rail"], **AREA) == (
+        assert refused(js.map, runs["rail"], units="m, rad, N", **AREA) == (
             "map.run_id | the request does not give the position of the linear axis joint_1 | give "
             "the positions of all joints in `near` or `start`; the linear axis stays at its position"
         )
-        assert refused(js.map, runs["scara"], **AREA) == (
+        assert refused(js.map, runs["scara"], units="m, rad, N", **AREA) == (
             "map.run_id | the robot has 3 revolute joints | inverse kinematics needs an arm with six "
             "revolute joints"
         )

@@ -233,15 +233,15 @@ def test_with_care_is_not_refused():
     run = jointstiff.identify(document, complementary_stiffness="neglected")
     assert run.result.assessment.verdict == "use_with_care"
     downward = MAP | {"force": [0.0, 0.0, -500.0]}  # which joint 1, without a number, does not feel
-    assert jointstiff.map(run, **downward).result.assessment.verdict == "use_with_care"
+    assert jointstiff.map(run, units="m, deg, N", **downward).result.assessment.verdict == "use_with_care"
 
 
 BY_WEIGHTS = simulate_campaign(default_arm(), configurations=19, seed=1)
 POCKET = ROOT / "examples" / "pocket.src"
 POSTURE = [[0, -20, 30, 0, 45, 0]]
-POINT = (0, 0, 0.12)
-AREA = {"area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]], "grid": (3, 3, 1), "place": (0, 0, 0.25)}
-FAR = AREA | {"area": [[14.0, -2.0, 6.0], [18.0, 2.0, 6.0]]}
+POINT = (0, 0, 120)
+AREA = {"area": [[1400, -200, 600], [1800, 200, 600]], "grid": (3, 3, 1), "place": (0, 0, 250)}
+FAR = AREA | {"area": [[14e3, -2e3, 6e3], [18e3, 2e3, 6e3]]}
 MILLING = {"accuracy_option": "off"}
 
 
@@ -260,24 +260,24 @@ def by_weights():
 KILONEWTONS = (0, 0, -500_000)
 ABSURD = {
     "prediction, kN for N": lambda run, _: run.predict(POSTURE, KILONEWTONS, at=POINT),
-    "prediction, mm for m in the load point": lambda run, _: run.predict(
-        POSTURE, (0, 0, -500), load_point=(0, 0, 120), place=POINT
+    "prediction, µm for mm in the load point": lambda run, _: run.predict(
+        POSTURE, (0, 0, -500), load_point=(0, 0, 120e3), place=POINT
     ),
-    "prediction, mm for m in the place": lambda run, _: run.predict(
-        POSTURE, (0, 0, -500), load_point=POINT, place=(0, 0, 120)
+    "prediction, µm for mm in the place": lambda run, _: run.predict(
+        POSTURE, (0, 0, -500), load_point=POINT, place=(0, 0, 120e3)
     ),
-    "prediction, a few metres": lambda run, _: run.predict(POSTURE, (0, 0, -500), at=(0, 0, 4.0)),
+    "prediction, a few metres": lambda run, _: run.predict(POSTURE, (0, 0, -500), at=(0, 0, 4000)),
     "prediction, joint without a number": lambda _, less: less.predict(POSTURE, (0, 500, 0), at=POINT),
     "map, kN for N": lambda run, _: js.map(run, force=KILONEWTONS, **AREA),
-    "map, mm for m": lambda run, _: js.map(run, force=(0, 0, -500), **AREA | {"place": (0, 0, 250)}),
+    "map, µm for mm": lambda run, _: js.map(run, force=(0, 0, -500), **AREA | {"place": (0, 0, 250e3)}),
     "map, no place reached": lambda run, _: js.map(run, force=(0, 0, -500), **FAR),
     "map, joint without a number": lambda _, less: js.map(less, force=(0, 500, 0), **AREA),
     "program, kN for N": lambda run, _: js.compensate(run, POCKET, force=KILONEWTONS, **MILLING),
     "program, all capped": lambda run, _: js.compensate(
-        run, POCKET, force=(0, 0, -500), max_displacement=1e-4, **MILLING
+        run, POCKET, force=(0, 0, -500), max_displacement=0.1, **MILLING
     ),
     "program, all capped, accepted": lambda run, _: js.compensate(
-        run, POCKET, force=(0, 0, -500), max_displacement=1e-4, **MILLING, **ACCEPTED
+        run, POCKET, force=(0, 0, -500), max_displacement=0.1, **MILLING, **ACCEPTED
     ),
     "program, nothing to correct": lambda run, _: js.compensate(run, POCKET, force=(0, 0, 0), **MILLING),
     "plan, joint without a load": lambda *_: js.plan(BY_WEIGHTS, readings=4, candidates=100),
@@ -350,8 +350,8 @@ NO_TOOL = "check its unit; a point on the tool is at most 5 m from the flange"
 @pytest.mark.parametrize(
     ("name", "where", "metres"),
     [
-        ("prediction, mm for m in the load point", "prediction.load_point", 120),
-        ("prediction, mm for m in the place", "prediction.place", 120),
+        ("prediction, µm for mm in the load point", "prediction.load_point", 120),
+        ("prediction, µm for mm in the place", "prediction.place", 120),
         ("map, mm for m", "map.place", 250),
     ],
 )

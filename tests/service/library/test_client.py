@@ -341,7 +341,7 @@ def test_a_downloaded_column_is_text_where_any_of_its_cells_is(monkeypatch):
 EXAMPLES = ROOT / "examples"
 DOCUMENT = simulate_campaign(default_arm(), load="pull", configurations=10, seed=4)
 FORCE = np.array([0.0, 0.0, -500.0])
-AREA = [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]]
+AREA = [[1400, -200, 600], [1800, 200, 600]]
 POSTURES = [[0, -20, 30, 0, 45, 0], [40, -10, 5, 7, 30, 2]]
 
 
@@ -411,7 +411,7 @@ VERBS = {
     ),
     "plan": (lambda door, source: door.plan(source, readings=4, candidates=100), lambda job: job.result),
     "map": (
-        lambda door, source: door.map(source, area=AREA, grid=(2, 2, 1), place=(0, 0, 0.25), force=FORCE),
+        lambda door, source: door.map(source, area=AREA, grid=(2, 2, 1), place=(0, 0, 250), force=FORCE),
         lambda job: job.result,
     ),
     "fleet": (
@@ -431,7 +431,7 @@ VERBS = {
         lambda job: (job.result.turned, job.result.before, program(job)),
     ),
     "predict": (
-        lambda door, source: door.predict(source, POSTURES, FORCE, at=(0, 0, 0.12)),
+        lambda door, source: door.predict(source, POSTURES, FORCE, at=(0, 0, 120)),
         lambda result: result.displacement.tolist(),
     ),
 }
@@ -470,16 +470,16 @@ def test_the_verbs_of_other_sources(door, tmp_path):
     here = [axis.point for axis in js.geometry(EXAMPLES / "sweeps.json").result.axes]
     np.testing.assert_allclose(points, [here] * 3, rtol=0, atol=1e-12)
     options = {"readings": 4, "candidates": 100, "load": {"kind": "any_direction", "force": 1000.0}}
-    options |= {"targets": {"P": [0.0, 0.0, 0.1]}}
+    options |= {"targets": {"P": [0.0, 0.0, 100.0]}}
     path = tmp_path / "robot.json"
     path.write_text(js.robot("KUKA KR 210 R2700 extra").model_dump_json())
     name = "KUKA KR 210 R2700 extra"
     arms = [name, js.robot(name), path, json.loads(path.read_text())]
     expected = js.plan(name, **options).result
     assert all(door.plan(arm, **options).result == expected for arm in arms)
-    of_table = door.predict(DOCUMENT, EXAMPLES / "postures.csv", load_point=(0, 0, 0.12))
+    of_table = door.predict(DOCUMENT, EXAMPLES / "postures.csv", load_point=(0, 0, 120))
     case = {"label": "drill", "joints": [10, -20, 30, 0, 45, 0], "force": (0, 0, -800)}
-    of_cases = door.predict(DOCUMENT, [case], load_point=(0, 0, 0.12), units="m, deg, N")
+    of_cases = door.predict(DOCUMENT, [case], load_point=(0, 0, 120))
     np.testing.assert_allclose(of_table.displacement, of_cases.displacement, rtol=1e-12)
 
 
@@ -538,7 +538,7 @@ def test_progress_is_told_and_work_is_cancelled(door):
 def test_a_result_of_any_door_writes_the_same_files(door, sources, tmp_path):
     run, contents = sources["run"], []
     for each in (run, js.identify(DOCUMENT)):
-        area = door.map(each, area=AREA, grid=(2, 2, 1), place=(0, 0, 0.25), force=FORCE)
+        area = door.map(each, area=AREA, grid=(2, 2, 1), place=(0, 0, 250), force=FORCE)
         milled = door.compensate(each, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
         each.save(tmp_path / "arm.mjcf")
         area.save(tmp_path / "map.csv")
@@ -577,6 +577,7 @@ def test_a_verb_names_each_option_of_its_kind(kind):
     home = importlib.import_module(import_verb(kind).__module__)
     fields = getattr(home, hints.removeprefix("Unpack[").removesuffix("]"))
     assert set(fields.__annotations__) == {
+        "units",
         *import_kind(kind).options.model_fields,
         *MORE_FIELDS.get(kind, ()),
     }

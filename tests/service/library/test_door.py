@@ -382,16 +382,16 @@ def test_a_run_of_other_readings_does_not_predict(tmp_path):
     )
     one, other = campaign(1), campaign(2)
     run = jointstiff.identify(one, RunOptions(complementary_stiffness="included"))
-    found = jointstiff.predict(run, table, load_point=(0.0, 0.0, 0.1))
+    found = jointstiff.predict(run, table, load_point=(0.0, 0.0, 100.0))
     assert len(found.cases) == 1
     with pytest.raises(CampaignError) as caught:
-        jointstiff.predict(attach_campaign(run, other), table, load_point=(0.0, 0.0, 0.1))
+        jointstiff.predict(attach_campaign(run, other), table, load_point=(0.0, 0.0, 100.0))
     assert caught.value.problem.where == "prediction.run_id"
     assert "other readings" in caught.value.problem.detail
     label = one.measurement_set.observations[0].label
     left_out = run.model_copy(update={"request": run.request.model_copy(update={"leave_out": [label]})})
     with pytest.raises(CampaignError):
-        jointstiff.predict(attach_campaign(left_out, one), table, load_point=(0.0, 0.0, 0.1))
+        jointstiff.predict(attach_campaign(left_out, one), table, load_point=(0.0, 0.0, 100.0))
 
 
 def test_stored_resources_are_refused_with_their_place():
@@ -418,8 +418,8 @@ def test_stored_resources_are_refused_with_their_place():
 mpl.use("Agg")
 EXAMPLES = ROOT / "examples"
 PULLED = simulate_campaign(default_arm(), load="pull", configurations=12, seed=3)
-AREA = np.array([[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]])
-POINT = (0.0, 0.0, 0.12)
+AREA = np.array([[1400.0, -200.0, 600.0], [1800.0, 200.0, 600.0]])
+POINT = (0.0, 0.0, 120.0)
 
 
 @pytest.fixture(scope="module")
@@ -436,7 +436,7 @@ def results(run):
         "comparison": js.compare(run),
         "geometry": js.geometry(EXAMPLES / "sweeps.json"),
         "plan": js.plan(run, readings=6, candidates=200),
-        "map": js.map(run, area=AREA, grid=(3, 3, 1), place=(0, 0, 0.25), force=force),
+        "map": js.map(run, area=AREA, grid=(3, 3, 1), place=(0, 0, 250), force=force),
         "program": js.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=force),
         "prediction": run.predict([[0, 0, 0, 0, 30, 0], [10, 0, 0, 0, 30, 0]], force, at=POINT),
     }
@@ -466,18 +466,18 @@ def test_a_prediction_of_arrays_is_that_of_cases_and_near_the_simulator(run):
         (0, 0, -800),
     )
     rows = run.predict(q, force, at=POINT)
-    other = run.predict(np.radians(q), np.array(force) / 1e3, at=1e3 * np.array(POINT), units="mm, rad, kN")
+    other = run.predict(np.radians(q), np.array(force) / 1e3, at=1e-3 * np.array(POINT), units="m, rad, kN")
     cases = [{"joints": row.tolist(), "force": force} for row in q]
     units = {"length": "m", "angle": "deg", "force": "N"}
-    same = js.predict(run, cases, load_point=POINT, units=units)
+    same = js.predict(run, cases, load_point=1e-3 * np.array(POINT), units=units)
     np.testing.assert_allclose(rows.displacement, other.displacement, rtol=1e-9, atol=1e-12)
     np.testing.assert_array_equal(rows.displacement, same.displacement)
     assert rows.intervals.shape == (2, 3, 2)
     assert (rows.intervals[..., 0] <= rows.displacement).all()
     with pytest.raises(js.CampaignError, match="a joint angle of 45 rad exceeds two turns"):
-        run.predict(q, force, at=POINT, units="m, rad, N")
+        run.predict(q, force, at=POINT, units="mm, rad, N")
     with pytest.raises(js.CampaignError, match="where no tool reaches"):
-        run.predict(q, force, at=(0, 0, 120))
+        run.predict(q, force, at=(0, 0, 120e3))
 
 
 def test_the_covariance_matrix_has_the_standard_uncertainties(run):

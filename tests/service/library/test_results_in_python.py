@@ -29,16 +29,16 @@ def run(document):
 
 @pytest.fixture(scope="module")
 def results(run):
-    area = [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]]
+    area = [[1400, -200, 600], [1800, 200, 600]]
     postures = [[0, 0, 0, 0, 30, 0], [10, 0, 0, 0, 30, 0]]
     return {
         "run": run,
         "comparison": js.compare(run),
         "geometry": js.geometry(EXAMPLES / "sweeps.json"),
         "plan": js.plan(run, readings=4, candidates=200),
-        "map": js.map(run, area=area, grid=(3, 3, 1), place=(0, 0, 0.25), force=FORCE),
+        "map": js.map(run, area=area, grid=(3, 3, 1), place=(0, 0, 250), force=FORCE),
         "program": js.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
-        "prediction": run.predict(postures, FORCE, at=(0, 0, 0.12)),
+        "prediction": run.predict(postures, FORCE, at=(0, 0, 120)),
     }
 
 
@@ -207,12 +207,12 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
             "--robot: there is no file 'no arm', and the catalogue has no arm 'no arm'; remedy: ",
         ),
         (
-            lambda run, _: run.predict([[0.0] * 6], FORCE, at=(0, 0, 120)),
+            lambda run, _: run.predict([[0.0] * 6], FORCE, at=(0, 0, 120e3)),
             "prediction.load_point: the point is 120 m from the flange, where no tool reaches; remedy: "
             "check its unit; a point on the tool is at most 5 m from the flange",
         ),
         (
-            lambda run, _: run.predict([[0] * 5], FORCE, at=(0, 0, 0.1)),
+            lambda run, _: run.predict([[0] * 5], FORCE, at=(0, 0, 100)),
             "prediction.cases[0].joints: there are 5 joint angles, but the robot has 6 joints; remedy: "
             "give the 6 controller angles of joint_1, joint_2, joint_3, joint_4, joint_5, joint_6",
         ),
@@ -227,6 +227,18 @@ def test_what_does_not_fit_is_a_campaign_error_with_a_remedy(run, document, call
     with pytest.raises(js.CampaignError) as refused:
         call(run, document)
     assert str(refused.value).startswith(said)
+
+
+def test_each_column_of_numbers_names_its_unit(results):
+    for kind, result in results.items():
+        tables = {name: make().columns for name, make in result._sheets().items()}
+        bare = [
+            (kind, name, head)
+            for name, columns in tables.items()
+            for head, values in columns.items()
+            if any(isinstance(each, float) and each % 1 for each in values) and not head.endswith("]")
+        ]
+        assert not bare
 
 
 def test_what_is_not_there_is_the_error_of_python(run):

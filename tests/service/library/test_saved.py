@@ -16,7 +16,12 @@ from jointstiff.simulator import default_arm, simulate_campaign
 
 FORCE = (0, 0, -500.0)
 POSTURES = [[0, 0, 0, 0, 30, 0], [10, 0, 0, 0, 30, 0]]
-AREA = {"area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]], "grid": (2, 2, 1), "place": (0, 0, 0.25), "force": FORCE}
+AREA = {
+    "area": [[1400, -200, 600], [1800, 200, 600]],
+    "grid": (2, 2, 1),
+    "place": (0, 0, 250),
+    "force": FORCE,
+}
 KINDS = [
     "run",
     "comparison",
@@ -30,7 +35,7 @@ KINDS = [
     "imported",
     "trend",
 ]
-IN_PROCESS = [name for name in KINDS if name not in {"fleet", "trend"}]  # both need a store
+IN_PROCESS = [*(name for name in KINDS if name != "trend"), "rehearsal"]  # a trend needs a store
 
 
 @pytest.fixture(scope="module")
@@ -48,16 +53,18 @@ def results_of(door, document):
         "map": door.map(run, **AREA),
         "program": door.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
         "process": door.process(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4),
-        "prediction": run.predict(POSTURES, FORCE, at=(0, 0, 0.12)),
+        "prediction": run.predict(POSTURES, FORCE, at=(0, 0, 120)),
         "imported": door.import_files(
             EXAMPLES / "readings.csv", encoders="motor", load_point=(0, 0, 120), robot=document["robot"]
         ),
+        "fleet": door.fleet(run),
     }
 
 
 @pytest.fixture(scope="module")
 def in_process(document):
-    return results_of(js, document)
+    results = results_of(js, document)
+    return results | {"rehearsal": js.rehearse(results["run"])}
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +72,6 @@ def by_client(document, served_in_process):
     with Client(served_in_process.url) as client:
         results = results_of(client, document)
         set_id = results["run"].request.measurement_set_id
-        results["fleet"] = client.fleets.wait(client.fleets.create({"measurement_set_ids": [set_id]}))
         results["trend"] = client.trend(client.measurement_sets.get(set_id).robot_id)
         yield results
 
@@ -113,9 +119,15 @@ def test_every_verb_accepts_a_saved_run(door, request, tmp_path, document):
     assert str(js.compare(file, constraints=["positive"])) == str(results["comparison"])  # other ids of runs
     program = js.compensate(file, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
     assert program.result.worst == results["program"].result.worst
+    turned = js.process(file, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4)
+    assert turned.result.turned == results["process"].result.turned
+    of_method = loaded.process(EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4)
+    assert of_method.result.turned == turned.result.turned
+    assert js.fleet(file).result.rows[0].stiffness == results["fleet"].result.rows[0].stiffness
+    assert js.rehearse(file).joints == js.rehearse(results["run"]).joints
     for predicted in (
-        js.predict(file, POSTURES, FORCE, at=(0, 0, 0.12)),
-        loaded.predict(POSTURES, FORCE, at=(0, 0, 0.12)),
+        js.predict(file, POSTURES, FORCE, at=(0, 0, 120)),
+        loaded.predict(POSTURES, FORCE, at=(0, 0, 120)),
     ):
         assert predicted == results["prediction"]
     (again,) = js.identify_many([file])
@@ -158,7 +170,8 @@ def test_every_command_reads_a_saved_result(line, in_process, tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     for name in ("run", "plan", "map"):
         in_process[name].save(f"{name}.json")
-    Path("area.json").write_text(json.dumps(AREA))
+    area = AREA | {"area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]], "place": (0, 0, 0.25)}  # in SI units
+    Path("area.json").write_text(json.dumps(area))
     for name in ("postures.csv", "pocket.src"):
         Path(name).write_bytes((EXAMPLES / name).read_bytes())
     assert typed(line)

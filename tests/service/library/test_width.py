@@ -32,7 +32,7 @@ from jointstiff.solver.errors import SolverError
 DOCUMENT = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
 RESAMPLED = {"resampling": {"size": 8, "repetitions": 60_000, "seed": 4}}
 ELASTIC = {"elasticity": "joints_and_links", "cross_validation": {"folds": 3, "draws": 1}}
-AREA = {"area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]], "place": (0, 0, 0.25), "force": (0, 300, -500)}
+AREA = {"area": [[1400, -200, 600], [1800, 200, 600]], "place": (0, 0, 250), "force": (0, 300, -500)}
 
 
 @pytest.fixture(scope="module")
@@ -335,7 +335,7 @@ def test_many_campaigns_are_runs_in_their_order(campaigns, wide, pool):
     assert places[1].startswith(f"{campaigns[4]}: ")
     assert places[2] == campaigns[5]
     assert runs[1].campaign.robot.name == DOCUMENT["robot"]["name"]
-    assert js.predict(runs[1], [[0.1] * 6], [0.0, 0.0, -500.0], at=(0, 0, 0.1)).cases
+    assert js.predict(runs[1], [[0.1] * 6], [0.0, 0.0, -500.0], at=(0, 0, 100)).cases
 
 
 def test_options_are_those_of_every_run(pool):

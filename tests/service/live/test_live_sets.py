@@ -2,16 +2,17 @@
 
 from datetime import UTC, datetime
 
+import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 from support.api import post
-from support.live import ARM, OPEN, declared, described, measured
+from support.live import ARM, OPEN, SIGMA, declared, described, measured
 
 from jointstiff.service.app import create_app
 from jointstiff.service.live import stored as stored_sets
 from jointstiff.service.store.store import Store
 from jointstiff.service.workers.worker import purge
-from jointstiff.simulator import LOAD_POINT, robot_document, simulate_campaign
+from jointstiff.simulator import LOAD_POINT, TARGETS, robot_document, simulate_campaign
 
 
 @pytest.fixture
@@ -93,6 +94,38 @@ def test_the_record_goes_and_comes_with_its_set_and_after_the_robot(client, stor
     assert store.live_entries.find(set_id=address.rpartition("/")[2]) == []
 
 
+def test_two_readings_after_the_next_one_are_chosen_ahead(client):
+    """Each is a posture of its own; once the next one is read as predicted, the first of them comes."""
+    address = declared(client)
+    for number in range(1, 4):
+        state = client.get(f"{address}/next").json()
+        ahead = [state["next"], *state["following"]]
+        assert [each["label"] for each in ahead] == [f"m{number + i:02d}" for i in range(3)]
+        for first, second in ((0, 1), (0, 2), (1, 2)):
+            apart = np.abs(np.subtract(ahead[first]["joints"], ahead[second]["joints"])).max()
+            assert apart > 0.05
+        for each in ahead:
+            assert each["force"] == pytest.approx([0.0, 0.0, -150.0 * 9.80665])
+        measured(client, address, 1)
+    measured(client, address, 1)
+    post(client, f"{address}/close", {}, 200)
+    assert client.get(f"{address}/next").json()["following"] == []
+
+
+def test_the_residuals_of_the_last_reading_are_told(client):
+    """Noise alone at the targets; without an identification there are none."""
+    address = declared(client)
+    assert client.get(f"{address}/next").json()["residuals"] == []
+    state = measured(client, address, 5)
+    assert {(each["observation"], each["target"]) for each in state["residuals"]} == {
+        ("m05", name) for name in TARGETS
+    }
+    for each in state["residuals"]:
+        moved = np.subtract(each["deflection"], each["predicted"])
+        assert each["residual"] == pytest.approx(moved, abs=1e-12)
+        assert np.linalg.norm(each["residual"]) < 6 * np.sqrt(2) * SIGMA
+
+
 def test_who_follows_a_closed_set_is_told_so_once(client):
     address = declared(client)
     measured(client, address, 1)
@@ -109,7 +142,7 @@ def test_a_record_with_its_load_point_among_the_options_alone_is_completed(clien
     with monkeypatch.context() as earlier:
         earlier.setattr(
             stored_sets,
-            "complete_targets_and_load_point",
+            "complete_declaration",
             lambda sent, options: sent.model_copy(update={"open": options}),
         )
         made = post(client, "/v1/measurement-sets", body)["id"]

@@ -87,7 +87,7 @@ def test_a_mistake_at_the_first_reading_is_withdrawn_once_the_others_show_it(cam
         first, arm = live.next, replace(ARM, stiffnesses=stiffness)
         places = positions(arm, first.joints, first.force, sigma=2e-5)
         order = ["P11", "P10", *list(TARGETS)[2:]]
-        live.observe(*(dict(zip(order, each.tolist(), strict=True)) for each in places.values()))
+        live.observe(*(dict(zip(order, (1e3 * each).tolist(), strict=True)) for each in places.values()))
         state = live.run_source()
     assert state.state == "reached"
     withdrawn = {each.label: each.reason for each in state.readings if each.state == "withdrawn"}

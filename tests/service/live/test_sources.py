@@ -27,7 +27,13 @@ def test_an_arm_of_the_catalogue_is_measured_with_a_load_and_targets():
         js.CampaignError, match="the positions of the targets are missing; remedy: give `targets`"
     ):
         js.measure(arm, goal="15 %")
-    load = {"load": "dead_weight:1500", "targets": TARGETS, "load_point": LOAD_POINT, "sigma": 2e-5}
+    load = {
+        "load": "dead_weight:1500",
+        "targets": TARGETS,
+        "load_point": LOAD_POINT,
+        "sigma": 2e-5,
+        "units": "m, rad, N",
+    }
     with js.measure(arm, "15 %", "simulated:2", **load) as live:
         state = live.run_source(most=3)
     assert (state.state, live.count) == ("measuring", 3)

@@ -1,5 +1,6 @@
 """Loads of a program by lines and by a table of points: forces, moments, and what is refused."""
 
+import numpy as np
 import pytest
 from support.programs import (
     FORCE,
@@ -18,7 +19,10 @@ from jointstiff.solver.errors import RequestError
 
 TEXT = program_text("krl", tool_poses(path(4)), 4)
 HEADER = "point,Fx [N],Fy [N],Fz [N]"
-COLUMNS = "write `point`, then Fx [N], Fy [N], Fz [N], and, if there are moments, Mx [N.m] …"
+COLUMNS = (
+    "write `point`, `label` or `length [mm]`, then Fx [N], Fy [N], Fz [N], and, if there are moments, "
+    "Mx [N.m] …"
+)
 ONCE = "number the points from 1 to 4, and give each point at most once"
 
 
@@ -63,7 +67,79 @@ def test_a_table_may_name_targets_by_their_labels():
         by_labels("P[9],300,400,-1400\n")
 
 
+PLACES = np.round(1e3 * tool_poses(path(4))[:, :3, 3], 4)
+WAY = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(PLACES, axis=0), axis=1)))
+"""Lengths of the path up to its points [mm]."""
+BY_LENGTH = f"length [mm]{HEADER[5:]}"
+
+
+def by_length(rows):
+    lines = "".join(",".join(repr(float(each)) for each in row) + "\n" for row in rows)
+    return compensated_with_table(TEXT, f"{BY_LENGTH}\n{lines}")
+
+
+def by_points(forces):
+    rows = "".join(f"{i},{','.join(map(repr, map(float, force)))}\n" for i, force in enumerate(forces, 1))
+    return compensated_with_table(TEXT, f"{HEADER}\n{rows}")
+
+
+def test_a_table_by_length_is_interpolated_at_the_points():
+    at = np.array([0.0, 0.4, 0.7, 1.0]) * WAY[-1]
+    force = np.array([[300.0, 400.0, -1400.0], [100.0, 0.0, -700.0], [0.0, 50.0, -900.0], [10.0, 0.0, -20.0]])
+    expected = np.column_stack([np.interp(WAY, at, column) for column in force.T])
+    found, wanted = by_length(np.column_stack([at, force])), by_points(expected)
+    assert found.corrected == 4
+    assert decompress_file(found.files[0]) == decompress_file(wanted.files[0])
+    assert found.deflection.greatest == pytest.approx(wanted.deflection.greatest, rel=1e-9)
+
+
+def test_two_rows_of_one_length_are_a_step_of_the_load():
+    middle, force = 0.5 * (WAY[1] + WAY[2]), list(FORCE)
+    none = [0.0, 0.0, 0.0]
+    rows = [[0.0, *none], [middle, *none], [middle, *force], [WAY[-1], *force]]
+    found = by_length(rows)
+    assert (found.corrected, found.left_alone) == (2, {"no_load": 2})
+    assert moved_lines(found) == [9, 10]
+
+
+def test_a_line_from_joint_angles_counts_and_joint_moves_do_not():
+    home = path(4)[0] + np.radians([2.0, -3.0, 2.0, 0.0, 1.0, 0.0])
+    angles = ",".join(f"A{i} {each!r}" for i, each in enumerate(np.degrees(home).tolist(), 1))
+    text = TEXT.replace("LIN {", f"PTP {{{angles}}}\r\nLIN {{", 1)
+    approach = 1e3 * np.linalg.norm(tool_poses(home[None])[0, :3, 3] - 1e-3 * PLACES[0])
+    ends = [0.0, approach, approach + WAY[-1]]
+    rows = "".join(f"{at!r},0,0,{-1.0 * (at > 0.0) * (1.0 + at)!r}\n" for at in map(float, ends))
+    found = compensated_with_table(text, f"{BY_LENGTH}\n{rows}")
+    wanted = -1.0 * (1.0 + approach + WAY)
+    numbered = "".join(f"{i},0,0,{force!r}\n" for i, force in enumerate(wanted.tolist(), 2))
+    by_number = compensated_with_table(text, f"{HEADER}\n{numbered}")
+    assert found.moves == 5
+    assert found.left_alone == {"no_load": 1}
+    assert decompress_file(found.files[0]) == decompress_file(by_number.files[0])
+    with pytest.raises(FilesError, match="joint moves"):
+        compensated_with_table(TEXT.replace("LIN", "PTP"), f"{BY_LENGTH}\n{rows}")
+
+
+def test_a_huge_table_by_length_is_refused_before_it_is_split():
+    with pytest.raises(FilesError, match="at most 100,000 lines"):
+        compensated_with_table(TEXT, f"{BY_LENGTH}\n" + "\n" * 100_001)
+
+
 REFUSED = {
+    "a table by length without a unit": (
+        "length,Fx [N],Fy [N],Fz [N]\n0,0,0,9\n",
+        "loads:1: the header 'length' has no unit of length; write `length [mm]`",
+    ),
+    "lengths that decrease": (
+        f"{BY_LENGTH}\n0,0,0,9\n50,0,0,9\n40,0,0,9\n",
+        "loads:4: the length 40 is less than that of the row before, or occurs three times; sort the rows by "
+        "length; two rows of one length are a step of the load",
+    ),
+    "a gap at the end of the path": (
+        f"{BY_LENGTH}\n0,0,0,9\n50,0,0,9\n",
+        "loads:3: the table covers 0 to 50 mm, but the lines and arcs of the path have 0 to "
+        f"{WAY[-1]:.4g} mm; give rows for the whole path, with zeros where there is no load",
+    ),
     "an unknown header": (
         "point,Fx [N],Fq [N],Fz [N]\n1,0,0,9\n",
         f"loads:1: the header 'Fq [N]' is not understood; {COLUMNS}",

@@ -35,7 +35,7 @@ def test_the_paper_has_its_tables_and_figures():
     assert len(re.findall("<svg", page)) == 3  # both sides measured; what is left over on each
     assert "39.58" in page
     result = json.loads(Path("comparison.json").read_text())["result"]
-    shares = [f"{100 * entry['compensation']:.3g} %" for entry in result["entries"]]
+    shares = [f"{100 * entry['compensation']:.1f} %" for entry in result["entries"]]
     assert all(share in page for share in shares)
 
 

@@ -56,6 +56,29 @@ def all_pages(records, **options):
     return listed
 
 
+def test_sets_and_runs_are_found_by_operator_and_instrument(store):
+    add_robot(store, "r1", "arm")
+    add_set(store, "s1", "first", operator="M. Keller", instrument="Leica AT960")
+    add_set(store, "s2", "second", operator="N. Nguyen")
+    add_run(store, "j1")
+    runs = store.jobs(RUN)
+    assert found(store.sets, "keller at960") == found(store.sets, "first leica") == ["s1"]
+    assert found(runs, "KELLER") == ["j1"]
+    store.sets.change("s1", {"operator": "O. Okafor"})
+    assert (found(store.sets, "keller"), found(runs, "keller")) == ([], [])
+    assert (found(store.sets, "okafor leica"), found(runs, "okafor leica")) == (["s1"], ["j1"])
+
+
+def test_names_of_any_length_and_script_fit_into_the_index_of_searches(store):
+    """The index of PostgreSQL takes 2704 bytes: the last names are searched by what has room."""
+    name = "\N{ROBOT FACE}" * 200  # 4 bytes each
+    add_robot(store, "r1", name)
+    add_set(store, "s1", name, serial_number=name, operator=name, instrument=name)
+    add_run(store, "j1", name=name)
+    assert found(store.jobs(RUN), name[:150]) == ["j1"]
+    assert found(store.sets, name[:150]) == ["s1"]
+
+
 @pytest.mark.parametrize("sort", ["created_at", "name"])
 def test_pages_in_any_order_have_each_record_once(store, sort):
     """Names that are equal are in the order in which they came."""

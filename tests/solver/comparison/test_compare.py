@@ -12,10 +12,11 @@ from scipy import stats
 from scipy.optimize import nnls
 from support.campaigns import METHODS, POINTS, prepare, settings_of, spring_columns, with_targets
 from support.shared_data import shared
+from support.springs import SpringCampaign, robot_of
 
 from jointstiff.schemas.comparison import OrderedResult
 from jointstiff.simulator import default_arm, simulate_campaign
-from jointstiff.simulator.campaign import deflections
+from jointstiff.simulator.campaign import deflections, plan_experiment
 from jointstiff.simulator.document import experiment_of
 from jointstiff.solver.comparison.campaigns import (
     Change,
@@ -31,6 +32,7 @@ from jointstiff.solver.comparison.campaigns import (
     match_observations,
     models_differ,
 )
+from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.estimate import Estimate
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
@@ -73,6 +75,7 @@ class Campaign:
                 covariance=free.covariance,
                 readings=None if free.covariance is None else free.covariance - common @ common.T,
                 assumed={"load_point": assumed @ assumed.T},
+                load_point=assumed,
                 sigma=free.sigma,
                 degrees_of_freedom=inf if free.sigma_given else free.degrees_of_freedom,
                 reasons=[joint.reason for joint in free.joints],
@@ -125,14 +128,15 @@ VALUES = st.floats(-10, 10).map(lambda x: 1e-7 * x)
 SPREADS = st.floats(0.05, 5).map(lambda x: 1e-7 * x)
 
 
-@given(VALUES, SPREADS, VALUES, SPREADS, st.floats(-20, 20))
-def test_every_ratio_is_in_or_out_as_the_definition_says(c1, s1, c2, s2, ratio):
+@given(VALUES, SPREADS, VALUES, SPREADS, st.floats(-20, 20), st.floats(-0.99, 0.99))
+def test_every_ratio_is_in_or_out_as_the_definition_says(c1, s1, c2, s2, ratio, correlation):
     first, second = GaussianEstimate(c1, s1), GaussianEstimate(c2, s2)
-    margin = np.abs(c1 - ratio * c2) / np.hypot(s1, ratio * s2) - T95
+    shared = correlation * s1 * s2
+    margin = np.abs(c1 - ratio * c2) / np.sqrt(s1**2 - 2 * ratio * shared + (ratio * s2) ** 2) - T95
     assume(abs(margin) > 1e-6)
-    free = compute_ratio_interval(first, second, 0.95, positive=False)
+    free = compute_ratio_interval(first, second, 0.95, positive=False, covariance=shared)
     assert holds(free, ratio) == (margin < 0)
-    positive = compute_ratio_interval(first, second, 0.95, positive=True)
+    positive = compute_ratio_interval(first, second, 0.95, positive=True, covariance=shared)
     assert holds(positive, ratio) == (margin < 0 and ratio >= 0)
 
 
@@ -160,8 +164,8 @@ def both(arms=(MOTOR, SECONDARY), seeds=(5, 6), options=None, **simulated):
     )
 
 
-def pair_of(first, second, *, ordered=False, confidence=0.95):
-    pair = compare_sides(first.side, second.side, confidence=confidence, ordered=ordered)
+def pair_of(first, second, *, ordered=False, confidence=0.95, **options):
+    pair = compare_sides(first.side, second.side, confidence=confidence, ordered=ordered, **options)
     return pair._replace(ordered=Ordered(pair.ordered)) if ordered else pair
 
 
@@ -373,6 +377,82 @@ def test_the_load_point_of_each_campaign_is_in_the_ratio_assumed_or_stated(simul
     assert (np.array(one) > 1.01 * np.array(exact)).all()
 
 
+def with_load_point_uncertainty(campaign, size=0.01):
+    """The campaign with a load point that is known to so many metres."""
+    return with_readings(
+        campaign, common_uncertainty=CommonUncertainty(load_point=size, assumed=frozenset({"load_point"}))
+    )
+
+
+def hung_off(arm, plan, offset, seed):
+    """The pulls of a plan whose load hung off the stated point, read with 20 µm, the point known to 10 mm."""
+    campaign = SpringCampaign.by(arm, replace(plan, load_points=plan.load_points + offset))
+    noise = 2e-5 * np.random.default_rng(seed).standard_normal((2, *campaign.loaded.shape))
+    measurements = replace(campaign, experiment=plan).measurements(
+        campaign.unloaded + noise[0], campaign.loaded + noise[1], sigma=2e-5
+    )
+    robot = robot_of(arm)
+    uncertainty = CommonUncertainty(load_point=0.01, assumed=frozenset({"load_point"}))
+    measurements = replace(measurements, common_uncertainty=uncertainty)
+    settings = settings_of(robot)
+    return Campaign(robot, measurements, settings, identify(robot, measurements, settings))
+
+
+@pytest.mark.slow
+def test_ratios_of_loads_at_one_point_cover_with_narrower_intervals():
+    """100 pairs of campaigns whose load hung at one point, 10 mm (1 sigma) off the stated one."""
+    count, level, expected = 100, 0.9, SECONDARY.stiffnesses / MOTOR.stiffnesses
+    truth = 1.0 / np.stack([MOTOR.stiffnesses, SECONDARY.stiffnesses])
+    covered, inside, widths = np.zeros(6), np.zeros((2, 6)), []
+    for k in range(count):
+        offset = 0.01 * np.random.default_rng([k, 7]).standard_normal(3)
+        plan = plan_experiment(MOTOR, configurations=16, load="pull", force=1500.0, seed=k)
+        sides = [hung_off(arm, plan, offset, [k, i]) for i, arm in enumerate((MOTOR, SECONDARY))]
+        shared = pair_of(*sides, confidence=level, ordered=True, same_load_point=True)
+        own = pair_of(*sides, confidence=level)
+        covered += [holds(interval_of(j), ratio) for j, ratio in zip(shared.joints, expected, strict=True)]
+        widths.append([[np.diff(j.ratio_interval)[0] for j in pair.joints] for pair in (shared, own)])
+        low, high = np.moveaxis(shared.ordered.intervals, -1, 0)
+        inside += (low <= truth) & (truth <= high)
+    slack = 4.5 * np.sqrt(level * (1 - level) / count)
+    assert np.abs(covered / count - level).max() < slack
+    assert (inside / count).min() > level - slack  # the order only cuts off what is wrong
+    narrower, wider = np.median(np.array(widths), axis=0)
+    assert (narrower < 1.001 * wider).all()
+    assert (narrower / wider).min() < 0.9
+
+
+def test_an_error_of_the_load_point_that_both_campaigns_share_leaves_the_ratio_of_alike_campaigns(simulated):
+    """By arithmetic: var(c1 - c2) = 2 (s² - r²), where r is what one error does to either compliance."""
+    first = with_load_point_uncertainty(simulated[0])
+    common = first.estimate.common.responses_to("assumed_load_point")
+    own = np.sqrt(np.diagonal(first.estimate.covariance - common @ common.T))
+    for joint, c, s in zip(
+        pair_of(first, first, same_load_point=True).joints, first.estimate.compliance, own, strict=True
+    ):
+        # Near the ratio 1, the ends of Fieller's interval are those of the difference of logarithms.
+        assert np.diff(np.log(joint.ratio_interval))[0] == pytest.approx(
+            2 * T95 * np.sqrt(2) * s / c, rel=0.02
+        )
+        assert joint.ratio == 1.0
+
+
+@pytest.mark.parametrize("what", ["point", "uncertainty", "none"])
+def test_campaigns_that_state_other_load_points_do_not_share_one(simulated, what):
+    first, second = map(with_load_point_uncertainty, simulated)
+    if what == "point":
+        second = with_readings(
+            second, load_point=second.measurements.load_point + np.array([0.002, 0.0, 0.0])
+        )
+    elif what == "uncertainty":
+        second = with_load_point_uncertainty(second, 0.005)
+    else:
+        second = simulated[1]
+    with pytest.raises(RequestError, match="no uncertainty" if what == "none" else "apart") as error:
+        pair_of(first, second, same_load_point=True)
+    assert error.value.where == "same_load_point"
+
+
 def test_targets_that_were_not_read_do_not_weigh_in_the_share_of_deflection():
     """Of each observation the mean over the targets that were read, of all their sum."""
     present = np.random.default_rng(4).random((19, 3)) < 0.6
@@ -398,6 +478,8 @@ def test_a_change_has_the_uncertainty_of_what_the_campaigns_do_not_share() -> No
     first = log_stiffness(1e-6, 3e-8, shared_uncertainty=2.4e-8)
     second = log_stiffness(1.1e-6, 4.4e-8)
     assert first == pytest.approx((log(1e6), 0.018))
+    shared = Change.between(first, second, shared=0.03)
+    assert shared.standard_uncertainty == pytest.approx(hypot(0.018, 0.04, 0.03))
     change = Change.between(first, second)
     assert change.relative == pytest.approx(1 / 1.1 - 1.0)
     assert change.standard_uncertainty == pytest.approx(hypot(0.018, 0.04))

@@ -37,6 +37,7 @@ def hung(offset, *, seed=0, common=ASSUMED, sigma=SIGMA):
         CommonUncertainty(load_point=0.01),
         CommonUncertainty(load_point=2e-3, direction=3e-3, target_places=1e-3),
         CommonUncertainty(axis_position=1e-3),
+        CommonUncertainty(drift=3e-6),
     ],
 )
 def test_a_fit_with_statements_is_generalised_least_squares(common):
@@ -65,6 +66,23 @@ def test_the_parts_of_a_budget_add_up_and_none_is_negative():
     assert min(each.min() for each in by_source.values()) > 0.0
     np.testing.assert_allclose(sum(by_source.values()), np.diag(found.covariance), rtol=1e-9)
     np.testing.assert_allclose(np.sqrt(by_source["assumed_force_scale"]), 0.01 * found.compliance, rtol=0.02)
+
+
+def test_a_stated_drift_is_corrected_whatever_rows_are_left_out():
+    """Loaded positions of springs move by 6 µm from one observation to the next, 140 µm in all."""
+    common = CommonUncertainty(drift=5e-6)
+    measurements = hung([0.0, 0.0, 0.0], common=common)
+    drift = measurements.order[:, None, None] * np.array([3.6e-6, 0.0, -4.8e-6])
+    drifted = replace(measurements, deflection=measurements.deflection + drift)
+    rows = np.array([0, 1, *range(5, 24)])
+    for part, moved in ((measurements, drifted), (measurements[rows], drifted[rows])):
+        still = identify(ROBOT, part, NEGLECTED)
+        found = identify(ROBOT, moved, NEGLECTED)
+        u = np.sqrt(np.diag(still.covariance))
+        assert np.abs((found.compliance - still.compliance) / u).max() < 0.5
+        exact = identify(ROBOT, replace(moved, common_uncertainty=CommonUncertainty()), NEGLECTED)
+        assert np.abs((exact.compliance - still.compliance) / u).max() > 1.0
+        assert (u < 1.1 * np.sqrt(np.diag(exact.covariance))).all()
 
 
 def test_a_load_point_as_far_off_as_is_assumed_is_no_mistake_and_is_corrected():

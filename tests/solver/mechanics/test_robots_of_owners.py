@@ -58,11 +58,11 @@ def test_offsets_of_calibrated_parallel_axes_may_be_large_if_they_cancel():
         [0.0, -half, 0.095, 0.0],
         [0.0, 0.0, 0.082, 0.0],
     ]
-    robot = js.robot(rows, convention="standard")
+    robot = js.robot(rows, convention="standard", units="m, rad, N")
     assert prepare_robot(robot).robot.n == 6
     rows[2][2] = 0.1
     with pytest.raises(RobotError, match="the flange is 512") as refused:
-        prepare_robot(js.robot(rows, convention="standard"))
+        prepare_robot(js.robot(rows, convention="standard", units="m, rad, N"))
     assert "believed only if they cancel" in refused.value.remedy
 
 

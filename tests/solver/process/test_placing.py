@@ -15,7 +15,7 @@ from jointstiff.solver.estimation.payload import MEASURED_ARMS, payload_torque
 from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.postures import measure_reach
-from jointstiff.solver.predict.models import JointModel
+from jointstiff.solver.predict.models import JointModel, ModelError
 from jointstiff.solver.process.deflection import PathDeflection
 from jointstiff.solver.process.placing import (
     PlaceBox,
@@ -43,7 +43,8 @@ def model(deviation=0.05):
 
 
 def predicted(p, joints, **options):
-    return PathDeflection.predict(model(), None, p.cases(np.arange(len(p)), joints), **options)
+    stated = {"is_prior": True} | options
+    return PathDeflection.predict(model(), None, p.cases(np.arange(len(p)), joints), **stated)
 
 
 def test_a_place_moves_path_and_forces_together():
@@ -133,8 +134,33 @@ def test_a_common_error_cancels_in_the_difference_and_equal_ways_have_no_order()
     assert worse.band(0.95).readings[1] - worse.size > 0.49 * worse.size
     again = worse.compare(predicted(p, choice.best_fixed, force_parts=parts), 0.95)
     assert again.is_ordered == ranking.is_ordered
-    assert ranking.first_is_less == ranking.first_is_less_by_readings  # this model has no bound of its error
+    assert again.first_is_less
     assert again.difference.value == ranking.difference.value
+    unknown = predicted(p, choice.joints, is_prior=False).compare(turned, 0.95)
+    assert unknown.difference.with_model_error is None
+    assert not unknown.is_ordered, "the readings alone do not rank"
+
+
+def test_the_model_error_of_each_way_widens_the_interval_of_their_difference():
+    """Held-out residuals of 30 and 60 µm at 1 kN: a third of their square along a direction, by Student."""
+    p = process_path("pocket", CENTRE, count=12)
+    load = np.linalg.norm(p.force[0]) / 1000.0
+    scores, share = np.array([3e-5, 6e-5]), np.array([0.5, 1.0]) * 20.0 / 21.0
+    error = ModelError(20, scores, share, force=1000.0, moment=0.0, least_load=0.1, leverage=1.0)
+    assert error.deviation == pytest.approx(np.sqrt((3e-5**2 + 6e-5**2) / 6.0))
+    choice = choose_turns(model(), INVERSE, p, TASK)
+    ways = [
+        PathDeflection.predict(model(), error, p.cases(np.arange(12), joints))
+        for joints in (choice.joints, choice.best_fixed)
+    ]
+    difference = ways[0].compare(ways[1], 0.95).difference
+    # The deflections of all points count, each by its fraction of the root mean square.
+    parts = [np.mean(each.length) / each.size * error.deviation * np.sqrt(load) for each in ways]
+    half = np.hypot(difference.readings[1] - difference.value, 2.093024 * np.hypot(*parts))
+    assert difference.with_model_error == pytest.approx((difference.value - half, difference.value + half))
+    unknown = replace(error, score=np.array([3e-5, np.inf]))
+    again = PathDeflection.predict(model(), unknown, p.cases(np.arange(12), choice.joints))
+    assert again.compare(ways[1], 0.95).difference.with_model_error is None
 
 
 def test_the_true_difference_lies_in_its_interval_as_often_as_stated():

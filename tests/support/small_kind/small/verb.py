@@ -11,12 +11,14 @@ from .kind import SMALL, Small, SmallOptions
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from jointstiff.service.conversion.arguments import AnyUnits
     from jointstiff.service.kinds.verb import Cancel, OnProgress, Source
 
 
 class CountFields(TypedDict, total=False):
     """Options of `count`."""
 
+    units: AnyUnits
     least: int
 
 

@@ -1,0 +1,177 @@
+/** The form of a process: path, force or cut, turns about the spindle, and a box for the workpiece. */
+import { api } from "../api/calls";
+import { ActionButton, Choice, Toggle } from "../components/basics";
+import { RequestFields, TextField } from "../components/fields";
+import { SchemaFields, type Terms } from "../components/schema_form";
+import { type Fields, freshKey, stated } from "../lib/json";
+import { listIn } from "../lib/schema";
+import { asking, link, useAction } from "../state/action";
+import { remember } from "../state/kept";
+import { useDraft } from "../state/session";
+import { text } from "../i18n";
+import { later } from "../i18n/later";
+import { processWords as words } from "../i18n/process";
+import type { RunContext } from "./run_context";
+import { LAST_FORCE, LastForce, lackOf, ProgramFiles, useFiles } from "./use";
+
+const programWords = later.program;
+const { deg, mm, newton } = text.units;
+const UNITS = { length: "mm", angle: "deg", force: "N" };
+const OF_PROCESS: Terms = {
+  labels: words.labels,
+  units: { start: [`${deg}, ${mm}`, 1], place: [mm, 1], step: [deg, 1] },
+  choices: {
+    accuracy_option: programWords.accuracies,
+    axes: programWords.axesOf,
+    branches: words.branches,
+    objective: words.objectives,
+  },
+};
+const OF_LOAD: Terms = { labels: programWords.labels, within: "load.", units: { force: [newton, 1] } };
+const OF_CUT: Terms = {
+  labels: words.cutLabels,
+  within: "cut.",
+  units: { feed: [`${mm}/s`, 1e-3], speed: ["1/s", 1] },
+};
+
+/** Where the force comes from. */
+type Source = keyof typeof words.sources;
+type Turn = keyof typeof words.turns;
+
+/** What the form holds: fields of the request, and which of them are meant. */
+interface Asked extends Fields {
+  source?: Source;
+  turning?: Turn;
+  placing?: boolean;
+  /** Least and greatest turn, as typed. */
+  range?: string;
+}
+
+const START: Asked = { source: "load", turning: "free", axes: "feed", grid: [4, 4, 3] };
+
+/** The request of what was filled in: only the source of the force and the turn that are chosen. */
+export function requestOf({ source, turning, placing, range, ...asked }: Asked, loads: string | undefined): Fields {
+  const { load, cut, place, grid, place_turns: turns, ...others } = asked;
+  const limits = listIn(range ?? "") ?? range; // what is not understood is for the service to name
+  return stated({
+    ...others,
+    ...(source === "cut" ? { cut } : source === "table" ? { loads: loads ?? "" } : { load }),
+    turn: turning === "range" ? limits : turning,
+    ...(placing ? { place, grid, place_turns: turns } : {}),
+  }) as Fields;
+}
+
+export function ProcessForm({ context: { run } }: { context: RunContext }) {
+  const files = useFiles();
+  const tables = useFiles();
+  const [asked, change] = useDraft<Asked>(`processes/${run.id}`, START);
+  const { source = "load", turning = "free", placing = false } = asked;
+  const force = (asked["load"] as Fields | undefined)?.["force"];
+  const make = useAction(async () => {
+    const [table] = tables.files.slice(-1);
+    const request = { run_id: run.id, units: UNITS, ...requestOf(asked, table?.name) };
+    const sent = source === "table" && table ? [...files.files, table] : files.files;
+    const made = await asking((accepted) => api.processes.add(sent, { ...request, ...accepted }, freshKey("process")));
+    if (source === "load") remember(LAST_FORCE, force);
+    return link(["processes", made.id]);
+  });
+  const fields = (show: readonly string[]) => (
+    <SchemaFields of="ProcessRequest" show={show} value={asked} change={change} terms={OF_PROCESS} />
+  );
+  const frame = (name: "tools" | "bases") => (
+    <SchemaFields
+      of="ProgramFrame"
+      show={["values"]}
+      value={(asked[name] as Fields[] | undefined)?.[0] ?? {}}
+      change={({ values }) => change({ [name]: values ? [{ values }] : [] })}
+      terms={{ labels: { values: programWords[name] }, within: `${name}[0].` }}
+    />
+  );
+  const given = {
+    load: force,
+    cut: asked["cut"],
+    table: tables.files.length > 0,
+  }[source];
+  return (
+    <RequestFields action={make} look="card form">
+      <h2>{words.form}</h2>
+      <p>{words.formNote}</p>
+      <ProgramFiles of={files} title={words.drop} hint={words.dropHint} />
+      {fields(["accuracy_option", "start"])}
+      <div class="fields">
+        {frame("tools")}
+        {frame("bases")}
+      </div>
+      <h3>{words.forces}</h3>
+      <Choice
+        label={words.source}
+        value={source}
+        change={(to: Source) => change({ source: to })}
+        options={words.sources}
+      />
+      {source === "load" && (
+        <>
+          <SchemaFields
+            of="ProcessLoad"
+            show={["force"]}
+            value={(asked["load"] as Fields | undefined) ?? {}}
+            change={(load) => change({ load })}
+            terms={OF_LOAD}
+          />
+          <LastForce force={force} use={(last) => change({ load: { force: last } })} />
+        </>
+      )}
+      {source === "cut" && (
+        <SchemaFields
+          of="Cut"
+          show={["material", "diameter", "teeth", "speed", "feed", "depth", "width", "direction"]}
+          value={(asked["cut"] as Fields | undefined) ?? {}}
+          change={(cut) => change({ cut })}
+          terms={OF_CUT}
+        />
+      )}
+      {source === "table" && <ProgramFiles of={tables} title={words.dropTable} hint={words.dropTableHint} />}
+      {fields(source === "cut" ? ["spindle"] : ["axes", "spindle"])}
+      <h3>{words.turnTitle}</h3>
+      <Choice label={words.turn} value={turning} change={(to: Turn) => change({ turning: to })} options={words.turns} />
+      {turning === "range" && (
+        <TextField
+          label={words.range}
+          unit={deg}
+          path="turn"
+          value={asked.range ?? ""}
+          placeholder="-30, 30"
+          change={(range) => change({ range })}
+        />
+      )}
+      <Toggle label={words.placing} checked={placing} change={(on) => change({ placing: on })} />
+      {placing && fields(["place", "grid", "place_turns"])}
+      <details>
+        <summary>{later.settings.title}</summary>
+        <div class="card form">
+          {fields([
+            "branches",
+            "step",
+            "clearance",
+            "smoothness",
+            "objective",
+            "turns",
+            "force_uncertainty",
+            "correct",
+          ])}
+        </div>
+      </details>
+      <ActionButton
+        look="primary"
+        action={make}
+        lacking={lackOf(asked, {
+          program: files.files.length > 0,
+          accuracy_option: asked["accuracy_option"],
+          force: given,
+        })}
+      >
+        {words.make}
+      </ActionButton>
+    </RequestFields>
+  );
+}

@@ -1,0 +1,78 @@
+"""Messages of a bridge from a tracker to the page that shows a reading."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, StrictBool
+
+from jointstiff.schemas.fields import (
+    Identifier,
+    Message,
+    Metres,
+    Name,
+    Newtons,
+    Positions,
+    Quantity,
+    Timestamp,
+    Vector3,
+)
+from jointstiff.schemas.measurement import MAX_TARGETS
+from jointstiff.schemas.robot import MAX_JOINTS
+
+MAX_CODE_LENGTH = 32
+"""Greatest length of a code as a person types it, with blanks and hyphens."""
+MAX_TROUBLE_LENGTH = 500
+
+
+class BridgeStand(Message):
+    """Posture and load that a page shows, in which the tracker reads."""
+
+    number: Annotated[int, Field(strict=True, ge=0, le=10**15)] = Field(
+        description="Number of the stand; positions are of the stand whose number they state."
+    )
+    label: Name
+    joints: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)]]
+    force: Newtons[Vector3]
+    loaded: StrictBool = Field(description="True if the load acts while the targets are read.")
+
+
+class BridgePoints(Message):
+    """Positions that a tracker read in a stand, and what prevents others."""
+
+    number: int | None = Field(default=None, strict=True, ge=0, description="Number of the stand.")
+    points: Annotated[dict[Name, Metres[Vector3]], Field(max_length=MAX_TARGETS)] = Field(
+        default_factory=dict, description="Last position of each target, in the frame of the readings."
+    )
+    trouble: Annotated[str, Field(max_length=MAX_TROUBLE_LENGTH)] | None = Field(
+        default=None, description="Reason why the tracker gives no position; null without trouble."
+    )
+
+
+class BridgeCode(Message):
+    """Code of a bridge, as it was typed."""
+
+    code: Annotated[str, Field(min_length=1, max_length=MAX_CODE_LENGTH)]
+
+
+class Bridge(Message):
+    """A new bridge, or a bridge that a command has joined."""
+
+    id: Identifier
+    set_id: Identifier
+    code: str | None = Field(default=None, description="Code to type at the terminal; only for the page.")
+    ends_at: Timestamp = Field(description="Time at which the code ends, or the bridge if it was joined.")
+
+
+class BridgeState(Message):
+    """State of a bridge, as the page follows it."""
+
+    joined: StrictBool
+    connected: StrictBool = Field(description="True if the command was heard within the last seconds.")
+    reading: BridgePoints
+
+
+class BridgeTask(Message):
+    """Stand in which a command reads; null while the page shows none."""
+
+    stand: BridgeStand | None

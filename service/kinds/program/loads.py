@@ -1,0 +1,306 @@
+"""Loads of a process: one for all moves, one for each segment of lines, a milling cut, or a table."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from jointstiff.schemas import program as schemas
+from jointstiff.schemas.program import MAX_LINE, ProcessLoad, ProgramOptions
+from jointstiff.service.conversion.units import FORCE, LENGTH
+from jointstiff.service.problems import FilesError
+from jointstiff.service.programs.errors import quote_text
+from jointstiff.service.runs.deflection import parse_vector_header
+from jointstiff.service.runs.verdicts import moment_factor
+from jointstiff.service.tables.files import split_table_rows
+from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.errors import RequestError
+from jointstiff.solver.process.cut import MATERIALS, Cut, Material
+
+_MORE_LINES: Final = 1_000
+"""Lines that a table of loads may have in addition to two lines for each point: blank lines take memory."""
+_MOST_LENGTHS: Final = 100_000
+"""Greatest number of lines of a table of loads by length."""
+_SLACK: Final = 0.01
+"""Part of the path's length by which a table by length may end before or beyond the path."""
+_REMEDY: Final = (
+    "write `point`, `label` or `length [mm]`, then Fx [N], Fy [N], Fz [N], and, if there are moments, "
+    "Mx [N.m] …"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Loads [N, N·m] along the axes that the request chooses, and the index of the load at each visit.
+
+    A visit is the arrival of a move at a target.
+    """
+
+    values: FloatArray  # (k, 6) force, then moment; the first row is zero and means no load
+    of_visit: IndexArray  # (v,) row of `values` for each visit of a target by a move
+
+
+def collect_loads(
+    options: ProgramOptions,
+    table: bytes | None,
+    lines: IndexArray,
+    points: IndexArray,
+    names: Sequence[str],
+    measure_lengths: Callable[[], FloatArray],
+) -> Loads:
+    """Return the load at each visit of a target, from the table of loads or else from the options.
+
+    Args:
+        options: options with one load for the whole program, or with loads for segments of lines.
+        table: content of the CSV file with a load for each point; None if the loads are in the options.
+        lines: (v,) line of the move at each visit.
+        points: (v,) number of the point at each visit, from 1.
+        names: names of the points in the program, for a table of labels; empty where a point has none.
+        measure_lengths: function that returns the length (v,) of the path up to each visit [m], for a table
+            by length.
+
+    Raises:
+        RequestError: segments overlap, or the unit of a moment is missing.
+        FilesError: the table has a mistake.
+    """
+    if table is not None:
+        return read_load_table(table, points, names, measure_lengths)
+    if options.cut is not None:
+        force = convert_cut(options.cut).mean_force()
+        return Loads(
+            np.stack([np.zeros(6), np.append(force, np.zeros(3))]), _find_segments([options.cut], lines)
+        )
+    stated: Sequence[ProcessLoad] = options.segments if options.load is None else [options.load]
+    # Row 0 is the zero load, for visits without load.
+    moments = np.array([load.moment for load in stated]).reshape(-1, 3)
+    values = np.zeros((len(stated) + 1, 6))
+    values[1:, :3] = FORCE[options.units.force] * np.array([load.force for load in stated]).reshape(-1, 3)
+    values[1:, 3:] = moment_factor(options.units, moments) * moments
+    if not stated:
+        return Loads(values, np.zeros(len(lines), dtype=np.intp))
+    return Loads(values, _find_segments(stated, lines))
+
+
+def convert_cut(cut: schemas.Cut) -> Cut:
+    """Convert the message of a cut, whose mean force can then be computed.
+
+    Raises:
+        RequestError: the width exceeds the diameter.
+    """
+    material = Material(1e-6 * (cut.pressure or 0.0), cut.exponent or 0.0, "as stated")
+    fields = cut.model_dump(exclude={"material", "pressure", "exponent", "first_line", "last_line"})
+    return Cut(material if cut.material is None else MATERIALS[cut.material], **fields)
+
+
+def _find_segments(segments: Sequence[ProcessLoad | schemas.Cut], lines: IndexArray) -> IndexArray:
+    """Return, for each line (v,), the number of its segment from 1; 0 for a line outside of all segments.
+
+    Raises:
+        RequestError: two segments overlap.
+    """
+    order = sorted(range(len(segments)), key=lambda i: segments[i].first_line or 0)
+    first = np.array([segments[i].first_line or 0 for i in order])
+    last = np.array([segments[i].last_line or MAX_LINE for i in order])
+    overlap = np.flatnonzero(first[1:] <= last[:-1])
+    if len(overlap):
+        raise RequestError(
+            f"line {first[overlap[0] + 1]} has two loads",
+            where=f"segments[{order[overlap[0] + 1]}]",
+            remedy="give segments of lines that do not overlap",
+        )
+    segment = np.searchsorted(first, lines, side="right") - 1
+    inside = (segment >= 0) & (lines <= last[segment])
+    return np.where(inside, np.array(order)[segment] + 1, 0)
+
+
+def read_load_table(
+    content: bytes, points: IndexArray, names: Sequence[str], measure_lengths: Callable[[], FloatArray]
+) -> Loads:
+    """Read the CSV file of loads, and return the loads; a point without a row has no load.
+
+    The first column has numbers of points, or labels: names of targets in the program; or lengths along the
+    path, between whose rows the loads are interpolated.
+
+    Raises:
+        FilesError: a line of the file has a mistake; the error has the line.
+    """
+    point_count = int(points.max(initial=0))
+    text = content.decode("utf-8-sig", errors="replace")
+    is_by_length = text.lstrip().lower().startswith(("length", '"length'))
+    most_lines = _MOST_LENGTHS if is_by_length else 2 * point_count + _MORE_LINES
+    number_points = f"number the points from 1 to {point_count}, and give each point at most once"
+    # A huge file is refused before it is split into cells, which would take much memory.
+    if any(text.count(sign) > most_lines for sign in "\n\r") or any(
+        text.count(sign) > 8 * most_lines for sign in ",;\t"
+    ):
+        if is_by_length:
+            raise _table_fault(
+                1, f"the table has too many lines or cells: at most {most_lines:,} lines", "leave rows out"
+            )
+        raise _table_fault(1, "the table has too many lines or cells for the program's points", number_points)
+    try:
+        rows, _ = split_table_rows(text)
+    except csv.Error:
+        raise _table_fault(1, "the file of loads is not a readable CSV table", _REMEDY) from None
+    columns = _load_columns(rows[0] if rows else [])
+    if is_by_length:
+        return _interpolate_loads(rows, columns, measure_lengths())
+    values, load_of_point = [np.zeros(6)], np.zeros(point_count + 1, dtype=np.intp)
+    point_of_label: dict[str, int] | None = _number_labels(names) if rows[0][0] == "label" else None
+    for line, row in enumerate(rows[1:], 2):
+        if any(row):
+            row = row if point_of_label is None else [_find_label(line, row[0], point_of_label), *row[1:]]
+            number, load = _parse_load_row(line, row, columns)
+            point = int(number) if number == int(number) else 0
+            if not 1 <= point <= point_count or load_of_point[point]:
+                reason = f"point {row[0]} occurs twice, or is not in the program"
+                raise _table_fault(line, reason, number_points)
+            load_of_point[point] = len(values)
+            values.append(load)
+    return Loads(np.array(values), load_of_point[points])
+
+
+def _interpolate_loads(
+    rows: Sequence[Sequence[str]], columns: Sequence[tuple[int, float]], lengths: FloatArray
+) -> Loads:
+    """Return the loads at v visits, interpolated between the rows of a table by length along the path.
+
+    Two rows of one length are a step: the second one holds from there on.
+
+    Args:
+        rows: cells of the table, with the header.
+        columns: index in the load, and factor to SI units, for each column after the first.
+        lengths: (v,) length of the path up to each visit [m].
+
+    Raises:
+        FilesError: a row has a mistake, lengths decrease, or the table leaves a part of the path out.
+    """
+    factor = _length_factor(rows[0][0])
+    stated, values, lines = list[float](), list[FloatArray](), list[int]()
+    for line, row in enumerate(rows[1:], 2):
+        if any(row):
+            number, load = _parse_load_row(line, row, columns)
+            length = factor * number
+            if (stated and length < stated[-1]) or (len(stated) > 1 and length == stated[-2]):
+                raise _table_fault(
+                    line,
+                    f"the length {row[0]} is less than that of the row before, or occurs three times",
+                    "sort the rows by length; two rows of one length are a step of the load",
+                )
+            stated.append(length)
+            values.append(load)
+            lines.append(line)
+    whole, slack = float(lengths[-1]), _SLACK * float(lengths[-1])
+    if not whole > 0.0:
+        raise _table_fault(
+            1, "the path has no length, as all its moves are joint moves", "number the points, or use labels"
+        )
+    if not stated or stated[0] > slack or abs(stated[-1] - whole) > slack:
+        covered = f"{1e3 * stated[0]:.4g} to {1e3 * stated[-1]:.4g} mm" if stated else "nothing"
+        raise _table_fault(
+            lines[-1] if lines else 1,
+            f"the table covers {covered}, but the lines and arcs of the path have 0 to {1e3 * whole:.4g} mm",
+            "give rows for the whole path, with zeros where there is no load",
+        )
+    after = np.clip(np.searchsorted(stated, lengths, side="right"), 1, len(stated) - 1)
+    at, loads = np.array(stated), np.array(values)
+    width = at[after] - at[after - 1]
+    part = np.divide(lengths - at[after - 1], width, out=np.ones(len(lengths)), where=width > 0.0)
+    part = np.clip(part, 0.0, 1.0)[:, None]
+    interpolated = (1.0 - part) * loads[after - 1] + part * loads[after]
+    # Row 0 is the zero load. Equal loads share a row, so that a target that is visited twice may have one.
+    distinct, index = np.unique(interpolated, axis=0, return_inverse=True)
+    of_visit = np.where(interpolated.any(axis=1), index.reshape(-1) + 1, 0)
+    return Loads(np.concatenate([np.zeros((1, 6)), distinct]), of_visit)
+
+
+def _length_factor(header: str) -> float:
+    """Return metres in one unit of a header such as `length [mm]`.
+
+    Raises:
+        FilesError: the header has no unit of length.
+    """
+    name, _, unit = header.partition("[")
+    factor = LENGTH.get(unit.strip().removesuffix("]").strip())
+    if name.strip().lower() != "length" or factor is None:
+        raise _table_fault(1, f"the header {header[:40]!r} has no unit of length", "write `length [mm]`")
+    return factor
+
+
+def _number_labels(names: Sequence[str]) -> dict[str, int]:
+    """Return the number of the point of each name in capitals; 0 for a name that several points have."""
+    numbers = dict[str, int]()
+    for number, name in enumerate(names, 1):
+        numbers[name.upper()] = 0 if name.upper() in numbers else number
+    return numbers
+
+
+def _find_label(line: int, label: str, point_of_label: Mapping[str, int]) -> str:
+    """Return the number of the point with a name in the program, as text.
+
+    Raises:
+        FilesError: no point, or several points, have the name.
+    """
+    number = point_of_label.get(label.upper(), 0) if label else 0
+    if not number:
+        reason = f"the label {quote_text(label)} is not the name of one target of the program"
+        raise _table_fault(line, reason, "write names of targets as in the program, or number the points")
+    return str(number)
+
+
+def _parse_load_row(
+    line: int, row: Sequence[str], columns: Sequence[tuple[int, float]]
+) -> tuple[float, FloatArray]:
+    """Return the number of the point, or its length, and its load (6,) [N, N·m] from a row of the table.
+
+    `columns` has a pair for each cell after the first: index in the load, and factor to SI units.
+    """
+    load = np.zeros(6)
+    try:
+        first, *numbers = [float(cell) for cell in row]
+    except ValueError:
+        raise _table_fault(line, "a cell is not a number", "write numbers with decimal points") from None
+    if len(numbers) != len(columns) or not (np.abs([first, *numbers]) <= 1e9).all():
+        raise _table_fault(
+            line, "a cell is missing, or a number is out of range", "give a finite number in each column"
+        )
+    for (component, factor), number in zip(columns, numbers, strict=True):
+        load[component] = factor * number
+    return first, load
+
+
+def _load_columns(header: Sequence[str]) -> list[tuple[int, float]]:
+    """Return (index in (Fx, …, Mz), factor to SI units) for each column except the first.
+
+    Raises:
+        FilesError: a header is unknown, or a column is missing or occurs twice.
+    """
+    columns = []
+    for cell in header[1:]:
+        try:
+            parsed = parse_vector_header(cell, ("force", "moment"))
+        except RequestError:
+            parsed = None
+        if parsed is None:
+            raise _table_fault(1, f"the header {cell[:40]!r} is not understood", _REMEDY)
+        quantity, axis, factor = parsed
+        columns.append((3 * (quantity == "moment") + axis, factor))
+    components = [component for component, _ in columns]
+    # Moments may be absent, but not forces: components 0, 1 and 2 are Fx, Fy and Fz.
+    if (
+        not header
+        or header[0].partition("[")[0].strip().lower() not in {"point", "label", "length"}
+        or len(set(components)) < len(components)
+        or not {0, 1, 2} <= set(components)
+    ):
+        raise _table_fault(1, "a column is missing, or occurs twice", _REMEDY)
+    return columns
+
+
+def _table_fault(line: int, reason: str, remedy: str) -> FilesError:
+    """Return an error at a line of the table of loads, for the caller to raise."""
+    return FilesError(reason, remedy=remedy, where=f"loads:{line}")

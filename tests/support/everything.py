@@ -1,0 +1,245 @@
+"""A database of everything that the page can show: results of every verdict, live campaigns, 2,000 runs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from copy import deepcopy
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from support import live
+from support.api import CANCEL, DELETE, job_at, post
+from support.copied_rows import Copies, Names, Template, make_engine
+from support.programs import START, path, tool_poses
+
+from jointstiff.simulator import TARGETS, default_arm, robot_document, simulate_campaign
+from jointstiff.simulator.programs import program_text
+
+CASES: Final = Path(__file__).parents[1] / "cases" / "campaigns"
+EXAMPLES: Final = Path(__file__).parents[2] / "examples"
+ROBOTS, RUNS = 60, 2_000
+"""Numbers of copied robots and runs."""
+LONG: Final = (
+    "an arm of the third cell beside the paint shop, refitted in the spring, its gear of axis 2 exchanged"
+)
+LONG_WORD: Final = LONG.replace(" ", "_").replace(",", "")[:96].ljust(100, "x")
+assert len(LONG) == len(LONG_WORD) == 100
+LINKS: Final[dict[str, Any]] = {"elasticity": "diagonal_links", "link_penalty": 0.01}
+
+
+@cache
+def campaign(name: str) -> dict[str, Any]:
+    """Return a campaign of the cases; nobody may change it."""
+    document: dict[str, Any] = json.loads((CASES / f"{name}.json").read_text(encoding="utf-8"))
+    return document
+
+
+class Filling:
+    """What a service is asked for, one thing after the other."""
+
+    def __init__(self, client: Any) -> None:
+        self.client = client
+
+    def add(self, collection: str, body: Any) -> str:
+        """Post a body, and wait for what is made of it; return its id."""
+        answer = self.client.post(f"/v1/{collection}?wait=60", json=body)
+        assert answer.status_code == 201, answer.text
+        return str(answer.json()["id"])
+
+    def measure(self, document: Mapping[str, Any], robot: str | None = None, **changes: object) -> str:
+        """Store the set of a campaign, of its own robot or of another; return its id."""
+        robot = robot or self.add("robots", document["robot"])
+        return self.add("measurement-sets", document["measurement_set"] | {"robot_id": robot} | changes)
+
+    def identify(self, document: Mapping[str, Any], robot: str | None = None, **options: object) -> str:
+        """Store a campaign, and identify it; return the id of the run."""
+        return self.run(self.measure(document, robot), **(document.get("run", {}) | options))
+
+    def run(self, measured: str, **options: object) -> str:
+        return self.add("runs", {"measurement_set_id": measured} | options)
+
+    def program(self, kind: str, run: str, points: int, name: str = "corner.src", **more: object) -> str:
+        """Post a program of a smooth path; return the id of the job of a kind."""
+        options = {
+            "run_id": run,
+            "units": {"length": "mm", "angle": "deg", "force": "N"},
+            "accuracy_option": "off",
+            "load": {"force": [0.0, 0.0, -500.0]},
+            "tools": [{"values": [10.0, -20.0, 215.5, 0.0, 0.0, 0.0]}],
+            "bases": [{"values": [0.0] * 6}],
+            "start": [math.degrees(angle) for angle in START],
+        } | more
+        files = {"files": (name, program_text("krl", tool_poses(path(points)), 4).encode())}
+        data = {"options": json.dumps(options)}
+        answer = self.client.post(f"/v1/{kind}?wait=60", data=data, files=files)
+        assert answer.status_code in {201, 202}, answer.text
+        return str(answer.json()["id"])
+
+    def live(self, name: str, readings: int, change: Callable[[dict[str, Any]], Any] = dict) -> str:
+        """Open a campaign, and send some readings, the last one of them changed; return its id."""
+        robot = self.add("robots", robot_document(live.ARM) | {"name": f"arm of {name}"})
+        body = live.described(robot, live.OPEN, noise=live.EXACT, load_point=list(live.LOAD_POINT))
+        address = f"/v1/measurement-sets/{self.add('measurement-sets', body | {'name': name})}"
+        if readings > 1:
+            live.measured(self.client, address, readings - 1)
+        if readings > 0:
+            live.measured(self.client, address, 1, change)
+        return address.rpartition("/")[2]
+
+
+def fill(client: Any, url: str) -> dict[str, str]:
+    """Fill the database at `url` through its service; return names of what the page shows → ids."""
+    filling = Filling(client)
+    made = many(filling, url) | of_one_arm(filling) | verdicts(filling) | campaigns_of_a_robot(filling)
+    return made | measured_live(filling) | with_long_names(filling)
+
+
+def many(filling: Filling, url: str) -> dict[str, str]:
+    """Add many runs of many robots, older than all others."""
+    document = campaign("few")
+    robot = filling.add("robots", document["robot"])
+    measured = filling.measure(document, robot)
+    template = Template(robot, measured, filling.run(measured))
+    copies = Copies([template], ROBOTS, RUNS, names=Names(set="check {:04}", first_serial_number=5_100))
+    engine = make_engine(url)
+    copies.add_robots_and_sets(engine)
+    copies.add_runs(engine)
+    engine.dispose()
+    return {"few": template.run}
+
+
+def of_one_arm(filling: Filling) -> dict[str, str]:
+    """One of each job, of one arm that was measured twice."""
+    robot = filling.add("robots", robot_document(default_arm()))
+    places = {name: list(place) for name, place in TARGETS.items()}
+
+    def measure(encoders: Literal["motor", "secondary"], seed: int) -> str:
+        document = simulate_campaign(
+            default_arm(encoders), configurations=12, load="dead_weight", encoders=encoders, seed=seed
+        )
+        return filling.measure(document, robot, flange_targets=places)
+
+    first, second = measure("motor", 3), measure("secondary", 4)
+    run, other = filling.run(first), filling.run(second)
+    runs = [run, filling.run(first, method="decoupled_partial_pose")]
+    sweeps = json.loads((EXAMPLES / "sweeps.json").read_text(encoding="utf-8"))
+    box = [[1200.0, -200.0, 700.0], [1500.0, 200.0, 700.0]]  # mm
+    plan = {
+        "measurement_set_id": first,
+        "readings": 6,
+        "joints": [f"joint_{j}" for j in range(2, 7)],  # a weight never twists the first
+    }
+    return {
+        "robot": robot,
+        "set": first,
+        "other_set": second,
+        "run": run,
+        "comparison": filling.add("comparisons", {"run_ids": runs}),
+        "pair": filling.add("comparisons", {"run_ids": [run, other], "ordered": True}),
+        "plan": filling.add("plans", plan),
+        "fleet": filling.add("fleets", {"measurement_set_ids": [first, second], "name": "two sets"}),
+        "program": filling.program("programs", run, 6),
+        "long_program": filling.program("programs", run, 400, "pocket.src"),
+        "process": filling.program("processes", run, 6),
+        "placed": filling.program("processes", run, 6, place=box, grid=[2, 2, 1], place_turns=2),
+        "geometry": filling.add("geometries", sweeps | {"name": "sweeps"}),
+    } | maps(filling, run)
+
+
+def maps(filling: Filling, run: str) -> dict[str, str]:
+    """Maps: whole, with cells out of reach, and without any."""
+    tool = {"run_id": run, "place": [0.0, 0.0, 0.25], "turns": 4, "force": [0.0, 0.0, -900.0]}
+    areas = {
+        "map": [[1.2, -0.3, 0.6], [1.6, 0.3, 0.9]],
+        "map_out_of_reach": [[1.2, -0.6, 0.6], [3.4, 0.6, 1.0]],
+        "empty_map": [[9.0, 9.0, 9.0], [9.5, 9.5, 9.5]],
+    }
+    return {
+        name: filling.add("maps", tool | {"area": area, "grid": [7, 5, 2]}) for name, area in areas.items()
+    }
+
+
+def verdicts(filling: Filling) -> dict[str, str]:
+    """Runs of every verdict and of every kind of model, one cancelled and one deleted."""
+    plain = campaign("stated_plain")
+    another = robot_document(default_arm()) | {"name": "another arm"}
+    runs = {
+        "use": filling.identify(plain),
+        "base": filling.identify(campaign("pedestal")),
+        "links": filling.identify(campaign("beam_small"), **LINKS),
+        "weight": filling.identify(campaign("weight_1")),
+        "stiff": filling.identify(campaign("stiff_joint")),
+        "two_postures": filling.identify(campaign("too_few")),
+        "bounds": filling.identify(
+            simulate_campaign(default_arm(), load="pull", configurations=12, sigma=3e-3, seed=2)
+        ),
+        "nothing": filling.identify(campaign("one_reading")),
+        "exchanged": filling.identify(campaign("slip_swapped_both")),
+        "opposite": filling.identify(campaign("slip_exchanged_states")),
+        "millimetres": filling.identify(campaign("slip_millimetres")),
+        "wrong_robot": filling.identify(plain, filling.add("robots", wrong(another))),
+        "rail": filling.identify(campaign("rail")),
+        "huber": filling.identify(plain, loss="huber", positive=False),
+    }
+    deleted = filling.identify(plain)
+    assert filling.client.patch(job_at(deleted), json=DELETE).status_code == 200
+    long = {"measurement_set_id": filling.measure(campaign("beam_small")), "elasticity": "joints_and_links"}
+    cancelled = str(filling.client.post("/v1/runs?wait=0", json=long).json()["id"])
+    assert filling.client.patch(job_at(cancelled), json=CANCEL).status_code == 200
+    return runs | {"deleted": deleted, "cancelled": cancelled}
+
+
+def wrong(robot: dict[str, Any]) -> dict[str, Any]:
+    """Return the robot with its second joint turned round."""
+    robot = deepcopy(robot)
+    signs = [1.0, -1.0, 1.0, 1.0, 1.0, 1.0]
+    matrix = [[sign if i == j else 0.0 for j in range(6)] for i, sign in enumerate(signs)]
+    return robot | {"joint_map": {"matrix": matrix, "offset": [0.0] * 6}}
+
+
+def campaigns_of_a_robot(filling: Filling) -> dict[str, str]:
+    """Seven campaigns of a robot that wears, with a trend."""
+    documents = [campaign(f"worn_{number}") for number in range(1, 8)]
+    robot = filling.add("robots", documents[0]["robot"])
+    sets = [filling.measure(document, robot) for document in documents]
+    for measured in sets:
+        filling.run(measured)
+    return {
+        "worn": robot,
+        "worn_fleet": filling.add("fleets", {"measurement_set_ids": sets, "name": "a robot that wears"}),
+    }
+
+
+def measured_live(filling: Filling) -> dict[str, str]:
+    """Live campaigns: without readings, with some, in doubt of one, and closed."""
+
+    def turned_round(reading: dict[str, Any]) -> dict[str, Any]:
+        return reading | {"force": [-part for part in reading["force"]]}
+
+    closed = filling.live("closed campaign", 9)
+    post(filling.client, f"/v1/measurement-sets/{closed}/close", None, 200)
+    return {
+        "live_fresh": filling.live("fresh campaign", 0),
+        "live": filling.live("campaign under way", 5),
+        "live_doubtful": filling.live("doubtful campaign", 6, turned_round),
+        "live_closed": closed,
+    }
+
+
+def with_long_names(filling: Filling) -> dict[str, str]:
+    """A run of which robot, set and program have names of 100 characters."""
+    document = campaign("stated_plain")
+    robot = filling.add("robots", document["robot"] | {"name": LONG})
+    measured = filling.measure(
+        document, robot, name=LONG_WORD, serial_number=LONG, operator=LONG, instrument=LONG
+    )
+    run = filling.run(measured)
+    return {
+        "long_robot": robot,
+        "long_set": measured,
+        "long_run": run,
+        "long_names": filling.program("programs", run, 6, f"{LONG_WORD[:96]}.src"),
+    }
