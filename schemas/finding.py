@@ -96,7 +96,7 @@ class Action(Message):
         description="Target whose position is exchanged with the load point; null for other actions."
     )
     causes: list[NamedCause] = Field(description="Causes to fit with the joints; empty for other actions.")
-    unit: Unit | None = Field(description="Unit of the numbers; null for other actions.")
+    unit: Unit | None = Field(description="Unit of the corrected numbers; null for other actions.")
     robot: Name | None = Field(
         default=None,
         description="Name of the robot to choose; null for other actions.",

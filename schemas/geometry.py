@@ -324,8 +324,8 @@ class GeometryRequest(Message):
     )
     fit: Literal["one_by_one", "together"] = Field(
         default="together",
-        description="Fit of the sweeps: one by one, which trusts the controller least, or all together, with "
-        "resting joints at the controller's angles.",
+        description="Fit of the sweeps: one by one, which needs only the angle of the moving joint, or all "
+        "together, with the other joints at the angles that the controller shows.",
     )
     angles: Literal["free", "controller"] = Field(
         default="free",
@@ -335,8 +335,7 @@ class GeometryRequest(Message):
     base: Literal["nominal", "axes"] | None = Field(
         default=None,
         description="Frame R0. `nominal`: as in the nominal model. `axes`: z along axis 1, x towards axis 2 "
-        "along the common perpendicular at model angle zero. Default: `nominal`, or `axes` "
-        "without a model.",
+        "along the common perpendicular at model angle zero. Default: `nominal`, or `axes` without a model.",
     )
     base_height: Quantity = Field(
         default=0.0,

@@ -30,8 +30,8 @@ class ScoreStep(Message):
         "`noise`; null if the other postures do not determine it."
     )
     share: float = Field(
-        description="Share of the readings with that score at most, each posture counting the same, times "
-        "P/(P + 1) for P postures. Dimensionless."
+        description="Share of the readings whose score is at most this score, with equal weights of the P "
+        "postures, multiplied by P/(P + 1). Dimensionless."
     )
 
 

@@ -117,8 +117,8 @@ class Body(Message):
         description="Relative half-width of the bounds of the mass: 0.1 is ± 10 %.",
     )
     centre: Metres[Vector3] = Field(
-        description="Centre of mass in the frame that moves with the joint: in a URDF that of the child "
-        "link, in a DH table with z along the axis and the origin of the row's theta."
+        description="Centre of mass in a frame that moves with the joint: in a URDF the frame of the child "
+        "link; in a DH table z is the joint's axis, with the origin where the row's theta applies."
     )
     centre_uncertainty: Metres[Annotated[float, Field(strict=True, ge=0.0, le=10.0)]] = Field(
         default=0.0, description="Radius of the ball that contains the centre of mass."

@@ -162,7 +162,7 @@ class Jobs:
         """
         return self._with_progress(self.records.get(job_id))
 
-    def answered(self, record: JobRecord) -> str:
+    def to_answer_json(self, record: JobRecord) -> str:
         """Return a stored job as the JSON of the API; a job that has not ended has its progress."""
         is_active = record.state in OPEN_STATES
         return self.kind.to_answer(
@@ -208,7 +208,8 @@ class Jobs:
         job_id, number = part.job_id, part.number
         if not self.records.is_active(job_id):
             return
-        stored_steps, steps = self._inputs.store.steps, self.work(job_id).steps()
+        stored_steps = self._inputs.store.steps
+        steps = self.work(job_id).steps()
         steps_of_parts = [
             steps[start : start + STEPS_OF_A_PART] for start in range(0, len(steps), STEPS_OF_A_PART)
         ]
@@ -224,9 +225,8 @@ class Jobs:
         stored_starts = stored_steps.done_starts(job_id)
         steps_of_part = steps_of_parts[number] if steps_of_parts else ()
         remaining = [span for span in steps_of_part if span[0] not in stored_starts]
-        stored_count = len(steps_of_part) - len(
-            remaining
-        )  # number of steps of this part that have a stored result
+        # Number of steps of this part that have a stored result
+        stored_count = len(steps_of_part) - len(remaining)
         deadline = time.monotonic() + PART_SECONDS
         for span in remaining:
             must_yield = time.monotonic() >= deadline and queue.others_wait(job_id)
@@ -239,14 +239,19 @@ class Jobs:
             if not stored_steps.store_result(job_id, span, pack_arrays(self.work(job_id).compute(span))):
                 return  # the job has ended
             stored_count += 1
-        if (next_number := number + PARTS_AT_ONCE) < part_count:
+        next_number = number + PARTS_AT_ONCE
+        if next_number < part_count:
             queue.add_following_parts(job_id, [Part(job_id, next_number, 0)])
+        self._conclude_if_complete(job_id, len(steps))
+
+    def _conclude_if_complete(self, job_id: str, step_count: int) -> None:
+        """End a job if all its steps have stored results."""
+        stored_steps = self._inputs.store.steps
+        if len(stored_steps.done_starts(job_id)) < step_count:
+            return
+        results = stored_steps.results(job_id)
         # Another worker may have ended the job meanwhile, which removes the results: then some are missing.
-        if (
-            len(stored_steps.done_starts(job_id))
-            == len(steps)
-            == len(results := stored_steps.results(job_id))
-        ):
+        if len(results) == step_count:
             self.conclude(job_id, results)
 
     def conclude(self, job_id: str, computed: Sequence[bytes]) -> None:
@@ -288,7 +293,7 @@ class Jobs:
         return job.model_copy(update={"state": record.state, "progress": progress})
 
     def _read_job(self, record: JobRecord) -> Job:
-        """Parse the job's message from the JSON of its record."""
+        """Return the job that the JSON of its record describes."""
         job: Job = self.kind.message.model_validate_json(record.document)
         return job
 
@@ -422,7 +427,7 @@ class Parts(Resources):
             NotFoundError: no job has this id.
         """
         record = self._records.get(job_id, include_deleted=hidden)
-        return self.jobs[record.kind].answered(record)
+        return self.jobs[record.kind].to_answer_json(record)
 
     def page(self, query: JobQuery) -> Page[JobSummary]:
         """Return one page of the jobs of all kinds, in the order of the query.

@@ -241,7 +241,8 @@ def run_child(descriptor: int) -> None:
         gc.freeze()  # garbage collections need not examine the libraries, which are never freed
         connection.send_bytes(b"ready")
         while True:
-            forwarded, content = FORWARDED.validate_json(connection.recv_bytes()), connection.recv_bytes()
+            forwarded = FORWARDED.validate_json(connection.recv_bytes())
+            content = connection.recv_bytes()
             _limit_time(seconds)
             head, body = anyio.run(_get_answer_of_app, app, forwarded, content)
             headers = [(name.decode("latin-1"), value.decode("latin-1")) for name, value in head["headers"]]

@@ -106,12 +106,12 @@ class VerdictError(ItemsError):
 
     @classmethod
     def for_result(cls, subject: str, where: str, items: Iterable[Sequence[str]]) -> VerdictError:
-        """Return the error that refuses a result.
+        """Return the error for a result whose verdict is "do not use".
 
         Args:
             subject: name of the result in the message, such as `the run`.
             where: field of the request that names the result.
-            items: (place, reason, remedy) of each reason of the verdict.
+            items: one (place, text, remedy) for each reason of the verdict.
         """
         return cls(
             f"the verdict on {subject} is: do not use",

@@ -85,16 +85,18 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
     robot, measurements = joints.robot, joints.measurements
     settings, estimate = joints.settings, joints.estimate
     model = JointModel.from_estimate(robot, estimate, settings.constraints)
-    left_out = None  # fits that each leave out one posture; None if such a fit fails
+    jackknife = None  # fits that each leave out one posture; None if such a fit fails
     error: ModelError | JointstiffError
     try:
         error = leave_postures_out(robot, measurements, settings, estimate, model)
-        left_out = error.left_out
+        jackknife = error.left_out
     except JointstiffError as failure:  # the run is valid without a model error; predictions say why
         error = failure
-    lacks = screening.lack_of_fit and joints.are_sound
-    budget = UncertaintyBudget.from_estimate(estimate, settings.confidence, left_out, lack_of_fit=lacks)
-    if budget is not None and lacks:
+    has_lack_of_fit = screening.lack_of_fit and joints.are_sound
+    budget = UncertaintyBudget.from_estimate(
+        estimate, settings.confidence, jackknife, lack_of_fit=has_lack_of_fit
+    )
+    if budget is not None and has_lack_of_fit:
         estimate = budget.widen_intervals(estimate, settings.bounds)
     prediction = predict(
         robot,
@@ -104,11 +106,11 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
         is_estimated=estimate.estimated,
         statements=estimate.statements,
     )
-    unseen: tuple[LeastMistake, ...] = ()
+    least_mistakes: tuple[LeastMistake, ...] = ()
     if not (screening.causes or screening.lack_of_fit) and joints.are_sound:
         prior = None if settings.prior is None else settings.prior.in_units_of(estimate.sigma or 1.0)
-        unseen = find_least_mistakes(robot, measurements, estimate, len(screening.tests), prior)
-    assessment = assess(joints, estimate, prediction, screening, unseen)
+        least_mistakes = find_least_mistakes(robot, measurements, estimate, len(screening.tests), prior)
+    assessment = assess(joints, estimate, prediction, screening, least_mistakes)
     return RunOutcome(
         estimate,
         assessment.drop_meaningless_numbers(prediction),
@@ -119,7 +121,7 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
         screening,
         Repeatability.from_measurements(robot, measurements, estimate.sigma),
         budget,
-        unseen,
+        least_mistakes,
     )
 
 
@@ -136,43 +138,47 @@ def report_elastic_model(
         screening: tests of the residuals of joints alone.
     """
     # The scatter that residuals of joints alone show also holds what links bend.
-    robot, measurements, fitted = joints.robot, joints.given, elastic.estimate
-    estimate = replace_by_effective(joints.estimate, fitted, elastic.effective)
-    assessment = assess(joints, estimate, fitted.prediction, screening)
+    robot, measurements, elastic_estimate = joints.robot, joints.given, elastic.estimate
+    estimate = replace_by_effective(joints.estimate, elastic_estimate, elastic.effective)
+    assessment = assess(joints, estimate, elastic_estimate.prediction, screening)
     # Outliers of joints alone are kept only if links leave these readings unexplained, too.
-    outlying = any(reason.code in _OUTLYING for reason in assessment.reasons)
-    warnings = [each for each in joints.noticed if outlying or each.code != "residual_outlier"]
+    has_outliers = any(reason.code in _OUTLYING for reason in assessment.reasons)
+    warnings = [each for each in joints.noticed if has_outliers or each.code != "residual_outlier"]
     warnings += assessment.remarks
     if not competition.penalty_is_given:
-        warnings += report_penalty(winner.held_out.penalty or fitted.penalty, fitted.penalty)
+        warnings += report_penalty(
+            winner.held_out.penalty or elastic_estimate.penalty, elastic_estimate.penalty
+        )
         if competition.loss_is_automatic:
             warnings += report_losses(int(measurements.present.sum()))
     error: ModelError | JointstiffError
     try:
-        error = leave_folds_out(robot, measurements, fitted)
+        error = leave_folds_out(robot, measurements, elastic_estimate)
     except JointstiffError as failure:  # the run is valid without a model error; predictions say why
         error = failure
     return RunOutcome(
         estimate,
-        fitted.prediction,
+        elastic_estimate.prediction,
         assessment,
         tuple(warnings),
-        build_stored_model(ElasticPredictor.from_estimate(robot, fitted), error),
+        build_stored_model(ElasticPredictor.from_estimate(robot, elastic_estimate), error),
         describe_choice_by_comparison(winner, screening),
         screening,
         Repeatability.from_measurements(robot, measurements, estimate.sigma),
         links=LinksResult(
             loss_source="cross_validation" if competition.loss_is_compared else "given",
-            penalty=fitted.penalty,
+            penalty=elastic_estimate.penalty,
             penalty_source="given" if competition.penalty_is_given else "cross_validation",
-            coupled_joints=None if fitted.coupled_joints is None else fitted.coupled_joints.tolist(),
-            links=list(fitted.links),
-            base=fitted.base,
-            elements=list(fitted.elements),
-            unexplained=fitted.unexplained,
-            effective_freedom=fitted.effective_freedom,
-            parameters=fitted.parameters,
-            certificate=fitted.certificate,
+            coupled_joints=None
+            if elastic_estimate.coupled_joints is None
+            else elastic_estimate.coupled_joints.tolist(),
+            links=list(elastic_estimate.links),
+            base=elastic_estimate.base,
+            elements=list(elastic_estimate.elements),
+            unexplained=elastic_estimate.unexplained,
+            effective_freedom=elastic_estimate.effective_freedom,
+            parameters=elastic_estimate.parameters,
+            certificate=elastic_estimate.certificate,
         ),
     )
 
@@ -190,12 +196,11 @@ def describe_choice_of_joints(options: RunOptions, screening: Screening, exclude
     if options.elasticity != "automatic":
         source, text = "given", f"Joints alone, as requested ({p})."
     elif excluded is not None:
-        source, text = (
-            "options",
-            f"Joints alone: elastic links cannot be combined with {excluded.replace('_', ' ')} ({p}).",
-        )
+        source = "options"
+        text = f"Joints alone: elastic links cannot be combined with {excluded.replace('_', ' ')} ({p})."
     elif screening.links_p_value < LINKS_LEVEL:
-        source, text = "screening", f"Joints alone: correct the mistake named in the reasons first ({p})."
+        source = "screening"
+        text = f"Joints alone: correct the mistake named in the reasons first ({p})."
     else:
         source, text = "screening", f"Joints alone: no sign that anything else bends ({p})."
     return ModelChoice(
@@ -279,7 +284,8 @@ def build_run_result(
         resampling: statistics of resampled fits; None without resampling.
     """
     estimate, prediction, assessment = found.estimate, found.prediction, found.assessment
-    names, kinds = [joint.name for joint in estimate.joints], [joint.kind for joint in estimate.joints]
+    names = [joint.name for joint in estimate.joints]
+    kinds = [joint.kind for joint in estimate.joints]
     contributions: list[runs.Contribution] = []
     if prediction.contributions is not None:
         contributions = build_messages(runs.Contribution, joint=names, **vars(prediction.contributions))

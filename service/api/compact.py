@@ -157,7 +157,9 @@ def find_used_schemas(document: Node, *roots: Node) -> set[str]:
 
     `roots` are the parts of the description.
     """
-    schemas, to_search, used_names = document["components"]["schemas"], list(roots), set[str]()
+    schemas = document["components"]["schemas"]
+    to_search = list(roots)
+    used_names = set[str]()
     while to_search:
         new_names = set(re.findall(rf'"{_REFERENCE}(\w+)"', json.dumps(to_search.pop()))) - used_names
         used_names |= new_names

@@ -195,7 +195,8 @@ def _add_example_answers(document: Node) -> None:
 
 def _drop_unused_schemas(document: Node) -> None:
     """Remove from the components the schemas that no operation refers to."""
-    schemas, used = document["components"]["schemas"], find_used_schemas(document, document["paths"])
+    schemas = document["components"]["schemas"]
+    used = find_used_schemas(document, document["paths"])
     document["components"]["schemas"] = {name: schemas[name] for name in schemas if name in used}
 
 

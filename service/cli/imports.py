@@ -626,7 +626,8 @@ def make_import_report(answer: ImportAnswer) -> list[Part]:
         ]
         parts += _make_first_lines(file.assumptions, "assumed: ")
     joints = "no joint angles" if answer.joint_count is None else f"{answer.joint_count} joints"
-    targets, states = ", ".join(answer.targets) or "none", ", ".join(answer.states) or "none"
+    targets = ", ".join(answer.targets) or "none"
+    states = ", ".join(answer.states) or "none"
     ellipsis = ", …" if answer.observation_count > len(answer.first_labels) else ""
     totals = (
         f"  {answer.observation_count} observations ({', '.join(answer.first_labels)}{ellipsis}), {joints}, "

@@ -304,8 +304,7 @@ def _convert_to_units_of_file(
         if is_posture and file_unit != "deg" and file_unit in unit_sizes and len(value) > _JOINTS_OF_ARM:
             raise typer.BadParameter(
                 f"the values of linear axes cannot be converted from deg to {file_unit}, the unit of "
-                "angles in "
-                f"the file of options; remedy: state `{name}` in that file, in its units",
+                f"angles in the file of options; remedy: state `{name}` in that file, in its units",
                 param_hint=option_flag(message_class, name),
             )
         if file_unit in unit_sizes:
@@ -451,7 +450,7 @@ def field_options(
 def option_flag(message_class: type[Message], name: str, form_of_field: Forms = _NO_FORMS) -> str:
     """Return the command-line option of a field, such as `--load-point`.
 
-    `form_of_field` has the forms of fields whose option differs from that which the class declares.
+    `form_of_field` is name of a field → form of its option, for options that do not follow the class.
     """
     return (
         _find_option_form(message_class.model_fields[name], form_of_field.get(name)).option

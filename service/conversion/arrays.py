@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -154,22 +153,7 @@ class ArrayReadings:
         `count` is the number of observations, `length` the unit of lengths in m.
         """
         is_along_direction = self.directions is not None  # each reading is then one number, not a vector
-        fields = {
-            name: value
-            for name in ("unloaded", "loaded", "unloaded_after", "deflections")
-            if (value := getattr(self, name)) is not None
-        }
-        allowed_fields = [
-            {"unloaded", "loaded"},
-            {"unloaded", "loaded", "unloaded_after"},
-            {"deflections"},
-            *([] if self.forces is not None else [{"unloaded"}]),
-        ]
-        if set(fields) not in allowed_fields:
-            given = " and ".join(f"`{name}`" for name in fields)
-            reason = f"{given} alone cannot be used as readings" if given else "no readings are given"
-            remedy = "give `unloaded` and `loaded`, or `deflections`; `unloaded` alone is for the own weight"
-            raise MeasurementError(reason, where="unloaded", remedy=remedy)
+        fields = self._collect_reading_fields()
         names = self._get_target_names(next(iter(fields.values()))) or []
         values: dict[str, FloatArray] = {}
         for name, value in fields.items():
@@ -180,16 +164,7 @@ class ArrayReadings:
         if "loaded" in values:
             deflections = values["loaded"] - values["unloaded"]
             _refuse_implausible_lengths(deflections, "loaded", length, are_deflections=True)
-        shape = next(iter(values.values())).shape[:2]
-        directions = None
-        if is_along_direction:
-            stated = to_number_array(self.directions, "directions")
-            with suppress(ValueError):
-                directions = np.broadcast_to(stated, (*shape, 3))
-            if directions is None:
-                raise _make_shape_error(
-                    "directions", stated, f"(3,), (T, 3) or (N, T, 3) for {shape[1]} targets"
-                )
+        directions = self._broadcast_directions(count, len(names)) if is_along_direction else None
         # The document names one reading `deflection`, or `displacement` if it is one number.
         field_names = {"deflections": "displacement" if is_along_direction else "deflection"}
         return names, [
@@ -212,6 +187,40 @@ class ArrayReadings:
             ]
             for i in range(count)
         ]
+
+    def _collect_reading_fields(self) -> dict[str, Any]:
+        """Return field → array of the readings that are given.
+
+        Raises:
+            MeasurementError: these fields together cannot be used as readings.
+        """
+        fields = {
+            name: getattr(self, name)
+            for name in ("unloaded", "loaded", "unloaded_after", "deflections")
+            if getattr(self, name) is not None
+        }
+        allowed_fields = [{"unloaded", "loaded"}, {"unloaded", "loaded", "unloaded_after"}, {"deflections"}]
+        if self.forces is None:
+            allowed_fields.append({"unloaded"})
+        if set(fields) not in allowed_fields:
+            given = " and ".join(f"`{name}`" for name in fields)
+            reason = f"{given} alone cannot be used as readings" if given else "no readings are given"
+            remedy = "give `unloaded` and `loaded`, or `deflections`; `unloaded` alone is for the own weight"
+            raise MeasurementError(reason, where="unloaded", remedy=remedy)
+        return fields
+
+    def _broadcast_directions(self, observation_count: int, target_count: int) -> FloatArray:
+        """Return the directions (N, T, 3) of the readings; `directions` may leave out the first axes.
+
+        Raises:
+            MeasurementError: the shape of `directions` is wrong.
+        """
+        stated = to_number_array(self.directions, "directions")
+        try:
+            return np.broadcast_to(stated, (observation_count, target_count, 3))
+        except ValueError:
+            shapes = f"(3,), (T, 3) or (N, T, 3) for {target_count} targets"
+            raise _make_shape_error("directions", stated, shapes) from None
 
     def _get_target_names(self, value: object) -> list[str]:
         """Return the names of the targets, else the keys of the readings `value`; empty without names."""

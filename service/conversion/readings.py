@@ -85,7 +85,9 @@ class Directions(ArrayGroup):
         """
         if all(reading.displacement is None for reading in readings):
             return None
-        displacement, vector, in_flange = np.zeros(shape), np.zeros((*shape, 3)), np.zeros(shape, np.bool_)
+        displacement = np.zeros(shape)
+        vector = np.zeros((*shape, 3))
+        in_flange = np.zeros(shape, np.bool_)
         displacement[indices] = [each.displacement or 0.0 for each in readings]
         vector[indices] = [each.direction or each.flange_direction or (0, 0, 0) for each in readings]
         in_flange[indices] = [each.flange_direction is not None for each in readings]
@@ -270,11 +272,9 @@ class PointNoise(ArrayGroup):
         _refuse_partly_stated_noise(
             [states_noise[k] for k in tracker_readings], [observations[k] for k in tracker_readings]
         )
-        sigma, unloaded_covariances, loaded_covariances = (
-            np.zeros(shape),
-            np.zeros((*shape, 3, 3)),
-            np.zeros((*shape, 3, 3)),
-        )
+        sigma = np.zeros(shape)
+        unloaded_covariances = np.zeros((*shape, 3, 3))
+        loaded_covariances = np.zeros((*shape, 3, 3))
         for row, target, reading in zip(*indices, readings, strict=True):
             if reading.sigma is not None:
                 sigma[row, target] = reading.sigma
@@ -730,34 +730,9 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
     Raises:
         MeasurementError: the set does not fit the robot, lacks a quantity or a unit, or its noise is unclear.
     """
-    if readings.joints.shape[1] != robot.n:
-        raise MeasurementError(
-            f"there are {readings.joints.shape[1]} joint angles, but the robot has {robot.n} joints",
-            where="observations[0].joints",
-            remedy=f"give the {robot.n} controller angles of {list_joint_names(robot)}",
-        )
-    if header.joint_kinds is not None and tuple(header.joint_kinds) != robot.joint_kinds:
-        kinds = zip(robot.joint_names, robot.joint_kinds, header.joint_kinds, strict=False)
-        joint_name, joint_kind = next(
-            ((joint_name, joint_kind) for joint_name, joint_kind, read_as in kinds if joint_kind != read_as),
-            ("", None),
-        )
-        units = JOINT_UNITS[joint_kind or "revolute"]
-        raise MeasurementError(
-            f"joint {joint_name} is read as {'an angle' if units.dimension == 'length' else 'a length'}, "
-            "but in "
-            f"the robot it is {joint_kind}",
-            where="joint_kinds",
-            remedy=f"give its {units.dimension}s, in `units.{units.dimension}`, or check the robot and the "
-            "order of the joints",
-        )
+    _refuse_other_joints(header, readings, robot)
     length, unloaded_only = LENGTH[header.units.length], readings.unloaded_only
-    unloaded, returned = readings.unloaded, None
-    if readings.after is not None:  # the mean of both readings without load counts
-        was_read, after = readings.after.present, readings.after.position
-        unloaded = np.where(was_read[..., None], 0.5 * (unloaded + after), unloaded)
-        return_difference = np.where(was_read[..., None], after - readings.unloaded, 0.0)
-        returned = ReturnReadings(length * return_difference, was_read)
+    unloaded, returned = _average_unloaded_readings(readings, length)
     deflection = np.where(readings.as_deflection[..., None], readings.loaded, readings.loaded - unloaded)
     deflection = np.where(unloaded_only[..., None], 0.0, deflection)
     joints = joint_factors(robot, header.units) * readings.joints
@@ -789,15 +764,7 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         covariance = to_noise(None, None, robot, measurements, length=length)[1]
     encoders = _to_encoder_readings(header, readings.encoders, robot)
     common_uncertainty = to_common_uncertainty(header.noise, length)
-    repeatability = None if header.noise is None else header.noise.repeatability
-    if repeatability is not None:
-        repeatability *= ANGLE[header.units.angle]
-    if repeatability and encoders is not None:
-        raise MeasurementError(
-            "a repeatability is stated, but encoder readings show the same turns of the joints",
-            where="noise.repeatability",
-            remedy="omit `noise.repeatability`, or the encoder readings",
-        )
+    repeatability = _get_repeatability(header, encoders)
     return replace(
         measurements,
         sigma=sigma,
@@ -810,6 +777,71 @@ def to_measurements(header: MeasurementSetHeader, readings: ReadingArrays, robot
         common_uncertainty=common_uncertainty,
         present=readings.present & ~unloaded_only,
     )
+
+
+def _refuse_other_joints(header: MeasurementSetHeader, readings: ReadingArrays, robot: Robot) -> None:
+    """Refuse readings with joints that differ from the robot's joints in number or kind.
+
+    Raises:
+        MeasurementError: names the first such joint.
+    """
+    if readings.joints.shape[1] != robot.n:
+        raise MeasurementError(
+            f"there are {readings.joints.shape[1]} joint angles, but the robot has {robot.n} joints",
+            where="observations[0].joints",
+            remedy=f"give the {robot.n} controller angles of {list_joint_names(robot)}",
+        )
+    if header.joint_kinds is not None and tuple(header.joint_kinds) != robot.joint_kinds:
+        kinds = zip(robot.joint_names, robot.joint_kinds, header.joint_kinds, strict=False)
+        joint_name, joint_kind = next(
+            ((joint_name, joint_kind) for joint_name, joint_kind, read_as in kinds if joint_kind != read_as),
+            ("", None),
+        )
+        units = JOINT_UNITS[joint_kind or "revolute"]
+        raise MeasurementError(
+            f"joint {joint_name} is read as {'an angle' if units.dimension == 'length' else 'a length'}, "
+            f"but in the robot it is {joint_kind}",
+            where="joint_kinds",
+            remedy=f"give its {units.dimension}s, in `units.{units.dimension}`, or check the robot and the "
+            "order of the joints",
+        )
+
+
+def _average_unloaded_readings(
+    readings: ReadingArrays, length: float
+) -> tuple[FloatArray, ReturnReadings | None]:
+    """Return the mean (N, T, 3) of the positions before and after the load, and their differences [m].
+
+    The positions keep the set's unit of length. The differences are None without readings after the load.
+
+    Args:
+        readings: readings of a set.
+        length: the set's unit of length in m.
+    """
+    if readings.after is None:
+        return readings.unloaded, None
+    was_read, after = readings.after.present, readings.after.position
+    mean = np.where(was_read[..., None], 0.5 * (readings.unloaded + after), readings.unloaded)
+    return_difference = np.where(was_read[..., None], after - readings.unloaded, 0.0)
+    return mean, ReturnReadings(length * return_difference, was_read)
+
+
+def _get_repeatability(header: MeasurementSetHeader, encoders: EncoderReadings | None) -> float | None:
+    """Return the stated repeatability of the joints [rad]; None if it is not stated.
+
+    Raises:
+        MeasurementError: the set has encoder readings, too, which show the same turns of the joints.
+    """
+    if header.noise is None or header.noise.repeatability is None:
+        return None
+    repeatability = header.noise.repeatability * ANGLE[header.units.angle]
+    if repeatability and encoders is not None:
+        raise MeasurementError(
+            "a repeatability is stated, but encoder readings show the same turns of the joints",
+            where="noise.repeatability",
+            remedy="omit `noise.repeatability`, or the encoder readings",
+        )
+    return repeatability
 
 
 def _to_encoder_readings(
@@ -835,7 +867,8 @@ def _to_encoder_readings(
             where="noise" if header.noise is None else "noise.encoder_sigma",
             remedy="give both `noise.sigma` and `noise.encoder_sigma`, which weight angles against lengths",
         )
-    angle, columns = ANGLE[header.units.angle], encoders.find_joint_indices(robot.joint_names)
+    angle = ANGLE[header.units.angle]
+    columns = encoders.find_joint_indices(robot.joint_names)
     if robot.prismatic[columns].any():
         name = robot.joint_names[columns[int(np.argmax(robot.prismatic[columns]))]]
         raise MeasurementError(

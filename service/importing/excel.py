@@ -103,10 +103,8 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in sheet_parts.items()}
     name = _find_only_filled_sheet(file, sheets) if sheet is None else sheet
     if name not in sheets:
-        reason, remedy = (
-            f"the workbook has no sheet {quote(name)}",
-            f"give one of {quote(', '.join(sheets))} as `sheet`",
-        )
+        reason = f"the workbook has no sheet {quote(name)}"
+        remedy = f"give one of {quote(', '.join(sheets))} as `sheet`"
         raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(sheets))
     rows: list[Row] = []
     comments: list[Remark] = []
@@ -191,16 +189,19 @@ def _find_number_kinds(archive: Archive, part: str | None) -> dict[str, CellKind
 
     Excel stores dates as numbers of days, and 50 % as 0.5; only the format of a cell tells them apart.
     """
-    codes: dict[str, str] = {}
-    formats: list[str] = []
+    code_by_number: dict[str, str] = {}
+    format_numbers: list[str] = []
     for element in () if part is None else archive.elements(part, "numFmts", "cellXfs"):
         for child in element:
             name, number = _LOCAL_NAMES.get(child.tag), child.get("numFmtId", "0")
             if name == "numFmt":
-                codes[number] = child.get("formatCode", "")
+                code_by_number[number] = child.get("formatCode", "")
             elif name == "xf":
-                formats.append(number)
-    return {str(index): _find_number_kind(number, codes.get(number)) for index, number in enumerate(formats)}
+                format_numbers.append(number)
+    return {
+        str(index): _find_number_kind(number, code_by_number.get(number))
+        for index, number in enumerate(format_numbers)
+    }
 
 
 def _find_number_kind(number: str, code: str | None) -> CellKind:
@@ -211,12 +212,14 @@ def _find_number_kind(number: str, code: str | None) -> CellKind:
         code: code such as `0.00 %`; None for a format that is built into Excel.
     """
     if code is None:
-        built_in = int(number) if number.isascii() and number.isdigit() and len(number) < 5 else 0
-        return "date" if built_in in _DATES else "percentage" if built_in in _PERCENTAGES else "number"
-    plain = _LITERAL_TEXT.sub("", code).lower().replace("general", "").replace("standard", "")
-    if set("dmyhs") & set(plain):
+        format_number = int(number) if number.isascii() and number.isdigit() and len(number) < 5 else 0
+        return (
+            "date" if format_number in _DATES else "percentage" if format_number in _PERCENTAGES else "number"
+        )
+    code_without_literals = _LITERAL_TEXT.sub("", code).lower().replace("general", "").replace("standard", "")
+    if set("dmyhs") & set(code_without_literals):
         return "date"
-    return "percentage" if "%" in plain else "number"
+    return "percentage" if "%" in code_without_literals else "number"
 
 
 # ---- the cells of one sheet
@@ -283,13 +286,13 @@ class _Sheet:
     def rows(self) -> Iterator[Row]:
         """Yield the rows that are not empty, each up to its last cell with a text."""
         self._line = self._column = self._count = self._hidden = self._formulas = 0
-        filled = 0
+        filled_count = 0
         for element in self._archive.elements(self._part, "row", "col"):
             self._hidden += element.get("hidden") in ("1", "true")
             row = self._read_row(element) if _LOCAL_NAMES[element.tag] == "row" else None
             if row is not None:
-                filled += 1
-                if filled > grid.MAX_ROWS:
+                filled_count += 1
+                if filled_count > grid.MAX_ROWS:
                     raise self._workbook_error(f"the sheet has more than {grid.MAX_ROWS} rows")
                 yield row
 
@@ -467,7 +470,8 @@ class Archive:
                 if element.tag in tags:
                     if wanted_depth:
                         raise self.build_error(
-                            f"the workbook is damaged: element {quote(element.tag)} is nested"
+                            f"the workbook is damaged: element {quote(element.tag)} lies within another "
+                            "such element"
                         )
                     wanted_depth, child_count = len(path), 0
                 continue

@@ -45,7 +45,7 @@ MARKS: Final[Mapping[str, bool]] = MappingProxyType(
     {word: mark == "true" for word, mark in _values_by_word(_WORDS["marks"]).items()}
 )
 """Words in the column `deleted`: True if the word marks its row as deleted."""
-DIGITS: Final[Mapping[str, State]] = MappingProxyType({"0": "unloaded", "1": "loaded"})
+STATE_OF_DIGIT: Final[Mapping[str, State]] = MappingProxyType({"0": "unloaded", "1": "loaded"})
 """States where nothing else can be meant; elsewhere a digit is part of a name."""
 _ADDED: Final = "plus"
 """With x, y or z: a deviation, to be added to that coordinate of the same target and state."""

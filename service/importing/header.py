@@ -77,7 +77,7 @@ class Heading:
         return self.guessed and not self.lines
 
     def place(self, column: int | None = None) -> Place:
-        """Return the place of the header, or of its cell with this index."""
+        """Return the place of the header in the file, or of its cell with an index."""
         line = self.lines[-1] if self.lines else None
         return Place(self.file, line, None if column is None else column + 1)
 
@@ -107,9 +107,9 @@ def find_heading(grid: Grid, words: Vocabulary, options: ImportOptions) -> Headi
 
 
 def _find_header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Heading | None:
-    """Find the header in the last comment before the data that can be split into `width` known headers.
+    """Return the header in the comments above the data: the last that has `width` known headers.
 
-    Return None if no comment can be split in this way.
+    None if no comment can be split into that many known headers.
 
     Raises:
         ImportFileError: a later comment looks like a header, but is not understood.
@@ -167,20 +167,20 @@ def _count_time_columns(grid: Grid, width: int) -> int:
 
 
 def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
-    """Return the heading of a list of points without a header, by its number of columns.
+    """Return an assumed heading of a list of points that has no header, chosen by its number of columns.
 
     Raises:
         ImportFileError: lists of points have another number of columns, or a name looks like a number.
     """
-    times = _count_time_columns(grid, width)
-    headers = ("x", "y", "z") if by_order and width == 3 else _HEADERLESS.get(width - times)
-    headers = headers and (*headers, *("time",) * times)
+    time_column_count = _count_time_columns(grid, width)
+    headers = ("x", "y", "z") if by_order and width == 3 else _HEADERLESS.get(width - time_column_count)
+    headers = headers and (*headers, *("time",) * time_column_count)
     if headers is None:
         reason = f"the rows have {width} cells, and there is no header"
         remedy = "add a header such as `name x y z`, or give `header`"
         raise ImportFileError(grid.place(grid.rows[0]), reason, remedy, "header")
     for row in grid.rows:
-        for column, cell in enumerate(row.cells[: len(headers) - 3 - times]):
+        for column, cell in enumerate(row.cells[: len(headers) - 3 - time_column_count]):
             is_number = looks_like_a_number(cell) and (column > 0 or not cell.isdigit())
             if grammar.is_key(cell) or is_number:
                 reason = f"{quote(cell)} is where a point's name must be, because there is no header"
@@ -194,37 +194,41 @@ def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
 
 
 def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
-    """Return the header in the first rows: rows with known headers only, else those with most of them.
+    """Return the header among the first rows of a file.
+
+    The first header with known headers only is chosen, else the header with most known headers.
 
     Raises:
         ImportFileError: no row of data follows, or a row above the header looks like data.
     """
-    start, count, texts = 0, 1, grid.rows[0].cells
+    first_header_row, header_row_count, texts = 0, 1, grid.rows[0].cells
     most_known = 0
     for first_row, row_count, column_texts in _yield_possible_headers(grid, words):
-        known = words.count_known(column_texts)
-        if known > most_known:
-            start, count, texts = first_row, row_count, column_texts
-            most_known = known
-            if known == sum(map(bool, texts)) and start + count < len(grid.rows):
+        known_count = words.count_known(column_texts)
+        if known_count > most_known:
+            first_header_row, header_row_count, texts = first_row, row_count, column_texts
+            most_known = known_count
+            if known_count == sum(map(bool, texts)) and first_header_row + header_row_count < len(grid.rows):
                 break
-    if start + count == len(grid.rows):
-        place = grid.place(grid.rows[start])
+    if first_header_row + header_row_count == len(grid.rows):
+        place = grid.place(grid.rows[first_header_row])
         raise ImportFileError(place, "the file has a header but no row of data", "check the file")
-    lines = tuple(row.line for row in grid.rows[start : start + count])
-    for row in grid.rows[:start]:
+    lines = tuple(row.line for row in grid.rows[first_header_row : first_header_row + header_row_count])
+    for row in grid.rows[:first_header_row]:
         # A title has at most one number, and few filled cells.
         if count_numbers(row) > 1 or sum(map(bool, row.cells)) > max(2, len(texts) // 2):
             reason = f"the row is above the header in line {lines[0]}, but looks like data"
             raise ImportFileError(grid.place(row), reason, "move it below the header, or remove it")
-    notes = [f"rows above the header were read as titles: {start}"] if start else []
-    if count > 1:
+    notes = [f"rows above the header were read as titles: {first_header_row}"] if first_header_row else []
+    if header_row_count > 1:
         notes.append(f"the header was combined from rows {', '.join(map(str, lines))}")
-    return Heading(grid.file, texts, lines, start + count, count > 1, tuple(notes))
+    return Heading(
+        grid.file, texts, lines, first_header_row + header_row_count, header_row_count > 1, tuple(notes)
+    )
 
 
 def _yield_possible_headers(grid: Grid, words: Vocabulary) -> Iterator[tuple[int, int, tuple[str, ...]]]:
-    """Yield the possible headers: index of the first row, number of rows, and text of each column.
+    """Yield (index of the first row, number of rows, text of each column) of each possible header.
 
     Of the headers that begin in the same row, those with more rows come first.
     """
@@ -255,9 +259,9 @@ def _merge_rows(rows: Sequence[tuple[str, ...]], words: Vocabulary) -> tuple[str
 
 
 def _is_title(row: tuple[str, ...], words: Vocabulary) -> bool:
-    """Return whether a row is a title: a single text, in its first cell, without a word for a state or joint.
+    """Return whether a row is a title: a single text, in its first cell, that could be the name of a target.
 
-    The text must be such that, above `x`, it would be understood as the name of a target.
+    The text must have no word for a state or joint, and be understood as a target's name above `x`.
     """
     if sum(map(bool, row)) > 1 or not row[0]:
         return False
@@ -272,35 +276,35 @@ def _is_title(row: tuple[str, ...], words: Vocabulary) -> bool:
 def _combine_with_groups(
     upper: Sequence[str], lower: Sequence[str], words: Vocabulary
 ) -> tuple[str, ...] | None:
-    """Combine a row of groups with the row below; None if a cell of the lower row is a number.
+    """Combine a row of groups with the row below it, cell by cell; None if a lower cell is a number.
 
     A group holds for its column and for the filled columns to its right: `P10 loaded [mm]` above `x`, `y`
     gives `P10 loaded x [mm]` and `P10 loaded y [mm]`. A cell that is a header by itself, such as `label`, is
     not combined with a group to its left.
     """
     texts, group = [], ""
-    for above, below in zip(upper, lower, strict=True):
-        group = above or (group if below else "")
-        if looks_like_a_number(below) and not (below.isdigit() and grammar.is_joint(group)):
+    for upper_cell, lower_cell in zip(upper, lower, strict=True):
+        group = upper_cell or (group if lower_cell else "")
+        if looks_like_a_number(lower_cell) and not (lower_cell.isdigit() and grammar.is_joint(group)):
             return None
-        if not group or not below:
-            texts.append(above or below)
-            group = group if below else ""
+        if not group or not lower_cell:
+            texts.append(upper_cell or lower_cell)
+            group = group if lower_cell else ""
             continue
         name, unit = grammar.split_unit(group)
-        joined = f"{group} {below}"
-        if unit is not None and grammar.split_unit(below)[1] in (None, unit):
-            joined = _append_unit(f"{name} {below}", unit)
-        own_meaning = words.find(below)
+        joined = f"{group} {lower_cell}"
+        if unit is not None and grammar.split_unit(lower_cell)[1] in (None, unit):
+            joined = _append_unit(f"{name} {lower_cell}", unit)
+        own_meaning = words.find(lower_cell)
         needs_group = own_meaning is None or (
             own_meaning.kind in POINTS and own_meaning.quantity.target is None
         )
-        texts.append(joined if above or needs_group or words.find(joined) is not None else below)
+        texts.append(joined if upper_cell or needs_group or words.find(joined) is not None else lower_cell)
     return tuple(texts)
 
 
 def _append_unit(name: str, unit: str) -> str:
-    """Return a header with a unit in brackets, unless the unit is empty or there already."""
+    """Return a header with a unit in brackets; the unit is not added if it is empty or present already."""
     unit = unit.strip("[]() ")
     if not unit or unit in _NO_UNIT or grammar.split_unit(name)[1] == unit:
         return name
@@ -350,7 +354,7 @@ class Columns:
 
     @property
     def needed(self) -> frozenset[str]:
-        """Kinds among `target` and `state` that no header and no column gives, so that names have to."""
+        """Kinds `target` or `state` that names of points must give, as neither headers nor columns do."""
         positions = [quantity for quantity in self.quantities if quantity.kind == "position"]
         not_in_headers = [
             kind
@@ -399,19 +403,19 @@ class ColumnReader:
         )
         if not ("state" in kinds or template_gives_state or names_give_state):  # nothing else says the state
             meanings = self._recognise_states(meanings)
-        resolved = self._resolve_units(meanings, axes_unit)
-        texts: dict[Kind, int] = {}
+        meanings_with_units = self._resolve_units(meanings, axes_unit)
+        text_columns: dict[Kind, int] = {}
         for index, meaning in enumerate(meanings):
-            texts.setdefault(meaning.kind, index)
+            text_columns.setdefault(meaning.kind, index)
         quantities: dict[Quantity, tuple[int, ...]] = {}
         if "unknown" not in kinds:
             quantities = self._group_by_quantity(meanings)
-            self._check_names_and_loads(texts, quantities)
-            self._check_points(texts, quantities)
-        with_numbers = [meaning for meaning in resolved if meaning.axis is not None]
+            self._check_names_and_loads(text_columns, quantities)
+            self._check_points(text_columns, quantities)
+        with_numbers = [meaning for meaning in meanings_with_units if meaning.axis is not None]
         return Columns(
-            tuple(resolved),
-            texts,
+            tuple(meanings_with_units),
+            text_columns,
             quantities,
             {
                 meaning.dimension: meaning.unit
@@ -424,7 +428,7 @@ class ColumnReader:
         )
 
     def _find_quaternion(self) -> list[int]:
-        """Return the indices of the columns of a quaternion, Q0 to Q3 or Q1 to Q4; [] if there is none.
+        """Return the indices of the columns of a quaternion, Q0 to Q3 or Q1 to Q4; [] without a quaternion.
 
         The squares of a quaternion add up to 1 in each row, or are all 0. Columns with a unit or a stated
         meaning are angles of joints. If Q1 to Q4 are 0 in all rows, they may be joints; Q0 cannot be a joint.
@@ -452,7 +456,7 @@ class ColumnReader:
         return columns
 
     def _understand_headers(self, rotation: Sequence[int]) -> list[Meaning]:
-        """Return the meaning of each column; report a header that is unknown or has the meaning of another.
+        """Return the meaning of each column; report headers that are unknown or repeat a meaning.
 
         `rotation` has the indices of the columns of a quaternion, which are ignored like empty columns.
         """
@@ -476,7 +480,7 @@ class ColumnReader:
         return self._number_joints_from_one(meanings)
 
     def _number_joints_from_one(self, meanings: list[Meaning]) -> list[Meaning]:
-        """Return the meanings with joints from 1; a joint 0 shows that the file numbers them from 0."""
+        """Return the meanings with joints numbered from 1, also if the file numbers them from 0."""
         if not any(meaning.kind == "joint" and meaning.axis == -1 for meaning in meanings):
             return meanings
         self._notes.append("joints are numbered from 0 in the file: its joint 0 was read as joint 1")
@@ -486,21 +490,23 @@ class ColumnReader:
         ]
 
     def _report_faults(self, faults_found: Sequence[ImportFileError]) -> None:
-        """Report faults of headers; many unknown headers share messages, to leave room for other faults."""
-        unknown = [fault for fault in faults_found if fault.option == grammar.UNKNOWN]
-        others = [fault for fault in faults_found if fault.option != grammar.UNKNOWN]
-        if len(unknown) <= _MAX_SINGLE_FAULTS:
-            unknown, others = [], list(faults_found)
-        for start in range(0, len(unknown), _HEADERS_PER_FAULT):
-            group = unknown[start : start + _HEADERS_PER_FAULT]
+        """Report faults of headers; many unknown headers share messages, to leave room for others."""
+        unknown_headers = [fault for fault in faults_found if fault.option == grammar.UNKNOWN]
+        single_faults = [fault for fault in faults_found if fault.option != grammar.UNKNOWN]
+        if len(unknown_headers) <= _MAX_SINGLE_FAULTS:
+            unknown_headers = []
+            single_faults = list(faults_found)
+        for start in range(0, len(unknown_headers), _HEADERS_PER_FAULT):
+            group = unknown_headers[start : start + _HEADERS_PER_FAULT]
+            # Columns of places are counted from 1.
             names = ", ".join(quote(self._headers[(fault.place.column or 1) - 1]) for fault in group)
             reason = f"unknown column headers {names}"
             self._faults.report(group[0].place, reason, group[0].remedy, grammar.UNKNOWN)
-        for fault in others:
+        for fault in single_faults:
             self._faults.add(fault)
 
     def _recognise_states(self, meanings: list[Meaning]) -> list[Meaning]:
-        """Return the meanings with states from the names of targets, as in `P10 0 x` and `P10 1 x`.
+        """Return the meanings with states that the names of targets contain, as in `P10 0 x` and `P10 1 x`.
 
         Each name must occur with the same two words. The words 0 and 1 mean `unloaded` and `loaded`. Two
         other words are reported as a fault, whose remedy is the option `state_words`.
@@ -523,7 +529,7 @@ class ColumnReader:
                 or len(split_names) != 2 * len(targets)
             ):
                 continue
-            if state_words == grammar.DIGITS.keys():
+            if state_words == grammar.STATE_OF_DIGIT.keys():
                 return self._apply_digit_states(meanings, points, split_names)
             if not all(word.isdigit() for word in state_words):
                 # in the order in which the words first occur in the headers
@@ -546,23 +552,23 @@ class ColumnReader:
         points: Mapping[int, Quantity],
         split_names: Mapping[str, tuple[str, str]],
     ) -> list[Meaning]:
-        """Return the meanings with the states that 0 and 1 in the names of targets mean, and add a note.
+        """Return the meanings in which 0 and 1 in names of targets are states; add a note on that.
 
         Args:
             meanings: meanings of all columns.
             points: index of a column of positions → its quantity, whose target ends or begins with 0 or 1.
-            split_names: name of such a target → its name without the digit, and the digit.
+            split_names: name of such a target → (its name without the digit, the digit).
         """
         self._notes.append("0 and 1 in headers were read as `unloaded` and `loaded`")
         changed = list(meanings)
         for column, (kind, name, _) in points.items():
             target, digit = split_names[name or ""]
-            quantity = Quantity(kind, target, grammar.DIGITS[digit])
+            quantity = Quantity(kind, target, grammar.STATE_OF_DIGIT[digit])
             changed[column] = replace(meanings[column], quantity=quantity, guessed=True)
         return changed
 
     def _group_by_quantity(self, meanings: Sequence[Meaning]) -> dict[Quantity, tuple[int, ...]]:
-        """Return the indices of the columns of each quantity, in the order of joints or axes.
+        """Return quantity → indices of its columns, in the order of joints or axes.
 
         A missing joint or axis, and axes in upper and lower case, are reported as faults.
         """
@@ -599,7 +605,7 @@ class ColumnReader:
     def _check_names_and_loads(
         self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
     ) -> None:
-        """Report faults unless the columns have names and numbers, and state the load only once."""
+        """Report a fault unless there are columns of names and numbers, and one statement of the load."""
         place, report = self._heading.place(), self._faults.report
         if "name" not in texts and not self._options.by_order:
             remedy = (
@@ -609,18 +615,18 @@ class ColumnReader:
             report(place, "no column names the observations or points", remedy, "by_order")
         if not quantities:
             report(place, "no column with numbers is recognised", "check the header")
-        hung, force = quantities.get(Quantity("mass")), quantities.get(Quantity("force"))
-        if hung:
+        mass_columns, force_columns = quantities.get(Quantity("mass")), quantities.get(Quantity("force"))
+        if mass_columns:
             self._notes.append("the weight of each mass, 9.80665 N per kilogram, pulls along −z of R0")
-            if force:
-                header = quote(self._headers[hung[0]])
+            if force_columns:
+                header = quote(self._headers[mass_columns[0]])
                 reason = f"{header} states the load, but columns of forces state the load, too"
-                report(self._heading.place(hung[0]), reason, "skip one of them with `ignore`")
+                report(self._heading.place(mass_columns[0]), reason, "skip one of them with `ignore`")
 
     def _check_points(
         self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
     ) -> None:
-        """Report faults unless all columns of positions give target and state in the same way."""
+        """Report a fault unless all columns of positions state target and state in the same way."""
         place, report = self._heading.place(), self._faults.report
         points = [quantity for quantity in quantities if quantity.kind in POINTS]
         for quantity in points:
@@ -630,16 +636,16 @@ class ColumnReader:
                 reason = f"{header} belongs to a position, but the table has no columns of this position"
                 report(self._heading.place(column), reason, "correct its header, or use `ignore`")
         for kind in _TARGET_AND_STATE:
-            named = {getattr(quantity, kind) is not None for quantity in points}
-            if len(named) > 1:
+            is_named = {getattr(quantity, kind) is not None for quantity in points}
+            if len(is_named) > 1:
                 reason = f"some columns of positions name their {kind}, others do not"
                 report(place, reason, f"name the {kind} in all of them")
-            if kind in texts and True in named:
+            if kind in texts and True in is_named:
                 reason = f"there is a column `{kind}`, but the headers of positions name it, too"
                 report(self._heading.place(texts[kind]), reason, "keep one of them")
 
     def _resolve_units(self, meanings: Sequence[Meaning], axes_unit: str | None) -> list[Meaning]:
-        """Return the meanings with the units of all numbers; two units of one dimension are a fault.
+        """Return the meanings with the units of all numbers; report a fault for two units of one dimension.
 
         `axes_unit` is the unit of x, y and z that a comment of the file states, or None.
         """
@@ -675,7 +681,7 @@ class ColumnReader:
         return resolved
 
     def _decide_unit(self, meaning: Meaning, axes_unit: str | None) -> str | None:
-        """Return the unit of a column, as stated by its header, else a comment, else the option `units`.
+        """Return the unit of a column: from its header, else from a comment, else from the option `units`.
 
         Return None if no source states a unit. `axes_unit` is the unit of x, y and z in a comment.
 
@@ -699,14 +705,20 @@ class ColumnReader:
         return unit
 
     def _report_missing_unit(self, dimension: Dimension, meaning: Meaning, columns: Sequence[int]) -> None:
-        """Report that columns of a dimension have no unit; `meaning` is the meaning of the first column."""
+        """Report that columns of a dimension have no unit.
+
+        Args:
+            dimension: dimension of the columns, such as length.
+            meaning: meaning of the first column.
+            columns: indices of the columns.
+        """
         header, others = self._headers[columns[0]], len(columns) - 1
-        more = f", nor {'has 1 other' if others == 1 else f'have {others} others'}" if others else ""
+        others_text = f", nor {'has 1 other' if others == 1 else f'have {others} others'}" if others else ""
         example = f"{header or meaning} [{_EXAMPLE_UNITS[dimension]}]"
         remedy = f"write it in the header, such as `{example}`, or give `units`"
-        what = str(meaning)
+        column_text = str(meaning)
         if meaning.quantity.target is not None:  # the target's name may be a word with another meaning
-            what = f"{quote(header)}, read as {meaning},"
+            column_text = f"{quote(header)}, read as {meaning},"
             remedy += f"; if it means something else, give `columns`, such as {header}=x"
         place = self._heading.place(columns[0])
-        self._faults.report(place, f"{what} has no unit{more}", remedy, f"units.{dimension}")
+        self._faults.report(place, f"{column_text} has no unit{others_text}", remedy, f"units.{dimension}")

@@ -301,7 +301,8 @@ def _check_end_of_file(grid: Grid, rows: Sequence[Row], faults: Faults) -> str |
         for decimals_of_cell in row
     )
     *decimal_counts, last_decimal_count = (len(row[-1]) for row in decimals)
-    is_number, place = looks_like_a_number(last_cell), grid.place(rows[-1], len(rows[-1].cells) - 1)
+    is_number = looks_like_a_number(last_cell)
+    place = grid.place(rows[-1], len(rows[-1].cells) - 1)
     # Without trailing zeros a number may have one decimal fewer than the others.
     has_fewer_decimals = is_number and last_decimal_count < min(decimal_counts) - (not writes_trailing_zeros)
     has_fewer_characters = len(last_cell.lstrip("+-")) < min(len(cell.lstrip("+-")) for cell in cells_above)

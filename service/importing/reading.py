@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import degrees, sqrt
+from math import degrees, dist, sqrt
 from statistics import fmean, median, pstdev
 from types import MappingProxyType
 from typing import Final, Literal
@@ -93,7 +93,10 @@ class Understood:
 
     @property
     def places(self) -> dict[str, str]:
-        """Names of places in the flange frame, by the target that was read as a deflection at the place."""
+        """Target → name of its place in the flange frame, for targets that were read as a deflection.
+
+        A gauge's target names the place and the axis; other targets are places themselves.
+        """
         read = (quantity for observation in self.observations for quantity in observation.values)
         return {
             target or "": split_along_target(target or "")[0] if kind == "along" else target or ""
@@ -114,6 +117,7 @@ def understand_files(files: Sequence[SourceFile], options: ImportOptions = _NO_O
     with faults.collect():
         _check_files(files)
         return reader.read(files)
+    # `collect` has kept an error that ended the block: the answer has the faults.
     return reader.build_answer()
 
 
@@ -170,8 +174,8 @@ class _Reader:
             with faults.collect():
                 for table in _read_grids(file, self._options):
                     self._read_table(table)
-        are_read = {each.file for each in self._previews} == {file.name for file in files}
-        if all(not layout.columns.faulty for layout in self._layouts) and are_read:
+        all_were_read = {preview.file for preview in self._previews} == {file.name for file in files}
+        if all(not layout.columns.faulty for layout in self._layouts) and all_were_read:
             if not self._layouts:  # all files were read, and each is a table of masses
                 remedy = "import them together with the readings of the robot"
                 raise ImportFileError(NOWHERE, "the files contain masses, but no readings", remedy)
@@ -184,12 +188,12 @@ class _Reader:
                     names = NameReader(layout, self._options, self._notes)
                     readers.append(RowReader(layout, names, self._times_and_roundings))
         records = (record for reader in readers for record in reader.read_records(faults))
-        merging = _Merging(self._options, self._units, self._joint_kinds(), faults, self._notes)
-        observations = merging.merge_by_label(records)
+        merger = _Merging(self._options, self._units, self._joint_kinds(), faults, self._notes)
+        observations = merger.merge_by_label(records)
         return self.build_answer() if faults.found else self._check_and_assemble(observations)
 
     def _read_table(self, table: Grid) -> None:
-        """Read the bodies of a table of masses, or the header of any other table; store the result."""
+        """Read and store the bodies of a table of masses, or the header of any other table."""
         if is_mass_table(table):
             bodies, preview = read_mass_table(table, self._options, self._faults)
             self._bodies += bodies
@@ -202,17 +206,17 @@ class _Reader:
     def _check_and_assemble(self, observations: list[ObservationRecord]) -> Understood:
         """Check the observations of all files against each other; return them with the final preview.
 
-        If there are faults, only the faults and the previews of the files are returned.
+        If there are faults, the result has only the faults and the previews of the files.
         """
         faults, notes = self._faults, self._notes
         targets = _list_targets(observations)
         _check_same_quantities(observations, faults)
-        present = {quantity.state for observation in observations for quantity in observation.values}
-        states = [state for state in _STATES if state in present]
+        states_present = {quantity.state for observation in observations for quantity in observation.values}
+        states = [state for state in _STATES if state in states_present]
         # Positions in one state only show no deflection, so that their readings cannot be complete.
         has_readings = states not in _SINGLE_STATES
         if targets and has_readings:
-            observations, notes_on_gaps = _drop_incomplete_readings(
+            observations, notes_on_gaps = _drop_and_report_incomplete_readings(
                 observations, targets, faults, self._options.allow_missing
             )
             notes += notes_on_gaps
@@ -242,13 +246,13 @@ class _Reader:
             }
         )
         units = {kind: "mm" if unit == "in" else unit for kind, unit in self._units.items()}
-        unsure = [layout.unsure_number for layout in self._layouts if layout.unsure_number]
-        unusual = (*unsure, *_find_unusual_values(observations))
+        unsure_numbers = [layout.unsure_number for layout in self._layouts if layout.unsure_number]
+        unusual = (*unsure_numbers, *_find_unusual_values(observations))
         bodies = tuple(self._bodies)
         return Understood(preview, (), tuple(observations), units, self._times_and_roundings, bodies, unusual)
 
     def _joint_kinds(self) -> list[JointKind]:
-        """Return the kind of each joint, prismatic if its column's unit is a length; [] without joints."""
+        """Return the kind of each joint: prismatic if its column's unit is a length; [] without joints."""
         for columns in (layout.columns for layout in self._layouts):
             if indices := columns.quantities.get(Quantity("joint")):
                 dimensions = [columns.meanings[index].dimension for index in indices]
@@ -262,16 +266,16 @@ class _Reader:
 
     def _add_fault_rows(self, preview: FilePreview) -> FilePreview:
         """Return the preview of a file, extended by rows with faults that the preview does not show yet."""
-        known = {*preview.header_lines, *preview.first_lines}
-        places = (fault.place for fault in self._faults.found)
-        lines = {place.line for place in places if place.file == preview.file} - known
+        shown_lines = {*preview.header_lines, *preview.first_lines}
+        fault_places = (fault.place for fault in self._faults.found)
+        lines = {place.line for place in fault_places if place.file == preview.file} - shown_lines
         grids = (layout.grid for layout in self._layouts)
         rows = [row for each in grids if each.file == preview.file for row in each.rows if row.line in lines]
         cells = [list(row.cells) for row in rows]
         return preview.model_copy(update={"fault_rows": cells, "fault_lines": [row.line for row in rows]})
 
     def _check_options(self) -> None:
-        """Report options that no file needs, and options that name a header which no file has."""
+        """Report options that no file needs, and options that name a header that no file has."""
         tables_needing_names = [layout.columns for layout in self._layouts if layout.columns.needed]
         for option in ("point_name", "file_name"):
             text = getattr(self._options, option) or ""
@@ -302,7 +306,7 @@ class _Reader:
                     self._faults.report(NOWHERE, reason, f"write it in `{option}` as the file does", option)
 
     def _compare_with_others(self, layout: Layout) -> None:
-        """Report a file whose units or frame differ from those of the files before it."""
+        """Report a file whose units or frame differ from those of the files that were read before."""
         place = Place(layout.grid.file)
         for dimension, unit in layout.columns.units.items():
             if self._units.setdefault(dimension, unit) != unit:
@@ -412,7 +416,7 @@ class _Merging:
         return list(observations.values())
 
     def _merge_record(self, observation: ObservationRecord, record: ObservationRecord) -> None:
-        """Add the values of a record to the observation with its label; values that differ are faults.
+        """Add the values of a record to the observation with the same label; report values that differ.
 
         Of joints that differ within the tolerance, those of the record with unloaded positions are kept.
         """
@@ -436,21 +440,24 @@ class _Merging:
                 self._faults.report(record.place, reason, remedy)
 
     def _are_equal_joints(self, label: str, first: Value, second: Value) -> bool:
-        """Return whether joints of two files agree within the tolerance; remember the worst that do not."""
+        """Return whether joints of two files agree within the tolerance; keep the worst disagreement."""
         if not (first.vector and second.vector) or len(first.vector) != len(second.vector):
             return False
-        both = zip(first.vector, second.vector, self._joint_tolerances, strict=False)
-        relative, difference = max((abs(a - b) / tolerance, abs(a - b)) for a, b, tolerance in both)
-        if relative <= 1.0 + 1e-9:
-            self._joint_difference = max(self._joint_difference, relative)
+        values_and_tolerances = zip(first.vector, second.vector, self._joint_tolerances, strict=False)
+        relative_difference, difference = max(
+            (abs(first_value - second_value) / tolerance, abs(first_value - second_value))
+            for first_value, second_value, tolerance in values_and_tolerances
+        )
+        if relative_difference <= 1.0 + 1e-9:
+            self._joint_difference = max(self._joint_difference, relative_difference)
             return True
-        if self._worst_joints is None or relative > self._worst_joints[0]:
+        if self._worst_joints is None or relative_difference > self._worst_joints[0]:
             reason = (
                 f"the joint angles of {quote(label)} differ by {difference:.4g} from those at {first.place}"
             )
             remedy = "give each observation a unique label, correct one of them, or raise `joint_tolerance`"
             fault = ImportFileError(second.place, reason, remedy, "joint_tolerance")
-            self._worst_joints = relative, fault
+            self._worst_joints = relative_difference, fault
         return False
 
     def _conclude_joints(self) -> None:
@@ -465,45 +472,48 @@ class _Merging:
             )
 
     def _conclude_repeats(self, observations: Mapping[str, ObservationRecord]) -> None:
-        """Replace repeated readings by their means if the options say so; else report them."""
+        """Replace repeated readings by their means if the options allow this; else report them as faults."""
         squares, degrees_of_freedom, greatest = 0.0, 0, 0.0
         for (label, quantity), values in self._repeats.items():
             vectors = [value.vector for value in values if value.vector]
+            reading_text = f"{quantity.target} {quantity.state} of {quote(label)}"
             if not self._options.mean_of_repeats or len(vectors) < len(values):
-                what = f"{quantity.target} {quantity.state} of {quote(label)}"
-                reason = f"{what} occurs twice, first at {values[0].place}"
+                reason = f"{reading_text} occurs twice, first at {values[0].place}"
                 remedy = "rename or remove one of them, or use `mean_of_repeats` for repeated readings"
                 self._faults.report(values[1].place, reason, remedy, "mean_of_repeats")
                 continue
             mean = tuple(fmean(numbers) for numbers in zip(*vectors, strict=True))
-            errors = [sum((a - b) ** 2 for a, b in zip(each, mean, strict=True)) for each in vectors]
+            errors = [dist(vector, mean) ** 2 for vector in vectors]  # squared distances from the mean
             if sqrt(max(errors)) > _MAX_REPEAT * self._metre:
-                what = f"{quantity.target} {quantity.state} of {quote(label)}"
                 distance = f"{1e3 * sqrt(max(errors)) / self._metre:.3g} mm from their mean"
                 reason = (
-                    f"readings of {what} are up to {distance}; repeated readings are believed to be within "
-                    f"{1e3 * _MAX_REPEAT:g} mm"
+                    f"readings of {reading_text} are up to {distance}; repeated readings are believed to "
+                    f"be within {1e3 * _MAX_REPEAT:g} mm"
                 )
                 remedy = "correct their names, or give one mean of readings that scatter more"
                 self._faults.report(values[1].place, reason, remedy)
                 continue
-            squares, greatest = squares + sum(errors), max(greatest, *errors)
+            squares += sum(errors)
+            greatest = max(greatest, *errors)
             degrees_of_freedom += len(mean) * (len(vectors) - 1)
             observations[label].values[quantity] = replace(values[0], vector=mean)
         if degrees_of_freedom:
-            deviation, most = (
+            deviation_text, greatest_text = (
                 f"{1e6 / self._metre * sqrt(each):.3g} µm"
                 for each in (squares / degrees_of_freedom, greatest)
             )
             self._notes.append(
                 f"the mean of repeated readings was used for {len(self._repeats)} points; by their spread, "
-                f"one reading has a standard deviation of {deviation} in each coordinate; the greatest "
-                f"distance from a mean is {most}"
+                f"one reading has a standard deviation of {deviation_text} in each coordinate; the greatest "
+                f"distance from a mean is {greatest_text}"
             )
 
 
 def _report_duplicate(what: str, place: Place, first_place: Place, faults: Faults) -> None:
-    """Report that `what` occurs at a place, and occurred before at `first_place`."""
+    """Report that something occurs at a place, and occurred before at `first_place`.
+
+    `what` is its name in words.
+    """
     faults.report(place, f"{what} occurs twice, first at {first_place}", "rename or remove one of them")
 
 
@@ -529,7 +539,7 @@ def _list_targets(observations: Iterable[ObservationRecord]) -> list[str]:
 
 
 def _check_same_quantities(observations: list[ObservationRecord], faults: Faults) -> None:
-    """Report observations that lack joint angles, a force or another quantity which others have."""
+    """Report observations that lack joint angles, a force or a quantity that others have."""
     kinds = (
         quantity.kind
         for observation in observations
@@ -537,17 +547,20 @@ def _check_same_quantities(observations: list[ObservationRecord], faults: Faults
         if quantity.target is None
     )
     for kind in dict.fromkeys(kinds):
-        having = [observation for observation in observations if observation.vector(kind) is not None]
-        lacking = [observation for observation in observations if observation.vector(kind) is None]
-        if lacking:
-            others = f" and {len(lacking) - 1} others have" if len(lacking) > 1 else " has"
+        with_kind = [observation for observation in observations if observation.vector(kind) is not None]
+        without_kind = [observation for observation in observations if observation.vector(kind) is None]
+        if without_kind:
+            others = f" and {len(without_kind) - 1} others have" if len(without_kind) > 1 else " has"
             reason = (
-                f"{quote(lacking[0].label)}{others} no {kind}, but other labels have: {_list_labels(having)}"
+                f"{quote(without_kind[0].label)}{others} no {kind}, but other labels have: "
+                f"{_list_labels(with_kind)}"
             )
-            remedy = f"spell labels alike in all files; these labels have no {kind}: {_list_labels(lacking)}"
-            faults.report(lacking[0].place, reason, remedy)
-        count = len(having[0].vector(kind) or ())
-        for value in (observation.values[Quantity(kind)] for observation in having):
+            remedy = (
+                f"spell labels alike in all files; these labels have no {kind}: {_list_labels(without_kind)}"
+            )
+            faults.report(without_kind[0].place, reason, remedy)
+        count = len(with_kind[0].vector(kind) or ())
+        for value in (observation.values[Quantity(kind)] for observation in with_kind):
             if len(value.vector or ()) != count:
                 counts = f"{len(value.vector or ())} joint angles here, but {count} in other observations"
                 faults.report(value.place, f"there are {counts}", "check the columns of joints")
@@ -559,14 +572,14 @@ def _list_labels(observations: list[ObservationRecord]) -> str:
     return names + ", …" * (len(observations) > _MAX_LISTED_LABELS)
 
 
-def _drop_incomplete_readings(
+def _drop_and_report_incomplete_readings(
     observations: list[ObservationRecord], targets: list[str], faults: Faults, allow_missing: bool
 ) -> tuple[list[ObservationRecord], list[str]]:
-    """Return the observations without their incomplete readings, and a note on each reading that is left out.
+    """Return the observations without their incomplete readings, and a note on each omitted reading.
 
-    Unless `allow_missing` is set, each reading that is left out is also reported as a fault.
+    Unless `allow_missing` is set, each omitted reading is also reported as a fault.
     """
-    kept, notes = [], []
+    kept_observations, notes = [], []
     # A gauge need not be read in each posture; any other target must have a reading of each observation.
     gauges = {
         target for observation in observations for kind, target, _ in observation.values if kind == "along"
@@ -585,7 +598,7 @@ def _drop_incomplete_readings(
                     gaps.append((not states, place, f"{observation.label}: {gap}"))
         values = {key: value for key, value in observation.values.items() if key.target not in incomplete}
         if any(quantity.target for quantity in values):
-            kept.append(replace(observation, values=values))
+            kept_observations.append(replace(observation, values=values))
         else:
             notes.append(f"{observation.label}: no reading is complete; the observation was skipped")
     if not allow_missing:
@@ -593,9 +606,9 @@ def _drop_incomplete_readings(
         # Readings with some of their values come first, because they show better what is wrong.
         for _, place, reason in sorted(gaps, key=lambda entry: entry[0]):
             faults.report(place, reason, remedy, "allow_missing")
-    if not kept:
+    if not kept_observations:
         faults.report(observations[0].place, "no observation has a reading", "check the names")
-    return kept, [*(f"{reason}; skipped" for _, _, reason in gaps), *notes]
+    return kept_observations, [*(f"{reason}; skipped" for _, _, reason in gaps), *notes]
 
 
 def _describe_gap(observation: ObservationRecord, target: str, states: dict[State, Value]) -> str | None:
@@ -619,13 +632,13 @@ def _describe_gap(observation: ObservationRecord, target: str, states: dict[Stat
 
 
 def _check_sigmas(observations: list[ObservationRecord], faults: Faults) -> dict[_Uncertainty, int]:
-    """Count the points with an uncertainty: under `coordinate` if it is of x, y and z, else under `point`.
+    """Return the number of points with an uncertainty of their coordinates, and of points with one for all.
 
-    A kind without points is left out of the returned dict. A fault is reported if some positions have an
-    uncertainty and others have none.
+    The keys are `coordinate` and `point`; a kind without points is left out. A fault is reported if some
+    positions have an uncertainty and others have none.
     """
     counts: dict[_Uncertainty, int] = {}
-    without: list[Place] = []
+    places_without: list[Place] = []
     for quantity, value in (
         (key, value) for observation in observations for key, value in observation.values.items()
     ):
@@ -633,15 +646,15 @@ def _check_sigmas(observations: list[ObservationRecord], faults: Faults) -> dict
             kind: _Uncertainty = "point" if value.by_point else "coordinate"
             counts[kind] = counts.get(kind, 0) + 1
         elif value.vector is not None and quantity.kind == "position":
-            without.append(value.place)
-    if counts and without:
+            places_without.append(value.place)
+    if counts and places_without:
         reason = "the point has no uncertainty, but other points have one"
-        faults.report(without[0], reason, "add it, or skip the columns of U(95) with `ignore`")
+        faults.report(places_without[0], reason, "add it, or skip the columns of U(95) with `ignore`")
     return dict(sorted(counts.items()))
 
 
 def _find_unusual_values(observations: list[ObservationRecord]) -> Iterator[str]:
-    """Yield a sentence for each value that is more than 100 spreads away from its column's median.
+    """Yield a sentence for each value that is farther than 100 spreads from the median of its column.
 
     The spread is the standard deviation of the nine tenths of the values that are nearest to the median, or
     the size of the median if these values are all equal.
@@ -657,12 +670,12 @@ def _find_unusual_values(observations: list[ObservationRecord]) -> Iterator[str]
     for name, values in columns.items():
         if len(values) < _MIN_VALUES:
             continue
-        middle = median(value for value, _ in values)
-        by_distance = sorted(values, key=lambda entry: abs(entry[0] - middle))
-        nearest = by_distance[: -max(1, len(by_distance) // 10)]
-        spread = pstdev(value for value, _ in nearest) or abs(middle)
-        for number, place in by_distance[len(nearest) :]:
-            spreads = abs(number - middle) / spread if spread else 0.0
+        median_value = median(value for value, _ in values)
+        sorted_by_distance = sorted(values, key=lambda entry: abs(entry[0] - median_value))
+        nearest = sorted_by_distance[: -max(1, len(sorted_by_distance) // 10)]
+        spread = pstdev(value for value, _ in nearest) or abs(median_value)
+        for number, place in sorted_by_distance[len(nearest) :]:
+            spreads = abs(number - median_value) / spread if spread else 0.0
             # 0.99: a value whose distance is the limit itself is listed despite rounding.
             if spreads > 0.99 * _MAX_SPREADS:
                 distance = f"{spreads:.0f} times the spread of the other values away from the median"

@@ -19,9 +19,9 @@ from jointstiff.schemas.fields import MAX_NAME_LENGTH
 from jointstiff.schemas.imports import ImportOptions, State
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
-    DIGITS,
     INCH,
     POINTS,
+    STATE_OF_DIGIT,
     Kind,
     Quantity,
     contains_state_word,
@@ -56,7 +56,7 @@ class NameParts(NamedTuple):
     state: State | None = None
 
     def merge(self, other: NameParts) -> NameParts:
-        """Return the parts that this name and another name have together.
+        """Return the label, target and state that two names together give.
 
         Raises:
             ImportFileError: the names contradict each other.
@@ -97,19 +97,21 @@ class Template:
         self._pattern = re.compile(field_pattern.join(re.escape(literal) for literal in literals), re.DOTALL)
 
     def parse(self, name: str, state_words: Mapping[str, State]) -> NameParts:
-        """Return the label, target and state in a name; `state_words` are the caller's words for states.
+        """Split a name into label, target and state; None for a part that the template lacks.
+
+        `state_words` are the caller's words for states.
 
         Raises:
             ImportFileError: the name does not fit the template.
         """
         match = self._pattern.fullmatch(name)
         parts = dict(zip(self._fields, match.groups(), strict=True)) if match else {}
-        state = find_state(parts["state"], {**DIGITS, **state_words}) if "state" in parts else None
+        state = find_state(parts["state"], {**STATE_OF_DIGIT, **state_words}) if "state" in parts else None
         if match is None or (state is None and "state" in parts):
             reason = f"the name {quote(name)} does not fit the template {quote(self.text)}"
-            what = "point" if self.option == "point_name" else "file"
+            kind_of_name = "point" if self.option == "point_name" else "file"
             words = "states are `unloaded`, `loaded`, `deflection`, and the words in `state_words`"
-            remedy = f"change `{self.option}` or rename the {what}; {words}"
+            remedy = f"change `{self.option}` or rename the {kind_of_name}; {words}"
             raise ImportFileError(NOWHERE, reason, remedy, self.option)
         return NameParts(parts.get("label"), parts.get("target"), state)
 
@@ -212,7 +214,7 @@ class NameReader:
             return NameParts(label=name)
         max_parts = 2 if "target" in self._needed_kinds else 1
         # The digits 0 and 1 are tried as states only if the name of the file does not give the state.
-        for state_words in (self._state_words, {**DIGITS, **self._state_words})[
+        for state_words in (self._state_words, {**STATE_OF_DIGIT, **self._state_words})[
             : 1 + (not self._file_says_state)
         ]:
             parts, state = _split_name(name, state_words)
@@ -225,9 +227,10 @@ class NameReader:
         raise ImportFileError(NOWHERE, reason, remedy, "point_name")
 
     def _read_file_parts(self, lacking: frozenset[str]) -> NameParts:
-        """Return target and state of all points of a file from its name: `P10_loaded`, `loaded` or `P10`.
+        """Return the target and state that all points of a file get from the file's name.
 
-        If the name has no state, the option `state` gives it. `lacking` are the kinds that a row lacks.
+        Such names are `P10_loaded`, `loaded` or `P10`. If the name has no state, the option `state` gives it.
+        `lacking` are the kinds (target, state) that a row itself lacks.
 
         Raises:
             ImportFileError: the file's name does not give a kind that is needed.
@@ -237,7 +240,8 @@ class NameReader:
             source = "by the name of the file"
             if state is None and "state" in lacking and self._stated_state is not None:
                 parts = [self._grid.stem] if "target" in lacking else []
-                state, source = self._stated_state, "by `state`" + " and the name of the file" * bool(parts)
+                state = self._stated_state
+                source = "by `state`" + " and the name of the file" * bool(parts)
             target = parts[0] if len(parts) == 1 else None
             file_parts = NameParts(None, target, state)
             if len(parts) > 1 or any(getattr(file_parts, kind) is None for kind in lacking):
@@ -252,8 +256,8 @@ class NameReader:
                     "give templates `point_name` or `file_name`",
                     option,
                 )
-            found = " and ".join(f"{kind} {getattr(file_parts, kind)}" for kind in sorted(lacking))
-            self._note_once(f"{self._grid.file}: {found} {source}")
+            found_text = " and ".join(f"{kind} {getattr(file_parts, kind)}" for kind in sorted(lacking))
+            self._note_once(f"{self._grid.file}: {found_text} {source}")
             self._parts_from_file[lacking] = file_parts
         return self._parts_from_file[lacking]
 
@@ -272,7 +276,7 @@ class NameReader:
         if "state" not in self._text_columns:
             return NameParts(None, target)
         word = self._read_text(row, "state")
-        state = find_state(word, {**DIGITS, **self._state_words})
+        state = find_state(word, {**STATE_OF_DIGIT, **self._state_words})
         if state is None:
             place = self._grid.place(row, self._text_columns["state"])
             remedy = "use `unloaded`, `loaded` or `deflection`, or give `state_words`"
@@ -297,10 +301,10 @@ class NameReader:
 
 
 def _split_name(name: str, words: Mapping[str, State]) -> tuple[list[str], State | None]:
-    """Split a name at `::` or `_`; return the parts that name no state, and the state that one part names.
+    """Split a name at `::` or `_`; return (parts that name no state, state that one part names).
 
-    The state is None, and all parts are returned, if no part or several parts name a state. In
-    `c01 unloaded::P10` the state is the last word of a part.
+    The state is None, and all parts are returned, if no part or several parts name a state. In `c01
+    unloaded::P10` the state is the last word of a part.
     """
     parts = name.split("::") if "::" in name else name.split("_")
     if not all(parts):
@@ -351,13 +355,13 @@ class ObservationRecord:
     values: dict[Quantity, Value] = field(default_factory=dict)  # values by quantity; positions have a state
 
     def vector(self, kind: Kind) -> Vector | None:
-        """Return the numbers of a kind that has no target, such as joint angles; None if the row has none."""
+        """Return the numbers of a kind without target, such as joint angles; None if the row has none."""
         value = self.values.get(Quantity(kind))
         return None if value is None else value.vector
 
     @property
     def points(self) -> dict[str, dict[State, Value]]:
-        """Values of positions, deflections and readings along an axis, by target, then by state."""
+        """Target → state → value, for positions, deflections and readings along an axis."""
         points: dict[str, dict[State, Value]] = {}
         for quantity, value in self.values.items():
             if quantity.target is not None and quantity.state is not None:
@@ -395,7 +399,7 @@ class TimesAndRoundings:
 
     @property
     def measured_at(self) -> datetime | None:
-        """Time of the first reading; None if no time is known, or if a time was not understood."""
+        """Time of the first reading; None if no time is known, or if a time in the files is unclear."""
         return None if self.unclear else min(self.times, default=None)
 
     @property
@@ -521,7 +525,8 @@ class RowReader:
         Raises:
             ImportFileError: the target's name is not valid, at the given place.
         """
-        target, state = quantity.target or name_parts.target, quantity.state or name_parts.state
+        target = quantity.target or name_parts.target
+        state = quantity.state or name_parts.state
         if target is None or state is None:  # cannot happen: `NameReader` has refused such a row
             raise ImportFileError(place, "the position has no target or no state", "give `point_name`")
         if target not in self._targets:

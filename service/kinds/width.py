@@ -81,9 +81,8 @@ class _Calls(Generic[_First, _Answer]):
     ) -> None:
         self._executor, self._function, self._cancelled = executor, function, cancelled
         self.waiting: deque[Future[_Outcome[_Answer]]] = deque()
-        self._ended = SimpleQueue[
-            Future[_Outcome[_Answer]]
-        ]()  # calls that have ended, but are still counted in `_running`
+        # Calls that have ended, but are still counted in `_running`
+        self._ended = SimpleQueue[Future[_Outcome[_Answer]]]()
         self._running = 0  # number of calls that were submitted and have not ended
 
     def submit(self, remaining: Iterator[_First], most_waiting: int) -> None:

@@ -65,6 +65,8 @@ class Work:
     def compute(self, span: Span) -> Arrays:
         """Carry out a step and return its arrays, by name; any worker computes the same arrays.
 
+        Classes of work with steps override this method.
+
         Raises:
             JointstiffError: the computation fails, so that the job fails.
         """

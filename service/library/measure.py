@@ -548,10 +548,8 @@ class LiveMeasurement:
         If the robot's own weight is the load, the targets are read only once. Return `read`, or the person's
         decision to skip the posture or to stop.
         """
-        source_thread, checked_source = (
-            cast("SourceThread", self._loop),
-            cast("CheckedSource", self._checked),
-        )
+        source_thread = cast("SourceThread", self._loop)
+        checked_source = cast("CheckedSource", self._checked)
         positions: list[dict[str, Point]] = []
         load_states = (False,) if isinstance(self._options.load, OwnWeight) else (False, True)
         for loaded in load_states:

@@ -78,8 +78,7 @@ class Rehearsal(Presented, RehearsalResult):
             chance = 100 * (1 - self.confidence)
             yield (
                 f"planted stiffness outside the interval: {', '.join(not_contained)}; chance puts "
-                f"{chance:.0f} % "
-                "of joints outside: rehearse with another seed"
+                f"{chance:.0f} % of joints outside: rehearse with another seed"
             )
 
     def _joints_table(self) -> Part:
@@ -159,8 +158,7 @@ def rehearse(
 
     Robot, postures, loads, kinds of readings and noise are those of the campaign. The deflections are the
     exact balance of springs and load. The known ("planted") stiffnesses are those of the run. Joints without
-    a
-    number, and campaigns that are not measured yet, get stiffnesses that are plausible for an arm of this
+    a number, and campaigns that are not measured yet, get stiffnesses that are plausible for an arm of this
     size.
 
     Args:
@@ -301,7 +299,8 @@ def _choose_stiffness(
     Raises:
         RequestError: a stated stiffness is not positive, or the robot has no such joint.
     """
-    stiffness, source = draw_plausible_stiffness(robot, generator), "plausible values for an arm of this size"
+    stiffness = draw_plausible_stiffness(robot, generator)
+    source = "plausible values for an arm of this size"
     if run is not None:
         is_known = np.isfinite(run.stiffness) & (run.stiffness > 0.0)
         stiffness = np.where(is_known, run.stiffness, stiffness)
@@ -411,7 +410,8 @@ class _Simulation:
             place=np.array([self._places[reading.target] for _, reading in pairs]),
         )
         loaded = self._model.deflect(cases).place  # (B, 3), in R0 [m]
-        rotation, translation = self._unloaded.flange_rotation, self._unloaded.flange_translation
+        rotation = self._unloaded.flange_rotation
+        translation = self._unloaded.flange_translation
         simulated: dict[int, list[Reading]] = {}
         for (i, reading), place, after in zip(pairs, cases.place, loaded, strict=True):
             before = rotation[i] @ place + translation[i]

@@ -465,10 +465,8 @@ class TabledRun(PresentedJob, Run):
         names, budget = [joint.name for joint in result.joints], result.budget
         matrix = np.full((len(names), len(names)), np.nan)
         # Entry (i, j) is u_i u_j times the correlation of joints i and j.
-        indices, uncertainty = (
-            [names.index(name) for name in budget.joints],
-            np.array(budget.standard_uncertainty),
-        )
+        indices = [names.index(name) for name in budget.joints]
+        uncertainty = np.array(budget.standard_uncertainty)
         matrix[np.ix_(indices, indices)] = np.outer(uncertainty, uncertainty) * np.array(budget.correlation)
         return matrix
 
@@ -648,9 +646,7 @@ class RobotTrend(Presented, Trend):
         """Yield a sentence for each joint whose test does not compare the first with the latest campaign."""
         dates = self._campaign_dates()
         for joint in self.joints:
-            compared_campaigns = [
-                index for index, point in enumerate(joint.points) if point.reason is None
-            ]  # campaigns
+            compared_campaigns = [index for index, point in enumerate(joint.points) if point.reason is None]
             if joint.change is None or (
                 compared_campaigns[0] == 0 and compared_campaigns[-1] == len(dates) - 1
             ):

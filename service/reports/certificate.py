@@ -166,7 +166,7 @@ def _write_results(result_set: Element, subject: report.RunSubject, laboratory: 
         _append_text(_append(influence, "dcc:data"), "dcc:text", conditions, None)
     results = _append(result_set, "dcc:results")
     level = model.run.request.confidence
-    for joint, u in zip(model.result.joints, report.expanded_uncertainties(model), strict=True):
+    for joint, u in zip(model.result.joints, report.iterate_expanded_uncertainties(model), strict=True):
         _write_joint(_append(results, "dcc:result"), joint, u, level)
     cases = [case for case in report.predict_flange_compliance(subject) if case.displacement is not None]
     if cases:

@@ -146,7 +146,9 @@ def tabulate_joints(model: ExportedModel) -> Sheet:
     reasons = [
         joint.reason if positive_stiffness(joint) else explain_missing_stiffness(joint) for joint in joints
     ]
-    joints_with_limit = [each.model_copy(update={"stiffness_at_least": lower_limit(each)}) for each in joints]
+    joints_with_limit = [
+        entry.model_copy(update={"stiffness_at_least": lower_limit(entry)}) for entry in joints
+    ]
     columns: dict[str, Any] = {
         **Sheet.from_messages(joints, {"joint": "name", "status": "status", "verdict": "verdict"}).columns,
         "reason": reasons,
@@ -155,9 +157,9 @@ def tabulate_joints(model: ExportedModel) -> Sheet:
     }
     if budget is not None:
         budget_columns = {
-            f"contribution of {each.source.replace('_', ' ')}, type {each.evaluation}"
-            f"{'' if each.included else ', not included'} [rad/(N.m)]": each.contributions
-            for each in budget.components
+            f"contribution of {entry.source.replace('_', ' ')}, type {entry.evaluation}"
+            f"{'' if entry.included else ', not included'} [rad/(N.m)]": entry.contributions
+            for entry in budget.components
         } | {
             "compliance expanded uncertainty [rad/(N.m)]": budget.expanded_uncertainty,
             "compliance expanded uncertainty with model error [rad/(N.m)]": budget.expanded_with_model_error,

@@ -164,7 +164,8 @@ def draw_bars(chart: Chart) -> Picture:
     for index, (name, values) in enumerate(series.items()):
         colour = _SERIES_COLOURS[index % len(_SERIES_COLOURS)]
         for group, value in enumerate(values):
-            height, x = scale * abs(value), _AXIS_X + group_width * (group + 0.1) + bar_width * index
+            height = scale * abs(value)
+            x = _AXIS_X + group_width * (group + 0.1) + bar_width * index
             drawing.bar(x, _AXIS_Y - height, bar_width, height, colour)
         x = _AXIS_X + (_WIDTH - _AXIS_X - 6) * index / len(series)
         drawing.bar(x, legend_y, 7, 7, colour)

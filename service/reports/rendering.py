@@ -69,7 +69,8 @@ def _letterhead_html(head: Letterhead) -> str:
     """Return the HTML of a letterhead, with the logo as a data URL."""
     logo = ""
     if head.logo is not None:
-        kind, content = head.logo.kind.replace("jpg", "jpeg"), base64.b64encode(head.logo.content).decode()
+        kind = head.logo.kind.replace("jpg", "jpeg")
+        content = base64.b64encode(head.logo.content).decode()
         logo = f'<img alt="Logo" src="data:image/{kind};base64,{content}">'
     lines = "".join(f"<br>{escape(line)}" for line in head.lines)
     return f"{logo}<p><strong>{escape(head.name)}</strong>{lines}</p>"

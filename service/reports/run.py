@@ -13,7 +13,7 @@ import numpy as np
 from jointstiff.schemas.deflection import CaseResult, DeflectionOptions, LoadCase
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise
 from jointstiff.schemas.report import Laboratory
-from jointstiff.schemas.run import Budget, Goodness, RunResult
+from jointstiff.schemas.run import Budget, Goodness, RunResult, WeightResult
 from jointstiff.service.conversion.robots import joint_factors
 from jointstiff.service.conversion.units import FORCE, LENGTH
 from jointstiff.service.kinds.run.kind import format_tested_causes
@@ -193,11 +193,11 @@ def _build_identification_section(subject: RunSubject) -> Section:
 
 def _repeatability_facts(goodness: Goodness) -> list[tuple[str, str]]:
     """Return name and text of the repeatability of the joints; nothing if the readings show none."""
-    joint, targets = goodness.repeatability, goodness.repeatability_at_targets
-    if joint is None or targets is None:
+    at_joint, at_targets = goodness.repeatability, goodness.repeatability_at_targets
+    if at_joint is None or at_targets is None:
         return []
     source = "stated" if goodness.repeatability_source == "given" else "estimated"
-    text = f"{length_text(targets)} ({figure(1e6 * joint, '.2g')} µrad a joint, {source})"
+    text = f"{length_text(at_targets)} ({figure(1e6 * at_joint, '.2g')} µrad a joint, {source})"
     return [("Repeatability of the robot at the targets", text)]
 
 
@@ -214,14 +214,14 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
     quantities = [f"stiffness {unit}", f"standard uncertainty {unit}", expanded_header, f"{level} {unit}"]
     head = ["joint", *quantities, "verdict"]
     rows = []
-    for joint, u in zip(result.joints, expanded_uncertainties(model), strict=True):
+    for joint, expanded_entry in zip(result.joints, iterate_expanded_uncertainties(model), strict=True):
         value, standard, interval = _UNIT.cells(joint)
         expanded = NO_NUMBER
-        if u is not None:
-            expanded_uncertainty, coverage_factor, _ = u
+        if expanded_entry is not None:
+            expanded_uncertainty, coverage_factor, _ = expanded_entry
             standard, expanded = (
-                format_rounded(_UNIT.factor * size, _UNIT.factor * size)
-                for size in (expanded_uncertainty / coverage_factor, expanded_uncertainty)
+                format_rounded(_UNIT.factor * uncertainty, _UNIT.factor * uncertainty)
+                for uncertainty in (expanded_uncertainty / coverage_factor, expanded_uncertainty)
             )
         identified = joint.status == "identified"
         verdict = VERDICTS[joint.verdict] if identified else joint.status.replace("_", " ")
@@ -253,7 +253,7 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
     )
 
 
-def expanded_uncertainties(model: ExportedModel) -> Iterator[tuple[float, float, float] | None]:
+def iterate_expanded_uncertainties(model: ExportedModel) -> Iterator[tuple[float, float, float] | None]:
     """Yield (expanded uncertainty of the stiffness, coverage factor, probability) of each joint.
 
     The uncertainty includes the model error. None is yielded for a joint without stiffness or budget.
@@ -350,23 +350,7 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
     """Return the section with the uncertainty budget of the compliances, or why the run has no budget."""
     budget, weight = model.result.budget, model.result.weight
     if weight is not None:
-        cells = [
-            [
-                each.joint,
-                *(
-                    NO_NUMBER if share is None else f"{100 * share:.0f} %"
-                    for share in (each.readings, each.masses)
-                ),
-            ]
-            for each in weight.joints
-        ]
-        return Section(
-            UNCERTAINTY,
-            paragraphs=[
-                "Shares of each interval's width: from the readings, and from the bounds of the masses."
-            ],
-            tables=[text_table(["joint", "readings", "uncertain masses"], cells, left_aligned=[0])],
-        )
+        return _build_weight_uncertainty_section(weight)
     if budget is None:
         return Section(
             UNCERTAINTY,
@@ -375,31 +359,9 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
                 "joints bend. The intervals in the results include what is known."
             ],
         )
-    compliances = {joint.name: abs(joint.compliance or 0.0) for joint in model.result.joints}
-
-    def make_row(source: str, evaluation: str, uncertainties: Sequence[float]) -> list[str]:
-        """Return a row of the table: source, type A or B, and uncertainties in percent of the compliances."""
-        pairs = zip(budget.joints, uncertainties, strict=True)
-        percents = [100.0 * u / compliances[name] if compliances[name] else None for name, u in pairs]
-        cells = [NO_NUMBER if each is None else format_rounded(each, each) for each in percents]
-        return [source, evaluation, *cells]
-
     factor = _coverage_factor(budget)
-    combined = [each / budget.coverage_factor for each in budget.expanded_with_model_error]
-    rows = [
-        make_row(
-            f"{each.source.replace('_', ' ')}{'' if each.included else ' (not included)'}",
-            each.evaluation,
-            each.contributions,
-        )
-        for each in budget.components
-    ]
-    rows += [
-        make_row("combined, sources in the intervals", "", budget.standard_uncertainty),
-        make_row("combined, all sources", "", combined),
-        make_row(f"expanded, all sources, k = {figure(factor)}", "", [factor * each for each in combined]),
-    ]
-    missing = "".join(f"It is partial: {_MISSING[each]}. " for each in budget.missing)
+    rows = _make_budget_rows(budget, model.result)
+    missing = "".join(f"It is partial: {_MISSING[source]}. " for source in budget.missing)
     caption = "Contributions to the standard uncertainty of each compliance [% of the compliance]"
     return Section(
         UNCERTAINTY,
@@ -415,6 +377,55 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
             "above.",
         ],
     )
+
+
+def _build_weight_uncertainty_section(weight: WeightResult) -> Section:
+    """Return the section on uncertainty of a run by own weight, which has no budget."""
+    rows = [
+        [
+            joint.joint,
+            *(
+                NO_NUMBER if share is None else f"{100 * share:.0f} %"
+                for share in (joint.readings, joint.masses)
+            ),
+        ]
+        for joint in weight.joints
+    ]
+    return Section(
+        UNCERTAINTY,
+        paragraphs=["Shares of each interval's width: from the readings, and from the bounds of the masses."],
+        tables=[text_table(["joint", "readings", "uncertain masses"], rows, left_aligned=[0])],
+    )
+
+
+def _make_budget_rows(budget: Budget, result: RunResult) -> list[list[str]]:
+    """Return the rows of the budget's table: each source, then the combined and expanded uncertainties."""
+    compliances = {joint.name: abs(joint.compliance or 0.0) for joint in result.joints}
+
+    def make_row(source: str, evaluation: str, uncertainties: Sequence[float]) -> list[str]:
+        """Return a row of the table: source, type A or B, and uncertainties in percent of the compliances."""
+        cells = []
+        for name, uncertainty in zip(budget.joints, uncertainties, strict=True):
+            percent = 100.0 * uncertainty / compliances[name] if compliances[name] else None
+            cells.append(NO_NUMBER if percent is None else format_rounded(percent, percent))
+        return [source, evaluation, *cells]
+
+    factor = _coverage_factor(budget)
+    combined = [expanded / budget.coverage_factor for expanded in budget.expanded_with_model_error]
+    rows = [
+        make_row(
+            f"{component.source.replace('_', ' ')}{'' if component.included else ' (not included)'}",
+            component.evaluation,
+            component.contributions,
+        )
+        for component in budget.components
+    ]
+    return [
+        *rows,
+        make_row("combined, sources in the intervals", "", budget.standard_uncertainty),
+        make_row("combined, all sources", "", combined),
+        make_row(f"expanded, all sources, k = {figure(factor)}", "", [factor * u for u in combined]),
+    ]
 
 
 def _describe_correlation(budget: Budget) -> str:
@@ -434,7 +445,8 @@ def _describe_correlation(budget: Budget) -> str:
 
 def build_method_section(model: ExportedModel, laboratory: Laboratory | None) -> Section:
     """Return the section with the method of the run and its deviations from the defaults."""
-    request, version = model.run.request, model.run.provenance.versions.get("jointstiff", "")
+    request = model.run.request
+    version = model.run.provenance.versions.get("jointstiff", "")
     constraint = "compliances not negative" if request.positive else "without constraints"
     method = (
         "Identification of joint compliances from readings of targets before and under load, "

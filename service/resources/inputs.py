@@ -118,7 +118,8 @@ class InMemoryInputs:
 
     def add_run(self, run: Run, set_id: str) -> str:
         """Add a run of a measurement set that was added; return its id."""
-        self._runs[run.id] = MeasuredRun(run, self._sets[set_id][2])
+        _, _, prepared = self._sets[set_id]
+        self._runs[run.id] = MeasuredRun(run, prepared)
         return run.id
 
     def has_run(self, run_id: str) -> bool:

@@ -210,7 +210,9 @@ class Robots(StoredInputs[RobotRecord, RobotEntry, tuple[Robot, str]]):
         joint_map, payload, origin = request.joint_map, request.payload, {}
         if isinstance(model, robots.CatalogueModel):
             arm = find_arm(model.arm, "model.arm")
-            model, joint_map, origin = arm.model, joint_map or arm.joint_map, {"nominal_arm": arm.name}
+            model = arm.model
+            joint_map = joint_map or arm.joint_map
+            origin = {"nominal_arm": arm.name}
             payload = arm.payload if payload is None else payload
         document = robots.RobotDocument(
             name=request.name, model=model, joint_map=joint_map, bodies=request.bodies, payload=payload
@@ -451,7 +453,8 @@ class Resources:
 
         `message` is the class of the jobs.
         """
-        collection, cursor = self.store.jobs(Resource(message.kind_name(), message.collection)), None
+        collection = self.store.jobs(Resource(message.kind_name(), message.collection))
+        cursor = None
         for _ in range(10):  # 10 pages of 100 jobs
             page = collection.page(limit=100, cursor=cursor, filters={"robot_id": robot_id})
             yield from ({"id": record.id, **record.summary} for record in page.records)
@@ -554,11 +557,9 @@ def _estimate_drift(
         for reading in observation.readings
         if reading.unloaded is not None
     ]
-    # The drift is stated at the middle of the readings, where it matters.
+    # The drift is stated at the middle (3,) [m] of the readings, where it matters.
     metres = LENGTH[request.units.length]
-    middle_of_readings = (
-        metres * np.mean(positions, axis=0) if positions else base_targets.after.mean(axis=0)
-    )  # (3,) [m]
+    middle_of_readings = metres * np.mean(positions, axis=0) if positions else base_targets.after.mean(axis=0)
     drift = base_targets.fit_drift(result.sigma, middle_of_readings)
     warnings = [
         finding.model_copy(

@@ -35,11 +35,11 @@ class HasKind(Protocol):
 
 @dataclass(frozen=True)
 class StiffnessUnit:
-    """A unit of stiffness, or of its inverse."""
+    """A unit of stiffness, or of compliance."""
 
-    factor: float  # factor from SI units to this unit, of a stiffness, or of a compliance if `inverse`
+    factor: float  # factor from SI units to this unit, of a stiffness, or of a compliance if `is_compliance`
     label: str  # name as printed
-    inverse: bool = False  # whether compliances are shown instead of stiffnesses
+    is_compliance: bool = False  # whether compliances are shown instead of stiffnesses
     sliding: StiffnessUnit | None = None  # unit for prismatic joints; None if this unit is for all joints
 
     def for_kind(self, kind: JointKind) -> StiffnessUnit:
@@ -55,11 +55,11 @@ class StiffnessUnit:
     @property
     def quantity(self) -> str:
         """Name of the quantity that has this unit."""
-        return "compliance" if self.inverse else "stiffness"
+        return "compliance" if self.is_compliance else "stiffness"
 
     def convert_compliance(self, compliance: float) -> float | None:
         """Convert a compliance in SI units to this unit; None for a rigid joint (infinite stiffness)."""
-        if self.inverse:
+        if self.is_compliance:
             return self.factor * compliance
         return self.factor / compliance if compliance else None
 
@@ -71,7 +71,7 @@ class StiffnessUnit:
         """
         if joint.standard_uncertainty is None:
             return None
-        if self.inverse:
+        if self.is_compliance:
             return self.factor * joint.standard_uncertainty
         if joint.stiffness is None:
             return None
@@ -97,7 +97,7 @@ class StiffnessUnit:
 
     def _interval(self, joint: JointResult, uncertainty: float | None) -> str:
         """Return a joint's interval as text: `low … high`, a one-sided bound such as `> 3.1`, or a dash."""
-        interval = joint.compliance_interval if self.inverse else joint.stiffness_interval
+        interval = joint.compliance_interval if self.is_compliance else joint.stiffness_interval
         if interval is not None and interval[1] is not None and joint.stiffness is not None:
             lower, upper = (
                 format_rounded(self.factor * end, uncertainty) for end in (interval[0], interval[1])
@@ -109,7 +109,7 @@ class StiffnessUnit:
         bound = round_down(lower_stiffness)
         return (
             f"< {figure(self.factor / bound, '.3g')}"
-            if self.inverse
+            if self.is_compliance
             else f"> {figure(self.factor * bound, '.3g')}"
         )
 
@@ -136,7 +136,7 @@ class StiffnessUnit:
         """Format an interval of compliances in SI units; a lower end of 0 gives a stiffness without limit."""
         if interval is None or interval[1] <= 0:
             return "—"
-        if self.inverse:
+        if self.is_compliance:
             return f"{figure(self.factor * interval[0], '.3g')} … {figure(self.factor * interval[1], '.3g')}"
         return f"{figure(self.factor / interval[1], '.3g')} … " + (
             f"{figure(self.factor / interval[0], '.3g')}" if interval[0] > 0 else "no limit"
@@ -153,8 +153,8 @@ UNITS: Final[Mapping[str, StiffnessUnit]] = MappingProxyType(
         "urad/Nm": StiffnessUnit(
             1e6,
             JOINT_UNITS["revolute"].micro_compliance,
-            inverse=True,
-            sliding=StiffnessUnit(1e6, JOINT_UNITS["prismatic"].micro_compliance, inverse=True),
+            is_compliance=True,
+            sliding=StiffnessUnit(1e6, JOINT_UNITS["prismatic"].micro_compliance, is_compliance=True),
         ),
     }
 )

@@ -228,7 +228,7 @@ _BEAT_SECONDS: Final = 5.0  # between two signs of life of a worker
 # Time to offer parts to other workers, which take the parts of a silent worker after 30 s anyway
 _GOODBYE_SECONDS: Final = 8.0
 
-_FAULT: Final = 70  # exit status of a worker that cannot go on
+_FAULT_EXIT_CODE: Final = 70  # exit status of a worker that cannot go on
 _SPARE_BYTES: Final = 64 * 1024 * 1024  # memory that must be free for a worker; some steps need more
 _LOOK_SECONDS: Final = 1.0  # between two checks of memory and of the parent process
 _BEGIN_SECONDS: Final = 60.0  # time for the worker's threads to begin
@@ -314,11 +314,11 @@ def _act_despite_outage(act: Callable[[], None]) -> None:
 
 
 def _end_process(*_: object) -> None:
-    """End the process at once, because it lacks memory or one of its threads and can do no work."""
+    """Print the stacks of all threads and end the process at once, as it can do no more work."""
     try:
         faulthandler.dump_traceback()
     finally:  # the dump may fail, too, if memory is missing
-        os._exit(_FAULT)
+        os._exit(_FAULT_EXIT_CODE)
 
 
 def _show_sign_of_life(sign_pipe: int) -> None:

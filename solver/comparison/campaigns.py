@@ -719,7 +719,7 @@ class Change:
 
 
 def log_stiffness(
-    compliance: float | None, standard_uncertainty: float | None, shared: float = 0.0
+    compliance: float | None, standard_uncertainty: float | None, shared_uncertainty: float = 0.0
 ) -> tuple[float, float] | None:
     """Return the logarithm ln k = -ln c of a joint's stiffness, and its standard uncertainty u(c) / c.
 
@@ -728,7 +728,7 @@ def log_stiffness(
     Args:
         compliance: [rad/(N·m)].
         standard_uncertainty: standard uncertainty of the compliance [rad/(N·m)].
-        shared: part of the uncertainty from errors that are the same in all campaigns, such as the scale of
+        shared_uncertainty: part of the uncertainty from errors that are the same in all campaigns, such as the scale of
             one load cell [rad/(N·m)]; they cancel in a difference and are subtracted.
 
     Returns:
@@ -737,6 +737,6 @@ def log_stiffness(
     """
     if compliance is None or standard_uncertainty is None or not compliance > 0:
         return None
-    own = standard_uncertainty**2 - min(shared, _MOST_SHARED * standard_uncertainty) ** 2
+    own = standard_uncertainty**2 - min(shared_uncertainty, _MOST_SHARED * standard_uncertainty) ** 2
     relative = sqrt(own) / compliance
     return (-log(compliance), relative) if 0 < relative <= MOST_RELATIVE else None

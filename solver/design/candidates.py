@@ -91,8 +91,7 @@ class Equipment:
             joints: (N, n) positions as the controller shows them [rad or m].
             force: (N, 3) forces on the robot, axes of R0 [N].
             directions: (N, 3) unit vectors in R0 along which targets are read; None if all three coordinates
-                are
-                read.
+                are read.
         """
         reading_count, table_shape = len(joints), (len(joints), *self.targets.shape)
         measurements = Measurements(
@@ -247,10 +246,8 @@ def _find_hidden_targets(
     excluded = {"line_of_sight": np.any(hidden_by_link, axis=0)}
     if cell.facing:
         facing = np.array(list(cell.facing.values()))
-        lines_of_sight, reflector_axes = (
-            station - targets,
-            facing @ postures.flange_rotation.transpose(0, 2, 1),
-        )
+        lines_of_sight = station - targets
+        reflector_axes = facing @ postures.flange_rotation.transpose(0, 2, 1)
         norms = np.linalg.norm(lines_of_sight, axis=2) * np.linalg.norm(reflector_axes, axis=2)
         turned_away = (lines_of_sight * reflector_axes).sum(axis=2) / norms < np.cos(cell.acceptance)
         excluded["reflector_acceptance"] = turned_away.any(axis=1)
@@ -430,7 +427,8 @@ def build_reading_stack(robot: Robot, request: PlanRequest, measurements: Measur
     links = [build_links_term(tuple(range(robot.n)))] if request.links else []
     terms = [JOINTS, *links, *(TERMS[name] for name in hedged)]
     fitted = fitted_errors(measurements).terms
-    blocks, compliance = regressor_blocks(robot, measurements), np.nan_to_num(request.nominal)
+    blocks = regressor_blocks(robot, measurements)
+    compliance = np.nan_to_num(request.nominal)
     stack = Stack.from_blocks(blocks, [*terms, *fitted], compliance)
     stack = stack.in_units(hedged)
     return stack.project_out([term.name for term in fitted]) if fitted else stack
@@ -516,8 +514,7 @@ def choose_parameters(
             `rows`.
         names: names of the n joints.
         requested_joints: indices of the joints to be determined; None for all joints that the loads twist.
-        Other joints
-            that the loads twist are a nuisance.
+            Other joints that the loads twist are a nuisance.
         nominal: (n,) compliance [rad/(N·m)]; nan where it is not known.
         link_share: root mean square deflection due to links over that due to joints; None if the nuisance is
             not links: then the columns are already in units of their prior uncertainty.

@@ -178,8 +178,7 @@ class EOptimality:
 
         X = M⁻¹ L C: L (p, s) selects the first s parameters, C is the inverse of their covariance. V is the
         diagonal matrix of `metric`. Z is the dual (s, s), made positive semidefinite with trace 1. Without a
-        dual,
-        Z = v vᵀ with v the unit vector of the combination of parameters that has the greatest variance.
+        dual, Z = v vᵀ with v the unit vector of the combination of parameters that has the greatest variance.
         """
         s = len(self.metric)
         inverse = np.linalg.inv(M)[:, :s]
@@ -452,7 +451,8 @@ class Candidates:
         axis_pairs = list(zip(*np.triu_indices(stack.shape[1]), strict=True))
         information = np.empty((len(stack), len(axis_pairs), stack.shape[-1], stack.shape[-1]))
         for start in range(0, len(stack), _BLOCK):
-            block_rows, block_information = stack[start : start + _BLOCK], information[start : start + _BLOCK]
+            block_rows = stack[start : start + _BLOCK]
+            block_information = information[start : start + _BLOCK]
             for k, (axis_a, axis_b) in enumerate(axis_pairs):
                 # A contiguous left factor halves the time of the product.
                 K = np.ascontiguousarray(block_rows[:, axis_a].transpose(0, 2, 1)) @ block_rows[:, axis_b]
@@ -609,9 +609,8 @@ class DesignProblem:
     def bound(self, M: FloatArray, dual: FloatArray | None = None) -> Bound:
         """Bound the information φ that a design with any weights of the candidates can reach.
 
-        For any weights w′ with information M′, ``φ(M′) ≤ ⟨G, M0⟩ + n Σ w′_i ⟨G, K_i⟩``, and the mean price
-        Σ w′_i ⟨G, K_i⟩ is at most the greatest price ⟨G, K_i⟩ of a candidate. G is the supergradient of φ at
-        M.
+        For any weights w′ with information M′, ``φ(M′) ≤ ⟨G, M0⟩ + n Σ w′_i ⟨G, K_i⟩``, and the mean price Σ
+        w′_i ⟨G, K_i⟩ is at most the greatest price ⟨G, K_i⟩ of a candidate. G is the supergradient of φ at M.
         The bound holds for any M; the nearer M is to the optimum, the tighter is the bound.
 
         Args:

@@ -134,10 +134,10 @@ def _find_best_alternative(
     for k in (1 + np.flatnonzero(_bound_residual_sums(rows[1:]) < needed)).tolist():
         squares, compensation = _fit_nonnegative_compliances(rows[k])
         if squares < needed and compensation >= LEAST_COMPENSATION:
-            best, needed = (
-                BetterAlternative(alternatives[k - 1], squares / as_given, compensation, given_compensation),
-                squares,
+            best = BetterAlternative(
+                alternatives[k - 1], squares / as_given, compensation, given_compensation
             )
+            needed = squares
     # If every force has the wrong sign, nearly any alternative fits better than the data as given; then the
     # integrity checks report the sign, and no alternative is returned.
     if (

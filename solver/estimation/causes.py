@@ -125,10 +125,8 @@ def screen_estimate(
         estimate: estimate by joints alone.
         scattered: whether the residuals show a scatter of the joints, which tests must account for.
     """
-    tested, compliance = (
-        measurements.select_evenly(MOST_TESTED_OBSERVATIONS),
-        np.maximum(estimate.compliance, 0.0),
-    )
+    tested = measurements.select_evenly(MOST_TESTED_OBSERVATIONS)
+    compliance = np.maximum(estimate.compliance, 0.0)
     balanced = compliance if estimate.balanced is None else np.maximum(estimate.balanced, 0.0)
     compliances, visible = (compliance, balanced), ~estimate.observability.null
     try:

@@ -111,8 +111,7 @@ class SemidefiniteProgram:
         """Solve the program by Clarabel in the scaled variables y = (x − near) / unit.
 
         `near` is a point near the optimum. With a unit of the residual's size, Clarabel's absolute tolerances
-        are
-        relative to the residual, not to the much larger readings.
+        are relative to the residual, not to the much larger readings.
 
         Args:
             tolerance: tolerance of Clarabel.
@@ -229,9 +228,8 @@ def solve_robust(
             solution = program.loss.program.solve_with_duals(data, tolerance)
             if solution is not None:
                 x = program.loss.cone.project(solution[0])
-                dual = -solution[1].reshape(-1, 4)[
-                    :, 1:
-                ]  # each cone has four multipliers; the last three are −ν
+                # Each cone has four multipliers; the last three are −ν
+                dual = -solution[1].reshape(-1, 4)[:, 1:]
                 yield ConeSolution(x, certify_robust(program, x, dual))
 
     return _select_certified(propose_solutions(), wanted_gap, accepted_gap)
@@ -357,8 +355,7 @@ def _compute_complementarity(slack: FloatArray, x: FloatArray, cone: Cone, round
     """Return the product ``sᵀx`` of slack and point; inf if a slack without penalty is too negative.
 
     The slack of a scalar without a penalty may be negative within rounding: it is then replaced by its
-    absolute
-    value, in place.
+    absolute value, in place.
     """
     free = slice(cone.free)
     if not (slack[free] >= -rounding).all():
@@ -373,8 +370,7 @@ def compute_penalised_range(
     """Return the ranges of linear functions over all points whose objective is near the optimum.
 
     Each range is ``min, max aᵀy subject to ‖R y − z‖² + pᵀy ≤ ‖R x − z‖² + pᵀx + rise``, y in the cone; p is
-    the
-    gradient of the penalty.
+    the gradient of the penalty.
 
     Args:
         program: program with squared residuals.
@@ -497,7 +493,9 @@ class Face:
             # The rank counts the eigenvalues that exceed both their slack, in units of X, and rounding.
             exceeds = np.linalg.eigvalsh(X - largest / program.weight * S) > 0.0
             rank = min(int(exceeds.sum()), int((values > _ROUNDING * largest).sum()))
-            values, U, V = values[size - rank :], vectors[:, size - rank :], vectors[:, : size - rank]
+            values = values[size - rank :]
+            U = vectors[:, size - rank :]
+            V = vectors[:, : size - rank]
             self.x[place] = to_vector((U * values) @ U.T)
             decomposed.append((place, U, V, values))
         self._slack = program.slack(self.x)
@@ -672,10 +670,8 @@ def bound_compliances(
     """Return bounds of each joint's compliance over all x of the set with ``‖A x − b‖² ≤ loss + rise``.
 
     For any u, all y with ‖A y − b‖ ≤ r satisfy ``aᵀy ≥ uᵀb − r ‖u‖ + min (a − Aᵀu)ᵀy``; a selects the
-    compliance
-    of a joint, and u are Clarabel's multipliers. A second round uses the upper bounds of the first round as
-    caps
-    of the compliances, which sharpens the bounds.
+    compliance of a joint, and u are Clarabel's multipliers. A second round uses the upper bounds of the first
+    round as caps of the compliances, which sharpens the bounds.
 
     Args:
         A: (rows, p) regressor.

@@ -386,7 +386,8 @@ def _state_constraints(
     if above:
         constraints.append(x[list(above)] <= cp.Parameter(len(above), name="upper"))
     if inequalities:
-        B, d = cp.Parameter((inequalities, x.size), name="B"), cp.Parameter(inequalities, name="d")
+        B = cp.Parameter((inequalities, x.size), name="B")
+        d = cp.Parameter(inequalities, name="d")
         constraints.append(B @ x >= d)
     return constraints
 
@@ -406,8 +407,7 @@ def solve_e_optimal_design(
 
     M(w) = M0 + Σ w_i K_i is the information with weights w_i of the candidates. The optimal t is the least
     eigenvalue of V C V, with C the information on the first s parameters and V their units on the diagonal:
-    the
-    design gives as much information as possible on the combination of these parameters that is determined
+    the design gives as much information as possible on the combination of these parameters that is determined
     worst.
 
     Args:

@@ -89,10 +89,8 @@ def compute_interval_ends(
 
     A profile-likelihood interval uses the constraints on the other joints as information; where joints truly
     are at their bounds, it contains the true value too seldom (86 % instead of 95 % with two rigid joints).
-    So
-    the interval is widened to contain the unconstrained interval clipped to the constraints, whose coverage
-    is
-    exact, and the estimate, which can lie outside for a method that is not maximum likelihood.
+    So the interval is widened to contain the unconstrained interval clipped to the constraints, whose
+    coverage is exact, and the estimate, which can lie outside for a method that is not maximum likelihood.
 
     Args:
         likelihood: likelihood of p compliances.
@@ -163,7 +161,8 @@ def compute_profile_ends(
     ends[is_point], violates_constraint[is_point] = (rows @ constrained_optimum)[:, None], False
     if violates_constraint.any():
         radius_index, function_index, side = np.nonzero(violates_constraint)
-        ball, functions = _Ball(likelihood, constraints, float(radius.max())), rows[function_index]
+        ball = _Ball(likelihood, constraints, float(radius.max()))
+        functions = rows[function_index]
         objective = np.where(side == 1, -1.0, 1.0)[:, None] * functions * ball.unit
         objective /= np.linalg.norm(objective, axis=1, keepdims=True)
         scaled_points, at_bound = ball.find_ends(objective, (radius[radius_index] / radius.max()) ** 2)
@@ -229,8 +228,7 @@ class _Ball:
         """Minimise K linear objectives over the part of a ball ‖A x‖² ≤ r² that satisfies the constraints.
 
         For each objective, Newton's method finds the factor s at which the optimum of ``‖A x + s h‖²`` under
-        the
-        constraints reaches the sphere, with the preimage h such that Aᵀh is the objective.
+        the constraints reaches the sphere, with the preimage h such that Aᵀh is the objective.
 
         Args:
             objective: (K, p) coefficients of the objectives.
@@ -244,12 +242,12 @@ class _Ball:
             SolverError: a point could not be certified, or was not found in `MOST_ROUNDS` rounds.
         """
         objective_count = len(objective)
-        preimage = np.asarray(
-            np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64
-        )  # h
+        # The matrix H of the docstring
+        preimage = np.asarray(np.linalg.lstsq(self.A.T, objective.T, rcond=_NO_DIRECTION)[0].T, np.float64)
         free_slope = np.square(preimage).sum(axis=1)
         factor = np.sqrt(squared_radius / free_slope)
-        lower_factor, upper_factor = np.zeros(objective_count), np.full(objective_count, np.inf)
+        lower_factor = np.zeros(objective_count)
+        upper_factor = np.full(objective_count, np.inf)
         points, at_bound = np.zeros(objective.shape), np.zeros(objective_count, dtype=np.bool_)
         least_in_box = compute_range_on_box(objective, self.bounds)[:, 0]
         pending = np.arange(objective_count)
@@ -586,14 +584,11 @@ class Evidence:
         Args:
             j: index of the joint.
             intervals: (2, 2) two-sided interval, then one-sided bounds, of the compliance [rad/(N·m)]; None
-            where
-                sigma is unknown.
+                where sigma is unknown.
         """
-        name, value, prior_to_data = (
-            self.names[j],
-            float(self.fit.compliance[j]),
-            float(self.prior_to_data[j]),
-        )
+        name = self.names[j]
+        value = float(self.fit.compliance[j])
+        prior_to_data = float(self.prior_to_data[j])
         kind = self.observability.kinds[j]
         units = JOINT_UNITS[kind]
         uncertainty = self.uncertainty(j)
@@ -613,12 +608,14 @@ class Evidence:
             reason = (
                 f"{self.describe_lower_limit(j, intervals)}the standard uncertainty of its compliance, "
                 f"{1e6 * uncertainty:.2g} {units.micro_compliance}, {consequence}: add loads with more "
-                f"{units.load} "
-                f"{name}"
+                f"{units.load} {name}"
             )
-        only_prior = (
-            "the readings show {} only in combination with other joints: only its prior separates them"
-        )
+        reasons = [] if reason is None else [reason]
+        if np.isinf(prior_to_data):
+            reasons.append(
+                f"the readings show {name} only in combination with other joints: only its prior separates "
+                "them"
+            )
         two_sided, one_sided = (None, None) if intervals is None else intervals.tolist()
         return JointCompliance(
             name,
@@ -629,8 +626,7 @@ class Evidence:
             None if two_sided is None else (two_sided[0], two_sided[1]),
             None if one_sided is None else (one_sided[0], one_sided[1]),
             None if np.isnan(prior_to_data) else prior_to_data,
-            "; ".join(filter(None, [reason, only_prior.format(name) if np.isinf(prior_to_data) else None]))
-            or None,
+            "; ".join(reasons) or None,
             self.describe_lower_limit(j, intervals),
         )
 
@@ -673,8 +669,7 @@ class Evidence:
         """Return the text of the lower limit of joint j's stiffness; empty if the stiffness has no limit.
 
         `intervals` (2, 2) has the two-sided interval, then the one-sided bounds, of its compliance
-        [rad/(N·m)];
-        None if sigma is unknown.
+        [rad/(N·m)]; None if sigma is unknown.
         """
         if intervals is None or intervals[1, 1] <= 0.0:
             return ""
@@ -785,11 +780,9 @@ class UncertaintyBudget:
         """
         if estimate.covariance is None:
             return None
-        common_errors, sigma_given, readings_covariance = (
-            estimate.common,
-            estimate.sigma_given,
-            estimate.covariance,
-        )
+        common_errors = estimate.common
+        sigma_given = estimate.sigma_given
+        readings_covariance = estimate.covariance
         if common_errors is not None:
             readings_covariance = readings_covariance - common_errors.responses @ common_errors.responses.T
         degrees_of_freedom = None if sigma_given else estimate.degrees_of_freedom
@@ -851,11 +844,14 @@ class UncertaintyBudget:
         uncertainty = self.total().uncertainty
         for j in self.joints.tolist():
             joint = joints[j]
-            interval, one_sided, value = joint.compliance_interval, joint.one_sided, joint.compliance
+            interval = joint.compliance_interval
+            one_sided = joint.one_sided
+            value = joint.compliance
             if interval is None or one_sided is None or value is None:
                 continue
             half = self.coverage_factor * float(uncertainty[j])
-            least, most = max(float(bounds.lower[j]), value - half), min(float(bounds.upper[j]), value + half)
+            least = max(float(bounds.lower[j]), value - half)
+            most = min(float(bounds.upper[j]), value + half)
             interval = min(interval[0], least), max(interval[1], most)
             is_uncertain = joint.status == "identified" and interval[0] <= 0.0
             joints[j] = replace(
@@ -968,8 +964,7 @@ def predict(
         compliance: (n,) compliances c [rad/(N·m)].
         balanced_compliance: (n,) compliances with which the load bends the robot before the columns A_X are
             computed: the predicted deflections then equal the exact balance to third order. None neglects
-                this
-            bending.
+            this bending.
         is_estimated: (n,) mask of joints with an estimate; all if None. Other joints have zero contributions.
         statements: errors of the load and of places that were fitted with the joints; their motion is part
             of the predicted deflections. None for loads and places as stated.

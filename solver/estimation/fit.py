@@ -180,11 +180,9 @@ class StageFit:
         """
         spectrum = Spectrum(R)
         observability = analyse_spectrum(spectrum, joints)
-        undetermined, parameter_count, prior_values = (
-            observability.combinations,
-            float(spectrum.rank),
-            np.zeros(0),
-        )
+        undetermined = observability.combinations
+        parameter_count = float(spectrum.rank)
+        prior_values = np.zeros(0)
         if prior is not None:
             prior_rows, prior_values = prior.rows(joints)
             spectrum = Spectrum(np.vstack([R, prior_rows]))
@@ -252,17 +250,13 @@ def fit_method(
     if len(method.stages) > 1:
         _refuse_joints_without_effect_on_centre(triangles, has_no_effect)
     for number, (stage, compressed) in enumerate(zip(method.stages, triangles.stages, strict=True)):
-        joints, known_joints = (
-            stage.joints[~has_no_effect[stage.joints]],
-            stage.known[~has_no_effect[stage.known]],
-        )
+        joints = stage.joints[~has_no_effect[stage.joints]]
+        known_joints = stage.known[~has_no_effect[stage.known]]
         if not len(joints):
             continue
-        R, z, columns_of_known = (
-            compressed.matrix[:, joints],
-            compressed.rhs,
-            compressed.matrix[:, known_joints],
-        )
+        R = compressed.matrix[:, joints]
+        z = compressed.rhs
+        columns_of_known = compressed.matrix[:, known_joints]
         remaining_constraints = constraints.fix_joints(known_joints, compliance[known_joints], joints)
         fitted = StageFit.from_rows(
             R,
@@ -316,7 +310,8 @@ def _combine_stages(
         unconstrained: (n,) estimate without constraints [rad/(N·m)].
     """
     stages = list(fits.values())
-    active, tied = np.zeros(len(unconstrained), dtype=np.int8), np.zeros(len(unconstrained), dtype=np.bool_)
+    active = np.zeros(len(unconstrained), dtype=np.int8)
+    tied = np.zeros(len(unconstrained), dtype=np.bool_)
     for stage in stages:
         tied[stage.joints], active[stage.joints] = stage.tied, stage.solution.active
     joints = np.concatenate([np.zeros(0, np.intp), *(stage.joints for stage in stages)])
@@ -362,9 +357,8 @@ def _compute_covariance(triangles: MethodTriangles, fits: dict[int, StageFit]) -
         arm, wrist = fits.values()
         wrist_inverse = wrist.spectrum.inverse
         rows = triangles.stages[1].matrix[:, arm.joints]
-        L_A = (
-            wrist_inverse[:, : len(rows)] @ rows
-        )  # L A_a; rows of a prior of the wrist do not depend on the arm
+        # L A_a; rows of a prior of the wrist do not depend on the arm
+        L_A = wrist_inverse[:, : len(rows)] @ rows
         cross_covariance = (wrist_inverse @ wrist_inverse.T) @ triangles.cross[
             np.ix_(wrist.joints, arm.joints)
         ]
@@ -409,8 +403,7 @@ def estimate_scale(fit: Fit, readings: Triangle, sigma: float | None) -> Scale:
 
     For any linear unbiased ĉ of covariance C, ``E[χ²] = rows − 2 p + tr(AᵀΣ⁻¹A C)``, which is rows − p for
     weighted least squares. Here p is the number of parameters that the readings, not a prior, determine; A
-    are
-    the regressors and Σ the covariance of the readings. All methods get sigma from the same readings.
+    are the regressors and Σ the covariance of the readings. All methods get sigma from the same readings.
 
     Args:
         fit: outcome of a method.
@@ -515,9 +508,8 @@ class TargetRows:
         """Return the chi-square of an estimate, with each residual cut at the threshold to limit outliers.
 
         The targets add ``Σ min(‖r‖/σ, k)² / b``, with r the residual of a target, k the threshold, and b such
-        that
-        good readings have the expectation of a plain chi-square: ``3 b = E[min(t, k)²]``, t the norm of three
-        standard normal coordinates.
+        that good readings have the expectation of a plain chi-square: ``3 b = E[min(t, k)²]``, t the norm of
+        three standard normal coordinates.
 
         Args:
             compliance: (n,) the estimate [rad/(N·m)].
@@ -629,10 +621,8 @@ class _HuberProblem:
         """Minimise a quadratic model of the objective around compliances c (p,) under the constraints.
 
         A reading beyond the threshold adds the curvature ``w (I − (1 − damping) u uᵀ)``, with w its weight
-        and u
-        the direction of its residual: damping 0 gives Newton's step, and 1 a reweighted step, which never
-        increases
-        the objective.
+        and u the direction of its residual: damping 0 gives Newton's step, and 1 a reweighted step, which
+        never increases the objective.
 
         Returns:
             The minimiser (p,), and the certificate of the model's minimum.

@@ -79,34 +79,43 @@ def _subtract_named_causes(
     named: Sequence[tuple[str, str | None]],
     refuted: Sequence[str],
 ) -> Measurements:
-    """Return the measurements with the motion by named causes subtracted, and the causes' uncertainty added.
+    """Return the measurements without the motion by named causes, and with the uncertainty of these causes.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        named: causes as (name, label of the observation at which the cause begins, or None).
+        refuted: labels of observations with mistaken readings, which are not used for the fit.
 
     Raises:
         RequestError: the readings do not show a named cause.
         SolverError: a cause implies loads without a balance.
     """
-    part = leave_out(measurements, refuted).select_evenly(MOST_TESTED_OBSERVATIONS)
-    block = next(regressor_blocks(robot, part))
+    tested = leave_out(measurements, refuted).select_evenly(MOST_TESTED_OBSERVATIONS)
+    block = next(regressor_blocks(robot, tested))
     rows = Stack.from_blocks([block], [JOINTS], np.zeros(robot.n)).flat
     compliance, _ = solve_nonnegative(rows[:, :-1], rows[:, -1])
     # A turn includes a shift: if both begin at the same observation, only the turn is fitted.
     named = [(name, first) for name, first in named if name != "shift" or ("turn", first) not in named]
     firsts = [first for _, first in named if first is not None]
-    known = {(s.name, s.first): s for s in list_suspects(measurements, block, compliance, (), firsts)}
-    missing = next((each for each in named if each not in known), None)
+    suspect_by_cause = {
+        (suspect.name, suspect.first): suspect
+        for suspect in list_suspects(measurements, block, compliance, (), firsts)
+    }
+    missing = next((each for each in named if each not in suspect_by_cause), None)
     if missing is not None:
         since_first = f" since observation '{missing[1]}'" if missing[1] else ""
         raise RequestError(
             f"the readings do not show the cause '{missing[0]}'{since_first}",
             where="causes",
-            remedy=f"give one of: {', '.join(sorted({name for name, _ in known}))}",
+            remedy=f"give one of: {', '.join(sorted({name for name, _ in suspect_by_cause}))}",
         )
-    terms = [known[each].term for each in named]
-    fitted = fit_causes_with_joints(robot, part, terms, compliance)
-    scatter = _find_scatter(robot, subtract_errors(robot, part, fitted.errors, fitted.compliance), fitted)
-    if scatter != part.scatter:  # three targets with one error are one reading
-        fitted = fit_causes_with_joints(robot, replace(part, scatter=scatter), terms, fitted.compliance)
-    errors = _add_doubts(robot, replace(part, scatter=scatter), fitted)
+    terms = [suspect_by_cause[each].term for each in named]
+    fitted = fit_causes_with_joints(robot, tested, terms, compliance)
+    scatter = _find_scatter(robot, subtract_errors(robot, tested, fitted.errors, fitted.compliance), fitted)
+    if scatter != tested.scatter:  # three targets with one error are one reading
+        fitted = fit_causes_with_joints(robot, replace(tested, scatter=scatter), terms, fitted.compliance)
+    errors = _add_uncertainty_of_columns(robot, replace(tested, scatter=scatter), fitted)
     corrected = subtract_errors(robot, measurements, errors, fitted.compliance)
     errors = replace(errors, loads=group_distinct_loads(measurements))
     return CorrectedMeasurements.from_measurements(corrected, errors)
@@ -124,17 +133,23 @@ class FittedCauses:
 
 
 def fit_causes_with_joints(
-    robot: Robot, part: Measurements, terms: Sequence[Term], compliance: FloatArray
+    robot: Robot, measurements: Measurements, terms: Sequence[Term], compliance: FloatArray
 ) -> FittedCauses:
-    """Fit causes together with the joints by Gauss-Newton, starting at a compliance (n,) of the joints.
+    """Fit causes together with the joints, by Gauss-Newton steps.
 
     Directions of the unknowns that the joints explain equally well stay zero; their standard uncertainty is
     set to the size of the other unknowns.
 
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        terms: the causes.
+        compliance: (n,) compliances at which the steps start [rad/(N·m)].
+
     Raises:
         SolverError: a cause implies loads without a balance.
     """
-    remaining, unknowns, size = part, np.zeros(()), np.zeros(0)
+    remaining, unknowns, unit = measurements, np.zeros(()), np.zeros(0)
     for _ in range(_REFITS):
         block = next(regressor_blocks(robot, remaining, compliance))
         # A corrected load may twist joints that the stated load did not twist.
@@ -142,71 +157,89 @@ def fit_causes_with_joints(
         excitation.add(block)
         visible = ~excitation.observability().null
         triangles = TermTests(block, compliance, visible, terms, ())
-        given, sigma = _compress(part, triangles)
-        found = given.fit_with([term.name for term in terms])
+        triangle, sigma = _compress_rows(measurements, triangles)
+        terms_fit = triangle.fit_with([term.name for term in terms])
         compliance = np.zeros(robot.n)
-        compliance[visible] = np.maximum(found.known, 0.0)
-        ends = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
-        previous, unknowns = unknowns, unknowns + found.unknowns
-        if not size.any():  # unit of each term's unknowns: their root mean square after the first step
-            by_term = np.split(unknowns, ends)
-            size = np.concatenate([np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in by_term])
-        unknowns, root = _set_hidden_to_zero(unknowns, found, sigma, size)
-        determined = found.root.shape[1]
-        errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, ends)), root, determined)
-        fitted = FittedCauses(errors, compliance, visible, size, triangles)
-        if np.linalg.norm((unknowns - previous) / size) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / size):
+        compliance[visible] = np.maximum(terms_fit.known, 0.0)
+        last_unknowns = np.cumsum([len(triangles.stated.span[term.name]) for term in terms])[:-1]
+        previous, unknowns = unknowns, unknowns + terms_fit.unknowns
+        if not unit.any():  # unit of each term's unknowns: their root mean square after the first step
+            unknowns_of_terms = np.split(unknowns, last_unknowns)
+            unit = np.concatenate(
+                [np.full(len(each), np.sqrt(np.mean(each**2)) or 1.0) for each in unknowns_of_terms]
+            )
+        unknowns, root = _zero_undetermined_part(unknowns, terms_fit, sigma, unit)
+        determined_count = terms_fit.root.shape[1]
+        errors = FittedErrors(tuple(terms), tuple(np.split(unknowns, last_unknowns)), root, determined_count)
+        fitted = FittedCauses(errors, compliance, visible, unit, triangles)
+        if np.linalg.norm((unknowns - previous) / unit) <= _STEP_TOLERANCE * np.linalg.norm(unknowns / unit):
             break
-        remaining = subtract_errors(robot, part, errors, compliance)
+        remaining = subtract_errors(robot, measurements, errors, compliance)
     return fitted
 
 
-def _compress(part: Measurements, tests: TermTests) -> tuple[Triangle, float]:
-    """Return the triangle of the terms that are fitted in any case, and sigma: as stated, or larger [m]."""
-    given = tests.compress_given_statements(tests.fitted)
-    freedom = max(1, given.rows - given.rank(tests.fitted, INDEPENDENT))
-    residual = float(np.sqrt(max(given.residual_squares(tests.fitted), 0.0) / freedom))
-    return given, max(part.sigma or 0.0, residual)
+def _compress_rows(measurements: Measurements, tests: TermTests) -> tuple[Triangle, float]:
+    """Return (triangle, sigma): the compressed rows of the terms that are fitted in any case, and sigma [m].
 
-
-def _set_hidden_to_zero(
-    unknowns: FloatArray, found: TermsFit, sigma: float, size: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Set the part of unknowns (k,) that the joints explain equally well to zero.
-
-    Returns the unknowns, and a root of their covariance, in which that part has the unknowns' typical size.
+    Sigma is the stated standard uncertainty, or that of the residuals if it is larger.
     """
-    hidden = np.linalg.qr(found.hidden / size[:, None])[0]  # orthonormal directions in units of the size
-    unknowns = unknowns - size * (hidden @ (hidden.T @ (unknowns / size)))
-    return unknowns, np.hstack([sigma * found.root, size[:, None] * hidden])
+    triangle = tests.compress_given_statements(tests.fitted)
+    degrees_of_freedom = max(1, triangle.rows - triangle.rank(tests.fitted, INDEPENDENT))
+    residual = float(np.sqrt(max(triangle.residual_squares(tests.fitted), 0.0) / degrees_of_freedom))
+    return triangle, max(measurements.sigma or 0.0, residual)
 
 
-def _add_doubts(robot: Robot, part: Measurements, fitted: FittedCauses) -> FittedErrors:
-    """Return the fitted causes with what is uncertain about their columns, such as when play is taken up.
+def _zero_undetermined_part(
+    unknowns: FloatArray, terms_fit: TermsFit, sigma: float, unit: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Set the part of unknowns to zero that the joints explain equally well.
 
-    The doubts are fitted together with the causes, each stated as zero with a standard uncertainty of 1.
+    Args:
+        unknowns: (k,) unknowns of the causes.
+        terms_fit: last fit of the causes, with the directions that the joints explain equally well.
+        sigma: standard uncertainty of a coordinate of a reading [m].
+        unit: (k,) typical size of each unknown.
+
+    Returns:
+        The unknowns; and a root of their covariance, in which the zeroed part has the typical size.
+    """
+    # Orthonormal directions in units of the size
+    undetermined = np.linalg.qr(terms_fit.hidden / unit[:, None])[0]
+    unknowns = unknowns - unit * (undetermined @ (undetermined.T @ (unknowns / unit)))
+    return unknowns, np.hstack([sigma * terms_fit.root, unit[:, None] * undetermined])
+
+
+def _add_uncertainty_of_columns(
+    robot: Robot, measurements: Measurements, fitted: FittedCauses
+) -> FittedErrors:
+    """Return the fitted causes with the uncertainty of their columns, such as when play is taken up.
+
+    For each such cause a further term is fitted, whose unknowns are stated as zero with a standard
+    uncertainty of 1.
     """
     errors, compliance = fitted.errors, fitted.compliance
     pairs = zip(errors.terms, errors.unknowns, strict=True)
-    doubts = [term.doubt(values) for term, values in pairs if term.doubt is not None]
-    if not doubts:
+    doubtful_terms = [term.doubt(values) for term, values in pairs if term.doubt is not None]
+    if not doubtful_terms:
         return errors
-    terms = (*errors.terms, *doubts)
-    block = next(regressor_blocks(robot, subtract_errors(robot, part, errors, compliance), compliance))
-    given, sigma = _compress(part, TermTests(block, compliance, fitted.visible, terms, ()))
-    for term in doubts:
-        given = given.state(term.name, np.ones(len(given.span[term.name])), sigma)
-    given.span[JOINTS.name] = np.flatnonzero(fitted.visible)
-    found = given.fit_with([term.name for term in terms])
-    size = np.concatenate([fitted.size, np.ones(len(found.unknowns) - len(fitted.size))])
-    before = np.concatenate([*errors.unknowns, np.zeros(len(size) - len(fitted.size))])
-    unknowns, root = _set_hidden_to_zero(before + found.unknowns, found, sigma, size)
-    ends = np.cumsum([len(given.span[term.name]) for term in terms])[:-1]
-    return FittedErrors(terms, tuple(np.split(unknowns, ends)), root, errors.determined)
+    terms = (*errors.terms, *doubtful_terms)
+    block = next(
+        regressor_blocks(robot, subtract_errors(robot, measurements, errors, compliance), compliance)
+    )
+    triangle, sigma = _compress_rows(measurements, TermTests(block, compliance, fitted.visible, terms, ()))
+    for term in doubtful_terms:
+        triangle = triangle.state(term.name, np.ones(len(triangle.span[term.name])), sigma)
+    triangle.span[JOINTS.name] = np.flatnonzero(fitted.visible)
+    terms_fit = triangle.fit_with([term.name for term in terms])
+    unit = np.concatenate([fitted.size, np.ones(len(terms_fit.unknowns) - len(fitted.size))])
+    unknowns_before = np.concatenate([*errors.unknowns, np.zeros(len(unit) - len(fitted.size))])
+    unknowns, root = _zero_undetermined_part(unknowns_before + terms_fit.unknowns, terms_fit, sigma, unit)
+    last_unknowns = np.cumsum([len(triangle.span[term.name]) for term in terms])[:-1]
+    return FittedErrors(terms, tuple(np.split(unknowns, last_unknowns)), root, errors.determined)
 
 
 def _find_scatter(robot: Robot, corrected: Measurements, fitted: FittedCauses) -> Scatter:
-    """Return the errors that the targets of a posture share, as what joints and causes leave shows them.
+    """Return the errors that the targets of a posture share, from the residuals of joints and causes.
 
     Args:
         robot: n joints.
@@ -215,15 +248,18 @@ def _find_scatter(robot: Robot, corrected: Measurements, fitted: FittedCauses) -
     """
     if corrected.encoders is not None:
         return corrected.scatter
-    part = corrected.select_evenly(_MOST_WITH_SCATTER)
-    block, compliance = next(regressor_blocks(robot, part, fitted.compliance)), fitted.compliance
+    tested = corrected.select_evenly(_MOST_WITH_SCATTER)
+    block = next(regressor_blocks(robot, tested, fitted.compliance))
+    compliance = fitted.compliance
     terms = [JOINTS, *fitted.errors.terms]
-    stated = [each for each in list_stated_terms(part) if each.name not in {term.name for term in terms}]
-    stack = Stack.from_blocks([block], [*terms, *stated], compliance)
-    seen = np.concatenate([np.flatnonzero(fitted.visible), *list(stack.span.values())[1:]])
-    likelihood = RestrictedLikelihood(block, stack, seen)
+    stated_terms = [
+        each for each in list_stated_terms(tested) if each.name not in {term.name for term in terms}
+    ]
+    stack = Stack.from_blocks([block], [*terms, *stated_terms], compliance)
+    fitted_columns = np.concatenate([np.flatnonzero(fitted.visible), *list(stack.span.values())[1:]])
+    likelihood = RestrictedLikelihood(block, stack, fitted_columns)
     scatter, p_value = likelihood.find_significant()
-    motion = compute_target_motion(block, scatter, part.sigma or likelihood.sigma(scatter))
+    motion = compute_target_motion(block, scatter, tested.sigma or likelihood.sigma(scatter))
     is_believable = p_value < SCATTER_LEVEL and motion <= LARGEST_REPEATABILITY
     return scatter if is_believable else corrected.scatter
 
@@ -231,18 +267,25 @@ def _find_scatter(robot: Robot, corrected: Measurements, fitted: FittedCauses) -
 def subtract_errors(
     robot: Robot, measurements: Measurements, errors: FittedErrors, compliance: FloatArray
 ) -> Measurements:
-    """Return the measurements with the motion by fitted errors subtracted, at a joint compliance (n,)."""
-    pairs = list(zip(errors.terms, errors.unknowns, strict=True))
+    """Return the measurements without the motion by fitted errors.
+
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        errors: fitted errors, with the values of their unknowns.
+        compliance: (n,) compliances of the joints, on which the motion depends [rad/(N·m)].
+    """
+    terms_and_values = list(zip(errors.terms, errors.unknowns, strict=True))
     # Errors of the load change the measurements' loads; the motion by all other errors is subtracted.
-    for term, values in pairs:
+    for term, values in terms_and_values:
         if term.change_loads is not None:
             measurements = term.change_loads(robot, measurements, values)
-    pairs = [(term, values) for term, values in pairs if term.change_loads is None]
-    if not pairs:
+    terms_and_values = [(term, values) for term, values in terms_and_values if term.change_loads is None]
+    if not terms_and_values:
         return measurements
     targets, joints = [], []
     for block in regressor_blocks(robot, measurements, compliance):
-        motions = [(term.motion(block, compliance), values) for term, values in pairs]
+        motions = [(term.motion(block, compliance), values) for term, values in terms_and_values]
         targets.append(np.sum([motion.targets @ values for motion, values in motions], axis=0))
         turns = [motion.joints @ values for motion, values in motions if motion.joints is not None]
         joints.append(np.sum([np.zeros_like(block.torque), *turns], axis=0))

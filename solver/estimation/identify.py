@@ -16,7 +16,15 @@ import numpy as np
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import MeasurementError, NotObservableError, SolverError, UnsupportedMethodError
 from jointstiff.solver.estimation.estimate import CommonErrors, ComplementaryStiffness, Estimate, Evidence
-from jointstiff.solver.estimation.fit import Fit, RobustFit, TargetRows, estimate_scale, fit_huber, fit_method
+from jointstiff.solver.estimation.fit import (
+    Fit,
+    RobustFit,
+    Scale,
+    TargetRows,
+    estimate_scale,
+    fit_huber,
+    fit_method,
+)
 from jointstiff.solver.estimation.method import (
     Method,
     MethodTriangles,
@@ -73,32 +81,36 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
         excitation = Excitation(robot.joint_kinds)
         for block in regressor_blocks(robot, measurements):
             excitation.add(block)
-        null = _require_observable(excitation).null
+        has_no_effect = _require_observable(excitation).null
         with_unit_length = Method(robot, settings, 1.0)
-        length = find_length_of_least_condition(with_unit_length, regressor_blocks(robot, measurements), null)
+        length = find_length_of_least_condition(
+            with_unit_length, regressor_blocks(robot, measurements), has_no_effect
+        )
     method = Method(robot, settings, length)
-    stated = _list_fitted_statements(measurements, settings, method)
-    first = last = _fit_once(robot, measurements, settings, method)
+    stated_terms = _list_fitted_statements(measurements, settings, method)
+    first_fit = last_fit = _fit_once(robot, measurements, settings, method)
     iterations = 0
-    if stated:
+    if stated_terms:
         try:
-            last, iterations = _iterate_to_convergence(robot, measurements, settings, first, stated)
+            last_fit, iterations = _iterate_to_convergence(
+                robot, measurements, settings, first_fit, stated_terms
+            )
         except SolverError:  # readings that contradict a statement by far: its error is propagated instead
-            stated = ()
-    if settings.complementary_stiffness and not stated:
-        last, iterations = _iterate_to_convergence(robot, measurements, settings, first, stated)
-    estimate = replace(_build_estimate(robot, measurements, settings, last), characteristic_length=length)
-    if settings.complementary_stiffness and not stated:
-        shift: FloatArray | None = last.fit.compliance - first.fit.compliance
+            stated_terms = ()
+    if settings.complementary_stiffness and not stated_terms:
+        last_fit, iterations = _iterate_to_convergence(robot, measurements, settings, first_fit, stated_terms)
+    estimate = replace(_build_estimate(robot, measurements, settings, last_fit), characteristic_length=length)
+    if settings.complementary_stiffness and not stated_terms:
+        shift: FloatArray | None = last_fit.fit.compliance - first_fit.fit.compliance
     else:
-        shift = _estimate_neglected_shift(robot, first, settings.prior, estimate.sigma)
+        shift = _estimate_neglected_shift(robot, first_fit, settings.prior, estimate.sigma)
     estimated = estimate.estimated
-    ratios = np.abs(estimate.compliance)[:, None] * first.largest_stiffness
+    stiffness_ratios = np.abs(estimate.compliance)[:, None] * first_fit.largest_stiffness
     effect = ComplementaryStiffness(
         included=settings.complementary_stiffness,
         iterations=iterations if settings.complementary_stiffness else 0,
-        largest_ratio=float(ratios[np.ix_(estimated, estimated)].max(initial=0.0)),
-        largest_shift=_largest_standardised_shift(shift, estimate),
+        largest_ratio=float(stiffness_ratios[np.ix_(estimated, estimated)].max(initial=0.0)),
+        largest_shift=_find_largest_standardised_shift(shift, estimate),
         shift=shift,
     )
     return replace(estimate, complementary_stiffness=effect)
@@ -107,12 +119,13 @@ def identify(robot: Robot, measurements: Measurements, settings: Settings) -> Es
 def _list_fitted_statements(
     measurements: Measurements, settings: Settings, method: Method
 ) -> tuple[Term, ...]:
-    """Return the terms whose statements are fitted with the joints; none where a method cannot weigh them.
+    """Return the terms with stated uncertainties that are fitted together with the joints.
 
-    Weights by covariance in one stage can. Otherwise the errors are propagated after the fit.
+    Only a method of one stage with weights by covariance can fit them. With other methods the errors are
+    propagated after the fit, and no term is returned.
     """
-    weighs = method.by_covariance and len(method.stages) == 1 and settings.loss == "squared"
-    return list_stated_terms(measurements) if weighs else ()
+    can_fit = method.by_covariance and len(method.stages) == 1 and settings.loss == "squared"
+    return list_stated_terms(measurements) if can_fit else ()
 
 
 def identify_with_fallback(
@@ -138,8 +151,8 @@ def identify_with_fallback(
         estimate = identify(robot, measurements, neglected)
         if estimate.complementary_stiffness is None:
             raise
-        size = replace(estimate.complementary_stiffness, obstacle=error.reason)
-        return neglected, replace(estimate, complementary_stiffness=size)
+        effect = replace(estimate.complementary_stiffness, obstacle=error.reason)
+        return neglected, replace(estimate, complementary_stiffness=effect)
 
 
 def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Settings) -> None:
@@ -160,7 +173,8 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
             remedy="use loss squared, or omit the readings along a direction",
         )
     weighting = settings.weighting
-    not_by_covariance, by_length = weighting != "covariance", weighting == "characteristic_length"
+    not_by_covariance = weighting != "covariance"
+    by_length = weighting == "characteristic_length"
     for refused, why, remedy in (
         (
             not_by_covariance and settings.prior is not None,
@@ -196,8 +210,8 @@ class _Pass:
     targets: TargetRows | None  # rows for the Huber loss; None for the squared loss
     statements: Statements | None  # statements that were fitted with the joints; None without any
 
-    def noise(self) -> float:
-        """Return sigma estimated from the residuals [m]; zero without degrees of freedom."""
+    def estimate_noise(self) -> float:
+        """Return sigma, the standard deviation of a coordinate, from the residuals [m]; 0 if none remain."""
         return estimate_scale(self.fit, self.triangles.all_readings, None).sigma or 0.0
 
 
@@ -207,23 +221,32 @@ def _fit_once(
     settings: Settings,
     method: Method,
     previous: _Pass | None = None,
-    stated: Sequence[Term] = (),
+    stated_terms: Sequence[Term] = (),
 ) -> _Pass:
     """Fit all observations once.
 
-    With K_c the robot is bent by the compliances of the previous fit, at which the columns of statements are
-    computed, too; `previous` is None for the first fit, which neglects K_c and statements.
+    Args:
+        robot: n joints.
+        measurements: N observations.
+        settings: settings of the fit.
+        method: method of the fit.
+        previous: the fit before; None for the first fit, which neglects the complementary stiffness K_c and
+            statements. With K_c the compliances of the fit before bend the robot; the columns of statements
+            are computed at them, too.
+        stated_terms: terms with stated uncertainties, fitted together with the joints.
     """
-    bends = previous is not None and settings.complementary_stiffness
-    compliance = previous.fit.compliance if previous is not None and bends else None
+    uses_load_stiffness = previous is not None and settings.complementary_stiffness
+    compliance = previous.fit.compliance if previous is not None and uses_load_stiffness else None
     excitation, triangles = Excitation(robot.joint_kinds), MethodTriangles(method)
     targets = TargetRows(robot.n) if settings.loss == "huber" else None
-    largest = np.zeros((robot.n, robot.n))
+    largest_stiffness = np.zeros((robot.n, robot.n))
     for block in regressor_blocks(robot, measurements, compliance):
         (triangles if targets is None else targets).add(block)
         if previous is None:
             excitation.add(block)
-            np.maximum(largest, np.abs(complementary_stiffness(block)).max(axis=0), out=largest)
+            np.maximum(
+                largest_stiffness, np.abs(complementary_stiffness(block)).max(axis=0), out=largest_stiffness
+            )
     observability = _require_observable(excitation) if previous is None else previous.observability
     robust, sigma = None, measurements.sigma
     if targets is not None:  # an unknown sigma is estimated in the first pass and then kept
@@ -239,35 +262,54 @@ def _fit_once(
         for block in regressor_blocks(robot, measurements, compliance):
             triangles.add(block)
     statements = None
-    if stated and previous is not None:
+    if stated_terms and previous is not None:
         statements = Statements(
-            terms=tuple(stated),
+            terms=tuple(stated_terms),
             common=measurements.common_uncertainty,
             compliance=np.maximum(previous.fit.compliance, 0.0),
-            sigma=max(measurements.sigma or previous.noise(), _LEAST_STATED_SIGMA),
+            sigma=max(measurements.sigma or previous.estimate_noise(), _LEAST_STATED_SIGMA),
         )
         triangles = triangles.fit_with_statements(
             regressor_blocks(robot, measurements, compliance), statements
         )
     # Each unknown of a cause that was fitted to the readings before uses up one degree of freedom.
     triangles.all_readings.rows -= fitted_errors(measurements).determined
-    find = solve_step if previous is None and (settings.complementary_stiffness or stated) else solve
-    fit = fit_method(triangles, observability.null, settings.constraints, solve_problem=find)
+    solve_problem = (
+        solve_step if previous is None and (settings.complementary_stiffness or stated_terms) else solve
+    )
+    fit = fit_method(triangles, observability.null, settings.constraints, solve_problem=solve_problem)
     if settings.prior is not None:
         # A prior's weight is sigma/s₀; a sigma that is not given is estimated from the readings alone.
-        sigma = estimate_scale(fit, triangles.all_readings, sigma).sigma
-        if not sigma:
-            raise UnsupportedMethodError(
-                "weighting a prior needs sigma, which is not given and cannot be estimated from these "
-                "readings",
-                where="priors",
-                remedy="state `noise`, or add observations",
-            )
-        prior = settings.prior.in_units_of(sigma)
-        fit = replace(fit_method(triangles, observability.null, settings.constraints, prior, find), alone=fit)
+        sigma_of_readings = _require_sigma_for_prior(estimate_scale(fit, triangles.all_readings, sigma))
+        prior = settings.prior.in_units_of(sigma_of_readings)
+        fit_with_prior = fit_method(triangles, observability.null, settings.constraints, prior, solve_problem)
+        fit = replace(fit_with_prior, alone=fit)
     return _Pass(
-        measurements, compliance, observability, triangles, fit, largest, robust, targets, statements
+        measurements,
+        compliance,
+        observability,
+        triangles,
+        fit,
+        largest_stiffness,
+        robust,
+        targets,
+        statements,
     )
+
+
+def _require_sigma_for_prior(scale: Scale) -> float:
+    """Return the sigma of a scale [m].
+
+    Raises:
+        UnsupportedMethodError: sigma is neither stated nor estimated.
+    """
+    if not scale.sigma:
+        raise UnsupportedMethodError(
+            "weighting a prior needs sigma, which is not given and cannot be estimated from these readings",
+            where="priors",
+            remedy="state `noise`, or add observations",
+        )
+    return scale.sigma
 
 
 def _require_observable(excitation: Excitation) -> Observability:
@@ -294,13 +336,17 @@ def _require_observable(excitation: Excitation) -> Observability:
 
 
 def _iterate_to_convergence(
-    robot: Robot, measurements: Measurements, settings: Settings, first: _Pass, stated: Sequence[Term]
+    robot: Robot,
+    measurements: Measurements,
+    settings: Settings,
+    first_fit: _Pass,
+    stated_terms: Sequence[Term],
 ) -> tuple[_Pass, int]:
     """Repeat the fit until the fitted compliances equal those of the fit before.
 
-    With K_c they bend the robot; the columns of statements depend on them. The iteration starts from a
-    first-order estimate of the effect of K_c, so that with noisy readings a single fit suffices without
-    statements.
+    With the complementary stiffness K_c, the compliances bend the robot; the columns of statements depend on
+    them, too. The iteration starts from a first-order estimate of the effect of K_c, so that with noisy
+    readings a single fit suffices without statements.
 
     Returns:
         The last fit, and the number of fits after the first.
@@ -310,34 +356,37 @@ def _iterate_to_convergence(
     """
     shift = np.zeros(robot.n)
     if settings.complementary_stiffness:
-        sigma = measurements.sigma or first.noise()
-        shift = _estimate_neglected_shift(robot, first, settings.prior, sigma)
-    current = replace(first, fit=replace(first.fit, compliance=first.fit.compliance + shift))
+        sigma = measurements.sigma or first_fit.estimate_noise()
+        shift = _estimate_neglected_shift(robot, first_fit, settings.prior, sigma)
+    current_fit = replace(first_fit, fit=replace(first_fit.fit, compliance=first_fit.fit.compliance + shift))
     # A joint that nothing moves has no compliance to compare with.
-    reference = np.maximum(first.observability.reference_compliance, np.finfo(np.float64).tiny)
+    reference = np.maximum(first_fit.observability.reference_compliance, np.finfo(np.float64).tiny)
     # Each fit with K_c shrinks the change by about this factor, the relative effect of K_c.
-    shrinkage = float((np.abs(shift) / np.maximum(np.abs(first.fit.compliance), reference)).max())
-    shrinkage = max(shrinkage, _SHRINKAGE_BY_STATEMENTS if stated else _LEAST_SHRINKAGE)
+    shrinkage = float((np.abs(shift) / np.maximum(np.abs(first_fit.fit.compliance), reference)).max())
+    shrinkage = max(shrinkage, _SHRINKAGE_BY_STATEMENTS if stated_terms else _LEAST_SHRINKAGE)
     for rounds in range(1, MAX_ITERATIONS + 1):
-        last = _fit_once(robot, measurements, settings, first.triangles.method, current, stated)
-        change = np.abs(last.fit.compliance - current.fit.compliance)
-        size = np.maximum(np.abs(last.fit.compliance), reference)
-        uncertainty = last.noise() * np.sqrt(np.diagonal(last.fit.covariance))
+        last_fit = _fit_once(
+            robot, measurements, settings, first_fit.triangles.method, current_fit, stated_terms
+        )
+        change = np.abs(last_fit.fit.compliance - current_fit.fit.compliance)
+        compliance_size = np.maximum(np.abs(last_fit.fit.compliance), reference)
+        uncertainty = last_fit.estimate_noise() * np.sqrt(np.diagonal(last_fit.fit.covariance))
         if (
-            change * shrinkage <= np.maximum(_CHANGE_TOLERANCE * size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
+            change * shrinkage
+            <= np.maximum(_CHANGE_TOLERANCE * compliance_size, _CHANGE_IN_UNCERTAINTIES * uncertainty)
         ).all():
-            return last, rounds
-        current = last
+            return last_fit, rounds
+        current_fit = last_fit
     raise SolverError(
         f"the iteration with the complementary stiffness did not converge: after {MAX_ITERATIONS} "
-        f"fits the compliances still change by {(change / size).max():.1e} (relative)",
+        f"fits the compliances still change by {(change / compliance_size).max():.1e} (relative)",
         where="complementary_stiffness",
         remedy="neglect the complementary stiffness, or add postures and loads that excite every joint",
     )
 
 
 def _estimate_neglected_shift(
-    robot: Robot, neglected: _Pass, prior: Prior | None, sigma: float | None
+    robot: Robot, fit_without_k_c: _Pass, prior: Prior | None, sigma: float | None
 ) -> FloatArray:
     """Return the change (n,) of the compliances if K_c were included, to first order [rad/(N·m)].
 
@@ -346,22 +395,24 @@ def _estimate_neglected_shift(
     ratio of the numbers of observations; where loads in all directions cancel, this overstates the change. A
     prior is included where sigma [m] is known.
     """
-    fit, part = neglected.fit, neglected.measurements.select_evenly(SHIFT_OBSERVATIONS)
-    scale = len(neglected.measurements) / len(part)
-    estimated = np.flatnonzero(~neglected.observability.null & (fit.active == 0))
+    fit, sample = fit_without_k_c.fit, fit_without_k_c.measurements.select_evenly(SHIFT_OBSERVATIONS)
+    set_ratio = len(fit_without_k_c.measurements) / len(sample)
+    estimated = np.flatnonzero(~fit_without_k_c.observability.null & (fit.active == 0))
     prior = prior.in_units_of(sigma) if prior and sigma else None
-    responses = neglected.triangles.compute_responses(
-        regressor_blocks(robot, part), [NEGLECTED_STIFFNESS], fit.compliance, estimated, prior
+    responses = fit_without_k_c.triangles.compute_responses(
+        regressor_blocks(robot, sample), [NEGLECTED_STIFFNESS], fit.compliance, estimated, prior
     )
-    return -responses[NEGLECTED_STIFFNESS.name][:, 0] * scale
+    return -responses[NEGLECTED_STIFFNESS.name][:, 0] * set_ratio
 
 
-def _build_estimate(robot: Robot, measurements: Measurements, settings: Settings, last: _Pass) -> Estimate:
+def _build_estimate(
+    robot: Robot, measurements: Measurements, settings: Settings, last_fit: _Pass
+) -> Estimate:
     """Build the estimate from the last fit: sigma, uncertainties, intervals and a verdict on each joint.
 
     With the Huber loss, a robust scale replaces a sigma that is unknown.
     """
-    fit, robust, all_readings = last.fit, last.robust, last.triangles.all_readings
+    fit, robust, all_readings = last_fit.fit, last_fit.robust, last_fit.triangles.all_readings
     sigma = measurements.sigma if robust is None else robust.sigma
     # With a prior, sigma comes from the fit without the prior, and chi-square from the fit with the prior.
     scale = estimate_scale(fit if fit.alone is None else fit.alone, all_readings, sigma)
@@ -370,12 +421,12 @@ def _build_estimate(robot: Robot, measurements: Measurements, settings: Settings
     scale = replace(scale, given=scale.given and measurements.sigma is not None)
     # The weights of the Huber loss come from the residuals, which makes the covariance larger.
     fit = fit.multiply_covariance(1.0 if robust is None else robust.inflation)
-    common = None
+    common_errors = None
     if scale.sigma is not None:
         scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
-        common = _propagate_common_errors(robot, settings, last, scale.sigma or 1.0)
-        if common is not None:
-            fit = fit.add_common_errors(common.responses_beside_fit / (scale.sigma or 1.0))
+        common_errors = _propagate_common_errors(robot, settings, last_fit, scale.sigma or 1.0)
+        if common_errors is not None:
+            fit = fit.add_common_errors(common_errors.responses_beside_fit / (scale.sigma or 1.0))
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
     numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
     numbers += [] if covariance is None else [covariance]
@@ -385,26 +436,28 @@ def _build_estimate(robot: Robot, measurements: Measurements, settings: Settings
             where="units",
             remedy="check the units of force, length and sigma",
         )
-    ratios = np.full(robot.n, np.nan)
+    prior_to_data = np.full(robot.n, np.nan)
     if fit.alone is not None and settings.prior is not None and scale.sigma is not None:
-        ratios = _compare_prior_to_data(fit.alone, settings.prior, scale.sigma)
+        prior_to_data = _compare_prior_to_data(fit.alone, settings.prior, scale.sigma)
     chi_square, certificates = scale.chi_square, fit.certificates
-    if robust is not None and last.targets is not None:
-        chi_square = last.targets.chi_square(fit.compliance, sigma=robust.sigma, threshold=robust.threshold)
+    if robust is not None and last_fit.targets is not None:
+        chi_square = last_fit.targets.chi_square(
+            fit.compliance, sigma=robust.sigma, threshold=robust.threshold
+        )
         certificates = (robust.certificate, *certificates)
     evidence = Evidence(
         robot.joint_names,
         fit,
-        last.observability,
+        last_fit.observability,
         scale,
         settings.constraints,
         settings.confidence,
-        ratios,
+        prior_to_data,
     )
     return Estimate(
         joints=evidence.derive_joint_results(),
         compliance=fit.compliance,
-        balanced=last.balanced,
+        balanced=last_fit.balanced,
         covariance=covariance,
         sigma=scale.sigma,
         sigma_given=scale.given,
@@ -412,64 +465,76 @@ def _build_estimate(robot: Robot, measurements: Measurements, settings: Settings
         degrees_of_freedom=scale.degrees_of_freedom,
         identifiability=fit.identifiability,
         certificates=certificates,
-        triangles=last.triangles,
-        observability=last.observability,
+        triangles=last_fit.triangles,
+        observability=last_fit.observability,
         likelihood=fit.likelihood,
-        common=common,
+        common=common_errors,
         robust=robust,
     )
 
 
 def _propagate_common_errors(
-    robot: Robot, settings: Settings, last: _Pass, sigma: float
+    robot: Robot, settings: Settings, last_fit: _Pass, sigma: float
 ) -> CommonErrors | None:
-    """Return changes of the estimate by one standard uncertainty of each error shared by all observations.
+    """Return the changes of the estimate by one standard uncertainty of each error common to all.
 
-    The result is None if no such error has an uncertainty. Sigma [m] weighs a prior against the readings.
+    The result is None if no such error has an uncertainty. `sigma` [m] weighs a prior against the readings.
     """
-    common = last.measurements.common_uncertainty
-    errors = fitted_errors(last.measurements)
-    fitted = errors.terms
+    common_uncertainty = last_fit.measurements.common_uncertainty
+    errors = fitted_errors(last_fit.measurements)
+    fitted_terms = errors.terms
     # For each term: the name in the budget, and the standard uncertainties of the unknowns.
-    stated = {name: (common.source(name), term.prior(common)) for name, term in TERMS.items()}
-    blocks = regressor_blocks(robot, last.measurements, last.balanced)
-    known = {term.name for term in fitted}  # an error fitted from the readings replaces a stated uncertainty
-    terms = [TERMS[name] for name, (_, size) in stated.items() if any(size) and name not in known]
-    if not (terms or fitted):
+    source_and_prior = {
+        name: (common_uncertainty.source(name), term.prior(common_uncertainty))
+        for name, term in TERMS.items()
+    }
+    blocks = regressor_blocks(robot, last_fit.measurements, last_fit.balanced)
+    # An error fitted from the readings replaces a stated uncertainty
+    fitted_names = {term.name for term in fitted_terms}
+    terms = [
+        TERMS[name]
+        for name, (_, uncertainties) in source_and_prior.items()
+        if any(uncertainties) and name not in fitted_names
+    ]
+    if not (terms or fitted_terms):
         return None
-    responses = last.triangles.compute_responses(
+    responses = last_fit.triangles.compute_responses(
         blocks,
-        [*terms, *fitted],
-        last.fit.compliance,
-        np.flatnonzero(~last.observability.null),
+        [*terms, *fitted_terms],
+        last_fit.fit.compliance,
+        np.flatnonzero(~last_fit.observability.null),
         None if settings.prior is None else settings.prior.in_units_of(sigma),
     )
     by_source = {}
-    joined = () if last.statements is None else last.statements.terms
-    for source, size, response in ((*stated[term.name], responses[term.name]) for term in terms):
-        by_source[source] = np.resize(size, response.shape[1]) * response  # repeats the uncertainties
-    in_fit = frozenset(stated[term.name][0] for term in joined)
-    if fitted:
-        changes = np.hstack([responses[term.name] for term in fitted])
-        by_source["fitted_causes"] = changes @ errors.root
+    terms_in_fit = () if last_fit.statements is None else last_fit.statements.terms
+    for source, uncertainties, response in (
+        (*source_and_prior[term.name], responses[term.name]) for term in terms
+    ):
+        # `resize` repeats the uncertainties for each column.
+        by_source[source] = np.resize(uncertainties, response.shape[1]) * response
+    in_fit = frozenset(source_and_prior[term.name][0] for term in terms_in_fit)
+    if fitted_terms:
+        responses_to_causes = np.hstack([responses[term.name] for term in fitted_terms])
+        by_source["fitted_causes"] = responses_to_causes @ errors.root
     return CommonErrors(by_source, in_fit)
 
 
-def _compare_prior_to_data(alone: Fit, prior: Prior, sigma: float) -> FloatArray:
+def _compare_prior_to_data(fit_without_prior: Fit, prior: Prior, sigma: float) -> FloatArray:
     """Return for each joint the ratio (n,) of the prior's information to the readings' information.
 
-    The ratio is ``s₀⁻² / (sigma² C_jj)⁻¹``; NaN for joints without a prior, and inf where the readings alone
-    determine only a combination with other joints.
+    The ratio is ``s₀⁻² / (sigma² C_jj)⁻¹``, with s₀ the prior's standard uncertainty and C_jj the variance
+    from the readings; NaN for joints without a prior, and inf where the readings alone determine only a
+    combination with other joints.
     """
-    variance = sigma**2 * np.diagonal(alone.covariance)
+    variance = sigma**2 * np.diagonal(fit_without_prior.covariance)
     ratio = np.where(prior.known, variance / prior.standard_uncertainty**2, np.nan)
-    for group in alone.undetermined:
+    for group in fit_without_prior.undetermined:
         for joint in group.joints:
             ratio[joint] = np.inf if prior.known[joint] else np.nan
     return ratio
 
 
-def _largest_standardised_shift(shift: FloatArray | None, estimate: Estimate) -> float | None:
+def _find_largest_standardised_shift(shift: FloatArray | None, estimate: Estimate) -> float | None:
     """Return the largest change of a compliance in standard uncertainties; None if no uncertainty is known.
 
     Uncertainties that were assumed, not stated, are left out of the standard uncertainty.
@@ -480,5 +545,9 @@ def _largest_standardised_shift(shift: FloatArray | None, estimate: Estimate) ->
     if estimate.common is not None:
         for source in ("assumed_load_point", "assumed_force_scale"):
             variance = variance - np.square(estimate.common.responses_to(source)).sum(axis=1)
-    known = estimate.estimated & (variance > 0.0)
-    return float((np.abs(shift[known]) / np.sqrt(variance[known])).max()) if known.any() else None
+    has_uncertainty = estimate.estimated & (variance > 0.0)
+    return (
+        float((np.abs(shift[has_uncertainty]) / np.sqrt(variance[has_uncertainty])).max())
+        if has_uncertainty.any()
+        else None
+    )

@@ -41,7 +41,10 @@ class JointsAlone:
         self._by_loss: dict[Loss, JointsAlone] = {stated.loss: self}
 
     def with_loss(self, loss: Loss) -> JointsAlone:
-        """Return the identification of the same measurements with a loss; this object for its own loss."""
+        """Return the identification of the same measurements with another loss.
+
+        This object itself is returned for its own loss; an identification is kept for each loss.
+        """
         if loss not in self._by_loss:
             stated = replace(self.stated, loss=loss)
             self._by_loss[loss] = JointsAlone(self.robot, self._whole, stated, self.noticed)
@@ -51,20 +54,22 @@ class JointsAlone:
     def _identified(self) -> tuple[Settings, Estimate, Measurements]:
         """Settings with which the fit succeeded, the estimate, and the measurements with their scatter.
 
-        The scatter is estimated from the residuals of a first fit; where it is significant, the joints are
-        fitted again.
+        The scatter (errors that the targets of a posture share) is estimated from the residuals of a first
+        fit; where it is significant, the joints are fitted again.
         """
         settings, estimate = identify_with_fallback(self.robot, self.given, self.stated)
         scatter = find_scatter(self.robot, self.given, estimate)
         if scatter == self.given.scatter:
             return settings, estimate, self.given
         measurements = replace(self.given, scatter=scatter)
-        settings_with, estimate_with = identify_with_fallback(self.robot, measurements, self.stated)
-        test = estimate_with.sigma_test
+        settings_with_scatter, estimate_with_scatter = identify_with_fallback(
+            self.robot, measurements, self.stated
+        )
+        test = estimate_with_scatter.sigma_test
         if test is not None and test.result == "residuals_too_large":
             # Errors that do not explain the residuals are no explanation of a part of the residuals.
             return settings, estimate, self.given
-        return settings_with, estimate_with, measurements
+        return settings_with_scatter, estimate_with_scatter, measurements
 
     @property
     def measurements(self) -> Measurements:

@@ -276,33 +276,43 @@ class Method:
         The first array (B, m, 3 T) maps the rows of whole observations, the second (B, T, 3, 3) the rows of
         single targets. At least one of them is None; if both are, N is the identity.
         """
-        measurements = block.measurements
-        targets: tuple[FloatArray | None, FloatArray | None] = (None, None)
+        target_maps: tuple[FloatArray | None, FloatArray | None] = (None, None)
         if not self.by_covariance:
-            targets = self._undo_whitening(block)
-        if self.name == "partial_pose":
-            return [targets]
+            target_maps = self._undo_whitening(block)
+        match self.name:
+            case "partial_pose":
+                return [target_maps]
+            case "complete_pose":
+                return [(self._map_to_pose(block), None)]
+            case _:
+                return [(self._map_to_wrist_centre(block), None), target_maps]
+
+    def _map_to_pose(self, block: RegressorBlock) -> FloatArray:
+        """Return the map (B, 6, 3 T) from whitened rows to the displacement of the flange's pose.
+
+        The displacement is whitened if the method uses covariances, else scaled by the method's length.
+        """
+        Q, R, _ = factorise_displacement(block)
+        if self.by_covariance:
+            return Q.mT
+        row_scale = np.repeat([1.0 / (self.length or 1.0), 1.0], 3)
+        scaled_map = row_scale[:, None] * np.linalg.solve(R, Q.mT)
+        return np.asarray(_least_root_weights(block.measurements) * scaled_map)
+
+    def _map_to_wrist_centre(self, block: RegressorBlock) -> FloatArray:
+        """Return the map (B, 3, 3 T) from whitened rows to the displacement of the wrist centre.
+
+        The displacement is whitened if the method uses covariances.
+        """
         Q, R, reference = factorise_displacement(block)
-        # With a robust loss, a pose gets the least weight of its targets.
-        least_weight: FloatArray | float = 1.0
-        if measurements.weight is not None:
-            least_weight = np.sqrt(np.where(measurements.present, measurements.weight, 1.0).min(axis=1))[
-                :, None, None
-            ]
-        if self.name == "complete_pose":
-            if self.by_covariance:
-                return [(Q.transpose(0, 2, 1), None)]
-            row_scale = np.repeat([1.0 / (self.length or 1.0), 1.0], 3)
-            return [(least_weight * row_scale[:, None] * np.linalg.solve(R, Q.transpose(0, 2, 1)), None)]
         centre = block.postures.to_base(np.broadcast_to(self.centre, (len(Q), 1, 3)))[:, 0]
-        extrapolation = np.concatenate(
-            [np.broadcast_to(np.eye(3), (len(Q), 3, 3)), -skew(centre - reference)], axis=2
-        )
-        # Map from the whitened rows of the targets to the displacement of the wrist centre.
-        centre_map = extrapolation @ np.linalg.solve(R, Q.transpose(0, 2, 1))
+        # Map from the displacement of the reference point, and the rotation, to that of the centre.
+        identity = np.broadcast_to(np.eye(3), (len(Q), 3, 3))
+        extrapolation = np.concatenate([identity, -skew(centre - reference)], axis=2)
+        centre_map = extrapolation @ np.linalg.solve(R, Q.mT)
         if self.by_covariance:  # orthonormal rows: the displacement of the centre, whitened
-            centre_map = np.linalg.qr(centre_map.transpose(0, 2, 1))[0].transpose(0, 2, 1)
-        return [(least_weight * centre_map if not self.by_covariance else centre_map, None), targets]
+            return np.linalg.qr(centre_map.mT)[0].mT
+        return np.asarray(_least_root_weights(block.measurements) * centre_map)
 
     @staticmethod
     def _undo_whitening(block: RegressorBlock) -> tuple[FloatArray | None, FloatArray | None]:
@@ -315,6 +325,17 @@ class Method:
         whiten = block.whiten(np.broadcast_to(identity, (len(weight), *identity.shape)))
         back = np.linalg.inv(whiten.reshape(len(weight), identity.shape[-1], -1))
         return np.asarray(np.repeat(np.sqrt(weight), 3, axis=1)[..., None] * back, dtype=np.float64), None
+
+
+def _least_root_weights(measurements: Measurements) -> FloatArray | float:
+    """Return the root (B, 1, 1) of the least weight of each observation's targets; 1 without weights.
+
+    With a robust loss, a pose gets the least weight of its targets.
+    """
+    if measurements.weight is None:
+        return 1.0
+    least_weight = np.where(measurements.present, measurements.weight, 1.0).min(axis=1)
+    return np.asarray(np.sqrt(least_weight)[:, None, None])
 
 
 class MethodTriangles:
@@ -398,7 +419,8 @@ class MethodTriangles:
         result.stages = [result.all_readings]
         if not self.method.is_plain:
             result.stages = [compressed[1].given("statements", unit_uncertainties, statements.sigma)]
-        statement_columns, fitted_rows = compressed[1].matrix[:, n:], compressed[1].R[:, [*range(n), -1]]
+        statement_columns = compressed[1].matrix[:, n:]
+        fitted_rows = compressed[1].R[:, [*range(n), -1]]
         statement_rows = statements.sigma * np.eye(statement_columns.shape[1])
         result._statements = statements
         result._with_statements = np.vstack([compressed[0].matrix, np.eye(width - 1)[n:] * statements.sigma])
@@ -494,10 +516,8 @@ class MethodTriangles:
                 moments[stage_number] = moments[stage_number] + columns.T @ flat[:, n:-1]
         bias = np.zeros(np.shape(moments[0]))
         for stage, stage_triangle, moment in zip(self.method.stages, self.stages, moments, strict=True):
-            fitted_joints, known_joints = (
-                np.intersect1d(stage.joints, joints),
-                np.intersect1d(stage.known, joints),
-            )
+            fitted_joints = np.intersect1d(stage.joints, joints)
+            known_joints = np.intersect1d(stage.known, joints)
             matrix = stage_triangle.matrix
             remaining = np.asarray(moment)[fitted_joints] - matrix[:, fitted_joints].T @ (
                 matrix[:, known_joints] @ bias[known_joints]
@@ -523,10 +543,8 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
     """Return factors Q R of the map from a rigid displacement of the flange to the whitened deflections.
 
     Target X moves by ``δp_X = δp_b + δφ × (P1X − b)``, with P1X its place and b the barycentre of the
-    targets.
-    The least-squares displacement (δp_b, δφ) is ``R⁻¹ Qᵀ W d`` with covariance ``(Rᵀ R)⁻¹`` in units of
-    sigma²;
-    W whitens the deflections d.
+    targets. The least-squares displacement (δp_b, δφ) is ``R⁻¹ Qᵀ W d`` with covariance ``(Rᵀ R)⁻¹`` in units
+    of sigma²; W whitens the deflections d.
 
     Args:
         block: B observations with at least three targets each.

@@ -44,7 +44,7 @@ class Combination:
     seen: FloatArray
 
     def in_words(self, names: tuple[str, ...]) -> str:
-        """Return the sums that the readings determine as text, such as ``c(joint_4) + 0.8 c(joint_6)``.
+        """Return the sums that the readings determine, such as ``c(joint_4) + 0.8 c(joint_6)``.
 
         Args:
             names: names of all n joints of the robot.
@@ -52,7 +52,10 @@ class Combination:
         return " and ".join(_sum_in_words(row, self.joints, names) for row in self.seen)
 
     def reason(self, names: tuple[str, ...]) -> str:
-        """Return why no stiffness of these joints is known, and a remedy; `names` are those of all joints."""
+        """Return in words why no stiffness of these joints is known, and what to do.
+
+        `names` are the names of all joints of the robot.
+        """
         together = ", ".join(names[joint] for joint in self.joints)
         return (
             f"only a combination of {together} is observable, {self.in_words(names)}: add postures in "
@@ -74,7 +77,7 @@ class WeakDirection:
     def in_words(self, names: tuple[str, ...]) -> str:
         """Return a sentence on joints that are hard to distinguish; `names` are the names of all joints."""
         together = ", ".join(names[joint] for joint in self.joints)
-        change = " : ".join(f"{part:+.2g}" for part in self.change)
+        change = " : ".join(f"{component:+.2g}" for component in self.change)
         return (
             f"{together} are hard to distinguish: a change of their compliances in the ratio {change} "
             f"has {figure(self.attenuation, '.2g')} times less effect on the readings than "
@@ -108,40 +111,52 @@ def _describe_combination(
     """Return a group of joints with the weighted sums of their compliances that the readings determine.
 
     A sum with weights w is determined if no direction without effect on the readings changes the sum. With
-    these directions ν (k, m) and k chosen joints f, ``w = e_i + Σ_f w_f e_f`` and ``ν w = 0`` give
-    ``w_f = −ν_f⁻¹ ν_i`` for each other joint i.
+    these directions ν (k, m), one in each row, and k chosen joints f, ``w = e_i + Σ_f w_f e_f`` and ``ν w =
+    0`` give ``w_f = −ν_f⁻¹ ν_i`` for each other joint i.
+
+    Args:
+        null_space: (k, p) orthonormal directions without effect on the readings, for columns of unit norm.
+        scale: (p,) norms of the regressor's columns.
+        group: (m,) columns of the joints of the group.
+        columns: (p,) the joint of each column.
     """
     members = null_space[:, group]
     values, vectors = np.linalg.eigh(members.T @ members)  # a projector: its eigenvalues are 0 or 1
-    null = vectors[:, values > 0.5].T
+    directions = vectors[:, values > 0.5].T
     # Choose k independent columns of `null` (k, m): the last suitable column each time rather than the
     # largest, so that rounding does not decide between equal columns.
-    rest, pivots = null, list[int]()
-    for _ in range(len(null)):
-        norms = np.linalg.norm(rest, axis=0)
+    remaining, pivots = directions, list[int]()
+    for _ in range(len(directions)):
+        norms = np.linalg.norm(remaining, axis=0)
         last = int(np.flatnonzero(norms > _RELEVANT_PART * norms.max())[-1])
-        along = rest[:, last] / norms[last]
-        rest = rest - np.outer(along, along @ rest)
+        direction = remaining[:, last] / norms[last]
+        remaining = remaining - np.outer(direction, direction @ remaining)
         pivots.append(last)
-    free = sorted(pivots)
-    others = np.setdiff1d(np.arange(len(group)), free)
-    null = null / scale[group]  # from columns of unit norm to the compliances themselves
-    sums = np.zeros((len(others), len(group)))
-    sums[np.arange(len(others)), others] = 1.0
-    sums[:, free] = -np.linalg.solve(null[:, free], null[:, others]).T
+    chosen_joints = sorted(pivots)
+    other_joints = np.setdiff1d(np.arange(len(group)), chosen_joints)
+    directions = directions / scale[group]  # from columns of unit norm to the compliances themselves
+    sums = np.zeros((len(other_joints), len(group)))
+    sums[np.arange(len(other_joints)), other_joints] = 1.0
+    sums[:, chosen_joints] = -np.linalg.solve(directions[:, chosen_joints], directions[:, other_joints]).T
     return Combination(tuple(int(columns[i]) for i in group), sums)
 
 
 def _sum_in_words(row: FloatArray, joints: tuple[int, ...], names: tuple[str, ...]) -> str:
-    """Return a weighted sum of compliances as text, such as ``c(joint_4) + 0.8 c(joint_6)``."""
+    """Return a weighted sum of compliances as text, such as ``c(joint_4) + 0.8 c(joint_6)``.
+
+    Args:
+        row: (m,) weights of the compliances.
+        joints: indices of the m joints.
+        names: names of all joints.
+    """
     words = ""
-    for part, joint in zip(row.tolist(), joints, strict=True):
-        if abs(part) < _NOT_PRINTED:
+    for weight, joint in zip(row.tolist(), joints, strict=True):
+        if abs(weight) < _NOT_PRINTED:
             continue
-        size = f"{abs(part):.2g}"
-        sign = "-" if part < 0 else "+" if words else ""
+        weight_text = f"{abs(weight):.2g}"
+        sign = "-" if weight < 0 else "+" if words else ""
         words += f" {sign} " if words else sign
-        words += f"c({names[joint]})" if size == "1" else f"{size} c({names[joint]})"
+        words += f"c({names[joint]})" if weight_text == "1" else f"{weight_text} c({names[joint]})"
     return words
 
 
@@ -198,20 +213,20 @@ class Excitation:
         measurements = block.measurements
         force = np.linalg.norm(measurements.force, axis=1)[:, None]
         moment = np.linalg.norm(measurements.moment, axis=1)[:, None]
-        lever = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
+        lever_arm = np.sqrt(np.einsum("bij,bij->bj", block.load_jacobian, block.load_jacobian))
         jacobians = jacobian if present.all() else jacobian * present[..., None, None]
         jacobians = jacobians.reshape(len(jacobians), -1, jacobians.shape[-1])
-        motion = np.einsum("bij,bij->bj", jacobians, jacobians)
+        squared_motion = np.einsum("bij,bij->bj", jacobians, jacobians)
         if measurements.encoders is not None:
             squared_lever, encoders = measurements.encoder_lever**2, measurements.encoders
-            motion += squared_lever * encoders.present
+            squared_motion += squared_lever * encoders.present
             self._squared_deflection += float((squared_lever * encoders.deflection**2).sum())
-        squared_greatest_torque = (lever * force + moment) ** 2  # of a force perpendicular to the lever
+        squared_greatest_torque = (lever_arm * force + moment) ** 2  # of a force perpendicular to the lever
         self._squared_torque += (block.torque**2).sum(axis=0)
         np.maximum(self._greatest_torque, np.abs(block.torque).max(axis=0), out=self._greatest_torque)
         self._squared_largest_torque += squared_greatest_torque.sum(axis=0)
-        self._squared_column += (block.torque**2 * motion).sum(axis=0)
-        self._squared_largest_column += (squared_greatest_torque * motion).sum(axis=0)
+        self._squared_column += (block.torque**2 * squared_motion).sum(axis=0)
+        self._squared_largest_column += (squared_greatest_torque * squared_motion).sum(axis=0)
         self._squared_deflection += float((measurements.deflection**2).sum())
 
     @property
@@ -302,7 +317,7 @@ class Spectrum:
         self.inverse: FloatArray = (Vt[:rank].T / singular[:rank]) @ U[:, :rank].T / scale[:, None]
 
     def deviation(self, column: int) -> float | None:
-        """Return the standard uncertainty of a column's unknown; None where the rows do not determine it."""
+        """Return the standard uncertainty of a column's unknown; None if the rows do not determine it."""
         if (self.null_space[:, column] ** 2).sum() > _INVOLVED_PART:
             return None
         return float(np.linalg.norm(self.inverse[column]))
@@ -315,21 +330,21 @@ def analyse_spectrum(spectrum: Spectrum, columns: IndexArray) -> Identifiability
         spectrum: spectrum of the regressor of p joints.
         columns: (p,) index of the joint of each column; the result uses these indices.
     """
-    singular = spectrum.singular_values
+    singular_values = spectrum.singular_values
     has_full_rank = spectrum.rank == len(columns)
-    condition = float(singular[0] / singular[-1]) if has_full_rank else float("inf")
+    condition = float(singular_values[0] / singular_values[-1]) if has_full_rank else float("inf")
     weakest = None
     if has_full_rank and condition > HARD_TO_TELL:
         direction = spectrum.weakest
-        parts = np.flatnonzero(np.abs(direction) > _RELEVANT_PART * np.abs(direction).max())
-        change = direction[parts] / spectrum.scale[parts]
+        involved = np.flatnonzero(np.abs(direction) > _RELEVANT_PART * np.abs(direction).max())
+        change = direction[involved] / spectrum.scale[involved]
         # The sign of a singular vector is arbitrary: choose the sign for which the first part is positive.
         change = change * (np.sign(change[0]) / np.abs(change).max())
-        weakest = WeakDirection(tuple(int(columns[i]) for i in parts), change, condition)
+        weakest = WeakDirection(tuple(int(columns[i]) for i in involved), change, condition)
     return Identifiability(
         rank=spectrum.rank,
         condition_number=condition,
-        singular_values=singular,
+        singular_values=singular_values,
         combinations=split_null_space(spectrum.null_space, spectrum.scale, columns),
         weakest=weakest,
     )
@@ -346,7 +361,8 @@ def explain_noise(
         observability: observability of the joints in the same observations.
         uncertainty: standard uncertainty of the joint's compliance [rad/(N·m)].
     """
-    torque, most_loaded = observability.greatest_torque, int(np.argmax(observability.greatest_torque))
+    torque = observability.greatest_torque
+    most_loaded = int(np.argmax(observability.greatest_torque))
     units, units_of_most = (JOINT_UNITS[observability.kinds[j]] for j in (joint, most_loaded))
     least, greatest = figure(torque[joint], ".2g"), figure(torque[most_loaded], ".2g")
     most_loaded_joint = (
@@ -384,11 +400,11 @@ def observability_indices(
     if spectrum.rank < np.count_nonzero(visible):
         return None
     columns = regressor[:, visible] / spectrum.scale * observability.excitation[visible]
-    s = np.linalg.svd(columns, compute_uv=False).astype(np.float64, copy=False)
+    singular_values = np.linalg.svd(columns, compute_uv=False).astype(np.float64, copy=False)
     return {
-        "o1": float(np.exp(np.log(s).mean())),  # Borm & Menq 1991
-        "o2": float(s[-1] / s[0]),  # Driels & Pathre 1990
-        "o3": float(s[-1]),  # Nahvi, Hollerbach & Hayward 1994
-        "o4": float(s[-1] ** 2 / s[0]),  # Nahvi & Hollerbach 1996
-        "o5": float(1.0 / np.sum(1.0 / s)),  # Sun & Hollerbach 2008
+        "o1": float(np.exp(np.log(singular_values).mean())),  # Borm & Menq 1991
+        "o2": float(singular_values[-1] / singular_values[0]),  # Driels & Pathre 1990
+        "o3": float(singular_values[-1]),  # Nahvi, Hollerbach & Hayward 1994
+        "o4": float(singular_values[-1] ** 2 / singular_values[0]),  # Nahvi & Hollerbach 1996
+        "o5": float(1.0 / np.sum(1.0 / singular_values)),  # Sun & Hollerbach 2008
     }

@@ -60,9 +60,10 @@ def payload_torque(payload: float, reach: float) -> float:
 def inspect_force_unit(
     robot: Robot, measurements: Measurements, joints: Sequence[JointCompliance]
 ) -> Iterator[Finding]:
-    """Yield a finding for each unit that makes an implausible stiffness plausible, the likeliest first.
+    """Report stiffnesses that are implausible for the payload, as if forces had another unit than declared.
 
-    If no unit does, one finding has no action. Nothing is compared where the payload is unknown, the arm has
+    Yield a finding for each unit that makes the stiffnesses plausible, the likeliest first; if no unit does,
+    one finding without an action. Nothing is compared where the payload is unknown, the arm has
     other joints than six revolute ones, or fewer than `LEAST_JOINTS` of joints 2 to 6 are identified. If some
     of these joints are not identified, the means of the measured arms are those of the same joints.
 
@@ -73,45 +74,53 @@ def inspect_force_unit(
     """
     if robot.payload is None or robot.n != _SIX or robot.prismatic.any() or not measurements.force.any():
         return
-    found = [joint.stiffness if joint.status == "identified" else None for joint in joints[1:_SIX]]
-    stiffness = np.array([np.nan if each is None else each for each in found])
-    known = np.isfinite(stiffness)
-    if known.sum() < LEAST_JOINTS:
+    stiffness_or_none = [
+        joint.stiffness if joint.status == "identified" else None for joint in joints[1:_SIX]
+    ]
+    stiffness = np.array([np.nan if each is None else each for each in stiffness_or_none])
+    has_stiffness = np.isfinite(stiffness)
+    if has_stiffness.sum() < LEAST_JOINTS:
         return
     reach = measure_reach(robot)
-    ratio = _geometric_mean(stiffness[known]) / payload_torque(robot.payload, reach)
-    means = [_geometric_mean(arm.ratios()[known]) for arm in MEASURED_ARMS]
+    ratio = _geometric_mean(stiffness[has_stiffness]) / payload_torque(robot.payload, reach)
+    ratios_of_arms = [_geometric_mean(arm.ratios()[has_stiffness]) for arm in MEASURED_ARMS]
     # The wrist is softer than joints 2 and 3, so the bounds move with the joints that are compared.
-    usual = _geometric_mean(np.array(means))
-    shift = usual / _geometric_mean(np.array([arm.ratios() for arm in MEASURED_ARMS]))
+    usual_ratio = _geometric_mean(np.array(ratios_of_arms))
+    shift = usual_ratio / _geometric_mean(np.array([arm.ratios() for arm in MEASURED_ARMS]))
     least, greatest = (shift * bound for bound in PLAUSIBLE_RATIOS)
     if least <= ratio <= greatest:
         return
-    names = [joint.name for joint, is_known in zip(joints[1:_SIX], known, strict=True) if is_known]
-    listed = f"{names[0]} to {names[-1]}" if known.all() else ", ".join(names)
-    arms = [f"{figure(mean, '.3g')} ({arm.name})" for arm, mean in zip(MEASURED_ARMS, means, strict=True)]
+    names = [joint.name for joint, is_known in zip(joints[1:_SIX], has_stiffness, strict=True) if is_known]
+    joints_text = f"{names[0]} to {names[-1]}" if has_stiffness.all() else ", ".join(names)
+    arms = [
+        f"{figure(mean, '.3g')} ({arm.name})" for arm, mean in zip(MEASURED_ARMS, ratios_of_arms, strict=True)
+    ]
     message = (
-        f"the geometric mean of the stiffnesses of {listed} over payload · g · reach "
+        f"the geometric mean of the stiffnesses of {joints_text} over payload · g · reach "
         f"({figure(robot.payload)} kg, {figure(reach, '.3g')} m) is {figure(ratio, '.3g')} rad⁻¹; the only "
         f"two arms in our comparison have {' and '.join(arms)}, and {figure(least, '.2g')} to "
         f"{figure(greatest, '.2g')} is plausible"
     )
     declared = measurements.force_unit
-    size = FORCE_UNITS["kgf" if declared == "kg" else declared]
-    ratios = {unit: ratio * newtons / size for unit, newtons in FORCE_UNITS.items()}
-    fitting = [unit for unit in FORCE_UNITS if least <= ratios[unit] <= greatest]
-    for number, unit in enumerate(sorted(fitting, key=lambda unit: abs(np.log(ratios[unit] / usual)))):
-        other = (
+    newtons_of_declared = FORCE_UNITS["kgf" if declared == "kg" else declared]
+    ratios = {unit: ratio * newtons / newtons_of_declared for unit, newtons in FORCE_UNITS.items()}
+    plausible_units = [unit for unit in FORCE_UNITS if least <= ratios[unit] <= greatest]
+    # The likeliest unit, whose ratio is nearest to the usual ratio, comes first.
+    plausible_units.sort(key=lambda unit: abs(np.log(ratios[unit] / usual_ratio)))
+    for number, unit in enumerate(plausible_units):
+        comparison_text = (
             f"forces in {unit}, not in {declared} as declared, would give {figure(ratios[unit], '.3g')} rad⁻¹"
         )
         yield Finding(
             code="stiffness_against_payload",
             weight="use_with_care",
-            message=f"{other}, which is plausible, too" if number else f"{message}; {other}",
+            message=f"{comparison_text}, which is plausible, too"
+            if number
+            else f"{message}; {comparison_text}",
             remedy=f"check in which unit the forces were read; if in {unit}, set `units.force` to {unit}",
             action=Action.of("convert_units", unit=unit),
         )
-    if not fitting:
+    if not plausible_units:
         yield Finding(
             code="stiffness_against_payload",
             weight="use_with_care",

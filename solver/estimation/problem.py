@@ -86,9 +86,9 @@ class Bounds:
     def pivot(self, active: ActiveBounds, x: FloatArray, gradient: FloatArray) -> ActiveBounds:
         """Return the active bounds after one round of block principal pivoting.
 
-        Portugal, Júdice & Vicente (1994).
-        A free parameter outside its bounds goes to the bound; a parameter at a bound is freed if the sign of
-        its multiplier is wrong. Rounds may cycle; the certificate of the outcome then detects the failure.
+        Portugal, Júdice & Vicente (1994). A free parameter outside its bounds goes to the bound; a parameter
+        at a bound is freed if the sign of its multiplier is wrong. Rounds may cycle; the certificate of the
+        outcome then detects the failure.
 
         Args:
             active: bound at which each parameter is held, or free, before the round.

@@ -168,7 +168,8 @@ def find_least_mistakes(
     if not (suspects and sigma and determined_joints):
         return ()
     tested = measurements.select_evenly(MOST_TESTED_OBSERVATIONS)
-    compliance, fitted_term_names = np.maximum(estimate.compliance, 0.0), {term.name for term in fitted}
+    compliance = np.maximum(estimate.compliance, 0.0)
+    fitted_term_names = {term.name for term in fitted}
     try:
         blocks = list(regressor_blocks(robot, tested, estimate.balanced))
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
@@ -181,30 +182,33 @@ def find_least_mistakes(
     responses = estimate.triangles.rebuild(blocks).compute_responses(
         blocks, [*terms.values()], compliance, np.flatnonzero(estimate.estimated), prior
     )
-    fitted_names, force = (JOINTS.name, *fitted_term_names), float(np.linalg.norm(tested.force, axis=1).max())
+    fitted_names = (JOINTS.name, *fitted_term_names)
+    force = float(np.linalg.norm(tested.force, axis=1).max())
     uncertainty = [joint.standard_uncertainty or np.inf for joint in estimate.joints]
     # A mistake moves a large set as it moves the part, whose tests are the tests of the set.
-    common_uncertainty, level, mistakes = measurements.common_uncertainty, MISTAKE_LEVEL / suspects, []
+    common_uncertainty = measurements.common_uncertainty
+    level = MISTAKE_LEVEL / suspects
+    mistakes = []
     for name, term in terms.items():
-        other_stated_terms = [other for each, other in stated_terms.items() if each != name]
+        other_stated_terms = [stated for stated in stated_terms.values() if stated.name != name]
         triangle_given_statements = join_statements(triangle, other_stated_terms, measurements, sigma)
         triangle_given_statements.span[JOINTS.name] = visible
         # The test leaves out the observation that a mistake moves most: it may be a single wrong reading.
         triangle_given_statements.rows -= int(stack.read.max())
         prior_of_term = term.prior(common_uncertainty) if name in stated_terms else ()
         remaining = _Remaining.from_stack(stack, term, fitted_names, visible, force)
-        ellipsoids = [
-            *_list_ellipsoids(triangle_given_statements, term, fitted_names, sigma, level, prior_of_term)
-        ]
-        candidates = [
-            (abs(float(response @ mistake)) / uncertainty[joint], joint, mistake)
-            for joint, response in enumerate(responses[name])
-            if joint in determined_joints
-            for mistake in (remaining.enlarge(each.find_worst(response)) for each in ellipsoids)
-        ]
-        uncertainties_moved, joint, mistake = max(
-            candidates, key=lambda each: each[0], default=(0.0, 0, np.zeros(0))
+        ellipsoids = list(
+            _list_ellipsoids(triangle_given_statements, term, fitted_names, sigma, level, prior_of_term)
         )
+        # Of all mistakes that the tests do not find, the mistake that moves a joint by most uncertainties
+        uncertainties_moved, moved_joint, mistake = 0.0, 0, np.zeros(0)
+        for joint in determined_joints:
+            response = responses[name][joint]
+            for ellipsoid in ellipsoids:
+                candidate = remaining.enlarge(ellipsoid.find_worst(response))
+                moved = abs(float(response @ candidate)) / uncertainty[joint]
+                if moved > uncertainties_moved:
+                    uncertainties_moved, moved_joint, mistake = moved, joint, candidate
         if uncertainties_moved > 0.0:
             is_turn = term.unit == "m, rad"
             mistakes.append(
@@ -212,13 +216,13 @@ def find_least_mistakes(
                     name=name,
                     unit=_UNITS[term.unit],
                     size=float(np.linalg.norm(mistake[3:] if is_turn else mistake)),
-                    joint=robot.joint_names[joint],
+                    joint=robot.joint_names[moved_joint],
                     moves=uncertainties_moved,
                     unknowns=tuple(mistake.tolist()),
                     is_assumed=name in common_uncertainty.assumed,
                 )
             )
-    return tuple(sorted(mistakes, key=lambda each: -each.moves))
+    return tuple(sorted(mistakes, key=lambda mistake: -mistake.moves))
 
 
 def _list_ellipsoids(
@@ -232,8 +236,7 @@ def _list_ellipsoids(
     """Yield the sets of mistakes of a term that its tests do not find, as ellipsoids.
 
     First the mistakes that the F test of the term does not find; then, if the term has a statement, those
-    that
-    the statement does not contradict.
+    that the statement does not contradict.
 
     Args:
         triangle: all terms, given the statements about other terms.

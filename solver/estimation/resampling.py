@@ -381,7 +381,8 @@ def _solve_stage(
     columns of joints whose compliances c_k an earlier stage has estimated: `known_compliance` (K, q).
     """
     joint_count = len(stage.joints)
-    units, scaled_known = stage.unit[:joint_count], known_compliance / stage.unit[joint_count:]
+    units = stage.unit[:joint_count]
+    scaled_known = known_compliance / stage.unit[joint_count:]
     scaled_bounds = Bounds(bounds.lower / units, bounds.upper / units)
     grams = stage.total(weights)
     gram = grams[:, :joint_count, :joint_count]
@@ -496,7 +497,9 @@ def _summarise_samples(
     A mean or an interval needs one value of the sample, a deviation two values; else the number is NaN.
     """
     tail = (1.0 - confidence) / 2.0
-    mean, deviation, interval = np.full(len(samples), np.nan), np.full(len(samples), np.nan), []
+    mean = np.full(len(samples), np.nan)
+    deviation = np.full(len(samples), np.nan)
+    interval = []
     for k, values in enumerate(samples):
         mean[k] = values.mean() if len(values) else np.nan
         deviation[k] = values.std(ddof=1) if len(values) > 1 else np.nan

@@ -70,9 +70,9 @@ _NOTHING: Final = 1e-12
 
 
 def find_scatter(robot: Robot, measurements: Measurements, estimate: Estimate) -> Scatter:
-    """Return the errors that the targets of a posture share, as stated or as the residuals show them.
+    """Return the errors that all targets of a posture share: as stated, or as the residuals show them.
 
-    Nothing is added to what is stated if the residuals do not show it significantly, or if they show more
+    The stated errors are returned if the residuals do not show more significantly, or if they show more
     than a robot in order has. Encoders see the same turns of the joints, which their rows do not account for:
     with encoders nothing is estimated.
 
@@ -83,16 +83,16 @@ def find_scatter(robot: Robot, measurements: Measurements, estimate: Estimate) -
     """
     if measurements.encoders is not None:
         return measurements.scatter
-    part = measurements.select_evenly(_MOST_OBSERVATIONS)
+    tested = measurements.select_evenly(_MOST_OBSERVATIONS)
     try:
-        block = whole_block(robot, part, estimate.balanced)
+        block = whole_block(robot, tested, estimate.balanced)
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return measurements.scatter
     compliance = np.maximum(estimate.compliance, 0.0)
     terms = [JOINTS, *fitted_errors(measurements).terms, *list_stated_terms(measurements)]
     stack = Stack.from_blocks([block], terms, compliance)
-    joints, *others = stack.span.values()
-    fitted = np.concatenate([joints[~estimate.observability.null], *others])
+    joints, *other_spans = stack.span.values()
+    fitted = np.concatenate([joints[~estimate.observability.null], *other_spans])
     likelihood = RestrictedLikelihood(block, stack, fitted)
     scatter, p_value = likelihood.find_significant()
     motion = compute_target_motion(block, scatter, measurements.sigma or likelihood.sigma(scatter))
@@ -105,9 +105,15 @@ def find_scatter(robot: Robot, measurements: Measurements, estimate: Estimate) -
 
 
 def compute_target_motion(block: RegressorBlock, scatter: Scatter, sigma: float) -> float:
-    """Return the root mean square length [m] by which shared errors move the targets, for sigma [m]."""
-    by_joints = np.square(block.jacobian[block.measurements.present]).sum(axis=(1, 2)).mean()
-    return sigma * float(np.sqrt(scatter.joints**2 * by_joints + 3.0 * scatter.station**2))
+    """Return the root mean square length [m] by which errors that targets share move the targets.
+
+    Args:
+        block: observations of the targets.
+        scatter: standard deviations of the shared errors, in units of sigma.
+        sigma: standard uncertainty of a coordinate of a reading [m].
+    """
+    squared_motion_by_joints = np.square(block.jacobian[block.measurements.present]).sum(axis=(1, 2)).mean()
+    return sigma * float(np.sqrt(scatter.joints**2 * squared_motion_by_joints + 3.0 * scatter.station**2))
 
 
 @dataclass(frozen=True)
@@ -179,64 +185,79 @@ class RestrictedLikelihood:
         self._station_is_seen = bool((self._measurements.present.sum(axis=1) > 1).any())
 
     def find_significant(self) -> tuple[Scatter, float]:
-        """Return the most likely shared errors, and the p-value of the test that there are none.
+        """Return (most likely shared errors, p-value of the test that there are none).
 
         A repeatability that is stated is not tested. With one target the turns of the joints hardly differ
         from noise, so that they also have to explain more than a larger sigma does.
         """
-        scatter, gain = self.maximise()
-        if gain <= 0.0:
+        scatter, likelihood_gain = self.maximise()
+        if likelihood_gain <= 0.0:
             return scatter, 1.0
         if self._measurements.repeatability is not None:
-            return scatter, 0.5 * float(special.chdtrc(1, gain))
-        p_value = 0.5 * float(special.chdtrc(1, gain)) + 0.25 * float(special.chdtrc(2, gain))
+            return scatter, 0.5 * float(special.chdtrc(1, likelihood_gain))
+        p_value = 0.5 * float(special.chdtrc(1, likelihood_gain)) + 0.25 * float(
+            special.chdtrc(2, likelihood_gain)
+        )
         if not self._station_is_seen and self._measurements.sigma is not None:
-            gain = 2.0 * (self._at_free_sigma() - self._at(self._variances(scatter)))
-            p_value = max(p_value, 0.5 * float(special.chdtrc(1, max(gain, 0.0))))
+            likelihood_gain = 2.0 * (
+                self._minus_log_likelihood_at_free_sigma()
+                - self._minus_log_likelihood(self._variances(scatter))
+            )
+            p_value = max(p_value, 0.5 * float(special.chdtrc(1, max(likelihood_gain, 0.0))))
         return scatter, p_value
 
     def maximise(self) -> tuple[Scatter, float]:
-        """Return the most likely shared errors, and twice the gain of log L over that without any."""
+        """Return (most likely shared errors, twice the gain of log L over no shared errors).
+
+        L is the likelihood of the residuals.
+        """
         if self._freedom < _LEAST_FREEDOM:
             return self._measurements.scatter, 0.0
-        stated, sigma = self._measurements.repeatability, self._measurements.sigma
-        joints: tuple[float, ...] = _STARTS
+        stated_repeatability, sigma = self._measurements.repeatability, self._measurements.sigma
+        start_joint_variances: tuple[float, ...] = _STARTS
         bounds = [(0.0, _MOST_VARIANCE), (0.0, _MOST_VARIANCE if self._station_is_seen else 0.0)]
-        if stated is not None and (sigma is not None or stated == 0.0):
-            joints = ((stated / (sigma or 1.0) / self._unit) ** 2,)
-            bounds[0] = joints[0], joints[0]
-        station = _STARTS if self._station_is_seen else (0.0,)
-        start = min(product(joints, station), key=self._at)
-        found = minimize(self._at, start, method="L-BFGS-B", bounds=bounds)
-        best = min((tuple(found.x.tolist()), start), key=self._at)
-        gain = 2.0 * (self._at((bounds[0][0], 0.0)) - self._at(best))
-        scatter = self._scatter(best)
-        if len(joints) == 1:  # as stated, without the rounding of a root
-            scatter = replace(scatter, joints=0.0 if stated is None else stated / (sigma or 1.0))
+        if stated_repeatability is not None and (sigma is not None or stated_repeatability == 0.0):
+            start_joint_variances = ((stated_repeatability / (sigma or 1.0) / self._unit) ** 2,)
+            bounds[0] = start_joint_variances[0], start_joint_variances[0]
+        start_station_variances = _STARTS if self._station_is_seen else (0.0,)
+        start = min(product(start_joint_variances, start_station_variances), key=self._minus_log_likelihood)
+        optimum = minimize(self._minus_log_likelihood, start, method="L-BFGS-B", bounds=bounds)
+        best_variances = min((tuple(optimum.x.tolist()), start), key=self._minus_log_likelihood)
+        gain = 2.0 * (
+            self._minus_log_likelihood((bounds[0][0], 0.0)) - self._minus_log_likelihood(best_variances)
+        )
+        scatter = self._scatter(best_variances)
+        if len(start_joint_variances) == 1:  # as stated, without the rounding of a root
+            scatter = replace(
+                scatter, joints=0.0 if stated_repeatability is None else stated_repeatability / (sigma or 1.0)
+            )
         return scatter, max(gain, 0.0)
 
     def sigma(self, scatter: Scatter) -> float:
-        """Return sigma of the readings as the residuals show it together with shared errors [m]."""
+        """Return sigma of the readings [m], estimated from the residuals for given shared errors."""
         R, _ = self._whiten(scatter)
         return float(np.sqrt(self._squares(R) / max(self._freedom, 1)))
 
     def _variances(self, scatter: Scatter) -> tuple[float, float]:
-        """Return the variances of shared errors relative to the noise of the readings."""
+        """Return the variances (joints, station) of shared errors, relative to the noise of the readings."""
         return (scatter.joints / self._unit) ** 2, scatter.station**2
 
-    def _at_free_sigma(self) -> float:
-        """Return −log L without shared errors, maximised over sigma, less the same constant."""
+    def _minus_log_likelihood_at_free_sigma(self) -> float:
+        """Return −log L without shared errors, maximised over sigma, up to the same constant."""
         R, _ = self._whiten(NO_SCATTER)
         fit = self._freedom * (np.log(self._squares(R) / self._freedom) + 1.0)
         return _half_log_determinant(R) + 0.5 * float(fit)
 
     def _scatter(self, variances: tuple[float, ...] | FloatArray) -> Scatter:
-        """Return the shared errors of variances relative to the noise of the readings."""
+        """Return the shared errors of given variances (joints, station), relative to the readings' noise."""
         joints, station = np.sqrt(np.asarray(variances)).tolist()
         return Scatter(self._unit * joints, station)
 
-    def _at(self, variances: tuple[float, ...] | FloatArray) -> float:
-        """Return −log L of the variances of joints and station, less a constant."""
+    def _minus_log_likelihood(self, variances: tuple[float, ...] | FloatArray) -> float:
+        """Return −log L of shared errors with given variances of joints and station, up to a constant.
+
+        L is the likelihood of the residuals; variances are relative to the noise of the readings.
+        """
         scatter = self._scatter(variances)
         R, variance = self._whiten(scatter)
         squares, sigma = self._squares(R), self._measurements.sigma
@@ -249,13 +270,16 @@ class RestrictedLikelihood:
         return _half_log_determinant(R) + 0.5 * float(np.log(variance).sum() + fit)
 
     def _whiten(self, scatter: Scatter) -> tuple[FloatArray, FloatArray]:
-        """Return the triangular factor of the rows whitened with shared errors, and their variances."""
-        U, less, variance = compute_scatter_roots(self._motion, scatter.joints, scatter.station)
-        rows = self._rows - U @ (less[..., None] * (U.mT @ self._rows))
+        """Whiten the rows with the covariance of noise and shared errors.
+
+        Return the triangular factor of the whitened rows, and the variances of the shared errors.
+        """
+        directions, reduction, variance = compute_scatter_roots(self._motion, scatter.joints, scatter.station)
+        rows = self._rows - directions @ (reduction[..., None] * (directions.mT @ self._rows))
         return compute_triangular_factor(rows.reshape(-1, rows.shape[-1])), variance
 
     def _squares(self, R: FloatArray) -> float:
-        """Return the sum of squared residuals of a triangular factor; rounding counts as a residual."""
+        """Return the sum of squared residuals of a triangular factor R, with an allowance for rounding."""
         return float(R[-1, -1] ** 2) + self._freedom * _RESOLUTION**2
 
 

@@ -127,7 +127,8 @@ class Step:
     def significant(self) -> list[Suspect]:
         """Suspects whose tests are significant, the most significant first."""
         level = MISTAKE_LEVEL / max(1, len(self.p_values))
-        return sorted((s for s, p in self.p_values.items() if p < level), key=self.p_values.__getitem__)
+        significant = [suspect for suspect, p_value in self.p_values.items() if p_value < level]
+        return sorted(significant, key=self.p_values.__getitem__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +181,7 @@ class _Search:
         """Fit causes together with the joints until convergence; return None if they are no explanation.
 
         Causes are no explanation if they imply loads without a balance, or if a cause that can only be
-        positive
-        gets a negative size.
+        positive gets a negative size.
         """
         key = tuple(suspects)
         if key not in self._fits:
@@ -359,7 +359,9 @@ def select_causes(
         start: tests of each cause added to the joints.
         scattered: whether the residuals show a scatter of the joints.
     """
-    wrong_labels, remaining, most_wrong = list[str](), tested, max(1, int(_MOST_WRONG * len(tested)))
+    wrong_labels = list[str]()
+    remaining = tested
+    most_wrong = max(1, int(_MOST_WRONG * len(tested)))
     tests = start
     while True:
         search = _Search(robot, measurements, remaining, tests, scattered=scattered)

@@ -80,14 +80,14 @@ def greatest_violations(stages: Sequence[Certificate]) -> StagesCertificate:
 
 
 def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certificate:
-    """Return the certificate of a point: its violations of the optimality conditions.
+    """Return the certificate of a point: by how much it violates the conditions of an optimum.
 
     Args:
         scaled: the equilibrated problem.
         x: (n,) the point, in equilibrated variables.
         solved_by: algorithm that found the point; recorded in the certificate.
     """
-    gradient, size = scaled.gradient(x), max(1.0, float(np.abs(x).max()))
+    gradient, greatest_value = scaled.gradient(x), max(1.0, float(np.abs(x).max()))
     if len(scaled.d):
         # Non-negative multipliers are computed for the tight rows alone, so complementarity holds by
         # construction, and the rows may be linearly dependent.
@@ -96,10 +96,10 @@ def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certific
         unbalanced = np.abs(gradient - G.T @ multipliers)
         # The rounding error of the difference is that of its largest terms: nearly parallel rows, such as
         # those of a joint that the readings hardly show, have multipliers far larger than the gradient.
-        largest = max(size, float((np.abs(G.T) @ multipliers).max(initial=0.0)))
+        largest = max(greatest_value, float((np.abs(G.T) @ multipliers).max(initial=0.0)))
         bound_count = len(h) - len(scaled.d)  # the rows of the bounds come first
         return Certificate(
-            primal=max(0.0, float((h - G @ x).max(initial=0.0)) - _ROUNDING * size),
+            primal=max(0.0, float((h - G @ x).max(initial=0.0)) - _ROUNDING * greatest_value),
             dual=max(0.0, float(unbalanced.max()) - _ROUNDING * largest),
             gap=0.0,
             multipliers=np.concatenate(
@@ -119,8 +119,8 @@ def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certific
     violation = scaled.bounds.gradient_violation(x, gradient)
     return Certificate(
         primal=max(0.0, float(-np.minimum(lower_slack, upper_slack).min())),
-        dual=max(0.0, float(violation.max()) - _ROUNDING * size),
-        gap=max(0.0, float(complementarity.max()) - _ROUNDING * size),
+        dual=max(0.0, float(violation.max()) - _ROUNDING * greatest_value),
+        gap=max(0.0, float(complementarity.max()) - _ROUNDING * greatest_value),
         multipliers=np.where((x <= lower) | (x >= upper), gradient, 0.0),
         solved_by=solved_by,
     )
@@ -240,9 +240,13 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     """Yield the optimum under inequalities by least-distance programming; nothing if A lacks full rank.
 
     The problem is turned into one of least distance, whose dual is a non-negative least-squares problem that
-    ends after finitely many steps (Lawson & Hanson 1974, chapter 23). With A = Q R and w = R x − Qᵀb the rows
-    are ``G R⁻¹ w ≥ h − G R⁻¹ Qᵀ b =: g``, and the w of least length is sought. The solution of non-negative
-    least squares on ``E = [(G R⁻¹)ᵀ; gᵀ]`` with right-hand side (0, …, 0, 1) gives the multipliers.
+    ends after finitely many steps (Lawson & Hanson 1974, chapter 23). With A = Q R and w = R x − Qᵀb, the
+    rows
+    ``G x ≥ h`` of the constraints are ``G R⁻¹ w ≥ h − G R⁻¹ Qᵀ b =: g``, and the w of least length is sought.
+    The
+    solution of non-negative least squares on ``E = [(G R⁻¹)ᵀ; gᵀ]`` with right-hand side (0, …, 0, 1) gives
+    the
+    multipliers.
     """
     from scipy.optimize import nnls
 
@@ -250,14 +254,14 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     if len(R) < R.shape[1] or np.abs(np.diagonal(R)).min() <= 1e-9:
         return
     G, h = scaled.rows
-    rows = np.linalg.solve(R.T, G.T).T
-    least = h - rows @ (Q.T @ scaled.b)
-    E = np.vstack([rows.T, least])
-    scale = np.linalg.norm(E, axis=0)
+    transformed_rows = np.linalg.solve(R.T, G.T).T
+    transformed_limits = h - transformed_rows @ (Q.T @ scaled.b)
+    E = np.vstack([transformed_rows.T, transformed_limits])
+    column_norms = np.linalg.norm(E, axis=0)
     right_side = np.zeros(len(E))
     right_side[-1] = 1.0
     try:
-        multipliers, _ = nnls(E / scale, right_side)
+        multipliers, _ = nnls(E / column_norms, right_side)
     except RuntimeError:  # no convergence
         return
     yield from _propose_on_rows(scaled, multipliers > 0, np.zeros(len(scaled.unit)), "least_distance")
@@ -266,11 +270,15 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
 def _propose_on_rows(
     scaled: Scaled, active: BoolArray, near: FloatArray, solved_by: SupportFinder
 ) -> Iterator[_Proposal]:
-    """Yield two exact least-squares points at which rows of the constraints hold with equality.
+    """Yield two least-squares points at which some rows of the constraints hold with equality.
 
-    At the second point the `active` rows (k,) hold with equality. At the first point the rows with a positive
-    multiplier at the second point do: rounding may have hidden some active rows, but where variables differ
-    very much in size, the first point may have too many rows.
+    Args:
+        scaled: the equilibrated problem.
+        active: (k,) mask of the rows that hold with equality at the second point. At the first point the rows
+            with a positive multiplier at the second point do: rounding may have hidden some active rows, but
+            where variables differ very much in size, the first point may have too many rows.
+        near: (n,) point; where a least-squares point is not unique, the nearest to this point is taken.
+        solved_by: algorithm that found the active rows.
     """
     x = scaled.solve_on_rows(active, near)
     yield scaled.solve_on_rows(scaled.multipliers_at(x) > 0, x), solved_by
@@ -316,18 +324,18 @@ def solve_batch(gram: FloatArray, moment: FloatArray, bounds: Bounds) -> BatchSo
     # Equilibrated variables x with c = unit · x (K, n); columns of zeros keep the unit 1.
     diagonal = np.diagonal(gram, axis1=1, axis2=2)
     norms = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-    b = moment / norms
-    greatest = np.abs(b).max(axis=1, keepdims=True, initial=0.0)
-    size = np.where(greatest > 0, greatest, 1.0)
-    unit = size / norms
+    scaled_moment = moment / norms
+    greatest_moment = np.abs(scaled_moment).max(axis=1, keepdims=True, initial=0.0)
+    problem_size = np.where(greatest_moment > 0, greatest_moment, 1.0)
+    units = problem_size / norms
     A = gram / (norms[:, :, None] * norms[:, None, :])
-    problems = GramProblems(A, b / size, bounds.in_units(unit))
-    certified = problems.well_conditioned()
-    solvable = problems.select(np.flatnonzero(certified))
-    x, active = np.full(moment.shape, np.nan), np.zeros(moment.shape, dtype=np.int8)
-    x[certified] = optima = solvable.find_optima()
-    active[certified] = solvable.bounds.active_bounds_at(optima)
-    return BatchSolution(bounds.hold_exactly(x * unit, active), active, certified)
+    problems = GramProblems(A, scaled_moment / problem_size, bounds.in_units(units))
+    is_certified = problems.well_conditioned()
+    solvable = problems.select(np.flatnonzero(is_certified))
+    solutions, active = np.full(moment.shape, np.nan), np.zeros(moment.shape, dtype=np.int8)
+    solutions[is_certified] = optima = solvable.find_optima()
+    active[is_certified] = solvable.bounds.active_bounds_at(optima)
+    return BatchSolution(bounds.hold_exactly(solutions * units, active), active, is_certified)
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,7 +350,7 @@ class GramProblems:
     bounds: Bounds  #: (K, n) bounds of the variables
 
     def select(self, which: IndexArray) -> GramProblems:
-        """Return the problems with the indices `which`."""
+        """Return the problems with some indices."""
         return GramProblems(self.A[which], self.b[which], self.bounds.select(which))
 
     def well_conditioned(self) -> BoolArray:
@@ -351,10 +359,14 @@ class GramProblems:
         The diagonal entries are one at most, so the mean of all eigenvalues but the least, λ, is at most
         n/(n − 1), and ``det A ≤ λ (n/(n − 1))ⁿ⁻¹``: for most matrices the cheap determinant decides.
         """
-        n = self.A.shape[1]
-        passes = np.asarray(np.linalg.det(self.A) * (1.0 - 1.0 / n) ** (n - 1) >= LEAST_EIGENVALUE)
-        passes[~passes] = np.linalg.eigvalsh(self.A[~passes])[:, 0] >= LEAST_EIGENVALUE
-        return passes
+        variable_count = self.A.shape[1]
+        is_well_conditioned = np.asarray(
+            np.linalg.det(self.A) * (1.0 - 1.0 / variable_count) ** (variable_count - 1) >= LEAST_EIGENVALUE
+        )
+        is_well_conditioned[~is_well_conditioned] = (
+            np.linalg.eigvalsh(self.A[~is_well_conditioned])[:, 0] >= LEAST_EIGENVALUE
+        )
+        return is_well_conditioned
 
     def find_optima(self) -> FloatArray:
         """Return the optima (K, n) of well-conditioned problems, by pivoting or else by `solve_step`."""
@@ -395,17 +407,18 @@ class GramProblems:
         return points
 
     def solve_with_active_bounds(self, active: ActiveBounds) -> FloatArray:
-        """Return the least-squares points (K, n) whose active variables are fixed at their bounds.
+        """Return the least-squares points (K, n) with the variables of active bounds fixed at their bounds.
 
-        Rows and columns of fixed variables become those of the unit matrix. The eigenvalues of the other
-        rows and columns lie between those of A, so no system is singular.
+        `active` (K, n) states the bound at which each variable is fixed, or that it is free. Rows and columns
+        of fixed variables become those of the unit matrix. The eigenvalues of the other rows and columns lie
+        between those of A, so no system is singular.
         """
-        free = active == FREE
+        is_free = active == FREE
         at_bounds = self.bounds.values_at_bounds(active)
-        system = np.where(free[:, :, None] & free[:, None, :], self.A, np.eye(free.shape[1]))
-        right_side = np.where(free, -self.gradient(at_bounds), at_bounds)
+        system = np.where(is_free[:, :, None] & is_free[:, None, :], self.A, np.eye(is_free.shape[1]))
+        right_side = np.where(is_free, -self.gradient(at_bounds), at_bounds)
         x = np.linalg.solve(system, right_side[:, :, None])[:, :, 0]
-        return np.where(free, x, at_bounds)
+        return np.where(is_free, x, at_bounds)
 
     def gradient(self, x: FloatArray) -> FloatArray:
         """Return the gradients A x − b (K, n) without BLAS, whose order of summation depends on threads."""

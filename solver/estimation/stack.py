@@ -33,23 +33,24 @@ class Stack:
         blocks: Iterable[RegressorBlock],
         terms: Sequence[Term],
         compliance: FloatArray,
-        build: Callable[..., Rows] = build_whitened_rows,
+        build_block_rows: Callable[..., Rows] = build_whitened_rows,
     ) -> Stack:
-        """Build the stack of the targets' rows; rows of encoders are left out.
+        """Build the stack of the rows of targets; rows of encoders are left out.
 
         Args:
             blocks: N observations of T targets.
             terms: effects that may have moved the targets; each gives some columns.
             compliance: (n,) joint compliances at which the columns are computed [rad/(N·m)].
-            build: function that builds the rows: `build_whitened_rows`, or `build_rows` for equal weights.
+            build_block_rows: function that builds the rows of a block: `build_whitened_rows`, or `build_rows`
+                for equal weights.
         """
-        parts, read, widths = [], [], dict[str, int]()
+        row_blocks, coordinate_counts, widths = [], [], dict[str, int]()
         for block in blocks:
-            rows = build(block, terms, compliance)
-            parts.append(rows.targets.reshape(len(rows.targets), -1, rows.targets.shape[-1]))
-            read.append(block.measurements.coordinates.sum(axis=1))
+            rows = build_block_rows(block, terms, compliance)
+            row_blocks.append(rows.targets.reshape(len(rows.targets), -1, rows.targets.shape[-1]))
+            coordinate_counts.append(block.measurements.coordinates.sum(axis=1))
             widths = rows.widths
-        return cls(np.concatenate(parts), np.concatenate(read), widths)
+        return cls(np.concatenate(row_blocks), np.concatenate(coordinate_counts), widths)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -69,9 +70,9 @@ class Stack:
 
     @property
     def span(self) -> dict[str, IndexArray]:
-        """Indices of each term's columns, by the term's name."""
-        ends = accumulate(self.widths.values(), initial=0)
-        return {name: np.arange(*part) for name, part in zip(self.widths, pairwise(ends), strict=True)}
+        """Indices of the columns of each term, by the name of the term."""
+        bounds = accumulate(self.widths.values(), initial=0)
+        return {name: np.arange(*part) for name, part in zip(self.widths, pairwise(bounds), strict=True)}
 
     @cached_property
     def grams(self) -> FloatArray:
@@ -84,7 +85,7 @@ class Stack:
         return np.asarray(np.cumsum(self.grams[::-1], axis=0)[::-1])
 
     def triangle(self) -> Triangle:
-        """Return the triangular factor of all rows."""
+        """Return the compressed rows: the triangular factor of all rows."""
         triangle = Triangle(**self.widths)
         triangle.add(self.rows, count=int(self.read.sum()))
         return triangle
@@ -95,14 +96,14 @@ class Stack:
         return replace(self, rows=unit.reshape(self.rows.shape)), length
 
     def in_units(self, units: Mapping[str, float]) -> Stack:
-        """Return the stack with the unknowns of some terms in new units, which multiply their columns.
+        """Return the stack with other units of the unknowns of some terms; the units multiply their columns.
 
         Args:
-            units: new unit, in the present unit, of the unknowns of each term that is named.
+            units: name of a term → new unit of its unknowns, measured in the present unit.
         """
         unit = np.ones(self.rows.shape[-1])
-        for name, size in units.items():
-            unit[self.span[name]] = size
+        for name, unit_of_term in units.items():
+            unit[self.span[name]] = unit_of_term
         return replace(self, rows=self.rows * unit)
 
     def project_out(self, names: Sequence[str]) -> Stack:
@@ -110,9 +111,9 @@ class Stack:
 
         A fit to the result equals a fit in which the named terms are free.
         """
-        chosen = np.concatenate([self.span[name] for name in names])
-        known = orthonormal_basis(unit_columns(self.flat[:, chosen])[0])
-        others = np.delete(self.flat, chosen, axis=1)
-        others = others - known @ (known.T @ others)
+        projected_columns = np.concatenate([self.span[name] for name in names])
+        basis = orthonormal_basis(unit_columns(self.flat[:, projected_columns])[0])
+        remaining = np.delete(self.flat, projected_columns, axis=1)
+        remaining = remaining - basis @ (basis.T @ remaining)
         widths = {name: width for name, width in self.widths.items() if name not in names}
-        return replace(self, rows=others.reshape(*self.rows.shape[:2], -1), widths=widths)
+        return replace(self, rows=remaining.reshape(*self.rows.shape[:2], -1), widths=widths)

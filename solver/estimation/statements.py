@@ -36,10 +36,12 @@ class Statements:
     sigma: float  #: standard uncertainty of a coordinate of a reading, the unit of the rows [m]
 
     def scale(self, rows: Rows) -> Rows:
-        """Return rows with the columns of the terms in units of the unknowns' standard uncertainties."""
-        stated = {term.name: term.prior(self.common) for term in self.terms}
+        """Return rows with the columns of stated terms in units of the standard uncertainties."""
+        uncertainties_of_term = {term.name: term.prior(self.common) for term in self.terms}
         # Columns of other terms, and the readings in the last column, keep their unit.
-        units = [np.resize(stated.get(name, (1.0,)), width) for name, width in rows.widths.items()]
+        units = [
+            np.resize(uncertainties_of_term.get(name, (1.0,)), width) for name, width in rows.widths.items()
+        ]
         unit = np.concatenate([*units, np.ones(1)])
         encoders = None if rows.encoders is None else rows.encoders * unit
         return rows._replace(targets=rows.targets * unit, encoders=encoders)
@@ -53,7 +55,7 @@ class FittedStatements:
     unknowns: FloatArray  #: (K,) fitted values, in standard uncertainties of the unknowns
 
     def compute_motion(self, block: RegressorBlock) -> Motion:
-        """Compute how the fitted errors move targets (B, T, 3) [m] and encoders (B, n) [rad] of a block."""
+        """Compute how fitted errors move the targets (B, T, 3) [m] and encoders (B, n) [rad] of a block."""
         terms, compliance = self.statements.terms, self.statements.compliance
         rows = self.statements.scale(build_rows(block, terms, compliance))
         encoders = None if rows.encoders is None else rows.encoders[..., :-1] @ self.unknowns
@@ -76,15 +78,15 @@ class FittedStatements:
 
 
 def list_stated_terms(measurements: Measurements) -> tuple[Term, ...]:
-    """Return the terms with a standard uncertainty that are fitted with the joints.
+    """Return the systematic errors (terms) to fit with the compliances: those of stated standard uncertainty.
 
-    A scale of all loads moves the targets as the joints do, so that no reading corrects it. Errors that were
-    fitted before replace what was stated about them.
+    Left out are a common scale of all loads, which readings cannot distinguish from the compliances, and
+    errors that an earlier fit has already estimated.
     """
-    known = {term.name for term in fitted_errors(measurements).terms}
-    common = measurements.common_uncertainty
+    fitted_names = {term.name for term in fitted_errors(measurements).terms}
+    common_uncertainty = measurements.common_uncertainty
     return tuple(
         term
         for term in TERMS.values()
-        if any(term.prior(common)) and term.name not in known and term is not FORCE_SCALE
+        if any(term.prior(common_uncertainty)) and term.name not in fitted_names and term is not FORCE_SCALE
     )

@@ -84,64 +84,71 @@ def list_suspects(
         always_fitted: terms that are fitted in any case; these terms are not suspected again.
         firsts: labels of observations that may be the onset of a cause; None to search for the onset.
     """
-    part, labels = block.measurements, measurements.labels
-    tried = len(part) - 2 * _LEAST_PART + 1
-    whole = list_suspected_terms(measurements, block)
-    turn = next(term for term in whole if term.name == "turn")
+    tested, labels = block.measurements, measurements.labels
+    tried_count = len(tested) - 2 * _LEAST_PART + 1
+    terms_of_set = list_suspected_terms(measurements, block)
+    turn = next(term for term in terms_of_set if term.name == "turn")
     # Causes that may set in at a later observation.
     later = {SHIFT.name: SHIFT, turn.name: turn, FORCE_SCALE.name: build_load_scale_term([labels])}
-    suspects = [Suspect(term.name, term) for term in whole]
+    suspects = [Suspect(term.name, term) for term in terms_of_set]
     if firsts is not None:
-        known = [first for first in firsts if first in labels]
+        known_firsts = [first for first in firsts if first in labels]
         suspects += [
             Suspect(t.name, limit_to_later(t, labels, first), first)
             for t in later.values()
-            for first in known
+            for first in known_firsts
         ]
     else:  # fit each term with each observation as the onset, to find the best onset
-        names = shown_by(block, compliance, always_fitted, whole)
+        names = list_shown_terms(block, compliance, always_fitted, terms_of_set)
         suspects = [each for each in suspects if each.name in names]
         terms = [*(each.term for each in suspects), FORCE_SCALE]
         stack = Stack.from_blocks([block], [JOINTS, *always_fitted, *terms], compliance)
         fits = _OnsetFits(
             stack, [term.name for term in terms], [term.name for term in (JOINTS, *always_fitted)]
         )
-        least = fits.p_values_without_best_observation(np.zeros(len(terms), np.intp))
-        suspects = [replace(each, least_p=p) for each, p in zip(suspects, least.tolist(), strict=False)]
-        if tried > 0:
+        least_p_values = fits.compute_p_values_without_best_observation(np.zeros(len(terms), np.intp))
+        suspects = [
+            replace(each, least_p=p) for each, p in zip(suspects, least_p_values.tolist(), strict=False)
+        ]
+        if tried_count > 0:
             onsets = fits.find_onsets()
             for each, onset, p in zip(
-                terms, onsets.tolist(), fits.p_values_without_best_observation(onsets).tolist(), strict=True
+                terms,
+                onsets.tolist(),
+                fits.compute_p_values_without_best_observation(onsets).tolist(),
+                strict=True,
             ):
                 if each.name in later:
-                    term, first = later[each.name], part.labels[onset]
-                    suspects.append(Suspect(term.name, limit_to_later(term, labels, first), first, tried, p))
+                    term, first = later[each.name], tested.labels[onset]
+                    suspects.append(
+                        Suspect(term.name, limit_to_later(term, labels, first), first, tried_count, p)
+                    )
     return [suspect for suspect in suspects if suspect.term.name not in {term.name for term in always_fitted}]
 
 
-def shown_by(
-    block: RegressorBlock, compliance: FloatArray, known: Sequence[Term], terms: Sequence[Term]
+def list_shown_terms(
+    block: RegressorBlock, compliance: FloatArray, fitted_terms: Sequence[Term], terms: Sequence[Term]
 ) -> list[str]:
     """Return the names of the terms that the readings of a set can show.
 
-    The readings show a term if its motion differs from that of the joints and of the terms that are known.
+    The readings show a term if its motion differs from that of the joints and of the other fitted terms.
     A term that no reading shows is not tested: its test would cost the level of all others.
 
     Args:
         block: the observations.
-        compliance: (n,) of the joints [rad/(N·m)].
-        known: terms that are fitted in any case; none of these is shown.
+        compliance: (n,) compliances of the joints [rad/(N·m)].
+        fitted_terms: terms that are fitted in any case; none of these is returned.
         terms: terms of interest.
     """
-    fitted = [JOINTS, *known]
+    fitted = [JOINTS, *fitted_terms]
     names = []
     for term in terms:
-        if any(term.name == each.name for each in known):
+        if any(term.name == each.name for each in fitted_terms):
             continue
         stack = Stack.from_blocks([block], [*fitted, term], compliance).project_out([t.name for t in fitted])
         length = np.linalg.norm(Stack.from_blocks([block], [term], compliance).flat[:, :-1], axis=0)
-        left = stack.flat[:, :-1] / np.where(length > 0.0, length, 1.0)
-        if np.linalg.norm(left, ord=2) > DISTINCT:
+        remaining_columns = stack.flat[:, :-1] / np.where(length > 0.0, length, 1.0)
+        if np.linalg.norm(remaining_columns, ord=2) > DISTINCT:
             names.append(term.name)
     return names
 
@@ -155,10 +162,12 @@ def group_distinct_loads(measurements: Measurements) -> tuple[tuple[str, ...], .
     fitted = fitted_errors(measurements)
     if fitted.terms:
         return fitted.loads
-    size = np.hypot(np.linalg.norm(measurements.force, axis=1), np.linalg.norm(measurements.moment, axis=1))
-    order = np.argsort(size, kind="stable")
-    steps = 1 + np.flatnonzero(np.diff(size[order]) > _DISTINCT * size[order][1:])
-    groups = [group for group in np.split(order, steps) if len(group) >= _LEAST_PART]
+    load_size = np.hypot(
+        np.linalg.norm(measurements.force, axis=1), np.linalg.norm(measurements.moment, axis=1)
+    )
+    ascending = np.argsort(load_size, kind="stable")
+    steps = 1 + np.flatnonzero(np.diff(load_size[ascending]) > _DISTINCT * load_size[ascending][1:])
+    groups = [group for group in np.split(ascending, steps) if len(group) >= _LEAST_PART]
     if len(groups) > _MOST_LOADS:
         return ()
     return tuple(tuple(measurements.labels[i] for i in group.tolist()) for group in groups)
@@ -202,23 +211,27 @@ class _OnsetFits:
         self._known, self._left = basis.reshape(*shape, q), residual.reshape(*shape, 1)
 
     def find_onsets(self) -> IndexArray:
-        """Return the indices (S,) of each term's best onset, with enough observations before and after."""
+        """Return the best onset (S,) of each of S terms: the index of the first observation that it moves.
+
+        Enough observations lie before and after the onset.
+        """
         gain = (self._moment * self._unknowns).sum(axis=(2, 3))
         allowed = gain[:, _LEAST_PART : gain.shape[1] - _LEAST_PART + 1]
         return np.asarray(_LEAST_PART + np.argmax(allowed, axis=1))
 
-    def p_values_without_best_observation(self, first: IndexArray) -> FloatArray:
-        """Return p-values (S,) of the terms from onsets `first` (S,), each without one observation.
+    def compute_p_values_without_best_observation(self, first: IndexArray) -> FloatArray:
+        """Return the p-values (S,) of S terms that begin at given onsets, each without one observation.
 
         For each term the observation that the term explains best is left out, as the observation may be a
-        single wrong reading.
+        single wrong reading. `first` (S,) are the indices of the onsets.
         """
         count = len(self._read)
         motion = self._X @ self._unknowns[np.arange(len(first)), first][:, None]
         motion = np.where(np.arange(count)[:, None, None] >= first[:, None, None, None], motion, 0.0)
         # The known terms absorb part of the motion by the term.
         absorbed = self._known @ np.einsum("brk,sbrl->skl", self._known, motion)[:, None]
-        squares, squares_with_term = np.square(self._left), np.square(self._left - motion + absorbed)
+        squares = np.square(self._left)
+        squares_with_term = np.square(self._left - motion + absorbed)
         squares, gain = squares.sum(axis=(1, 2)), (squares - squares_with_term).sum(axis=(2, 3))
         others = np.arange(count) != np.argmax(gain, axis=1)[:, None]
         freedom = (others * self._read).sum(axis=1) - self._known.shape[-1] - self._width

@@ -164,8 +164,7 @@ class TermTests:
         """Return the p-value of a term, given statements and the scatter that is most likely with the term.
 
         The scatter that residuals of joints alone show also contains the motion by the tested cause. A term
-        about
-        which something is stated is tested against its statement.
+        about which something is stated is tested against its statement.
 
         Args:
             name: tested term.
@@ -203,10 +202,8 @@ class TermTests:
             The other terms with statements; the named terms, then these other terms; and the block.
         """
         other_stated_terms = [term for term in self._stated_terms if term.name not in names]
-        terms, block = (
-            [*(term for term in self._terms if term.name in names), *other_stated_terms],
-            self.block,
-        )
+        terms = [*(term for term in self._terms if term.name in names), *other_stated_terms]
+        block = self.block
         if self._scattered:
             stack = Stack.from_blocks([block], terms, self.compliance)
             fitted_columns = np.concatenate([np.flatnonzero(self.visible), *list(stack.span.values())[1:]])
@@ -230,21 +227,19 @@ class TermTests:
         rows, posture_count = stack.flat, len(stack)
         unit_vectors, length = unit_columns(rows[:, columns])
         sigma = block.measurements.sigma or stack.triangle().sigma([term.name for term in terms])
-        # Statements are rows: each unknown over its standard uncertainty is zero.
-        last = width = len(columns)
-        statement_rows = np.zeros((width, width))
+        # Statements are rows: each unknown over its standard uncertainty is zero. The stated terms come last.
+        statement_weights = np.zeros(len(columns))
+        end = len(columns)
         for term in reversed(other_stated_terms):
-            unknown_count = len(stack.span[term.name])
-            uncertainty = np.resize(term.prior(block.measurements.common_uncertainty), unknown_count)
-            indices = np.arange(last - unknown_count, last)
-            statement_rows[indices, indices] = sigma / np.maximum(uncertainty, 1e-300) / length[indices]
-            last -= unknown_count
-        basis = orthonormal_basis(np.vstack([unit_vectors, np.minimum(statement_rows, 1e9)]))[: len(rows)]
+            start = end - len(stack.span[term.name])
+            uncertainty = np.resize(term.prior(block.measurements.common_uncertainty), end - start)
+            statement_weights[start:end] = sigma / np.maximum(uncertainty, 1e-300) / length[start:end]
+            end = start
+        statement_rows = np.diag(np.minimum(statement_weights, 1e9))
+        basis = orthonormal_basis(np.vstack([unit_vectors, statement_rows]))[: len(rows)]
         residual = rows[:, -1] - basis @ (basis.T @ rows[:, -1])
-        residual_of_posture, basis_of_posture = (
-            residual.reshape(posture_count, -1),
-            basis.reshape(posture_count, -1, basis.shape[1]),
-        )
+        residual_of_posture = residual.reshape(posture_count, -1)
+        basis_of_posture = basis.reshape(posture_count, -1, basis.shape[1])
         # Sum of squares that leaving out a posture takes away: rᵀ (I − Q Qᵀ)⁻¹ r.
         remaining = np.eye(basis_of_posture.shape[1]) - basis_of_posture @ basis_of_posture.mT
         squares_taken = np.einsum(
@@ -258,17 +253,13 @@ class TermTests:
         variance = (
             np.maximum(total_squares - squares_taken, 0.0) / np.maximum(degrees_of_freedom, 1) + RESOLUTION**2
         )
-        p_values = np.where(
-            degrees_of_freedom > 0,
-            special.fdtrc(
-                read_counts, np.maximum(degrees_of_freedom, 1), squares_taken / read_counts / variance
-            ),
-            1.0,
-        )
+        f_ratio = squares_taken / read_counts / variance
+        p_values = special.fdtrc(read_counts, np.maximum(degrees_of_freedom, 1), f_ratio)
+        p_values = np.where(degrees_of_freedom > 0, p_values, 1.0)
         worst = int(np.argmin(p_values))
-        if p_values[worst] * posture_count >= MISTAKE_LEVEL or squares_taken[worst] / read_counts[
-            worst
-        ] < _GROSS * np.median(squares_taken / read_counts):
+        mean_squares = squares_taken / read_counts
+        is_typical = mean_squares[worst] < _GROSS * np.median(mean_squares)
+        if p_values[worst] * posture_count >= MISTAKE_LEVEL or is_typical:
             return None
         ratio = max(1.0 - squares_taken[worst] / total_squares, 1e-300)
         criterion = self.criterion(self.residual_squares() * ratio, unknowns + int(read_counts[worst]) + 1)

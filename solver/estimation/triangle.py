@@ -114,23 +114,22 @@ class Triangle:
         Args:
             names: the S terms that are tested, each one alone.
             fitted: terms that are fitted in any case.
-            most_directions: largest number of a term's leading singular directions that are tested; all if
-            None.
+            most_directions: largest number of leading singular directions of a term to test; None for all.
             least_singular_value: directions are tested if their singular value exceeds this number. Singular
-            values are
-                computed from the tested term's unit columns, after projecting the fitted terms out.
+                values are computed from the tested term's unit columns, after projecting the fitted terms
+                out.
         """
-        fitted_basis, tested = orthonormal_basis(self.unit_columns(fitted)), self.unit_columns(names)
+        fitted_basis = orthonormal_basis(self.unit_columns(fitted))
+        tested = self.unit_columns(names)
         residual = self.rhs - fitted_basis @ (fitted_basis.T @ self.rhs)
         projected = tested - fitted_basis @ (fitted_basis.T @ tested)
         columns = stack_padded(
             np.split(projected, np.cumsum([len(self.span[name]) for name in names])[:-1], axis=1)
         )
         U, singular_values, _ = np.linalg.svd(columns, full_matrices=False)
-        is_tested = (singular_values > least_singular_value) & (
-            np.arange(singular_values.shape[1])
-            < (singular_values.shape[1] if most_directions is None else most_directions)
-        )
+        is_tested = singular_values > least_singular_value
+        if most_directions is not None:
+            is_tested[:, most_directions:] = False
         explained = np.where(is_tested, np.square(residual @ U), 0.0).sum(axis=1)
         tested_count = is_tested.sum(axis=1)
         degrees_of_freedom = self.rows - fitted_basis.shape[1] - tested_count
@@ -140,11 +139,8 @@ class Triangle:
             + RESOLUTION**2
         )
         f_ratio = explained / np.maximum(tested_count, 1) / variance
-        return np.where(
-            is_testable,
-            special.fdtrc(np.maximum(tested_count, 1), np.maximum(degrees_of_freedom, 1), f_ratio),
-            1.0,
-        )
+        p_values = special.fdtrc(np.maximum(tested_count, 1), np.maximum(degrees_of_freedom, 1), f_ratio)
+        return np.where(is_testable, p_values, 1.0)
 
     def rank(self, names: Sequence[str], least: float) -> int:
         """Return the rank of the named terms' unit columns: the number of singular values above `least`."""
@@ -224,7 +220,8 @@ class Triangle:
         residual = self.rhs - fitted_basis @ (fitted_basis.T @ self.rhs)
         U, singular_values, _ = np.linalg.svd(remaining_columns, full_matrices=False)
         is_shown = singular_values > _NULL * max(float(np.linalg.norm(columns)), np.finfo(float).tiny)
-        squared_components, shown_count = np.square(U[:, is_shown].T @ residual), int(is_shown.sum())
+        squared_components = np.square(U[:, is_shown].T @ residual)
+        shown_count = int(is_shown.sum())
         degrees_of_freedom = self.rows - fitted_basis.shape[1] - shown_count
         if not shown_count or degrees_of_freedom < 1:
             return 1.0
@@ -244,8 +241,7 @@ class Triangle:
             names: terms that are fitted, k unknowns together.
             other_unknowns: (K,) known values of the unknowns of all other terms; zero for the fitted terms.
             least_singular_value: singular value of the terms' unit columns above which a direction is fitted;
-                the
-                part of the unknowns in all other directions stays zero.
+                the part of the unknowns in all other directions stays zero.
 
         Returns:
             (k,) fitted unknowns.

@@ -68,6 +68,7 @@ from jointstiff.solver.errors import MeasurementError, RobotError
 from jointstiff.solver.geometry.poses import (
     Axis,
     IdentifiedAxes,
+    LinearFit,
     Motion,
     build_right_handed_frame,
     differentiate_by_rigid_motion,
@@ -162,8 +163,7 @@ class BaseFrame:
         """Derivative (6, 4 n + 3 T) of `transform_tracker_to_base` with respect to axes and targets.
 
         Rows are a small motion of R0, in its axes: translation [m], then rotation [rad]. Columns are the four
-        chart
-        coordinates of each of n axes, then the coordinates of T targets.
+        chart coordinates of each of n axes, then the coordinates of T targets.
         """
         base_to_tracker = self.transform_tracker_to_base.inverse()
         return self.identified.differentiate_quantity(
@@ -179,8 +179,7 @@ def find_base_frame(
     Args:
         identified: at least two axes.
         nominal: model whose position of R0 relative to its own axes is adopted; None places R0 by axes 1 and
-            2
-            alone.
+            2 alone.
         height: without a nominal model, height above R0 of the point where the common perpendicular of axes
             1 and 2 meets axis 1 [m].
 
@@ -258,16 +257,6 @@ class BaseTargets:
         gain_of_motion = float(residual_if_unmoved @ residual_if_unmoved) - linear.rss
         probability = float(special.chdtrc(6, max(gain_of_motion, 0.0)))  # a rigid motion has six numbers
         point_derivative = differentiate_by_rigid_motion(reference_point)
-        # Test each target alone: the drop in the sum of squares when the target is left out is χ² with three
-        # degrees of freedom. With only three targets, only three degrees of freedom remain after the fit, too
-        # few to find the target that moved.
-        suspects: list[tuple[float, str]] = []  # drop in the sum of squares, name of the target
-        for target in range(len(before) if len(before) > 3 else 0):
-            rows = slice(3 * target, 3 * target + 3)
-            redundancy = np.eye(3) - linear.range_basis[rows] @ linear.range_basis[rows].T
-            drop = float(residual[rows] @ np.linalg.lstsq(redundancy, residual[rows], rcond=1e-9)[0])
-            if special.chdtrc(3, drop) * len(before) < SIGNIFICANCE:
-                suspects.append((drop, self.names[target]))
         return Drift(
             transform_after_to_before=to_rigid(motion.inverse()),
             displacement=point(transform_points(motion, reference_point) - reference_point),
@@ -276,9 +265,30 @@ class BaseTargets:
             probability=probability,
             deformation_probability=float(special.chdtrc(residual.size - 6, linear.rss)),
             significant=probability < SIGNIFICANCE,
-            # Only the most suspicious target is named: its motion also disturbs the residuals of the others.
-            moved_targets=[max(suspects)[1]] if suspects else [],
+            moved_targets=self._find_moved_target(linear),
         )
+
+    def _find_moved_target(self, linear: LinearFit) -> list[str]:
+        """Return the name of the target that moved most relative to the others, if this is significant.
+
+        Each target is tested alone: the drop in the sum of squares when the target is left out is χ² with
+        three degrees of freedom. A single target is named, as its motion disturbs the residuals of all.
+
+        Args:
+            linear: linearised fit of the rigid motion.
+        """
+        suspects: list[tuple[float, str]] = []  # drop in the sum of squares, name of the target
+        count = len(self.before)
+        if count <= 3:  # too few degrees of freedom remain to find the target that moved
+            return []
+        for target, name in enumerate(self.names):
+            rows = slice(3 * target, 3 * target + 3)
+            residual = linear.residual[rows]
+            redundancy = np.eye(3) - linear.range_basis[rows] @ linear.range_basis[rows].T
+            drop = float(residual @ np.linalg.lstsq(redundancy, residual, rcond=1e-9)[0])
+            if special.chdtrc(3, drop) * count < SIGNIFICANCE:
+                suspects.append((drop, name))
+        return [max(suspects)[1]] if suspects else []
 
 
 CentreWay = Literal["sphere", "axes", "trilateration"]
@@ -306,7 +316,7 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
             where="sweeps",
             remedy="sweep all joints of the robot",
         )
-    tracker_to_base, sigma = base.transform_tracker_to_base, identified.sigma
+    sigma = identified.sigma
     posture = np.zeros(identified.n)
     if isinstance(identified, SweptAxes):  # take the arm's posture in the last sweep
         posture[:-WRIST_JOINTS] = identified.sweeps.postures[-1, :-WRIST_JOINTS]
@@ -324,38 +334,17 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         if trilaterated is not None:
             estimates_by_method.append(("trilateration", *trilaterated))
 
-    def express_in_both_frames(centre: FloatArray, influence: FloatArray) -> dict[str, Any]:
-        """Return the fields of a `WristCentre`: position and covariance in the tracker's frame and in R0.
-
-        The centre (3,) [m] is in the tracker's frame; `influence` (3, m) is the derivative of the centre with
-        respect to the whitened readings.
-        """
-        centre_in_base = transform_points(tracker_to_base, centre)
-        # R0 may depend on more quantities than the centre does, namely the angles of the joints that do not
-        # turn in a sweep; the columns of these angles come last.
-        base_influence = (
-            differentiate_by_rigid_motion(centre_in_base) @ base.jacobian @ base.identified.influence
-        )
-        base_influence[:, : influence.shape[1]] += tracker_to_base.rotation @ influence
-        return {
-            "tracker": centre.tolist(),
-            "tracker_covariance": (sigma**2 * influence @ influence.T).tolist(),
-            "base": centre_in_base.tolist(),
-            "base_covariance": (sigma**2 * base_influence @ base_influence.T).tolist(),
-        }
-
     information_matrices = [
         np.linalg.inv(sigma**2 * influence @ influence.T) for _, _, influence in estimates_by_method
     ]
-    weights = (
-        np.linalg.inv(np.sum(information_matrices, axis=0)) @ information_matrices
-    )  # matrices whose sum is the identity
+    # Matrices whose sum is the identity
+    weights = np.linalg.inv(np.sum(information_matrices, axis=0)) @ information_matrices
     weighted_estimates = list(zip(weights, estimates_by_method, strict=True))
     estimates = [
         WristCentre(
             way=method,
             weight=float(np.trace(weight_matrix) / 3.0),
-            **express_in_both_frames(centre, influence),
+            **_express_in_both_frames(centre, influence, base, sigma),
         )
         for weight_matrix, (method, centre, influence) in weighted_estimates
     ]
@@ -368,7 +357,9 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
     return WristResult(
         estimates=estimates,
         combined=WristCentre(
-            way="combined", weight=1.0, **express_in_both_frames(combined_centre, combined_influence)
+            way="combined",
+            weight=1.0,
+            **_express_in_both_frames(combined_centre, combined_influence, base, sigma),
         ),
         distances=_compare_centres(estimates_by_method, sigma),
         posture=posture.tolist(),
@@ -377,6 +368,31 @@ def find_wrist_centre(identified: IdentifiedAxes, base: BaseFrame) -> WristResul
         miss_probability=miss_probability,
         decoupled_method=miss_distance <= Wrist.TOLERANCE,
     )
+
+
+def _express_in_both_frames(
+    centre: FloatArray, influence: FloatArray, base: BaseFrame, sigma: float
+) -> dict[str, Any]:
+    """Return the fields of a `WristCentre`: position and covariance in the tracker's frame and in R0.
+
+    Args:
+        centre: (3,) centre in the tracker's frame [m].
+        influence: (3, m) derivative of the centre with respect to the whitened readings.
+        base: placement of R0, identified from the same readings.
+        sigma: standard deviation of a whitened reading [m].
+    """
+    tracker_to_base = base.transform_tracker_to_base
+    centre_in_base = transform_points(tracker_to_base, centre)
+    # R0 may depend on more quantities than the centre does, namely the angles of the joints that do not
+    # turn in a sweep; the columns of these angles come last.
+    base_influence = differentiate_by_rigid_motion(centre_in_base) @ base.jacobian @ base.identified.influence
+    base_influence[:, : influence.shape[1]] += tracker_to_base.rotation @ influence
+    return {
+        "tracker": centre.tolist(),
+        "tracker_covariance": (sigma**2 * influence @ influence.T).tolist(),
+        "base": centre_in_base.tolist(),
+        "base_covariance": (sigma**2 * base_influence @ base_influence.T).tolist(),
+    }
 
 
 def _compare_centres(
@@ -391,7 +407,8 @@ def _compare_centres(
     """
     distances = []
     for (first, centre_1, influence_1), (second, centre_2, influence_2) in combinations(estimates, 2):
-        centre_difference, influence_difference = centre_1 - centre_2, sigma * (influence_1 - influence_2)
+        centre_difference = centre_1 - centre_2
+        influence_difference = sigma * (influence_1 - influence_2)
         U, singular_values, _ = np.linalg.svd(influence_difference, full_matrices=False)
         # The χ² test leaves out directions in which noise moves both estimates alike.
         distinguishable = singular_values > 1e-6 * max(singular_values[0], 1e-300)
@@ -502,13 +519,10 @@ def fit_spheres(
     if sum(is_at_rest.all() for is_at_rest in resting_masks) < 2:  # a single sweep shows only a circle
         return None
     present = sweeps.present & np.concatenate(resting_masks)[:, None]
-    position_of_reading, target_of_reading = np.nonzero(
-        present
-    )  # position and target of each of the m fitted readings
-    points, has_target = (
-        readings.points[position_of_reading, target_of_reading],
-        np.eye(present.shape[1])[target_of_reading],
-    )
+    # Position and target of each of the m fitted readings
+    position_of_reading, target_of_reading = np.nonzero(present)
+    points = readings.points[position_of_reading, target_of_reading]
+    has_target = np.eye(present.shape[1])[target_of_reading]
     # (m, 3, 3) derivative of each reading with respect to the whitened reading
     unwhiteners = np.linalg.inv(readings.weight[position_of_reading, target_of_reading])
 
@@ -518,14 +532,7 @@ def fit_spheres(
         length = np.linalg.norm(from_centre, axis=1)
         return length, from_centre / length[:, None]
 
-    # Linear fit of ``2 c·p + (r_t² − ‖c‖²) = ‖p‖²`` about the readings' mean
-    mean = points.mean(axis=0)
-    centred_points = points - mean
-    solution = np.linalg.lstsq(
-        np.hstack([2.0 * centred_points, has_target]), np.sum(centred_points**2, axis=1), rcond=None
-    )[0]
-    radii = np.sqrt(np.maximum(solution[3:] + solution[:3] @ solution[:3], 1e-12))
-    start = np.concatenate([solution[:3] + mean, radii])
+    start = _fit_spheres_linearly(points, has_target)
     # The weights are computed at the start values and kept: they hardly depend on the state, and with
     # constant weights the problem is ordinary least squares.
     distance_deviation = np.linalg.norm(
@@ -561,6 +568,24 @@ def fit_spheres(
     return state[:3], state[3:], influence, present
 
 
+def _fit_spheres_linearly(points: FloatArray, has_target: FloatArray) -> FloatArray:
+    """Return the common centre and the radii (3 + T,) of spheres by a linear fit, as start values [m].
+
+    The fit solves ``2 c·p + (r_t² − ‖c‖²) = ‖p‖²``, with the origin at the mean of the readings.
+
+    Args:
+        points: (m, 3) readings p [m].
+        has_target: (m, T) 1 for the target of each reading, else 0.
+    """
+    mean = points.mean(axis=0)
+    centred_points = points - mean
+    solution = np.linalg.lstsq(
+        np.hstack([2.0 * centred_points, has_target]), np.sum(centred_points**2, axis=1), rcond=None
+    )[0]
+    radii = np.sqrt(np.maximum(solution[3:] + solution[:3] @ solution[:3], 1e-12))
+    return np.concatenate([solution[:3] + mean, radii])
+
+
 def _trilaterate_all_positions(
     identified: SweptAxes,
     radii: FloatArray,
@@ -594,11 +619,9 @@ def _trilaterate_all_positions(
     largest_triple = triples[int(np.argmax(areas))]  # the three targets that span the largest triangle
     radius_influence = sphere_influence[[3 + t for t in largest_triple]]
     # Sums over the positions: of the weights, of weight · centre, and of weight · derivative
-    total_weight, weighted_centre, weighted_influence = (
-        np.zeros((3, 3)),
-        np.zeros(3),
-        np.zeros_like(sphere_influence[:3]),
-    )
+    total_weight = np.zeros((3, 3))
+    weighted_centre = np.zeros(3)
+    weighted_influence = np.zeros_like(sphere_influence[:3])
     for position in np.flatnonzero(present[:, largest_triple].all(axis=1)):
         try:
             point, distance_derivative, target_derivative = trilaterate(

@@ -107,22 +107,28 @@ _FINDING_WEIGHTS: Final[dict[FindingCode, Verdict]] = {
 
 
 def _make_finding(code: FindingCode, where: str, message: str, remedy: str) -> Finding:
-    """Return a finding with the weight of its code: `use_with_care` unless `_FINDING_WEIGHTS` has another."""
+    """Return a finding whose weight depends on its code.
+
+    The weight is `use_with_care`, unless `_FINDING_WEIGHTS` has another weight for the code.
+    """
     weight = _FINDING_WEIGHTS.get(code, "use_with_care")
     return Finding(code=code, weight=weight, where=where, message=message, remedy=remedy)
 
 
-def report_sweeps(identified: SweptAxes, whole: SweptAxes) -> Iterator[Finding]:
-    """Yield suspicions about each sweep: anomalies, a short arc, implausible noise or angles.
+def report_sweeps(identified: SweptAxes, joint_fit: SweptAxes) -> Iterator[Finding]:
+    """Yield findings about each sweep: anomalies, a short arc, implausible noise or angles.
 
     Args:
         identified: axes from a separate fit of each sweep.
-        whole: the fit of all sweeps together, whose residuals show how well the model describes the robot.
+        joint_fit: the fit of all sweeps together, whose residuals show how well the model describes the
+            robot.
     """
     typical_variance = float(np.median([fit.linear.rss / fit.dof for fit in identified.fits]))
     # Standard uncertainty from the median of the residuals, which a few sweeps that do not fit hardly change
-    residuals = whole.residual.reshape(-1, 3)[whole.sweeps.present.ravel()]
-    robust_sigma = np.median(np.abs(residuals)) / special.ndtri(0.75) * np.sqrt(residuals.size / whole.dof)
+    residuals = joint_fit.residual.reshape(-1, 3)[joint_fit.sweeps.present.ravel()]
+    robust_sigma = (
+        np.median(np.abs(residuals)) / special.ndtri(0.75) * np.sqrt(residuals.size / joint_fit.dof)
+    )
     for fit in identified.fits:
         least_bump = LEAST_BUMP_RATIO * float(robust_sigma)
         yield from report_sweep(
@@ -133,7 +139,7 @@ def report_sweeps(identified: SweptAxes, whole: SweptAxes) -> Iterator[Finding]:
 def report_sweep(
     fit: AxisFit, names: tuple[str, ...], *, typical_variance: float = 0.0, least_bump: float = 0.0
 ) -> Iterator[Finding]:
-    """Yield suspicions about one sweep; a clean sweep yields nothing.
+    """Yield findings about one sweep; a clean sweep yields nothing.
 
     Args:
         fit: the fit of this sweep alone.
@@ -477,7 +483,8 @@ def identify_from_sweeps(
     Raises:
         InputError: the sweeps do not determine the robot, or contradict the nominal model.
     """
-    free_fits, controller_fits = identify_axes(sweeps), identify_axes(sweeps, angles="controller")
+    free_fits = identify_axes(sweeps)
+    controller_fits = identify_axes(sweeps, angles="controller")
     separate = free_fits if angles == "free" else controller_fits
     controller_p_value = compute_restriction_p_value(free_fits, controller_fits)
     agreement_p_value = None  # remains None if the sweeps are not fitted together
@@ -659,9 +666,14 @@ def _place_axes(base: BaseFrame, names: Sequence[str]) -> list[results.Identifie
     in_base = [axis.transform(base.place(identified.axes)) for axis in identified.axes]
 
     def compute_axis_coordinates(axes: Sequence[Axis], _: FloatArray) -> FloatArray:
-        """Return a point and the direction of each axis (6 n,); points are nearest to identified points."""
+        """Return the point of each axis nearest to its identified point, and the axis's direction (6 n,)."""
         pairs = zip(axes, identified.axes, strict=True)
-        return np.ravel([[axis.nearest_point_to(other.point), axis.direction] for axis, other in pairs])
+        return np.ravel(
+            [
+                [axis.nearest_point_to(identified_axis.point), axis.direction]
+                for axis, identified_axis in pairs
+            ]
+        )
 
     covariances = identified.compute_covariances(
         identified.differentiate_quantity(compute_axis_coordinates)

@@ -980,11 +980,10 @@ def _estimate_start(
     pose_of_reading, target_of_reading = np.nonzero(poses.present)
     # `Motion` needs a target; a target at the origin does not affect the postures.
     postures = Motion(axes, np.zeros((1, 3)), readings.angles).postures
-    flange_rotation, flange_position = (
-        postures.flange_rotation[pose_of_reading],
-        postures.flange_translation[pose_of_reading],
-    )
-    points, coordinate_count = poses.points[pose_of_reading, target_of_reading], 3 * len(pose_of_reading)
+    flange_rotation = postures.flange_rotation[pose_of_reading]
+    flange_position = postures.flange_translation[pose_of_reading]
+    points = poses.points[pose_of_reading, target_of_reading]
+    coordinate_count = 3 * len(pose_of_reading)
     target_columns = np.einsum(
         "mij,mt->mitj", flange_rotation, np.eye(len(poses.targets))[target_of_reading]
     ).reshape(coordinate_count, -1)

@@ -303,9 +303,8 @@ def fit_axis(
     Args:
         sweep: the readings.
         turned_angles: (N,) model angle of the turning joint, from the controller [rad]. If two joints turn,
-        (N, 2):
-            angle of the inner joint (nearer to the base) minus its angle in the outer axis's sweep, then
-            angle of the outer joint (nearer to the flange).
+            (N, 2): angle of the inner joint (nearer to the base) minus its angle in the outer axis's sweep,
+            then angle of the outer joint (nearer to the flange).
         sigma: standard uncertainty of a coordinate [m]; None computes sigma from the residuals.
         angles: `free` estimates each position's angle from the readings, common to all targets;
             `controller` takes the controller's angles.
@@ -336,7 +335,8 @@ def fit_axis(
             remedy="record more positions or more targets",
         )
     if not linear.determines(slice(0, CHART_SIZE)):
-        axis_name, remedy = "axis", "read a target that is farther from the axis, over a wider arc"
+        axis_name = "axis"
+        remedy = "read a target that is farther from the axis, over a wider arc"
         if outer_fit is not None:
             axis_name = "inner one of the two axes that turn"
             remedy = "sweep a wider arc with more positions; two axes that coincide cannot be distinguished"
@@ -375,8 +375,7 @@ def _estimate_start(sweep: Sweep, readings: PoseReadings, outer_fit: AxisFit | N
     """Return start values of axis and targets from a linear fit of circles.
 
     Target t moves on ``p_kt ≈ A_t + B_t cos θ_k + C_t sin θ_k`` at angles θ_k, linear in the unknown vectors
-    A,
-    B and C. ``B_t × C_t`` points along the axis; its length, the squared radius, weights the targets. The
+    A, B and C. ``B_t × C_t`` points along the axis; its length, the squared radius, weights the targets. The
     centres A_t lie on the axis; only if an outer axis turns back by the same angle, all centres are displaced
     from the axis by one vector.
 
@@ -386,10 +385,9 @@ def _estimate_start(sweep: Sweep, readings: PoseReadings, outer_fit: AxisFit | N
     turned_angles = readings.angles[:, 0]
     columns = np.column_stack([np.ones(len(sweep)), np.cos(turned_angles), np.sin(turned_angles)])
     normal_sum, centres, weights = np.zeros(3), [], []
-    most_readings, longest_path_radius = (
-        0,
-        np.zeros(3),
-    )  # of the target that was read most often; radius as a vector
+    # Of the target that was read most often: number of readings, and its radius as a vector
+    most_readings = 0
+    radius_of_most_read = np.zeros(3)
     for target in np.flatnonzero(sweep.present.sum(axis=0) >= columns.shape[1]):
         rows = sweep.present[:, target]
         centre, cosine_vector, sine_vector = np.linalg.lstsq(
@@ -399,7 +397,7 @@ def _estimate_start(sweep: Sweep, readings: PoseReadings, outer_fit: AxisFit | N
         centres.append(centre)
         weights.append(float(np.linalg.norm(cross(cosine_vector, sine_vector))))
         if rows.sum() > most_readings:
-            most_readings, longest_path_radius = rows.sum(), cosine_vector
+            most_readings, radius_of_most_read = rows.sum(), cosine_vector
     if not np.linalg.norm(normal_sum) > 0.0:
         raise MeasurementError(
             "no target moved on a circle",
@@ -413,7 +411,7 @@ def _estimate_start(sweep: Sweep, readings: PoseReadings, outer_fit: AxisFit | N
         # If the outer joint turns back by about the same angle, the outer axis itself moves on the circle,
         # and the inner axis is one radius away from the outer axis.
         if abs(inner_slope + outer_slope) < 0.5 * abs(inner_slope):
-            inner = Axis.through(outer_fit.axis.point - longest_path_radius, inner.direction)
+            inner = Axis.through(outer_fit.axis.point - radius_of_most_read, inner.direction)
         axes = (inner, outer_fit.axis)
     in_flange = Motion(axes, np.zeros((1, 3)), readings.angles).postures.to_flange(readings.points)
     present = sweep.present[..., None]
@@ -428,6 +426,36 @@ class SweptAxes(IdentifiedAxes):
     sweeps: SweepSet  #: all sweeps; the columns of `influence` are in the order of their readings
     fits: tuple[AxisFit, ...]  #: separate fits, in the order of the sweeps
     residual: FloatArray  #: (3 N T,) whitened residuals of all readings [m]; zero where absent
+
+
+def _fit_inner_axis(
+    sweeps: SweepSet, sweep: Sweep, joint: int, outer_fit: AxisFit, *, angles: AngleUse
+) -> AxisFit:
+    """Fit a sweep that turns a joint and, by a coupling, a further joint, whose axis was fitted before.
+
+    Args:
+        sweeps: all sweeps.
+        sweep: sweep that is fitted.
+        joint: index of the inner joint, whose axis is fitted.
+        outer_fit: fit of the further joint's axis.
+        angles: use of the controller's angles.
+
+    Raises:
+        MeasurementError: the sweep turns joints that are not coupled, or cannot be fitted.
+    """
+    turning_joints = list(sweeps.find_turning_joints(sweep))
+    model_angles = sweeps.model_angles(sweep)
+    outer_posture = sweeps.model_angles(outer_fit.sweep).mean(axis=0)
+    _refuse_joints_not_coupled(sweeps, sweep, outer_fit, model_angles.mean(axis=0) - outer_posture)
+    return fit_axis(
+        sweep,
+        # The inner joint's angle is relative to its angle in the outer axis's sweep.
+        model_angles[:, turning_joints] - [outer_posture[joint], 0.0],
+        sigma=sweeps.sigma,
+        angles=angles,
+        outer_fit=outer_fit,
+        slopes=sweeps.joint_map.matrix[turning_joints, sweep.joint],
+    )
 
 
 def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
@@ -450,36 +478,25 @@ def identify_axes(sweeps: SweepSet, *, angles: AngleUse = "free") -> SweptAxes:
     # Last joint first: a sweep that turns two coupled joints needs the fit of the outer axis.
     for joint, sweep_index in reversed(list(enumerate(sweep_of_joint))):
         sweep = sweeps.sweeps[sweep_index]
-        turning_joints, model_angles = list(sweeps.find_turning_joints(sweep)), sweeps.model_angles(sweep)
+        turning_joints = list(sweeps.find_turning_joints(sweep))
+        columns = slice(first_columns[sweep_index], first_columns[sweep_index + 1])
+        outer_sweep = sweep_of_joint[turning_joints[-1]]
         if len(turning_joints) == 1:
-            fits[sweep_index] = fit_axis(sweep, model_angles[:, joint], sigma=sweeps.sigma, angles=angles)
+            model_angles = sweeps.model_angles(sweep)[:, joint]
+            fit = fit_axis(sweep, model_angles, sigma=sweeps.sigma, angles=angles)
         else:
-            outer_fit = fits[sweep_of_joint[turning_joints[-1]]]
-            outer_posture = sweeps.model_angles(outer_fit.sweep).mean(axis=0)
-            _refuse_joints_not_coupled(sweeps, sweep, outer_fit, model_angles.mean(axis=0) - outer_posture)
-            fits[sweep_index] = fit_axis(
-                sweep,
-                # The inner joint's angle is relative to its angle in the outer axis's sweep.
-                model_angles[:, turning_joints] - [outer_posture[joint], 0.0],
-                sigma=sweeps.sigma,
-                angles=angles,
-                outer_fit=outer_fit,
-                slopes=sweeps.joint_map.matrix[turning_joints, sweep.joint],
-            )
-        influences[sweep_index] = np.zeros((len(fits[sweep_index].influence), first_columns[-1]))
-        influences[sweep_index][:, first_columns[sweep_index] : first_columns[sweep_index + 1]] = fits[
-            sweep_index
-        ].influence
+            fit = _fit_inner_axis(sweeps, sweep, joint, fits[outer_sweep], angles=angles)
+        influence_of_fit = np.zeros((len(fit.influence), first_columns[-1]))
+        influence_of_fit[:, columns] = fit.influence
         if len(turning_joints) > 1:
-            outer_influence = influences[sweep_of_joint[turning_joints[-1]]][:CHART_SIZE]
-            influences[sweep_index][:CHART_SIZE] += fits[sweep_index].dependence @ outer_influence
+            influence_of_fit[:CHART_SIZE] += fit.dependence @ influences[outer_sweep][:CHART_SIZE]
+        fits[sweep_index], influences[sweep_index] = fit, influence_of_fit
     fits_of_sweeps = tuple(fits[sweep_index] for sweep_index in range(len(fits)))
-    rss, dof = sum(fit.linear.rss for fit in fits_of_sweeps), sum(fit.dof for fit in fits_of_sweeps)
+    rss = sum(fit.linear.rss for fit in fits_of_sweeps)
+    dof = sum(fit.dof for fit in fits_of_sweeps)
     sigma = float(np.sqrt(rss / dof)) if sweeps.sigma is None else sweeps.sigma
-    axes_at_sweeps, points = (
-        [fits[sweep_index].axis for sweep_index in sweep_of_joint],
-        fits[sweep_of_joint[-1]].target_points,
-    )
+    axes_at_sweeps = [fits[sweep_index].axis for sweep_index in sweep_of_joint]
+    points = fits[sweep_of_joint[-1]].target_points
     axes, targets = _move_axes_to_zero(axes_at_sweeps, points, sweeps.postures)
     # Derivative of axes and targets in the postures of the sweeps; below, at model angle zero
     influence_at_sweep = np.vstack(
@@ -541,8 +558,7 @@ def _refuse_joints_not_coupled(
     if carrying_joints and np.abs(angle_differences[carrying_joints]).max() > RESTING_RANGE:
         raise MeasurementError(
             f"this sweep turns model joints {joints_text}, and it was recorded in another configuration "
-            "than the "
-            f"{outer_fit.sweep.where}",
+            f"than the {outer_fit.sweep.where}",
             where=sweep.where,
             remedy="start both sweeps from the same configuration of the other joints",
         )
@@ -586,9 +602,8 @@ def _differentiate_swept_axes(
     angle_derivative = np.zeros((chart_count + points.size, n, n))
     for joint, axis in enumerate(axes_at_sweeps):
         rows = slice(CHART_SIZE * joint, CHART_SIZE * (joint + 1))
-        motion_to_chart = axis.place.inverse().action[
-            CHART
-        ]  # (4, 6) maps a small motion to the chart of this axis
+        # (4, 6) maps a small motion to the chart of this axis
+        motion_to_chart = axis.place.inverse().action[CHART]
         motions = np.concatenate(
             [arm.axis_motions[joint, :joint], arm.placement_motions[joint, joint : joint + 1]]
         )[..., CHART]
@@ -625,9 +640,8 @@ def refine_axes(identified: SweptAxes, *, angles: AngleUse = "free") -> SweptAxe
         readings = replace(readings, basis=np.zeros((position_count, 0)))
     start = PoseState(identified.axes, identified.targets, np.zeros(position_count))
     state, linear = fit_poses(readings, start, where="sweeps")
-    geometry_unknowns = (
-        CHART_SIZE * identified.n + identified.targets.size
-    )  # number of unknowns of axes and targets
+    # Number of unknowns of axes and targets
+    geometry_unknowns = CHART_SIZE * identified.n + identified.targets.size
     dof = 3 * int(sweeps.present.sum()) - linear.rank
     if dof < 1 or not linear.determines(slice(0, geometry_unknowns)):
         raise MeasurementError(
@@ -678,7 +692,8 @@ def propagate_resting_angle_errors(swept: SweptAxes) -> tuple[FloatArray, list[i
     """
     sweeps, n = swept.sweeps, swept.n
     fits_of_joints = [swept.fits[index] for index in sweeps.order]
-    axes_at_sweeps, points = [fit.axis for fit in fits_of_joints], fits_of_joints[-1].target_points
+    axes_at_sweeps = [fit.axis for fit in fits_of_joints]
+    points = fits_of_joints[-1].target_points
     geometry_derivative, angle_derivative = _differentiate_swept_axes(
         swept.axes, axes_at_sweeps, points, sweeps.postures
     )

@@ -183,8 +183,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
         effect = (
             f"as given, the targets keep one position on the flange in {agrees.sum()} of {len(rows)} "
             f"observations; with {best_hypothesis.change}, in {explained_count} of {len(is_explained)}, "
-            "within "
-            f"{length_text(float(corrected_distances[is_explained].max()))}"
+            f"within {length_text(float(corrected_distances[is_explained].max()))}"
         )
         if best_hypothesis.unit is not None:
             return [
@@ -398,8 +397,7 @@ def _report_mistyped_rows(
         yield view.build_finding(
             "target_off_model",
             f"all targets are at least {length_text(nearest_distance[k])} away from their median positions "
-            "on "
-            f"the flange; typical is {length_text(typical)}",
+            f"on the flange; typical is {length_text(typical)}",
             "check the angles of this observation for a typing error, and whether the robot stood still",
             row=int(rows[k]),
         )
@@ -693,13 +691,7 @@ def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0)
     limit = limit_factor * MODEL_ALLOWANCE * compute_norm_quantile(len(changes), degrees_of_freedom)
     posture, best = np.round(joints / SAME_ANGLE), None
     for target, rows, relative_place in series:
-        # The most significant step (3,) [m], and the number k of rows before it
-        before = np.arange(1, len(relative_place))
-        sums = np.cumsum(relative_place, axis=0)
-        shifts = (sums[-1] - sums[:-1]) / (len(relative_place) - before)[:, None] - sums[:-1] / before[
-            :, None
-        ]
-        rows_before = 1 + int((before * (len(relative_place) - before) * (shifts**2).sum(axis=1)).argmax())
+        rows_before, shift = _find_most_significant_shift(relative_place)
         deviations = np.concatenate(
             [
                 relative_place[:rows_before] - relative_place[:rows_before].mean(axis=0),
@@ -707,7 +699,7 @@ def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0)
             ]
         )
         scatter = max(usual_scatter, estimate_coordinate_scale(np.linalg.norm(deviations, axis=1)), 1e-9)
-        displacement = float(np.linalg.norm(shifts[rows_before - 1]))
+        displacement = float(np.linalg.norm(shift))
         ratio = displacement / (
             limit * scatter * np.sqrt(1.0 / rows_before + 1.0 / (len(relative_place) - rows_before))
         )
@@ -726,6 +718,19 @@ def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0)
     return best
 
 
+def _find_most_significant_shift(places: FloatArray) -> tuple[int, FloatArray]:
+    """Return the number k of places before the most significant step of their mean, and the step (3,) [m].
+
+    `places` (N, 3) [m] are in the order in which they were measured.
+    """
+    before = np.arange(1, len(places))
+    after = len(places) - before
+    sums = np.cumsum(places, axis=0)
+    shifts = (sums[-1] - sums[:-1]) / after[:, None] - sums[:-1] / before[:, None]
+    rows_before = 1 + int((before * after * (shifts**2).sum(axis=1)).argmax())
+    return rows_before, shifts[rows_before - 1]
+
+
 def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
     """Report a drift of the unloaded targets, proportional to time, by an F test of its three components.
 
@@ -738,31 +743,13 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
         good: (N,) mask of rows whose angles and names are right as far as known.
     """
     measured = view.measured & good[:, None]
-    most_targets = measured.sum(axis=1).max()
+    target_counts = measured.sum(axis=1)
     # Rows with the same targets as the first row with most targets have the same barycentre.
-    rows = np.flatnonzero((measured == measured[measured.sum(axis=1).argmax()]).all(axis=1))
-    if most_targets == 0 or len(rows) < LEAST_ROWS_OF_DRIFT or view.in_order:
+    targets = measured[target_counts.argmax()]
+    rows = np.flatnonzero((measured == targets).all(axis=1))
+    if target_counts.max() == 0 or len(rows) < LEAST_ROWS_OF_DRIFT or view.in_order:
         return
-    # Columns of the fit, axes of R0 [m]: motion of the barycentre due to joint offsets, its place on the
-    # flange, the base's position and the drift; then the distance of the barycentre from its median place.
-    postures, targets = view.postures, measured[rows[0]]
-    barycentres = np.zeros((len(postures), 1, 3))
-    barycentres[rows, 0] = view.measurements.position[rows][:, targets].mean(axis=1)
-    barycentre_on_flange = view.places[rows][:, targets].mean(axis=1)
-    rotation = postures.flange_rotation[rows]
-    distance = np.einsum(
-        "nij,nj->ni", rotation, barycentre_on_flange - np.median(barycentre_on_flange, axis=0)
-    )
-    base = np.broadcast_to(np.eye(3), rotation.shape)
-    time = (rows - rows.mean()) / np.ptp(rows)
-    drift_columns = time[:, None, None] * np.eye(3)
-    triangle = Triangle(model=view.robot.n + 6, motion=3)
-    triangle.add(
-        np.concatenate(
-            [postures.jacobian_at(barycentres)[rows, 0], rotation, base, drift_columns, distance[..., None]],
-            axis=2,
-        )
-    )
+    triangle = _compress_drift_rows(view, rows, targets)
     degrees_of_freedom = triangle.rows - view.robot.n - 9
     if degrees_of_freedom < LEAST_FREEDOM:
         return
@@ -778,12 +765,41 @@ def inspect_drift(view: View, good: BoolArray) -> Iterator[Finding]:
         yield view.build_finding(
             "drift_in_time",
             f"over the whole set, the unloaded targets drifted by {length_text(drift_length)} relative to "
-            "the "
-            f"robot's model (x {length_text(drift[0])}, y {length_text(drift[1])}, z "
+            f"the robot's model (x {length_text(drift[0])}, y {length_text(drift[1])}, z "
             f"{length_text(drift[2])}; p = {p_value:.1g})",
             "check the tracker's stand, warm-up and temperature; a deflection is affected only by "
             "drift between its two readings",
         )
+
+
+def _compress_drift_rows(view: View, rows: IndexArray, targets: BoolArray) -> Triangle:
+    """Return the rows of the fit of a drift, as a triangle with the terms "model" and "motion" (the drift).
+
+    Columns of "model" are motions of the targets' barycentre in R0 due to joint offsets, its place on the
+    flange, and the position of the base.
+
+    Args:
+        view: measurement set of N rows.
+        rows: (K,) indices of rows in which the same targets were measured.
+        targets: (T,) mask of these targets.
+    """
+    postures = view.postures
+    barycentres = np.zeros((len(postures), 1, 3))
+    barycentres[rows, 0] = view.measurements.position[rows][:, targets].mean(axis=1)
+    joint_columns = postures.jacobian_at(barycentres)[rows, 0]
+    rotation = postures.flange_rotation[rows]
+    base_columns = np.broadcast_to(np.eye(3), rotation.shape)
+    time = (rows - rows.mean()) / np.ptp(rows)
+    drift_columns = time[:, None, None] * np.eye(3)
+    # Right-hand side: distance of the barycentre from its median place on the flange, axes of R0 [m]
+    barycentre_on_flange = view.places[rows][:, targets].mean(axis=1)
+    from_median = barycentre_on_flange - np.median(barycentre_on_flange, axis=0)
+    distance = np.einsum("nij,nj->ni", rotation, from_median)
+    triangle = Triangle(model=view.robot.n + 6, motion=3)
+    triangle.add(
+        np.concatenate([joint_columns, rotation, base_columns, drift_columns, distance[..., None]], axis=2)
+    )
+    return triangle
 
 
 UNEXPLAINED: Final = 0.5
@@ -921,10 +937,8 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
         yield view.build_finding(
             "deflection_against_force",
             f"under {figure(float(np.linalg.norm(checked.force[position])))} N the targets moved opposite "
-            "to the "
-            f"prediction from the other observations, by {length_text(predicted[position])}; with the load "
-            "reversed "
-            f"only {length_text(reversed_residual[position])} remain unexplained",
+            f"to the prediction from the other observations, by {length_text(predicted[position])}; with the "
+            f"load reversed only {length_text(reversed_residual[position])} remain unexplained",
             "change the sign of this force, or exchange unloaded and loaded",
             "do_not_use",
             row=int(rows[position]),
@@ -961,8 +975,7 @@ def _find_mistake_of_the_set(
         return view.build_finding(
             "deflections_unexplained",
             f"joint compliances do not explain the deflections: of {length_text(typical_deflection)} "
-            "(median), "
-            f"{100.0 * springs.unexplained:.3g} % remain unexplained",
+            f"(median), {100.0 * springs.unexplained:.3g} % remain unexplained",
             "check the frame and signs of the forces, the joint map, and the order of angles and rows",
             "use",
         )
@@ -1049,10 +1062,8 @@ def _report_residual_outliers(
     """Yield a finding for each reading whose residual is far above the typical residual.
 
     A residual is an outlier if it exceeds the typical residual by a factor, `SMALLEST_RESIDUAL` and the
-    stated
-    noise; and if it is also an unusual share of the deflection. Two targets of an observation whose names
-    look
-    exchanged give a single finding.
+    stated noise; and if it is also an unusual share of the deflection. Two targets of an observation whose
+    names look exchanged give a single finding.
 
     Args:
         view: measurement set.
@@ -1062,37 +1073,21 @@ def _report_residual_outliers(
         compared: (M, T) mask of the readings to compare, all with the same number of coordinates.
     """
     residual_norm, targets = np.linalg.norm(springs.residual, axis=2), measurements.targets
-    reading_count, coordinate_count = (
-        int(compared.sum()),
-        int(measurements.coordinates[compared].max(initial=0)),
-    )
+    reading_count = int(compared.sum())
+    coordinate_count = int(measurements.coordinates[compared].max(initial=0))
     degrees_of_freedom = coordinate_count * reading_count - springs.parameter_count
     if degrees_of_freedom < springs.parameter_count:  # too few readings for a typical residual
         return
     typical_residual = estimate_coordinate_scale(residual_norm[compared], coordinate_count) * np.sqrt(
         coordinate_count * reading_count / degrees_of_freedom
     )
-    limit = (
-        MODEL_ALLOWANCE
-        * compute_norm_quantile(reading_count, degrees_of_freedom, coordinate_count)
-        * typical_residual
-    )
+    limit = MODEL_ALLOWANCE * typical_residual
+    limit *= compute_norm_quantile(reading_count, degrees_of_freedom, coordinate_count)
     # Limit from the stated noise, which is known: its degrees of freedom are practically infinite.
-    noise_limit = (
-        compute_norm_quantile(reading_count, 1e6, coordinate_count) * np.sqrt(2.0) * view.reading_sigma[rows]
-    )
-    # A residual has to be unusual relative to the deflection, too, as parts other than joints bend with the
-    # load.
-    deflection = np.maximum(
-        np.linalg.norm(measurements.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2)
-    )
-    relative_residual = residual_norm / np.maximum(deflection, 1e-300)
-    relative_limit = MODEL_ALLOWANCE * compute_norm_quantile(
-        reading_count, coordinate_count * reading_count, coordinate_count
-    )
-    relative_limit *= estimate_coordinate_scale(relative_residual[compared], coordinate_count)
+    noise_quantile = compute_norm_quantile(reading_count, 1e6, coordinate_count)
+    noise_limit = noise_quantile * np.sqrt(2.0) * view.reading_sigma[rows]
     is_outlier = compared & (residual_norm > np.maximum(max(limit, SMALLEST_RESIDUAL), noise_limit))
-    is_outlier &= relative_residual > min(relative_limit, UNEXPLAINED)
+    is_outlier &= _have_unusual_shares(residual_norm, measurements, springs, compared, coordinate_count)
     for position in np.flatnonzero(is_outlier.any(axis=1)):
         worst_target = int(np.where(compared[position], residual_norm[position], 0.0).argmax())
         pair = find_exchanged_pair(
@@ -1119,6 +1114,36 @@ def _report_residual_outliers(
         )
 
 
+def _have_unusual_shares(
+    residual_norm: FloatArray,
+    measurements: Measurements,
+    springs: Springs,
+    compared: BoolArray,
+    coordinate_count: int,
+) -> BoolArray:
+    """Return a mask (M, T) of residuals that are an unusual share of the deflection.
+
+    Parts other than joints bend with the load, so that residuals grow with the deflection.
+
+    Args:
+        residual_norm: (M, T) norms of the residuals [m].
+        measurements: measurements of M rows.
+        springs: fit of these rows.
+        compared: (M, T) mask of the readings to compare.
+        coordinate_count: number of coordinates of each of these readings.
+    """
+    deflection = np.maximum(
+        np.linalg.norm(measurements.deflection, axis=2), np.linalg.norm(springs.predicted, axis=2)
+    )
+    share = residual_norm / np.maximum(deflection, 1e-300)
+    reading_count = int(compared.sum())
+    limit = MODEL_ALLOWANCE * compute_norm_quantile(
+        reading_count, coordinate_count * reading_count, coordinate_count
+    )
+    limit *= estimate_coordinate_scale(share[compared], coordinate_count)
+    return np.asarray(share > min(limit, UNEXPLAINED))
+
+
 def find_exchanged_pair(
     deflection: FloatArray, predicted: FloatArray, present: BoolArray
 ) -> tuple[int, int] | None:
@@ -1130,10 +1155,8 @@ def find_exchanged_pair(
         present: (T,) mask of the targets that were read.
     """
     read_targets = np.flatnonzero(present)
-    best_pair, least_distance = (
-        None,
-        BETTER * float(np.linalg.norm(deflection[read_targets] - predicted[read_targets])),
-    )
+    best_pair = None
+    least_distance = BETTER * float(np.linalg.norm(deflection[read_targets] - predicted[read_targets]))
     for first, second in combinations(read_targets.tolist(), 2):
         order = np.arange(len(present))
         order[[first, second]] = second, first

@@ -57,7 +57,7 @@ _READ_LENGTHS: Final = (0.02, 100.0)
 FORCES: Final = (5.0, 5e4)
 """Least and greatest plausible force [N]: less deflects nothing, more is twice the payload of the largest
 robots."""
-RARE_TARGET: Final = 0.1
+RARE_TARGET_SHARE: Final = 0.1
 """Fraction of the observations below which the name of a target is probably misspelt."""
 _LIMIT_MARGIN: Final = 1e-3
 _MANY_TURNS: Final = 4 * np.pi
@@ -84,7 +84,16 @@ class View:
         *,
         row: int | None = None,
     ) -> Finding:
-        """Build a finding about the observation with index `row`, or about the whole set if `row` is None."""
+        """Build a finding about an observation, or about the whole set.
+
+        Args:
+            code: kind of the finding.
+            message: what is wrong, in words.
+            remedy: what to do.
+            weight: best verdict that the finding allows.
+            action: correction that a program can make; None if there is none.
+            row: index of the observation; None for the whole set.
+        """
         return Finding(
             code=code,
             weight=weight,
@@ -118,7 +127,7 @@ class View:
 
     @cached_property
     def measured(self) -> BoolArray:
-        """(N, T) mask of targets whose positions were read in R0."""
+        """Mask (N, T) of the targets whose positions were read in R0."""
         return np.asarray(self.measurements.present & ~self.measurements.in_flange)
 
     @cached_property
@@ -131,11 +140,13 @@ class View:
 
     @cached_property
     def reading_sigma(self) -> FloatArray:
-        """(N, T) standard uncertainty of a position in its worst direction [m]; zero where unknown."""
-        m = self.measurements
+        """Standard uncertainty (N, T) of a position in its worst direction [m]; zero where unknown."""
+        measurements = self.measurements
         # The covariance is that of a deflection, the difference of two positions: a position has half of it.
-        greatest_variance = 0.5 * np.linalg.eigvalsh(m.covariance)[..., -1]
-        return np.broadcast_to((m.sigma or 0.0) * np.sqrt(greatest_variance), m.present.shape)
+        greatest_variance = 0.5 * np.linalg.eigvalsh(measurements.covariance)[..., -1]
+        return np.broadcast_to(
+            (measurements.sigma or 0.0) * np.sqrt(greatest_variance), measurements.present.shape
+        )
 
     @cached_property
     def in_order(self) -> bool:
@@ -151,7 +162,7 @@ class View:
 
     @cached_property
     def loaded(self) -> BoolArray:
-        """(N,) mask of observations with a force or a moment."""
+        """Mask (N,) of the observations with a force or a moment."""
         return np.asarray(self.measurements.force.any(axis=1) | self.measurements.moment.any(axis=1))
 
 
@@ -160,19 +171,19 @@ def transform_to_flange(postures: Postures, position: FloatArray, measured: Bool
     return np.where(measured[..., None], postures.to_flange(position), np.nan)
 
 
-def compute_norm_quantile(comparisons: int, freedom: float, coordinates: int = 3) -> float:
-    """Return the limit that the norms of several random vectors exceed with probability `FALSE_ALARM`.
+def compute_norm_quantile(comparisons: int, degrees_of_freedom: float, coordinates: int = 3) -> float:
+    """Return a limit on the norms of random vectors; the greatest norm exceeds it with `FALSE_ALARM`.
 
     The norms are divided by the standard deviation of a coordinate, which was estimated from the data.
 
     Args:
         comparisons: number of vectors.
-        freedom: number of coordinates from whose median the standard deviation was estimated.
+        degrees_of_freedom: number of coordinates from whose median the standard deviation was estimated.
         coordinates: number of coordinates of each vector.
     """
     probability = 1.0 - FALSE_ALARM / max(comparisons, 1)
-    F = special.fdtri(coordinates, max(1.0, MEDIAN_EFFICIENCY * freedom), probability)
-    return float(np.sqrt(coordinates * F))
+    f_quantile = special.fdtri(coordinates, max(1.0, MEDIAN_EFFICIENCY * degrees_of_freedom), probability)
+    return float(np.sqrt(coordinates * f_quantile))
 
 
 def median(sizes: FloatArray) -> float:
@@ -183,7 +194,7 @@ def median(sizes: FloatArray) -> float:
 
 
 def estimate_coordinate_scale(norms: FloatArray, coordinates: int = 3) -> float:
-    """Estimate the standard deviation of a coordinate from the norms (K,) of K vectors; 0 if K is 0."""
+    """Estimate the standard deviation of a coordinate from the norms (K,) of K vectors; 0 without vectors."""
     # Median norm of a vector whose coordinates have the standard deviation 1
     unit_median = float(np.sqrt(2.0 * special.gammaincinv(0.5 * coordinates, 0.5)))
     return median(norms) / unit_median if norms.size else 0.0
@@ -205,8 +216,8 @@ def inspect_values(view: View) -> Iterator[Finding]:
 
 def inspect_angles(view: View) -> Iterator[Finding]:
     """Report angles that seem to be in another unit, and joints beyond the robot's limits."""
-    joints, turning = view.measurements.joints, ~view.robot.prismatic
-    largest = float(np.abs(joints[:, turning]).max(initial=0.0))
+    joints, is_revolute = view.measurements.joints, ~view.robot.prismatic
+    largest = float(np.abs(joints[:, is_revolute]).max(initial=0.0))
     if not view.degrees and largest > _MANY_TURNS:
         yield view.suspect_other_unit("deg", f"the largest angle is {largest:.4g} rad, more than two turns")
     largest_degrees = float(np.rad2deg(largest))
@@ -214,32 +225,33 @@ def inspect_angles(view: View) -> Iterator[Finding]:
         yield view.suspect_other_unit(
             "rad", f"no joint turns by more than {largest_degrees:.3g}° in {len(joints)} observations"
         )
-    q = view.robot.joint_map.model_angles(joints)
+    model_angles = view.robot.joint_map.model_angles(joints)
     lower, upper = view.robot.limits.T
-    outside = (q < lower - _LIMIT_MARGIN) | (q > upper + _LIMIT_MARGIN)
-    for i, j in np.argwhere(outside).tolist():
-        units = JOINT_UNITS[view.robot.joint_kinds[j]]
+    is_outside = (model_angles < lower - _LIMIT_MARGIN) | (model_angles > upper + _LIMIT_MARGIN)
+    for row, joint in np.argwhere(is_outside).tolist():
+        units = JOINT_UNITS[view.robot.joint_kinds[joint]]
         yield view.build_finding(
             "joint_outside_limits",
-            f"the model {units.dimension} of {view.robot.joint_names[j]} is {q[i, j]:.4g} {units.position}, "
-            f"outside its limits [{lower[j]:.4g}, {upper[j]:.4g}] {units.position}",
+            f"the model {units.dimension} of {view.robot.joint_names[joint]} is "
+            f"{model_angles[row, joint]:.4g} {units.position}, "
+            f"outside its limits [{lower[joint]:.4g}, {upper[joint]:.4g}] {units.position}",
             f"check `units.{units.dimension}`, the joint map, and the order of the joints",
-            row=i,
+            row=row,
         )
 
 
 def inspect_rare_targets(view: View) -> Iterator[Finding]:
-    """Report targets that hardly any observation reads: their names may be misspelt."""
+    """Report targets that were read in hardly any observation: their names may be misspelt."""
     present = view.measurements.present
-    count = present.sum(axis=0)
-    for t in np.flatnonzero(count < RARE_TARGET * len(present)):
+    observation_counts = present.sum(axis=0)
+    for target in np.flatnonzero(observation_counts < RARE_TARGET_SHARE * len(present)):
         yield view.build_finding(
             "target_name_suspect",
-            f"target '{view.measurements.targets[t]}' is read in only {count[t]} of {len(present)} "
-            "observations",
+            f"target '{view.measurements.targets[target]}' is read in only {observation_counts[target]} of "
+            f"{len(present)} observations",
             "check the spelling of the target's name",
             "use",
-            row=int(present[:, t].argmax()),
+            row=int(present[:, target].argmax()),
         )
 
 
@@ -286,15 +298,17 @@ def inspect_flange_lengths(view: View) -> Iterator[Finding]:
 
     Positions read in R0 show whether all lengths have another unit, or only those in the flange frame.
     """
-    m = view.measurements
-    points = np.concatenate([m.load_point, m.position[m.present & m.in_flange]])
+    measurements = view.measurements
+    points = np.concatenate(
+        [measurements.load_point, measurements.position[measurements.present & measurements.in_flange]]
+    )
     largest, (near, far) = float(np.linalg.norm(points, axis=1).max()), FLANGE_LENGTHS
     if near <= largest <= far or not largest:
         return
     effect = (
         f"the load points and targets in the flange frame are up to {length_text(largest)} from its origin"
     )
-    farthest = float(np.linalg.norm(m.position[view.measured], axis=1).max(initial=0.0))
+    farthest = float(np.linalg.norm(measurements.position[view.measured], axis=1).max(initial=0.0))
     # Plausible positions in R0 have the declared unit, so only the lengths in the flange frame are wrong.
     if _READ_LENGTHS[0] <= farthest <= _READ_LENGTHS[1]:
         yield view.build_finding(
@@ -309,16 +323,16 @@ def inspect_flange_lengths(view: View) -> Iterator[Finding]:
 
 def inspect_deflections(view: View) -> Iterator[Finding]:
     """Report deflections that are implausibly large, implausibly small, or smaller than the noise."""
-    m = view.measurements
-    length = np.linalg.norm(m.deflection, axis=2)
+    measurements = view.measurements
+    length = np.linalg.norm(measurements.deflection, axis=2)
     largest = length.max(axis=1)
-    for i in np.flatnonzero(largest > LARGEST_DEFLECTION).tolist():
+    for row in np.flatnonzero(largest > LARGEST_DEFLECTION).tolist():
         yield view.build_finding(
             "deflection_implausibly_large",
-            f"target '{m.targets[length[i].argmax()]}' moved by {length_text(largest[i])}",
+            f"target '{measurements.targets[length[row].argmax()]}' moved by {length_text(largest[row])}",
             "check `units.length`, and that unloaded and loaded readings belong together",
             "do_not_use",
-            row=i,
+            row=row,
         )
     if largest.max() < SMALLEST_DEFLECTION and view.loaded.any():
         yield view.build_finding(
@@ -327,35 +341,42 @@ def inspect_deflections(view: View) -> Iterator[Finding]:
             "check `units.length`, and that the loaded readings were taken with the load applied",
             "do_not_use",
         )
-    noise = np.sqrt(2.0) * (m.sigma or 0.0)
-    for i in np.flatnonzero((largest <= NOISE_SIGMAS * noise) & view.loaded).tolist():
+    noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
+    for row in np.flatnonzero((largest <= NOISE_SIGMAS * noise) & view.loaded).tolist():
         yield view.build_finding(
             "deflection_below_noise",
-            f"no target moved by more than {length_text(largest[i])}; the noise of a deflection is "
+            f"no target moved by more than {length_text(largest[row])}; the noise of a deflection is "
             f"{length_text(noise)}",
             "increase the load; check that the loaded readings were taken with the load applied, and "
             "check the stated noise",
             "use",
-            row=i,
+            row=row,
         )
 
 
 def inspect_duplicates(view: View) -> Iterator[Finding]:
     """Report observations whose readings equal those of another observation in every digit."""
-    m = view.measurements
-    values = np.concatenate([m.position * view.measured[..., None], m.deflection], axis=1).reshape(len(m), -1)
-    for i, j in enumerate(find_first_equal(values).tolist()):  # j is the first observation equal to i
-        has_same_angles = np.array_equal(m.joints[i], m.joints[j])
+    measurements = view.measurements
+    values = np.concatenate(
+        [measurements.position * view.measured[..., None], measurements.deflection], axis=1
+    ).reshape(len(measurements), -1)
+    for row, first_equal_row in enumerate(
+        find_first_equal(values).tolist()
+    ):  # j is the first observation equal to i
+        has_same_angles = np.array_equal(measurements.joints[row], measurements.joints[first_equal_row])
         # A few rounded values may agree by chance: report them only if the joint angles agree, too.
-        if j == i or (np.count_nonzero(values[i]) <= _NUMBERS_OF_CHANCE and not has_same_angles):
+        if first_equal_row == row or (
+            np.count_nonzero(values[row]) <= _NUMBERS_OF_CHANCE and not has_same_angles
+        ):
             continue
         yield view.build_finding(
             "duplicated_observation",
-            f"its {'joint angles and ' if has_same_angles else ''}readings equal those of observations[{j}] "
+            f"its {'joint angles and ' if has_same_angles else ''}readings equal those of "
+            f"observations[{first_equal_row}] "
             "to the last digit",
             "remove one of the two observations, or give this observation its own readings",
             "do_not_use",
-            row=i,
+            row=row,
         )
 
 
@@ -365,36 +386,58 @@ def inspect_repeats(view: View) -> Iterator[Finding]:
     Deflections show the tracker's noise alone, as the robot's position cancels; positions show the noise of
     tracker and robot.
     """
-    m = view.measurements
-    posture = np.round(m.joints / SAME_ANGLE)
-    if len(np.unique(find_first_equal(posture))) == len(m):
+    measurements = view.measurements
+    posture = np.round(measurements.joints / SAME_ANGLE)
+    if len(np.unique(find_first_equal(posture))) == len(measurements):
         return
-    load = np.concatenate([m.force, m.moment, m.load_point, m.present], axis=1)
-    along = np.zeros((len(m), 0)) if m.direction is None else np.round(m.direction.reshape(len(m), -1), 4)
-    variance, freedom, count = _pool_scatter(m.deflection, m.coordinates, np.hstack([posture, load, along]))
+    yield from _report_repeated_deflections(view, posture)
+    yield from _report_repeated_positions(view, posture)
+
+
+def _report_repeated_deflections(view: View, posture: FloatArray) -> Iterator[Finding]:
+    """Report the scatter of deflections in equal postures (N, n) under equal loads."""
+    measurements = view.measurements
+    equal_values = [
+        posture,
+        measurements.force,
+        measurements.moment,
+        measurements.load_point,
+        measurements.present,
+    ]
+    if measurements.direction is not None:
+        equal_values.append(np.round(measurements.direction.reshape(len(measurements), -1), 4))
+    variance, degrees_of_freedom, repeated_count = _pool_scatter(
+        measurements.deflection, measurements.coordinates, np.hstack(equal_values)
+    )
     if variance:
         sigma = np.sqrt(variance / 2.0)  # a deflection is the difference of two readings
         statement, exceeds_noise = "no noise is stated", False
-        if m.sigma is not None:
-            statement = f"the stated sigma is {length_text(m.sigma)}"
-            exceeds_noise = special.chdtrc(freedom, freedom * (sigma / m.sigma) ** 2) < FALSE_ALARM
+        if measurements.sigma is not None:
+            statement = f"the stated sigma is {length_text(measurements.sigma)}"
+            chi_square = degrees_of_freedom * (sigma / measurements.sigma) ** 2
+            exceeds_noise = special.chdtrc(degrees_of_freedom, chi_square) < FALSE_ALARM
         yield view.build_finding(
             "repeated_readings",
-            f"{count} observations repeat the posture and load of others; their deflections give sigma "
-            f"= {length_text(sigma)} ({freedom} degrees of freedom), and {statement}",
+            f"{repeated_count} observations repeat the posture and load of others; their deflections give "
+            f"sigma = {length_text(sigma)} ({degrees_of_freedom} degrees of freedom), and {statement}",
             "state a noise that agrees with the repetitions, and find the cause of the scatter between them"
             if exceeds_noise
             else "keep the repetitions in the set: they are used like all other observations",
             "use_with_care" if exceeds_noise else "use",
         )
-    variance, freedom, count = _pool_scatter(
-        m.position, 3 * view.measured, np.hstack([posture, view.measured])
+
+
+def _report_repeated_positions(view: View, posture: FloatArray) -> Iterator[Finding]:
+    """Report the scatter of unloaded positions in equal postures (N, n)."""
+    variance, degrees_of_freedom, repeated_count = _pool_scatter(
+        view.measurements.position, 3 * view.measured, np.hstack([posture, view.measured])
     )
     if variance:
         yield view.build_finding(
             "repeated_readings",
-            f"in {count} repeated postures the unloaded targets scatter by {length_text(np.sqrt(variance))} "
-            f"per coordinate ({freedom} degrees of freedom): tracker and robot together",
+            f"in {repeated_count} repeated postures the unloaded targets scatter by "
+            f"{length_text(np.sqrt(variance))} per coordinate ({degrees_of_freedom} degrees of freedom): "
+            "tracker and robot together",
             "compare this scatter with the stated noise: the excess is the repeatability of the robot",
             "use",
         )
@@ -408,13 +451,13 @@ def _pool_scatter(values: FloatArray, coordinates: IndexArray, keys: FloatArray)
         coordinates: (N, T) number of coordinates that were read; zero where not measured.
         keys: (N, K) keys of the rows; rows with equal keys repeat each other.
     """
-    squares, freedom, count = 0.0, 0, 0
+    squares, degrees_of_freedom, repeated_count = 0.0, 0, 0
     first_equal = find_first_equal(keys)  # for each row, index of the first row with the same keys
     first_rows, sizes = np.unique(first_equal, return_counts=True)
     for first_row in first_rows[sizes > 1]:
         rows = np.flatnonzero(first_equal == first_row)
         repeated = values[rows][:, coordinates[first_row] > 0]
         squares += float(((repeated - repeated.mean(axis=0)) ** 2).sum())
-        freedom += (len(rows) - 1) * int(coordinates[first_row].sum())
-        count += len(rows) - 1
-    return squares / max(freedom, 1), freedom, count
+        degrees_of_freedom += (len(rows) - 1) * int(coordinates[first_row].sum())
+        repeated_count += len(rows) - 1
+    return squares / max(degrees_of_freedom, 1), degrees_of_freedom, repeated_count

@@ -96,7 +96,8 @@ def draw_folds(validation: CrossValidation, joints: FloatArray) -> tuple[IndexAr
             where="observations",
             remedy="add postures, or use elasticity joints",
         )
-    generator, fold_count = np.random.default_rng(validation.seed), min(validation.folds, posture_count)
+    generator = np.random.default_rng(validation.seed)
+    fold_count = min(validation.folds, posture_count)
     folds = []
     for _ in range(validation.draws):
         fold_of_posture = np.empty(posture_count, dtype=np.intp)
@@ -291,9 +292,8 @@ def choose_weight_index(
 
     Args:
         errors: (K, W) errors of K folds for W ascending weights; NaN where no fit was certified.
-        rule: `best_index` takes the weight of least error, `one_standard_error` the largest whose error is
-        within
-            one standard error of the least error.
+        rule: `best` takes the weight of least error, `one_standard_error` the largest whose error is
+            within one standard error of the least error.
         draws: number of random divisions of the same postures into folds. Further draws add no independent
             errors, so the standard error is computed for the folds of one draw.
 
@@ -552,9 +552,8 @@ def _score_held_out(folds: Folds, compliances: FloatArray) -> tuple[FloatArray, 
             predicted = np.einsum("btip,mp->mbti", rows[in_fold, ..., :-1], compliances[:, fold])
             residual = np.linalg.norm(deflection - predicted, axis=-1)
             count = np.maximum(present.sum(axis=1), 1)
-            first_position = int(
-                np.searchsorted(fold_observations, start)
-            )  # position in the fold of the block's first observation
+            # Position in the fold of the block's first observation
+            first_position = int(np.searchsorted(fold_observations, start))
             mean_norm = np.where(present, residual, 0.0).sum(axis=-1) / count
             norms_of_folds[fold][:, first_position : first_position + len(in_fold)] = mean_norm
             residual_sum[:, fold] += residual[:, present].sum(axis=1)

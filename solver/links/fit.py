@@ -156,13 +156,15 @@ def estimate_elastic(folds: Folds, model: ElasticModel, weight: float) -> Elasti
     Raises:
         UnsupportedMethodError: the penalty has no scale, or is too small for the optimum to be certified.
     """
-    robot, measurements, formulation = folds.robot, folds.measurements, folds.formulate_model_fit(model)
+    robot = folds.robot
+    measurements = folds.measurements
+    formulation = folds.formulate_model_fit(model)
     gap_scale = _compute_gap_scale(formulation, measurements.sigma)
-    gap_of_one_sigma = gap_scale / formulation.compute_gap_unit(
-        model
-    )  # gap of a certificate that corresponds to one sigma
+    # Gap of a certificate that corresponds to one sigma
+    gap_of_one_sigma = gap_scale / formulation.compute_gap_unit(model)
     try:  # The solver aims at the desired gap; a larger gap within the accepted limit is no error.
-        wanted_gap, accepted_gap = _DESIRED_GAP * gap_of_one_sigma, _SOLVED_GAP * gap_of_one_sigma
+        wanted_gap = _DESIRED_GAP * gap_of_one_sigma
+        accepted_gap = _SOLVED_GAP * gap_of_one_sigma
         solution, threshold = formulation.fit(model, weight, gap=wanted_gap, accepted=accepted_gap)
     except SolverError as error:
         raise _build_uncertified_error(weight) from error
@@ -227,7 +229,8 @@ def _build_companion(
         compliances: (P,) fitted compliances.
         weight: weight λ of the penalty in the fit.
     """
-    weight, stated = formulation.convert_weight_to_squares(model, compliances, weight), formulation.sigma
+    weight = formulation.convert_weight_to_squares(model, compliances, weight)
+    stated = formulation.sigma
     _, degrees_of_freedom, sigma, chi_square = _summarise_residuals(formulation, weight, compliances, stated)
     if stated is None or sigma is None:
         return Companion(formulation, weight, sigma, degrees_of_freedom)
@@ -598,7 +601,8 @@ def _build_effective_joint(
         index: index of the joint.
         bending_words: name of the link or base that bends about the joint's axis; None if both are rigid.
     """
-    compliance, uncertainty = float(effective.compliance[index]), float(effective.uncertainty[index])
+    compliance = float(effective.compliance[index])
+    uncertainty = float(effective.uncertainty[index])
     if joint.status == "not_observable" or np.isnan(compliance):
         return joint
     lower, upper = effective.ends[index].tolist()

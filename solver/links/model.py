@@ -185,10 +185,8 @@ def compress_elastic_rows(
         MeasurementError: a covariance is not positive definite.
     """
     triangles = [Triangle(entries=columns.width) for _ in parts]
-    squared_levers, rows_of_targets = (
-        np.zeros((len(parts), robot.n + 1)),
-        [[np.zeros((0, 3, columns.width + 1))] for _ in parts],
-    )
+    squared_levers = np.zeros((len(parts), robot.n + 1))
+    rows_of_targets = [[np.zeros((0, 3, columns.width + 1))] for _ in parts]
     keeps_rows = [int(measurements.present[part].sum()) <= MOST_TARGETS for part in parts]
     start = 0  # index of the first observation of the block
     for block, rows in generate_elastic_blocks(robot, measurements, columns):
@@ -417,8 +415,7 @@ class Formulation:
 
         Returns:
             The solution, parameters (p,) with their certificate; and the threshold h [m] of Huber's loss: 0
-            for the
-            absolute loss, inf for squares.
+            for the absolute loss, inf for squares.
 
         Raises:
             SolverError: no optimum is certified within the accepted gap.
@@ -504,8 +501,7 @@ class Formulation:
         """Return the penalty's weight for plain squares that is as strong as λ is in a robust fit.
 
         In the gradient of the absolute loss all residuals count with length 1; in the gradient of squares
-        each
-        residual counts with its own length. The weight is therefore multiplied by the mean length.
+        each residual counts with its own length. The weight is therefore multiplied by the mean length.
 
         Args:
             model: elastic elements that bend, and the loss.

@@ -95,65 +95,79 @@ class Expectation:
     spread: float  #: standard deviation of a coordinate of these positions [m]
 
     @classmethod
-    def from_readings(cls, robot: Robot, others: Measurements, compliance: FloatArray) -> Expectation | None:
-        """Fit N readings to predict another reading; return None if nothing determines the noise.
+    def from_readings(
+        cls, robot: Robot, other_readings: Measurements, compliance: FloatArray
+    ) -> Expectation | None:
+        """Fit some readings in order to predict another reading; return None if nothing determines the noise.
 
         Args:
             robot: n joints.
-            others: N observations under load.
+            other_readings: N observations under load.
             compliance: (n,) compliances from a fit to these readings [rad/(N·m)].
 
         Raises:
             SolverError: no equilibrium is found under the load.
         """
-        common = others.common_uncertainty
-        errors = [(term, term.prior(common)) for term in TERMS.values()]
-        errors = [(term, prior) for term, prior in errors if prior and max(prior) > 0.0]
-        terms = (JOINTS, *(term for term, _ in errors))
-        stack = _build_stack(robot, others, terms, compliance)
-        triangle, read = stack.triangle(), int(stack.read.sum())
+        common_uncertainty = other_readings.common_uncertainty
+        terms_and_priors = [(term, term.prior(common_uncertainty)) for term in TERMS.values()]
+        terms_and_priors = [(term, prior) for term, prior in terms_and_priors if prior and max(prior) > 0.0]
+        terms = (JOINTS, *(term for term, _ in terms_and_priors))
+        stack = _build_stack(robot, other_readings, terms, compliance)
+        triangle, coordinate_count = stack.triangle(), int(stack.read.sum())
         squared_deflections = float(np.square(triangle.rhs).sum())
         # Norms of the joints' columns; inf gives a joint that no reading depends on a prior of zero.
-        size = np.linalg.norm(triangle.matrix[:, triangle.span[JOINTS.name]], axis=0)
-        size = np.where(size > 1e-9 * size.max(), size, np.inf)
-        prior_deviations = [_VAGUE * np.sqrt(squared_deflections or len(stack.flat)) / size]
-        for term, prior in errors:
+        column_norms = np.linalg.norm(triangle.matrix[:, triangle.span[JOINTS.name]], axis=0)
+        column_norms = np.where(column_norms > 1e-9 * column_norms.max(), column_norms, np.inf)
+        prior_deviations = [_VAGUE * np.sqrt(squared_deflections or len(stack.flat)) / column_norms]
+        for term, prior in terms_and_priors:
             prior_deviations.append(np.resize(np.array(prior), stack.widths[term.name]))
-        unit = np.concatenate(prior_deviations)
-        stated = None if others.sigma is None else others.sigma**2
-        variance, freedom = stated or squared_deflections / len(stack.flat) or 1.0, np.inf
+        prior_deviation = np.concatenate(prior_deviations)
+        stated_variance = None if other_readings.sigma is None else other_readings.sigma**2
+        variance, variance_freedom = stated_variance or squared_deflections / len(stack.flat) or 1.0, np.inf
         # The weight of the prior depends on the variance, which the fit determines: repeat the fit.
-        for _ in range(1 if stated is None and read <= robot.n else 3):
-            fit, used_variance = triangle.fit_with_prior(unit, variance), variance
-            degrees_of_freedom = read - int(np.isfinite(size).sum())
+        for _ in range(1 if stated_variance is None and coordinate_count <= robot.n else 3):
+            fit, used_variance = triangle.fit_with_prior(prior_deviation, variance), variance
+            degrees_of_freedom = coordinate_count - int(np.isfinite(column_norms).sum())
             if degrees_of_freedom < 1:
                 break
             residual_variance = fit.squares / degrees_of_freedom
             noise_explains = (
-                stated is not None and special.chdtrc(degrees_of_freedom, fit.squares / stated) > _EXPLAINED
+                stated_variance is not None
+                and special.chdtrc(degrees_of_freedom, fit.squares / stated_variance) > _EXPLAINED
             )
             if noise_explains:
-                variance, freedom = stated or 0.0, np.inf
+                variance, variance_freedom = stated_variance or 0.0, np.inf
             else:
-                variance, freedom = max(residual_variance, 1e-24), degrees_of_freedom
-        if stated is None and not np.isfinite(freedom):
+                variance, variance_freedom = max(residual_variance, 1e-24), degrees_of_freedom
+        if stated_variance is None and not np.isfinite(variance_freedom):
             return None
-        root = np.sqrt(variance / used_variance) * fit.root
-        places, spread = _compute_median_places(robot, others)
-        noise = variance if stated is None else stated
-        misfit = (variance - noise) / (squared_deflections / read)
-        return cls(robot, terms, compliance, fit.unknowns, root, noise, misfit, freedom, places, spread)
+        covariance_root = np.sqrt(variance / used_variance) * fit.root
+        places, spread = _compute_median_places(robot, other_readings)
+        noise = variance if stated_variance is None else stated_variance
+        misfit = (variance - noise) / (squared_deflections / coordinate_count)
+        return cls(
+            robot,
+            terms,
+            compliance,
+            fit.unknowns,
+            covariance_root,
+            noise,
+            misfit,
+            variance_freedom,
+            places,
+            spread,
+        )
 
     def measure_distance(
-        self, reading: Measurements, *, free: Term | None = None, usual: float = 0.0
+        self, reading: Measurements, *, free_term: Term | None = None, usual_share: float = 0.0
     ) -> tuple[float, float, int]:
         """Measure how far one reading is from its prediction, relative to the uncertainty of the prediction.
 
         Args:
             reading: one observation.
-            free: term, such as the size of the force, that is fitted to this reading alone; None fits no
+            free_term: term, such as the size of the force, that is fitted to this reading alone; None fits no
                 term.
-            usual: share of the deflection by which all targets together may deviate without being doubtful.
+            usual_share: share of the deflection by which all targets together may deviate without doubt.
 
         Returns:
             Squared distance in standard uncertainties; probability of at least this distance; and number of
@@ -163,24 +177,33 @@ class Expectation:
             SolverError: no equilibrium is found under the load.
         """
         rows = _build_stack(self.robot, reading, self.terms, self.compliance).flat
-        count = int(reading.coordinates.sum())
+        coordinate_count = int(reading.coordinates.sum())
         prediction_root, predicted = rows[:, :-1] @ self.root, rows[:, :-1] @ self.best
-        variance = self.noise + self.misfit * float(np.square(predicted).sum()) / count
+        variance = self.noise + self.misfit * float(np.square(predicted).sum()) / coordinate_count
         covariance = variance * np.eye(len(prediction_root)) + prediction_root @ prediction_root.T
-        if usual**2 > self.misfit:
+        if usual_share**2 > self.misfit:
             # All targets may be shifted together by the usual share of the deflection.
             shift = _build_stack(self.robot, reading, (SHIFT,), self.compliance).flat[:, :-1]
-            shift_variance = (usual**2 - self.misfit) * np.square(predicted).sum() / np.square(shift).sum()
+            shift_variance = (
+                (usual_share**2 - self.misfit) * np.square(predicted).sum() / np.square(shift).sum()
+            )
             covariance += shift_variance * shift @ shift.T
         factor = np.linalg.cholesky(covariance)
-        e = np.linalg.solve(factor, rows[:, -1] - predicted)  # whitened difference
-        if free is not None:
-            term_rows = _build_stack(self.robot, reading, (free,), self.compliance).flat
-            C = np.linalg.solve(factor, term_rows[:, :-1])
-            e = e - C @ np.linalg.lstsq(C, e, rcond=None)[0]
-            count -= C.shape[1]
-        square = float(e @ e)
-        return square, self.compute_exceedance_probability(square, count), count
+        whitened_difference = np.linalg.solve(factor, rows[:, -1] - predicted)  # whitened difference
+        if free_term is not None:
+            term_rows = _build_stack(self.robot, reading, (free_term,), self.compliance).flat
+            whitened_columns = np.linalg.solve(factor, term_rows[:, :-1])
+            whitened_difference = (
+                whitened_difference
+                - whitened_columns @ np.linalg.lstsq(whitened_columns, whitened_difference, rcond=None)[0]
+            )
+            coordinate_count -= whitened_columns.shape[1]
+        squared_distance = float(whitened_difference @ whitened_difference)
+        return (
+            squared_distance,
+            self.compute_exceedance_probability(squared_distance, coordinate_count),
+            coordinate_count,
+        )
 
     def compute_greatest_distance(self, reading: Measurements) -> float:
         """Return the greatest distance of a target of one reading from its prediction [m]."""
@@ -233,54 +256,62 @@ def compare_last_reading(robot: Robot, measurements: Measurements, compliance: F
         compliance: (n,) compliances from a fit to the other readings [rad/(N·m)].
     """
     reading = measurements[-1:]
-    others = measurements[:-1] if len(measurements) > 1 else None
+    other_readings = measurements[:-1] if len(measurements) > 1 else None
     try:
-        expected = None if others is None else Expectation.from_readings(robot, others, compliance)
-        if others is None or expected is None:
+        expectation = (
+            None if other_readings is None else Expectation.from_readings(robot, other_readings, compliance)
+        )
+        if other_readings is None or expectation is None:
             return _NOT_COMPARABLE
-        _, p_value, _ = expected.measure_distance(reading)
+        _, p_value, _ = expectation.measure_distance(reading)
         # Two numbers each: of the whole distance, and of the part that another size of the force explains.
-        squares, p_values = _measure_unusual_distances(expected, reading, _USUAL)
+        squares, p_values = _measure_unusual_distances(expectation, reading, _USUAL)
         is_far = p_values < DOUBTFUL
-        is_misplaced = expected.compare_unloaded_places(reading)[1] < _WRONG_PLACE
-        distance = expected.compute_greatest_distance(reading)
+        is_misplaced = expectation.compare_unloaded_places(reading)[1] < _WRONG_PLACE
+        distance = expectation.compute_greatest_distance(reading)
         causes, doubtful = list[str](), bool(is_far.any())
         if doubtful or is_misplaced:
-            is_slip, causes = _find_causes(expected, reading, others)
+            is_slip, causes = _find_causes(expectation, reading, other_readings)
             # With a model error the other readings are as far from their predictions as this reading. The
             # reading is doubtful only if it is farther; with too few other readings, only if a slip explains
             # it.
-            factor = np.ones(2)
+            factors = np.ones(2)
             if not is_slip:
-                factor = np.array([_BEYOND, _FARTHER if expected.misfit == 0.0 else _BEYOND])
+                factors = np.array([_BEYOND, _FARTHER if expectation.misfit == 0.0 else _BEYOND])
             limits = np.array([0.0 if is_slip else np.inf, np.inf])
-            if len(others) >= _FEWEST:
-                limits = factor * _cross_check_readings(expected, others, _USUAL).max(axis=0)
+            if len(other_readings) >= _FEWEST:
+                limits = factors * _cross_check_readings(expectation, other_readings, _USUAL).max(axis=0)
             doubtful = bool((is_far & (squares > limits)).any())
     except SolverError:  # Other findings report a load without equilibrium.
         return _NOT_COMPARABLE
     if not doubtful and not is_misplaced:
         return Innovation(p_value, distance, message="as expected")
     if not causes and is_misplaced:
-        # Targets are fixed to the flange, so that wrong joint angles misplace them.
-        same = np.isclose(others.joints, reading.joints[0]).all(axis=1)
-        whose = (
-            f"those of '{others.labels[int(np.argmax(same))]}'" if same.any() else "not those of this posture"
-        )
-        causes = [f"the joint angles are {whose}"]
-    where = (
+        causes = [_describe_wrong_angles(reading, other_readings)]
+    place_text = (
         f"{length_text(distance)} from where the other readings predict it"
         if doubtful
         else "the unloaded targets are misplaced"
     )
-    why = " or ".join(causes) + "?" if causes else "no single mistake explains it"
+    cause_text = " or ".join(causes) + "?" if causes else "no single mistake explains it"
     return Innovation(
         p_value=p_value,
         distance=distance,
         doubtful=True,
         causes=causes,
-        message=f"{where}: {why} Read it again before the load is taken off.",
+        message=f"{place_text}: {cause_text} Read it again before the load is taken off.",
     )
+
+
+def _describe_wrong_angles(reading: Measurements, other_readings: Measurements) -> str:
+    """Return the cause of misplaced targets: wrong joint angles, maybe those of another reading.
+
+    Targets are fixed to the flange, so that wrong joint angles misplace them.
+    """
+    is_same_posture = np.isclose(other_readings.joints, reading.joints[0]).all(axis=1)
+    if not is_same_posture.any():
+        return "the joint angles are not those of this posture"
+    return f"the joint angles are those of '{other_readings.labels[int(np.argmax(is_same_posture))]}'"
 
 
 @dataclass(frozen=True)
@@ -293,7 +324,7 @@ class HeldOut:
 
     @property
     def inside(self) -> bool:
-        """True if the reading lies in the 90 % ball about its prediction."""
+        """True if the reading lies in the ball about its prediction that contains 90 % of readings."""
         return self.ball_ratio <= 1.0
 
 
@@ -314,63 +345,76 @@ def check_held_out_reading(
     Returns:
         The comparison; None if the other readings cannot predict the held-out reading.
     """
-    others = measurements[np.delete(np.arange(len(measurements)), row)]
+    other_readings = measurements[np.delete(np.arange(len(measurements)), row)]
     reading = measurements[np.array([row])]
     try:
-        expected = Expectation.from_readings(robot, others, compliance)
-        if expected is None:
+        expectation = Expectation.from_readings(robot, other_readings, compliance)
+        if expectation is None:
             return None
-        square, _, count = expected.measure_distance(reading)
-        limit = expected.compute_squared_distance_quantile(_BALL, count)
-        if len(others) >= _FEWEST:
+        squared_distance, _, count = expectation.measure_distance(reading)
+        limit = expectation.compute_squared_distance_quantile(_BALL, count)
+        if len(other_readings) >= _FEWEST:
             # The distance that 90 % of the other readings do not exceed (conformal prediction).
-            squares = np.sort(_cross_check_readings(expected, others, 0.0)[:, 0])
+            squares = np.sort(_cross_check_readings(expectation, other_readings, 0.0)[:, 0])
             rank = min(len(squares) - 1, int(np.ceil(_BALL * (len(squares) + 1))) - 1)
             limit = max(limit, float(squares[rank]))
-        distance = expected.compute_greatest_distance(reading)
+        distance = expectation.compute_greatest_distance(reading)
     except SolverError:
         return None
-    return HeldOut(measurements.labels[row], float(np.sqrt(square / limit)), distance)
+    return HeldOut(measurements.labels[row], float(np.sqrt(squared_distance / limit)), distance)
 
 
 def _measure_unusual_distances(
-    expected: Expectation, reading: Measurements, usual: float
+    expectation: Expectation, reading: Measurements, usual_share: float
 ) -> tuple[FloatArray, FloatArray]:
     """Measure a reading's distance from its prediction, where a usual share of the deflection is allowed.
 
     Args:
-        expected: fit of the other readings.
+        expectation: fit of the other readings.
         reading: one observation.
-        usual: share of the deflection by which all targets together may deviate.
+        usual_share: share of the deflection by which all targets together may deviate.
 
     Returns:
         (2,) squared distance, and the part of it that another size of the force explains; and (2,) the
         p-values of these two numbers.
     """
-    square, p_value, _ = expected.measure_distance(reading, usual=usual)
-    fitted, _, _ = expected.measure_distance(reading, usual=usual, free=FORCE_SCALE)
-    gain = square - fitted
-    return np.array([square, gain]), np.array([p_value, expected.compute_exceedance_probability(gain, 1)])
+    squared_distance, p_value, _ = expectation.measure_distance(reading, usual_share=usual_share)
+    distance_with_other_force, _, _ = expectation.measure_distance(
+        reading, usual_share=usual_share, free_term=FORCE_SCALE
+    )
+    gain = squared_distance - distance_with_other_force
+    return np.array([squared_distance, gain]), np.array(
+        [p_value, expectation.compute_exceedance_probability(gain, 1)]
+    )
 
 
-def _cross_check_readings(expected: Expectation, others: Measurements, usual: float) -> FloatArray:
+def _cross_check_readings(expectation: Expectation, readings: Measurements, usual_share: float) -> FloatArray:
     """Predict each of K readings from the rest, and return the squared distances (K, 2).
 
-    The columns are the squared distance, and the part of it that another size of the force explains. All
-    predictions use the noise of `expected`. If no reading can be predicted, the result is one row of zeros.
+    The columns are the squared distance from the prediction, and the part of it that another size of the
+    force explains. All predictions use the noise of `expectation`. If no reading can be predicted, the result
+    is one row of zeros.
     """
     squares = []
-    for k in range(len(others)):
-        part = others[np.delete(np.arange(len(others)), k)]
-        rest = Expectation.from_readings(expected.robot, part, expected.compliance)
-        if rest is not None:
-            rest = replace(rest, noise=expected.noise, misfit=expected.misfit)
-            squares.append(_measure_unusual_distances(rest, others[np.array([k])], usual)[0])
+    for left_out in range(len(readings)):
+        remaining_readings = readings[np.delete(np.arange(len(readings)), left_out)]
+        expectation_of_rest = Expectation.from_readings(
+            expectation.robot, remaining_readings, expectation.compliance
+        )
+        if expectation_of_rest is not None:
+            expectation_of_rest = replace(
+                expectation_of_rest, noise=expectation.noise, misfit=expectation.misfit
+            )
+            squares.append(
+                _measure_unusual_distances(expectation_of_rest, readings[np.array([left_out])], usual_share)[
+                    0
+                ]
+            )
     return np.array(squares) if squares else np.zeros((1, 2))
 
 
 def _find_causes(
-    expected: Expectation, reading: Measurements, others: Measurements
+    expectation: Expectation, reading: Measurements, other_readings: Measurements
 ) -> tuple[bool, list[str]]:
     """Search for the mistakes that explain a doubtful reading.
 
@@ -380,15 +424,17 @@ def _find_causes(
     """
     # Whether a term was fitted, criterion, and words. Slips are preferred to fitted terms.
     scores: list[tuple[bool, float, str]] = []
-    for words, corrected, free, unknowns in _propose_mistakes(expected.robot, reading, others):
+    for words, corrected, fitted_term, unknown_count in _propose_mistakes(
+        expectation.robot, reading, other_readings
+    ):
         try:
-            square, p_value, _ = expected.measure_distance(corrected, free=free)
+            square, p_value, _ = expectation.measure_distance(corrected, free_term=fitted_term)
         except SolverError:
             continue
-        place_square, p_place = expected.compare_unloaded_places(corrected)
+        place_square, p_place = expectation.compare_unloaded_places(corrected)
         if p_value > _PLAUSIBLE and p_place > _WRONG_PLACE:
-            penalty = unknowns * np.log(reading.coordinates.sum())  # Bayesian information criterion
-            scores.append((free is not None, square + place_square + penalty, words))
+            penalty = unknown_count * np.log(reading.coordinates.sum())  # Bayesian information criterion
+            scores.append((fitted_term is not None, square + place_square + penalty, words))
     scores.sort(key=lambda score: score[:2])
     named = [
         words
@@ -399,13 +445,14 @@ def _find_causes(
 
 
 def _propose_mistakes(
-    robot: Robot, reading: Measurements, others: Measurements
+    robot: Robot, reading: Measurements, other_readings: Measurements
 ) -> Iterator[tuple[str, Measurements, Term | None, int]]:
     """Yield mistakes that may have happened with a reading.
 
     Yields:
-        The mistake in words; the reading corrected for the mistake; the term to fit to this reading (None for
-        a slip, which has no size); and the number of unknowns that the mistake adds.
+        The mistake in words; the reading corrected for the mistake; the term to fit to this reading (None if
+        the corrected reading has no unknown); and the number of unknowns that count for the mistake, where
+        the choice among postures counts as one.
     """
     yield "the force has the opposite sign", replace(reading, force=-reading.force), None, 0
     if not reading.in_flange.any():
@@ -414,13 +461,13 @@ def _propose_mistakes(
         yield "unloaded and loaded readings are exchanged", swapped, None, 0
     for words, exchanged in _propose_target_exchanges(reading):
         yield words, exchanged, None, 0
-    for label, joints in zip(others.labels, others.joints, strict=True):
+    for label, joints in zip(other_readings.labels, other_readings.joints, strict=True):
         if not np.allclose(joints, reading.joints[0]):
             yield f"the arm was in the posture of '{label}'", replace(reading, joints=joints[None]), None, 1
-    for j, name in enumerate(robot.joint_names):
-        turned = reading.joints.copy()
-        turned[0, j] *= -1.0
-        yield f"the angle of {name} has the opposite sign", replace(reading, joints=turned), None, 0
+    for joint, name in enumerate(robot.joint_names):
+        joints_with_sign = reading.joints.copy()
+        joints_with_sign[0, joint] *= -1.0
+        yield f"the angle of {name} has the opposite sign", replace(reading, joints=joints_with_sign), None, 0
     yield "the force differs from the stated one", reading, FORCE_SCALE, 1
     yield "the arm or the tracker moved between the two readings", reading, SHIFT, 3
 
@@ -428,10 +475,10 @@ def _propose_mistakes(
 def _propose_target_exchanges(reading: Measurements) -> Iterator[tuple[str, Measurements]]:
     """Yield each exchange of two targets in words, and the reading with the exchange undone."""
     before, after = reading.position, reading.position + reading.deflection
-    for a, b in combinations(np.flatnonzero(reading.present[0]).tolist(), 2):
+    for first, second in combinations(np.flatnonzero(reading.present[0]).tolist(), 2):
         order = np.arange(len(reading.targets))
-        order[[a, b]] = b, a
-        words = f"{reading.targets[a]} and {reading.targets[b]} are exchanged"
+        order[[first, second]] = second, first
+        words = f"{reading.targets[first]} and {reading.targets[second]} are exchanged"
         if reading.in_flange.any():
             yield words, replace(reading, deflection=reading.deflection[:, order])
             continue
@@ -457,17 +504,17 @@ def _build_stack(
     return Stack.from_blocks(regressor_blocks(robot, measurements, compliance), terms, compliance)
 
 
-def _compute_median_places(robot: Robot, others: Measurements) -> tuple[FloatArray, float]:
+def _compute_median_places(robot: Robot, measurements: Measurements) -> tuple[FloatArray, float]:
     """Return the median positions (T, 3) of targets in the flange frame, and their standard deviation [m].
 
     With fewer than `_FEWEST` observations, or without absolute positions, the positions are NaN. The standard
     deviation is at least `_PLACE`.
     """
-    places = View(robot, others).places
-    if len(others) < _FEWEST or np.isnan(places).all():
+    places = View(robot, measurements).places
+    if len(measurements) < _FEWEST or np.isnan(places).all():
         return np.full(places.shape[1:], np.nan), _PLACE
     with np.errstate(all="ignore"):
         # 1.5 is nearly the ratio of the standard deviation to the median absolute deviation.
-        middle = np.nanmedian(places, axis=0)
-        spread = 1.5 * float(np.nanmedian(np.abs(places - middle)))
-    return middle, max(_PLACE, spread)
+        median_places = np.nanmedian(places, axis=0)
+        spread = 1.5 * float(np.nanmedian(np.abs(places - median_places)))
+    return median_places, max(_PLACE, spread)

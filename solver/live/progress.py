@@ -103,7 +103,7 @@ class Progress:
 
     @cached_property
     def _fitted(self) -> tuple[FloatArray, Scatter] | None:
-        """Compliances (n,) from the readings that count [rad/(N·m)], and what the targets of a posture share.
+        """Compliances (n,) from the readings that count [rad/(N·m)], and scatter shared by targets.
 
         None if the readings do not identify any joint.
         """
@@ -133,7 +133,10 @@ class Progress:
     def _identify_with_priors(
         self, priors: Mapping[str, StiffnessPrior]
     ) -> RunResult | JointstiffError | None:
-        """Identify the joints from the readings so far, with priors; return the error if this fails."""
+        """Identify the joints from the readings so far, with priors of their stiffnesses.
+
+        Return the result; the error if the run fails; None without readings.
+        """
         if self.so_far.measurements is None:
             return None
         try:
@@ -183,7 +186,8 @@ class Progress:
             covariance, factor = _combine_covariances(result.budget, robot.joint_names, ignored)
         else:
             u = np.array([joint.standard_uncertainty or np.nan for joint in result.joints], dtype=np.float64)
-            covariance, factor = np.diag(np.square(np.nan_to_num(u))), student_quantile(0.975, None)
+            covariance = np.diag(np.square(np.nan_to_num(u)))
+            factor = student_quantile(0.975, None)
         known = np.diagonal(covariance) > 0.0
         return KnownCompliances(np.where(known, compliance, np.nan), covariance, factor)
 
@@ -388,14 +392,14 @@ class Progress:
 
         The relative uncertainty is given without and with assumed errors of load point and force.
         """
-        whole, robot, joints = (
-            self._extract_known_compliances(self.result, assumed=True),
-            self.candidates.robot,
-            [],
-        )
+        whole = self._extract_known_compliances(self.result, assumed=True)
+        robot = self.candidates.robot
+        joints = []
         half = whole.factor * np.sqrt(np.diagonal(whole.covariance))
         for j, (name, kind) in enumerate(zip(robot.joint_names, robot.joint_kinds, strict=True)):
-            c, h, prior = float(self.known.compliance[j]), float(half[j]), self.prior_standings.get(name)
+            c = float(self.known.compliance[j])
+            h = float(half[j])
+            prior = self.prior_standings.get(name)
             if not np.isfinite(c):
                 unknown_joint = LiveJoint(name=name, kind=kind, stiffness=None, interval=None, relative=None)
                 is_twisted = j in self.candidates.twisted_joints
@@ -444,7 +448,8 @@ def _combine_covariances(
     """
     in_budget = [names.index(name) for name in budget.joints]
     # The sum of u⁴ over degrees of freedom is the denominator of the formula of Welch and Satterthwaite.
-    total, denominator = np.zeros((len(in_budget), len(in_budget))), np.zeros(len(in_budget))
+    total = np.zeros((len(in_budget), len(in_budget)))
+    denominator = np.zeros(len(in_budget))
     for part in budget.components:
         counts = part.included or part.source == "model_error"
         if not counts or part.source in ignored:

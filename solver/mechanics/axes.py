@@ -47,7 +47,10 @@ class DisplacedAxis:
         axis_motion[:, :, joint] += postures.placement_motions[:, joint] @ axis_displacements
         axis_motion[:, :, joint + 1 :] += motion_behind_axis[:, :, None]
         # Translation and rotation of S_k, and of the motion u in the module's formula
-        v, w, u_v, u_w = S[:, :3, :, None], S[:, 3:, :, None], axis_motion[:, :3], axis_motion[:, 3:]
+        v = S[:, :3, :, None]
+        w = S[:, 3:, :, None]
+        u_v = axis_motion[:, :3]
+        u_w = axis_motion[:, 3:]
         return cls(
             linear=np.cross(u_w, v, axis=1) + np.cross(u_v, w, axis=1),
             angular=np.cross(u_w, w, axis=1),
@@ -65,8 +68,8 @@ def differentiate_torque(
 ) -> FloatArray:
     """Return the derivative (B, n, k) of the load's joint torques with respect to displacements of an axis.
 
-    The joints do not move out of the B postures. `axis_displacements` (6, k) holds the displacements of the
-    axis of `joint`: translations along, then rotations about the axes of the joint's frame.
+    The joint angles of the B postures stay the same. `axis_displacements` (6, k) holds the displacements of
+    the axis of `joint`: translations along, then rotations about the axes of the joint's frame.
     """
     measurements = block.measurements
     no_motion = np.zeros((*postures.q.shape, axis_displacements.shape[1]))
@@ -101,7 +104,9 @@ def differentiate_deflection(
         The derivatives with respect to k displacements: of the targets' deflections (B, T, 3, k) [m per
         unit], and of the joint torques (B, n, k) [N·m per unit].
     """
-    measurements, postures, equilibrium_compliance = block.measurements, block.postures, block.compliance
+    measurements = block.measurements
+    postures = block.postures
+    equilibrium_compliance = block.compliance
     on_flange = measurements.in_flange[..., None, None]
     if equilibrium_compliance is None:  # the block neglects the complementary stiffness
         torque = differentiate_torque(block, postures, joint, axis_displacements)

@@ -139,7 +139,8 @@ def find_balance(
         stiffness = wrench_stiffness(loaded.angular_jacobian, jacobian, cases.force, cases.moment)
         if weight is not None:
             weight_torque, weight_stiffness = weight.torque_and_stiffness(robot, loaded)
-            torque, stiffness = torque + weight_torque - unloaded_weight, stiffness + weight_stiffness
+            torque = torque + weight_torque - unloaded_weight
+            stiffness = stiffness + weight_stiffness
         softening = compliance[:, None] * stiffness
         residual = compliance * torque - deflection
         softened = _invert_softening(softening)
@@ -181,9 +182,8 @@ def wrench_stiffness(
         )
     if moment.any():
         moment_terms = np.einsum("ijn,ikn->jkn", axes, cross(moment.T[:, None], axes))
-        stiffness += (
-            np.tri(joint_count, k=-1)[..., None] * moment_terms
-        )  # only joints k before j turn the axis a_j
+        # Only joints k before j turn the axis a_j
+        stiffness += np.tri(joint_count, k=-1)[..., None] * moment_terms
     return stiffness.transpose(2, 0, 1)
 
 
@@ -193,7 +193,8 @@ def _invert_softening(softening: FloatArray) -> FloatArray:
     Raises:
         RequestError: a matrix is singular, so that a load case has no balance.
     """
-    identity, size = np.eye(softening.shape[1]), float(_infinity_norms(softening).max(initial=0.0))
+    identity = np.eye(softening.shape[1])
+    size = float(_infinity_norms(softening).max(initial=0.0))
     if not size <= _SMALL:  # also taken if the size is NaN
         try:
             return np.asarray(np.linalg.inv(identity - softening))
@@ -337,10 +338,8 @@ class RegressorBlock:
         """Whiten rows (B, T, 3, k) of the targets, so that the noise of each row has variance sigma².
 
         First each reading is whitened by its own covariance Σ. Errors that a posture's targets share add G Gᵀ
-        to
-        the covariance I of these rows. The symmetric root ``(I + G Gᵀ)^(-1/2)`` keeps each row close to the
-        reading
-        that it belongs to. Weights by a robust loss apply to rows of independent noise.
+        to the covariance I of these rows. The symmetric root ``(I + G Gᵀ)^(-1/2)`` keeps each row close to
+        the reading that it belongs to. Weights by a robust loss apply to rows of independent noise.
         """
         measurements = self.measurements
         whitened_rows = whitened(measurements.covariance, rows)
@@ -369,8 +368,7 @@ def compute_scatter_roots(
 
     Returns:
         Directions U (B, 3 T, r), the left singular vectors of G; factors w (B, r) with ``I − U diag(w) Uᵀ``
-        the
-        symmetric root of the inverse covariance; and the variances (B, r) in these directions.
+        the symmetric root of the inverse covariance; and the variances (B, r) in these directions.
     """
     motion_by_joints, motion_by_station = shared_motion
     G = np.concatenate([joints * motion_by_joints, station * motion_by_station], axis=-1)
@@ -448,7 +446,8 @@ def unloaded_postures(robot: Robot, measurements: Measurements) -> Postures:
 def targets_in_flange(robot: Robot, part: Measurements) -> FloatArray:
     """Return the mean place (T, 3) of each target in the flange frame [m] over all observations."""
     read = unloaded_postures(robot, part).to_flange(part.position)
-    places, present = np.where(part.in_flange[..., None], part.position, read), part.present[..., None]
+    places = np.where(part.in_flange[..., None], part.position, read)
+    present = part.present[..., None]
     return np.asarray(np.where(present, places, 0.0).sum(axis=0) / np.maximum(present.sum(axis=0), 1))
 
 

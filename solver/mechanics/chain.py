@@ -107,17 +107,17 @@ class ChainJoint:
 
     @property
     def is_moving(self) -> bool:
-        """Return whether the joint moves, so that it has a position."""
+        """True if the joint moves, so that it has a position."""
         return self.kind != "fixed"
 
     @property
     def placement(self) -> pin.SE3:
-        """Return the joint's frame in the parent link's frame [m]."""
+        """Placement of the joint's frame in the frame of the parent link [m]."""
         return pin.SE3(self.rotation, self.translation)
 
     @property
     def roll_pitch_yaw(self) -> tuple[float, float, float]:
-        """Return the rotation as angles about the parent link's fixed x, y and z axes [rad]."""
+        """Rotation of the joint's frame: angles about the fixed x, y and z axes of the parent link [rad]."""
         roll, pitch, yaw = pin.rpy.matrixToRpy(self.rotation)
         return float(roll), float(pitch), float(yaw)
 
@@ -160,7 +160,8 @@ class KinematicChain:
         for what, names in (("joint", tuple(joint.name for joint in self.joints)), ("link", links)):
             name, count = Counter(names).most_common(1)[0]
             if count > 1:
-                reason, remedy = f"{count} {what}s are named '{name}'", f"give each {what} a unique name"
+                reason = f"{count} {what}s are named '{name}'"
+                remedy = f"give each {what} a unique name"
                 raise RobotError(reason, remedy=remedy, where=f"{what} '{name}'")
 
     @property
@@ -294,7 +295,9 @@ def _about_z(angle: float, length: float) -> pin.SE3:
 
 
 def _read_limits(row: DhRow, where: str) -> tuple[float, float] | None:
-    """Check the numbers of a table's row, and return its joint's limits [rad or m]; None without limits.
+    """Check the numbers of a row of the table, and return the limits of its joint [rad or m].
+
+    Return None for a joint without limits. `where` is the place of the row, for errors.
 
     Raises:
         RobotError: a number is not finite or too large.

@@ -205,10 +205,8 @@ class InverseKinematics:
         # Least-squares solutions mean that the pose is out of reach. An exact chain drops them; with an
         # approximate chain, Newton's method decides.
         if self._exact:
-            all_solutions, pose_of_solution = (
-                all_solutions[~is_least_squares],
-                pose_of_solution[~is_least_squares],
-            )
+            all_solutions = all_solutions[~is_least_squares]
+            pose_of_solution = pose_of_solution[~is_least_squares]
             counts = np.bincount(pose_of_solution, minlength=len(poses))
         else:
             is_complete[pose_of_solution[is_least_squares]] = False

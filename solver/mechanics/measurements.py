@@ -66,32 +66,41 @@ class Instrument:
         Raises:
             MeasurementError: a target is at the station, or the uncertainties are zero or implausible.
         """
-        sight = places - np.array(self.station)
-        distance = np.linalg.norm(sight, axis=-1)
+        line_of_sight = places - np.array(self.station)
+        distance = np.linalg.norm(line_of_sight, axis=-1)
         if (distance < SHORTEST_SIGHT).any():
             raise MeasurementError(
                 f"a target is only {1e3 * distance.min():.3g} mm away from the tracker",
                 where="noise.instrument.station",
                 remedy="give the tracker's station in R0, in `units.length`",
             )
-        along = self.range_constant + self.range_per_distance * distance
-        across = self.transverse_constant + self.transverse_per_distance * distance
-        least = min(float(along.min()), float(across.min()))
-        ratio = float(np.maximum(along / across, across / along).max()) if least > 0.0 else np.inf
+        sigma_along = self.range_constant + self.range_per_distance * distance
+        sigma_across = self.transverse_constant + self.transverse_per_distance * distance
+        least = min(float(sigma_along.min()), float(sigma_across.min()))
+        ratio = (
+            float(np.maximum(sigma_along / sigma_across, sigma_across / sigma_along).max())
+            if least > 0.0
+            else np.inf
+        )
         if least < LEAST_SIGMA or ratio**2 > LARGEST_CONDITION:
             raise MeasurementError(
-                f"the standard uncertainties of {along.max():.3g} m along and {across.max():.3g} m across "
+                f"the standard uncertainties of {sigma_along.max():.3g} m along and "
+                f"{sigma_across.max():.3g} m across "
                 "the line of sight are implausible for a tracker",
                 where="noise.instrument",
                 remedy="check the constants, which are in `units.length`, and the terms per distance",
             )
-        u = sight / distance[..., None]
-        spread = (along**2 - across**2)[..., None, None] * u[..., :, None] * u[..., None, :]
-        covariance: FloatArray = (across**2)[..., None, None] * np.eye(3) + spread
+        unit_vector = line_of_sight / distance[..., None]
+        difference_along = (
+            (sigma_along**2 - sigma_across**2)[..., None, None]
+            * unit_vector[..., :, None]
+            * unit_vector[..., None, :]
+        )
+        covariance: FloatArray = (sigma_across**2)[..., None, None] * np.eye(3) + difference_along
         return covariance
 
     def typical_sigma(self, places: FloatArray) -> float:
-        """Return the root mean square [m] of the coordinates' standard uncertainties at places (K, 3) [m]."""
+        """Return the root mean square of the standard uncertainties of coordinates at places (K, 3) [m]."""
         covariance = self.covariance(places)
         return float(np.sqrt(np.trace(covariance, axis1=-2, axis2=-1).mean() / 3.0))
 
@@ -155,8 +164,8 @@ class DifferenceNoise:
         total = unloaded + loaded
         trace = np.trace(total, axis1=-2, axis2=-1)
         variance = np.average(trace, weights=coordinates) / 6.0  # of three coordinates, in two readings
-        read = (coordinates > 0)[..., None, None]
-        covariance = np.where(read, total / variance, ISOTROPIC_DIFFERENCE)
+        was_read = (coordinates > 0)[..., None, None]
+        covariance = np.where(was_read, total / variance, ISOTROPIC_DIFFERENCE)
         return cls(float(np.sqrt(variance)), covariance)
 
     @classmethod
@@ -166,18 +175,20 @@ class DifferenceNoise:
 
 
 def position_covariances(
-    instrument: Instrument, robot: Robot, plain: Measurements
+    instrument: Instrument, robot: Robot, measurements: Measurements
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the covariances (N, T, 3, 3) [m²] of the unloaded and of the loaded positions of an instrument.
+    """Return (unloaded, loaded): covariances (N, T, 3, 3) [m²] of the positions that an instrument reads.
 
     For targets that are given in the flange frame, the robot's model gives the places in R0.
     """
-    places = plain.position
-    if plain.in_flange.any():
-        configurations = Postures(robot, robot.joint_map.model_angles(plain.joints))
-        places = np.where(plain.in_flange[..., None], configurations.to_base(places), places)
-    before = fill_unread_places(places, plain.present)
-    return instrument.covariance(before), instrument.covariance(before + plain.deflection)
+    places = measurements.position
+    if measurements.in_flange.any():
+        configurations = Postures(robot, robot.joint_map.model_angles(measurements.joints))
+        places = np.where(measurements.in_flange[..., None], configurations.to_base(places), places)
+    unloaded_places = fill_unread_places(places, measurements.present)
+    return instrument.covariance(unloaded_places), instrument.covariance(
+        unloaded_places + measurements.deflection
+    )
 
 
 def fill_unread_places(places: FloatArray, present: BoolArray) -> FloatArray:
@@ -316,7 +327,7 @@ class CommonUncertainty:
         return replace(self, load_point=place, scale=scale, assumed=frozenset())
 
     def source(self, term: str) -> str:
-        """Return a term's name in uncertainty budgets: with the prefix `assumed_` if it was not stated."""
+        """Return the name of a term in uncertainty budgets; `assumed_` precedes it if it was not stated."""
         return f"assumed_{term}" if term in self.assumed else term
 
     def __post_init__(self) -> None:
@@ -434,8 +445,8 @@ class Measurements:
         count, targets = self.present.shape
         if count == 0 or targets == 0:
             raise MeasurementError("no observation", remedy="give at least one observation")
-        object.__setattr__(self, "labels", _names_or_numbers("labels", self.labels, count))
-        object.__setattr__(self, "targets", _names_or_numbers("targets", self.targets, targets))
+        object.__setattr__(self, "labels", _complete_names("labels", self.labels, count))
+        object.__setattr__(self, "targets", _complete_names("targets", self.targets, targets))
         if not self.order.size:
             object.__setattr__(self, "order", np.arange(float(count)))
         self._refuse_invalid_noise()
@@ -474,7 +485,7 @@ class Measurements:
 
     @property
     def _row_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Return the names of all arrays with a row for each observation, with the shape of one row.
+        """Shape of one row of each array that has a row for each observation, by the name of the array.
 
         Optional arrays that are None are omitted.
         """
@@ -501,9 +512,9 @@ class Measurements:
 
     @property
     def coordinates(self) -> IndexArray:
-        """(N, T) number of coordinates that each reading shows: 3, 1 along a direction, 0 if not read."""
-        along = False if self.direction is None else self.direction.any(axis=-1)
-        return np.where(self.present, np.where(along, 1, 3), 0)
+        """Number (N, T) of coordinates that each reading shows: 3; 1 along a direction; 0 if not read."""
+        is_along_direction = False if self.direction is None else self.direction.any(axis=-1)
+        return np.where(self.present, np.where(is_along_direction, 1, 3), 0)
 
     def project_on_directions(self, motion: FloatArray) -> FloatArray:
         """Project motions (N, T, 3[, k]), axes of R0, on the directions of readings along one direction."""
@@ -513,7 +524,10 @@ class Measurements:
         return len(self.joints)
 
     def place(self, row: int) -> str:
-        """Return how messages name the observation with this index, such as ``observations[3] '4'``."""
+        """Return the words by which messages name an observation, such as ``observations[3] '4'``.
+
+        `row` is the index of the observation.
+        """
         return f"observations[{row}] '{self.labels[row]}'"
 
     @property
@@ -561,10 +575,10 @@ class Measurements:
         return replace(self, **arrays, encoders=encoders, returned=returned, labels=labels)
 
 
-def _names_or_numbers(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """Return `names`, or the numbers "1", "2", … up to `count` if `names` is empty.
+def _complete_names(where: str, names: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """Return the names, or the numbers "1", "2", … up to `count` in place of missing names.
 
-    `where` is what is named, "labels" or "targets", for the error.
+    `where` says what is named, "labels" or "targets", for the error.
 
     Raises:
         MeasurementError: the number of names is not `count`.

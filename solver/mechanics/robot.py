@@ -99,10 +99,10 @@ class JointMap:
         """Return the model's joint positions (N, n) for the controller's positions (N, n) [rad or m]."""
         return np.asarray(controller @ self.matrix.T + self.offset)
 
-    def controller_angles(self, model: FloatArray) -> FloatArray:
-        """Return the controller's joint positions (..., n) for the model's positions (..., n) [rad or m]."""
-        rows = (model - self.offset).reshape(-1, self.n)  # all solved at once: M is factorised once
-        return np.asarray(np.linalg.solve(self.matrix, rows.T)).T.reshape(model.shape)
+    def controller_angles(self, model_positions: FloatArray) -> FloatArray:
+        """Return the controller's joint positions (..., n) for positions of the model [rad or m]."""
+        rows = (model_positions - self.offset).reshape(-1, self.n)  # all solved at once: M is factorised once
+        return np.asarray(np.linalg.solve(self.matrix, rows.T)).T.reshape(model_positions.shape)
 
 
 @dataclass(frozen=True)
@@ -245,14 +245,19 @@ class Robot:
         return KinematicChain(self.model.name or "robot", links.get(0, "base"), self.flange, tuple(joints))
 
     def select_by_kind(self, turning: float, sliding: float) -> FloatArray:
-        """Return (n,) numbers: `turning` for each revolute joint, `sliding` for each prismatic joint."""
+        """Return an array (n,): `turning` for each revolute joint, `sliding` for each prismatic joint."""
         return np.where(self.prismatic, sliding, turning)
 
     def within_limits(self, joints: FloatArray) -> BoolArray:
-        """Return a mask (N,) of postures within the joint limits; `joints` (N, n) are the controller's."""
-        model = self.joint_map.model_angles(joints)
-        inside = (model >= self.limits[:, 0] - _ROUNDING) & (model <= self.limits[:, 1] + _ROUNDING)
-        return np.asarray(inside.all(axis=1), dtype=np.bool_)
+        """Return a mask (N,) of the postures within the joint limits.
+
+        `joints` (N, n) are the positions that the controller shows [rad or m].
+        """
+        model_angles = self.joint_map.model_angles(joints)
+        is_inside = (model_angles >= self.limits[:, 0] - _ROUNDING) & (
+            model_angles <= self.limits[:, 1] + _ROUNDING
+        )
+        return np.asarray(is_inside.all(axis=1), dtype=np.bool_)
 
     def round_to_whole_units(self, joints: FloatArray) -> FloatArray:
         """Return joint positions (N, n) [rad or m] rounded to whole degrees, or to whole mm if prismatic."""
@@ -272,14 +277,14 @@ def _read_kind_and_axis(model: pin.Model, index: int) -> tuple[JointKind, FloatA
         joint.calc(data, pin.neutral(model), np.zeros(model.nv))
         motion = np.ravel(data.S)
     kinds: dict[JointKind, FloatArray] = {"prismatic": motion[:3], "revolute": motion[3:]}
-    moved = [(kind, axis) for kind, axis in kinds.items() if axis.any()]
-    if len(moved) != 1:
+    axes_of_motion = [(kind, axis) for kind, axis in kinds.items() if axis.any()]
+    if len(axes_of_motion) != 1:
         raise RobotError(
             f"the joint '{model.names[index]}' is a {joint.shortname()}",
             where="robot",
             remedy="only joints about or along one axis are supported: fix the others",
         )
-    kind, axis = moved[0]
+    kind, axis = axes_of_motion[0]
     return kind, axis / np.linalg.norm(axis)
 
 
@@ -288,7 +293,8 @@ def _read_limits(model: pin.Model, index: int) -> tuple[float, float]:
     joint = model.joints[index]
     if joint.nq != 1:  # Pinocchio states an unbounded angle as its cosine and sine
         return -np.inf, np.inf
-    lower, upper = float(model.lowerPositionLimit[joint.idx_q]), float(model.upperPositionLimit[joint.idx_q])
+    lower = float(model.lowerPositionLimit[joint.idx_q])
+    upper = float(model.upperPositionLimit[joint.idx_q])
     return lower if lower > -UNLIMITED else -np.inf, upper if upper < UNLIMITED else np.inf
 
 
@@ -326,7 +332,7 @@ def _find_flange_frame(model: pin.Model, flange: str | None) -> pin.Frame:
 
 
 def in_configuration_space(model: pin.Model, q: FloatArray) -> FloatArray:
-    """Return Pinocchio's configurations (N, nq) for joint positions (N, n) [rad or m].
+    """Return Pinocchio's configurations (N, nq) for joint positions q (N, n) [rad or m].
 
     Pinocchio states an unbounded angle by two numbers, its cosine and sine.
     """
@@ -341,8 +347,8 @@ def copy_with_weights(
 ) -> pin.Model:
     """Return a copy of the model with masses (n,) [kg], centres of mass (n, 3) [m], and gravity (3,) [m/s²].
 
-    The centres are in the frames that move with the joints. Moments of inertia are zero, as
-    only postures at rest are computed.
+    The centres are in the frames that move with the joints. Moments of inertia are zero, as only postures at
+    rest are computed.
     """
     model = model.copy()
     for i, (each, place) in enumerate(zip(mass, centre, strict=True), 1):
@@ -351,30 +357,34 @@ def copy_with_weights(
     return model
 
 
-def fix_prismatic_joints(robot: Robot, held: FloatArray) -> Robot:
+def fix_prismatic_joints(robot: Robot, fixed_positions: FloatArray) -> Robot:
     """Return the robot with its prismatic joints fixed at given positions.
 
     Args:
         robot: n joints.
-        held: (n,) controller's joint positions [rad or m]; positions of revolute joints are ignored.
+        fixed_positions: (n,) controller's joint positions [rad or m], used only for prismatic joints.
 
     Raises:
         RobotError: all joints are prismatic, or a prismatic joint also depends on a revolute joint of the
             controller.
     """
-    matrix, offset, prismatic = robot.joint_map.matrix, robot.joint_map.offset, robot.prismatic
+    matrix = robot.joint_map.matrix
+    offset = robot.joint_map.offset
+    prismatic = robot.prismatic
     if matrix[np.ix_(prismatic, ~prismatic)].any():
         raise RobotError(
             "a linear axis moves with a rotary axis of the controller, so the linear axis cannot stand still",
             remedy="give a joint map in which prismatic joints depend on prismatic joints only",
             where="joint_map.matrix",
         )
-    offset_with_held = matrix[:, prismatic] @ held[prismatic] + offset
-    at = in_configuration_space(robot.model, np.where(prismatic, offset_with_held, 0.0)[None])[0]
-    fixed = (np.flatnonzero(prismatic) + 1).tolist()
-    joint_map = JointMap(matrix[np.ix_(~prismatic, ~prismatic)], offset_with_held[~prismatic])
+    offset_with_fixed = matrix[:, prismatic] @ fixed_positions[prismatic] + offset
+    fixed_configuration = in_configuration_space(
+        robot.model, np.where(prismatic, offset_with_fixed, 0.0)[None]
+    )[0]
+    fixed_joints = (np.flatnonzero(prismatic) + 1).tolist()
+    joint_map = JointMap(matrix[np.ix_(~prismatic, ~prismatic)], offset_with_fixed[~prismatic])
     return Robot(
-        pin.buildReducedModel(_add_frames(robot), fixed, at),
+        pin.buildReducedModel(_add_frames(robot), fixed_joints, fixed_configuration),
         joint_map,
         flange=robot.flange,
         payload=robot.payload,

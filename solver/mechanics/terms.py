@@ -50,18 +50,18 @@ def _move_load_point(block: RegressorBlock, compliance: FloatArray) -> Motion:
 
 
 def _scale_loads(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion due to a relative error of all forces and moments."""
+    """Return the motion of targets and joints per unit of a relative error of all forces and moments."""
     return move_by_torque(block, compliance, block.torque[..., None])
 
 
 def _turn_loads(block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion due to a turn φ (3,) [rad] of all forces F and moments M about the axes of R0.
+    """Return the motion of targets and joints per radian of a turn of all loads about each axis of R0.
 
-    The turn adds φ × F to the force and φ × M to the moment.
+    A turn φ (3,) adds φ × F to the force F and φ × M to the moment M.
     """
-    part = block.measurements
-    by_force = block.load_jacobian.transpose(0, 2, 1) @ -skew(part.force)
-    by_moment = block.postures.angular_jacobian.transpose(0, 2, 1) @ -skew(part.moment)
+    measurements = block.measurements
+    by_force = block.load_jacobian.transpose(0, 2, 1) @ -skew(measurements.force)
+    by_moment = block.postures.angular_jacobian.transpose(0, 2, 1) @ -skew(measurements.moment)
     return move_by_torque(block, compliance, by_force + by_moment)
 
 
@@ -76,45 +76,45 @@ def _add_flange_force(block: RegressorBlock, compliance: FloatArray) -> Motion:
     return move_by_torque(block, compliance, forces)
 
 
-def _stated_uncertainties(names: tuple[str, ...], common: CommonUncertainty) -> tuple[float, ...]:
-    """Return the standard uncertainties in the fields of `common` with these names."""
+def _read_uncertainties(names: tuple[str, ...], common: CommonUncertainty) -> tuple[float, ...]:
+    """Return the standard uncertainties that `common` has in the fields with the given names."""
     return tuple(getattr(common, name) for name in names)
 
 
-def _with_load_point(_: Robot, part: Measurements, error: FloatArray) -> Measurements:
+def _move_load_points(_: Robot, measurements: Measurements, error: FloatArray) -> Measurements:
     """Return the measurements with every load point moved by an error (3,), flange frame [m]."""
-    return replace(part, load_point=part.load_point + error)
+    return replace(measurements, load_point=measurements.load_point + error)
 
 
-def _with_force(_: Robot, part: Measurements, force: FloatArray) -> Measurements:
+def _load_with_force(_: Robot, measurements: Measurements, force: FloatArray) -> Measurements:
     """Return the measurements with a force (3,), axes of R0 [N], added to every load."""
-    return replace(part, force=part.force + force)
+    return replace(measurements, force=measurements.force + force)
 
 
-def _with_flange_force(robot: Robot, part: Measurements, force: FloatArray) -> Measurements:
+def _load_with_flange_force(robot: Robot, measurements: Measurements, force: FloatArray) -> Measurements:
     """Return the measurements with a force (3,), axes of the flange [N], added to every load."""
-    turned = unloaded_postures(robot, part).flange_rotation @ force
-    return replace(part, force=part.force + turned)
+    force_in_base = unloaded_postures(robot, measurements).flange_rotation @ force
+    return replace(measurements, force=measurements.force + force_in_base)
 
 
 LOAD_POINT = Term(
     "load_point",
     "m",
     _move_load_point,
-    partial(_stated_uncertainties, ("load_point",)),
+    partial(_read_uncertainties, ("load_point",)),
     suspected=True,
-    change_loads=_with_load_point,
+    change_loads=_move_load_points,
     words="every load point moved by {} in the flange frame",
     remedy="measure the load point on the flange",
 )
-FORCE_SCALE = Term("force_scale", "1", _scale_loads, partial(_stated_uncertainties, ("scale",)))
-FORCE_DIRECTION = Term("force_direction", "rad", _turn_loads, partial(_stated_uncertainties, ("direction",)))
+FORCE_SCALE = Term("force_scale", "1", _scale_loads, partial(_read_uncertainties, ("scale",)))
+FORCE_DIRECTION = Term("force_direction", "rad", _turn_loads, partial(_read_uncertainties, ("direction",)))
 CONSTANT_FORCE = Term(
     "constant_force",
     "N",
     _add_constant_force,
     suspected=True,
-    change_loads=_with_force,
+    change_loads=_load_with_force,
     words="a constant force of {} (axes of R0) added to every load",
     remedy="check for a weight that hangs on the flange only while loaded, and the load cell's zero",
 )
@@ -123,7 +123,7 @@ LOAD_ZERO = Term(
     "N",
     _add_flange_force,
     suspected=True,
-    change_loads=_with_flange_force,
+    change_loads=_load_with_flange_force,
     words="a constant force of {} (axes of the flange) added to every load",
     remedy="read the load cell without load in two postures",
 )
@@ -133,21 +133,28 @@ Groups = tuple[tuple[str, ...], ...]
 """Labels of observations, group by group."""
 
 
-def _mark_groups(groups: Groups, part: Measurements) -> FloatArray:
-    """Return (N, g) numbers: 1 where an observation belongs to a group, else 0."""
-    return np.stack([np.isin(part.labels, list(group)) for group in groups], axis=1).astype(np.float64)
+def _mark_groups(groups: Groups, measurements: Measurements) -> FloatArray:
+    """Return a matrix (N, g) with 1 where an observation belongs to a group of observations, else 0."""
+    return np.stack([np.isin(measurements.labels, list(group)) for group in groups], axis=1).astype(
+        np.float64
+    )
 
 
 def _scale_groups(groups: Groups, block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion due to a relative error of the loads of each group of observations."""
+    """Return the motion of targets and joints per relative error of the loads of each group."""
     torque = block.torque[..., None] * _mark_groups(groups, block.measurements)[:, None]
     return move_by_torque(block, compliance, torque)
 
 
-def _with_scaled_groups(groups: Groups, _: Robot, part: Measurements, scale: FloatArray) -> Measurements:
-    """Return the measurements with the loads of each group changed by a relative error (g,)."""
-    factor = 1.0 + _mark_groups(groups, part) @ scale[:, None]
-    return replace(part, force=factor * part.force, moment=factor * part.moment)
+def _scale_loads_of_groups(
+    groups: Groups, _: Robot, measurements: Measurements, relative_errors: FloatArray
+) -> Measurements:
+    """Return the measurements with the loads of each group multiplied by 1 + its relative error.
+
+    `relative_errors` (g,) are those of the g groups of observations.
+    """
+    factor = 1.0 + _mark_groups(groups, measurements) @ relative_errors[:, None]
+    return replace(measurements, force=factor * measurements.force, moment=factor * measurements.moment)
 
 
 def build_load_scale_term(groups: Collection[Collection[str]]) -> Term:
@@ -158,7 +165,7 @@ def build_load_scale_term(groups: Collection[Collection[str]]) -> Term:
         "1",
         partial(_scale_groups, listed),
         suspected=True,
-        change_loads=partial(_with_scaled_groups, listed),
+        change_loads=partial(_scale_loads_of_groups, listed),
         words="relative load errors of {}, one for each group of loads,",
         remedy="weigh the loads, or check the load cell against one of them",
     )
@@ -203,15 +210,21 @@ def _compute_settling(block: RegressorBlock, compliance: FloatArray) -> tuple[Fl
     mean share is ``x (1 − ln x)``, and the mean of its square ``2 x − x²``.
     """
     # A soft gear's spring winds by _WOUND before the torque reaches _SETTLED.
-    settled = _WOUND / np.maximum(compliance, _WOUND / _SETTLED)  # (n,) torques that take up the play [N·m]
-    x = np.clip(np.abs(block.torque) / settled, np.finfo(float).tiny, 1.0)
-    share = x * (1.0 - np.log(x))
-    side = np.where(block.robot.prismatic, 0.0, np.sign(block.torque))
-    return side * share, side * np.sqrt(np.maximum(2.0 * x - x**2 - share**2, 0.0))
+    # (n,) torques that take up the play [N·m]
+    settling_torque = _WOUND / np.maximum(compliance, _WOUND / _SETTLED)
+    relative_torque = np.clip(np.abs(block.torque) / settling_torque, np.finfo(float).tiny, 1.0)
+    mean_share = relative_torque * (1.0 - np.log(relative_torque))
+    torque_sign = np.where(block.robot.prismatic, 0.0, np.sign(block.torque))
+    return torque_sign * mean_share, torque_sign * np.sqrt(
+        np.maximum(2.0 * relative_torque - relative_torque**2 - mean_share**2, 0.0)
+    )
 
 
 def _turn_joints(block: RegressorBlock, turn: FloatArray) -> Motion:
-    """Return the motion due to a turn (B, n) of each joint per unit of its own unknown."""
+    """Return the motion of targets and joints if each joint turns by a given angle per unit of its unknown.
+
+    `turn` (B, n) are these angles [rad].
+    """
     return Motion(block.jacobian * turn[:, None, None], turn[..., None] * np.eye(turn.shape[1]))
 
 
@@ -221,17 +234,20 @@ def _take_up_play(block: RegressorBlock, compliance: FloatArray) -> Motion:
 
 
 def _settle_elsewhere(play: FloatArray, block: RegressorBlock, compliance: FloatArray) -> Motion:
-    """Return the motion due to gears that take up their play (n,) [rad] at another torque than expected."""
+    """Return the motion per unit of an unknown: each gear takes up its play at another torque than expected.
+
+    `play` (n,) are the plays of the gears [rad].
+    """
     return _turn_joints(block, 0.5 * play * _compute_settling(block, compliance)[1])
 
 
 def _state_as_standard(_: CommonUncertainty) -> tuple[float, ...]:
-    """Return the standard uncertainty 1 of unknowns in units of their standard uncertainty."""
+    """Return the standard uncertainty 1, for unknowns that are in units of their standard uncertainty."""
     return (1.0,)
 
 
 def _doubt_settling(play: FloatArray) -> Term:
-    """Return the term of the unknown torques at which gears take up their play (n,) [rad]."""
+    """Return the term for the unknown torques at which gears take up their play (n,) [rad]."""
     return Term("settling", "1", partial(_settle_elsewhere, play), _state_as_standard)
 
 
@@ -256,19 +272,24 @@ def _curve_otherwise(
 
 
 def _doubt_curve(largest: FloatArray, change: FloatArray) -> Term:
-    """Return the term of the unknown shape of springs whose compliance changes by h (n,)."""
+    """Return the term for the unknown shape of springs that are not linear.
+
+    Args:
+        largest: (n,) largest torque of each joint [N·m].
+        change: (n,) relative change of each joint's compliance up to this torque.
+    """
     return Term("curve_shape", "1", partial(_curve_otherwise, largest, change), _state_as_standard)
 
 
 def build_curve_term(largest: FloatArray) -> Term:
-    """Return the term of springs that are not linear, with the largest torque (n,) of each joint [N·m]."""
-    known = np.where(largest > 0.0, largest, 1.0)
+    """Return the term for springs that are not linear; `largest` (n,) are the largest torques [N·m]."""
+    nonzero_torques = np.where(largest > 0.0, largest, 1.0)
     return Term(
         "curved_springs",
         "1",
-        partial(_curve_springs, known),
+        partial(_curve_springs, nonzero_torques),
         suspected=True,
-        doubt=partial(_doubt_curve, known),
+        doubt=partial(_doubt_curve, nonzero_torques),
         words="compliances that change by {} up to the largest torque of each joint",
         remedy="read the same posture at half the load: a spring that hardens bends by more than half",
     )
@@ -334,10 +355,10 @@ def limit_to_later(term: Term, labels: Sequence[str], first: str) -> Term:
 
 
 TARGET_PLACES = Term(
-    "target_places", "m", _move_target_places, partial(_stated_uncertainties, ("target_places",))
+    "target_places", "m", _move_target_places, partial(_read_uncertainties, ("target_places",))
 )
 AXES = Term(
-    "axes", "m, rad", _displace_axes, partial(_stated_uncertainties, ("axis_position", "axis_direction"))
+    "axes", "m, rad", _displace_axes, partial(_read_uncertainties, ("axis_position", "axis_direction"))
 )
 PLAY = Term(
     "play",
@@ -357,7 +378,7 @@ SHIFT = Term(
     words="a shift of all readings under load by {}",
     remedy=_READ_AGAIN,
 )
-DRIFT = Term("drift", "m", _drift_readings, partial(_stated_uncertainties, ("drift",)))
+DRIFT = Term("drift", "m", _drift_readings, partial(_read_uncertainties, ("drift",)))
 
 TERMS: Final[dict[str, Term]] = {
     term.name: term

@@ -305,7 +305,8 @@ def _check_root(robot: XmlElement) -> None:
         remedy = "send a URDF document, not SDF or MJCF"
         raise RobotError(reason, remedy=remedy, where=f"line {robot.line}")
     if nested := robot.find_children("robot"):
-        reason, remedy = "there is a second <robot> within the first", "send one robot per document"
+        reason = "there is a second <robot> within the first"
+        remedy = "send one robot per document"
         raise RobotError(reason, remedy=remedy, where=f"line {nested[0].line}")
     check_name(robot.attributes.get("name") or "robot", "<robot>")
 

@@ -39,6 +39,7 @@ from jointstiff.solver.estimation.solution import Certificate
 from jointstiff.solver.estimation.triangle import Triangle, compute_triangular_factor
 from jointstiff.solver.geometry.poses import (
     PoseReadings,
+    Poses,
     PoseState,
     calibrate,
     differentiate_numerically,
@@ -182,6 +183,9 @@ def fit_own_weight(
         loaded: deflections under known loads, fitted together with the positions, and weighted with the sigma
             of the deflections; None if no deflections were read.
 
+    Returns:
+        The fitted geometry, gravity, sag, tilt of the base and compliances, with the last convex problem.
+
     Raises:
         NotObservableError: no joint's torque varies.
         MeasurementError: the steps do not converge.
@@ -189,45 +193,46 @@ def fit_own_weight(
     """
     burden = readings.burden
     gravity, sag = burden.gravity, np.zeros(whitened.angles.shape)
-    c: FloatArray = np.zeros(robot.n)  # compliances
+    compliance: FloatArray = np.zeros(robot.n)  # compliances
     base: FloatArray = np.zeros(3)
     weight_norm = np.linalg.norm(whitened.weight)
     for step in range(1, MOST_STEPS + 1):
         with_gravity = replace(readings, burden=replace(burden, gravity=gravity))
-        rows = linearise_readings(robot, with_gravity, whitened, state, sag, c)
+        rows = linearise_readings(robot, with_gravity, whitened, state, sag, compliance)
         triangle, load_triangle = rows.stack.triangle(), Triangle(joints=robot.n)
         nuisance = ["geometry", *(["base"] if free_base else []), *(["gravity"] if free_gravity else [])]
-        for block in [] if loaded is None else regressor_blocks(robot, loaded, c):
-            load_rows = build_whitened_rows(block, [JOINTS], c)
-            for part in (load_rows.targets, load_rows.encoders):
-                if part is not None:
-                    load_triangle.add(part)
+        for block in [] if loaded is None else regressor_blocks(robot, loaded, compliance):
+            load_rows = build_whitened_rows(block, [JOINTS], compliance)
+            for rows_of_instrument in (load_rows.targets, load_rows.encoders):
+                if rows_of_instrument is not None:
+                    load_triangle.add(rows_of_instrument)
         deflection_sigma = 1.0 if loaded is None else loaded.sigma or 1.0
         deflection_rows = load_triangle.R[: load_triangle.rows] / deflection_sigma
         reduced = reduce_problem(rows, triangle, nuisance, burden, deflection_rows)
         optimum = solve_mass_cones(reduced.A, reduced.b, reduced.cones)
         # Change of the nuisance unknowns: geometry, then three of the base, then two of gravity.
-        change = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
+        nuisance_change = triangle.fit(nuisance, reduced.expand_solution(rows, optimum.x), RANK)
         geometry_width = rows.stack.widths["geometry"]
         previous_sag, sag = sag, reduced.compute_sag(rows.torques, optimum.x)
-        state = state.displace(change[:geometry_width])
+        state = state.displace(nuisance_change[:geometry_width])
         if free_base:
             # Deflections are linear in the base's compliances, so the step fits the compliances themselves,
             # not their change: subtract the previous values.
             in_base = slice(geometry_width, geometry_width + 3)
-            base, change[in_base] = change[in_base].copy(), change[in_base] - base
+            base, nuisance_change[in_base] = nuisance_change[in_base].copy(), nuisance_change[in_base] - base
         if free_gravity:
             turned_gravity = (
-                gravity + np.linalg.norm(gravity) * compute_perpendicular_basis(gravity) @ change[-2:]
+                gravity
+                + np.linalg.norm(gravity) * compute_perpendicular_basis(gravity) @ nuisance_change[-2:]
             )
             gravity = turned_gravity * np.linalg.norm(gravity) / np.linalg.norm(turned_gravity)
-        c[reduced.observed_joints] = reduced.unit * optimum.x[reduced.cones.first]
+        compliance[reduced.observed_joints] = reduced.unit * optimum.x[reduced.cones.first]
         nuisance_columns = np.concatenate([triangle.span[name] for name in nuisance])
-        nuisance_effect = np.linalg.norm(triangle.matrix[:, nuisance_columns] @ change)
+        nuisance_effect = np.linalg.norm(triangle.matrix[:, nuisance_columns] @ nuisance_change)
         prediction_change = nuisance_effect + weight_norm * np.abs(sag - previous_sag).max()
         residual_norm = np.sqrt(optimum.loss + reduced.residual_squares)
         if prediction_change <= _CONVERGED * residual_norm + _EXACT * np.linalg.norm(reduced.b):
-            return WeightFit(state, gravity, sag, base, c, rows, reduced, optimum, step)
+            return WeightFit(state, gravity, sag, base, compliance, rows, reduced, optimum, step)
     raise MeasurementError(
         f"the fit of geometry and own weight did not converge in {MOST_STEPS} steps",
         where="observations",
@@ -264,42 +269,46 @@ def reduce_problem(
         )
     projected = triangle.project_out(nuisance, RANK)
     products = projected.span["products"].reshape(rows.torques.of_unknowns.shape[1:])
-    # For each joint: the columns of compliance and products in the rows of positions and of deflections.
-    position_parts, deflection_parts, blocks, units, unknowns = [], [], [], [], []
-    for j in observed.tolist():
-        joint_column = projected.R[:, projected.span["joints"][j]] * varies[j]
-        unit = 1.0 / float(np.hypot(np.linalg.norm(joint_column), np.linalg.norm(deflection_rows[:, j])))
-        block, block_unknowns = burden.build_block(varies[j] & rows.torques.of_unknowns[:, j].any(axis=0))
+    # For each joint: the columns of its compliance, and of the products of its compliance with masses, in the
+    # rows of positions and in the rows of deflections.
+    position_parts, deflection_parts, blocks, units_of_joints, unknowns_of_joints = [], [], [], [], []
+    for joint in observed.tolist():
+        joint_column = projected.R[:, projected.span["joints"][joint]] * varies[joint]
+        unit = 1.0 / float(np.hypot(np.linalg.norm(joint_column), np.linalg.norm(deflection_rows[:, joint])))
+        block, block_unknowns = burden.build_block(
+            varies[joint] & rows.torques.of_unknowns[:, joint].any(axis=0)
+        )
         position_parts.append(
-            unit * np.column_stack([joint_column, projected.R[:, products[j, block_unknowns]]])
+            unit * np.column_stack([joint_column, projected.R[:, products[joint, block_unknowns]]])
         )
         deflection_parts.append(
-            np.pad(unit * deflection_rows[:, j, None], ((0, 0), (0, len(block_unknowns))))
+            np.pad(unit * deflection_rows[:, joint, None], ((0, 0), (0, len(block_unknowns))))
         )
         blocks.append(block)
-        units.append(unit)
-        unknowns.append(block_unknowns)
-    unit_of_joints = np.array(units)
+        units_of_joints.append(unit)
+        unknowns_of_joints.append(block_unknowns)
+    unit_of_joints = np.array(units_of_joints)
     from_positions = np.column_stack([*position_parts, projected.rhs])
     from_deflections = np.column_stack([*deflection_parts, deflection_rows[:, -1]])
     R = compute_triangular_factor(np.vstack([from_positions, from_deflections]))
-    p = R.shape[1] - 1
-    A, b = R[:p, :p], R[:p, p]
-    left_vectors, singular, _ = np.linalg.svd(A)
-    null_vectors = left_vectors[:, singular <= _RANK_TOLERANCE * singular[0]]
+    column_count = R.shape[1] - 1
+    A, b = R[:column_count, :column_count], R[:column_count, column_count]
+    left_vectors, singular_values, _ = np.linalg.svd(A)
+    null_vectors = left_vectors[:, singular_values <= _RANK_TOLERANCE * singular_values[0]]
     unexplained = null_vectors @ (null_vectors.T @ b)  # part of b outside the range of A
-    scale = np.where(varies, np.abs(torque).max(axis=0), rows.crosswise_torque)
+    torque_scale = np.where(varies, np.abs(torque).max(axis=0), rows.crosswise_torque)
     # A joint without weight torque may be pulled by a known load, so its scale must not be zero.
-    scale = np.maximum(scale, _NEGLIGIBLE_TORQUE * scale.max())[observed]
+    torque_scale = np.maximum(torque_scale, _NEGLIGIBLE_TORQUE * torque_scale.max())[observed]
     return ReducedProblem(
         A=A,
         b=b - unexplained,
-        residual_squares=float(unexplained @ unexplained) + (float(R[p, p] ** 2) if len(R) > p else 0.0),
-        rank=p - null_vectors.shape[1],
-        cones=MassCones(tuple(blocks), LARGEST_SAG / scale / unit_of_joints),
+        residual_squares=float(unexplained @ unexplained)
+        + (float(R[column_count, column_count] ** 2) if len(R) > column_count else 0.0),
+        rank=column_count - null_vectors.shape[1],
+        cones=MassCones(tuple(blocks), LARGEST_SAG / torque_scale / unit_of_joints),
         unit=unit_of_joints,
         observed_joints=observed,
-        unknowns=tuple(unknowns),
+        unknowns=tuple(unknowns_of_joints),
         remaining_coordinates=triangle.rows - triangle.rank(nuisance, RANK),
     )
 
@@ -310,9 +319,9 @@ def extract_identified_weight(
     """Return the identified weights with their covariance, to predict the sag; None with balancing springs.
 
     Positions determine the products of compliance and weight far better than compliance or weight alone. Near
-    the optimum ``A x = b + ε``. The prior standard uncertainty of each parameter is the half-width of its
-    bound; with D the diagonal matrix of these, ``cov x = (AᵀA/σ² + D⁻²)⁻¹``. The covariance is widened for
-    joints whose standard uncertainty is greater.
+    the optimum the parameters x follow ``A x = b + ε``. The prior standard uncertainty of each parameter is
+    the half-width of its bound; with D the diagonal matrix of these, ``cov x = (AᵀA/σ² + D⁻²)⁻¹``. The
+    covariance is widened for joints whose standard uncertainty is greater.
 
     Args:
         burden: bodies that the joints carry in all observations.
@@ -322,36 +331,46 @@ def extract_identified_weight(
     """
     if burden.balancers:
         return None
-    problem, x, n = fit.reduced, fit.optimum.x, len(fit.compliance)
+    problem, parameters, joint_count = fit.reduced, fit.optimum.x, len(fit.compliance)
     # A compliance is bounded by its cap. A product is bounded by the compliance, because each unknown is in
     # units of its bound; a compliance near zero is replaced by a thousandth of the greatest parameter.
-    half_widths = np.full(len(x), 1e-3 * float(np.abs(x).max()))
+    half_widths = np.full(len(parameters), 1e-3 * float(np.abs(parameters).max()))
     for (_, _, span, _), cap in zip(problem.blocks, problem.cones.cap.tolist(), strict=True):
-        half_widths[span] = np.maximum(half_widths[span.start], x[span.start])
+        half_widths[span] = np.maximum(half_widths[span.start], parameters[span.start])
         half_widths[span.start] = cap
     stacked = np.vstack([problem.A / max(sigma, _LEAST_SIGMA), np.diag(1.0 / half_widths)])
-    root = np.linalg.inv(compute_triangular_factor(stacked))  # cov x = root rootᵀ
+    covariance_root_of_parameters = np.linalg.inv(compute_triangular_factor(stacked))  # cov x = root rootᵀ
     # Mass and first moments (4) of the bodies that each joint carries: nominal, and the deviation from
     # nominal of each unknown at its bound.
     unknown_inertias, _ = burden.unknown
-    nominal, at_bound = np.zeros((n, 4)), np.zeros((n, 4, len(unknown_inertias)))
+    nominal, inertia_at_bound = np.zeros((joint_count, 4)), np.zeros((joint_count, 4, len(unknown_inertias)))
     for body in burden.bodies:
         nominal[body.joint] += 0.5 * (body.most + body.least) * np.array([1.0, *body.centre])
-    for k, (body_index, inertia) in enumerate(unknown_inertias):
-        at_bound[burden.bodies[body_index].joint, :, k] = inertia
-    inertias, product_roots = np.tile(nominal, (n, 1, 1)), np.zeros((n, 4 * n, len(x)))
-    compliance_roots = np.zeros((n, len(x)))
-    for j, unit, span, unknown_indices in problem.blocks:
+    for unknown, (body_index, inertia) in enumerate(unknown_inertias):
+        inertia_at_bound[burden.bodies[body_index].joint, :, unknown] = inertia
+    inertias, product_roots = (
+        np.tile(nominal, (joint_count, 1, 1)),
+        np.zeros((joint_count, 4 * joint_count, len(parameters))),
+    )
+    compliance_roots = np.zeros((joint_count, len(parameters)))
+    for joint, unit, span, unknown_indices in problem.blocks:
         # Matrix from the parameters of joint j to compliance times inertia of all bodies.
-        products = unit * np.column_stack([nominal.ravel(), at_bound.reshape(4 * n, -1)[:, unknown_indices]])
-        compliance_uncertainty = unit * float(np.linalg.norm(root[span.start]))
-        root[span] *= max(1.0, uncertainty[j] / compliance_uncertainty)
-        product_roots[j], compliance_roots[j] = products @ root[span], unit * root[span.start]
-        if x[span.start] > 0.0:
-            inertias[j] = (products @ x[span] / (unit * x[span.start])).reshape(n, 4)
+        products = unit * np.column_stack(
+            [nominal.ravel(), inertia_at_bound.reshape(4 * joint_count, -1)[:, unknown_indices]]
+        )
+        compliance_uncertainty = unit * float(np.linalg.norm(covariance_root_of_parameters[span.start]))
+        covariance_root_of_parameters[span] *= max(1.0, uncertainty[joint] / compliance_uncertainty)
+        product_roots[joint], compliance_roots[joint] = (
+            products @ covariance_root_of_parameters[span],
+            unit * covariance_root_of_parameters[span.start],
+        )
+        if parameters[span.start] > 0.0:
+            inertias[joint] = (products @ parameters[span] / (unit * parameters[span.start])).reshape(
+                joint_count, 4
+            )
     mass: FloatArray = inertias[..., 0]
     centre = inertias[..., 1:] / np.where(mass > 0.0, mass, 1.0)[..., None]
-    covariance_root = np.vstack([compliance_roots, product_roots.reshape(4 * n * n, -1)])
+    covariance_root = np.vstack([compliance_roots, product_roots.reshape(4 * joint_count * joint_count, -1)])
     return IdentifiedWeight(mass, centre, fit.gravity, root=covariance_root)
 
 
@@ -534,6 +553,24 @@ def find_reasons_against(
         )
 
 
+def _make_results_without_weight(robot: Robot, fit: WeightFit) -> list[JointCompliance]:
+    """Return for each joint the result of a joint whose compliance its weight torque does not show."""
+    weight_torques = fit.rows.torques.known
+    negligible = _NEGLIGIBLE_TORQUE * np.abs(weight_torques).max()
+    joints = []
+    for name, kind, torque in zip(robot.joint_names, robot.joint_kinds, weight_torques.T, strict=True):
+        reason = (
+            f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
+            "N·m): hang a known payload off its axis, or apply a known force that twists it"
+        )
+        if np.abs(torque).max() <= negligible:
+            reason = (
+                "gravity does not load the joint in any of the postures: apply a known force that twists it"
+            )
+        joints.append(JointCompliance(name, kind, "not_observable", reason=reason))
+    return joints
+
+
 def compute_joint_results(
     robot: Robot, fit: WeightFit, sigma: float, rise: float
 ) -> tuple[tuple[JointCompliance, ...], FloatArray]:
@@ -555,48 +592,38 @@ def compute_joint_results(
     exact_half_widths = np.sqrt(rise) * np.linalg.norm(
         np.linalg.pinv(problem.A[:, problem.cones.first]), axis=1
     )
-    joints, shares = [], np.full(robot.n, np.nan)
-    # At first every joint is not observable; the results of the observed joints are replaced below.
-    for name, kind, torque in zip(
-        robot.joint_names, robot.joint_kinds, fit.rows.torques.known.T, strict=True
-    ):
-        reason = (
-            f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
-            "N·m): hang a known payload off its axis, or apply a known force that twists it"
-        )
-        if np.abs(torque).max() <= _NEGLIGIBLE_TORQUE * np.abs(fit.rows.torques.known).max():
-            reason = (
-                "gravity does not load the joint in any of the postures: apply a known force that twists it"
-            )
-        joints.append(JointCompliance(name, kind, "not_observable", reason=reason))
-    for k, j in enumerate(problem.observed_joints.tolist()):
-        name, unit, (low, high) = robot.joint_names[j], problem.unit[k], intervals[k]
-        kind = robot.joint_kinds[j]
-        if not high < _UNBOUNDED_SHARE * problem.cones.cap[k]:  # also true for NaN, if no end was found
+    width_ratios = np.full(robot.n, np.nan)
+    joints = _make_results_without_weight(robot, fit)  # those of observed joints are replaced below
+    for position, joint in enumerate(problem.observed_joints.tolist()):
+        name, unit, (lower, upper) = robot.joint_names[joint], problem.unit[position], intervals[position]
+        kind = robot.joint_kinds[joint]
+        is_bounded = upper < _UNBOUNDED_SHARE * problem.cones.cap[position]  # False for NaN: no end was found
+        if not is_bounded:
             reason = (
                 f"own weight and readings do not determine the compliance of {name}: read more postures in "
                 "which its weight torque differs (a plan for own weight lists such postures), or attach a "
                 "payload"
             )
-            joints[j] = JointCompliance(name, kind, "not_observable", reason=reason)
+            joints[joint] = JointCompliance(name, kind, "not_observable", reason=reason)
             continue
-        c = float(fit.compliance[j]) if fit.compliance[j] > _RIGID * high * unit else 0.0
-        shares[j] = min(1.0, 2.0 * float(exact_half_widths[k]) / (high - low))
+        compliance = float(fit.compliance[joint]) if fit.compliance[joint] > _RIGID * upper * unit else 0.0
+        width_ratios[joint] = min(1.0, 2.0 * float(exact_half_widths[position]) / (upper - lower))
         explanation = "the estimate and the lower end of the interval are those of a rigid joint"
-        if c > 0.0:
+        if compliance > 0.0:
             explanation = (
-                f"the interval reaches from rigid to {figure(high * unit / c, '.2g')} times the estimate"
+                "the interval reaches from rigid to "
+                f"{figure(upper * unit / compliance, '.2g')} times the estimate"
             )
-        joints[j] = JointCompliance(
+        joints[joint] = JointCompliance(
             name,
             kind,
-            "at_bound" if c == 0.0 else "identified" if low > 0.0 else "uncertain",
-            c,
-            float(0.5 * (high - low) * unit * sigma / np.sqrt(rise)),
-            (float(low * unit), float(high * unit)),
-            reason=None if low > 0.0 else f"{explanation}: add postures, better masses or a known payload",
+            "at_bound" if compliance == 0.0 else "identified" if lower > 0.0 else "uncertain",
+            compliance,
+            float(0.5 * (upper - lower) * unit * sigma / np.sqrt(rise)),
+            (float(lower * unit), float(upper * unit)),
+            reason=None if lower > 0.0 else f"{explanation}: add postures, better masses or a known payload",
         )
-    return tuple(joints), shares
+    return tuple(joints), width_ratios
 
 
 @dataclass(frozen=True, eq=False)
@@ -628,6 +655,22 @@ class WeightEstimate:
     largest_stiffness_ratio: float
 
 
+def _count_load_coordinates(loaded: Measurements, poses: Poses) -> int:
+    """Return the number of coordinates and encoder readings of deflections under known loads.
+
+    Raises:
+        MeasurementError: not all sigmas of positions and deflections are stated, so they cannot be combined.
+    """
+    if poses.sigma is None or loaded.sigma is None:
+        raise MeasurementError(
+            "positions and deflections are combined, but not all of their uncertainties are stated",
+            where="noise",
+            remedy="state `noise.sigma` for the positions and for the deflections",
+        )
+    encoder_readings = 0 if loaded.encoders is None else int(loaded.encoders.present.sum())
+    return int(loaded.coordinates.sum()) + encoder_readings
+
+
 def identify_weight(
     robot: Robot,
     readings: WeightReadings,
@@ -647,6 +690,9 @@ def identify_weight(
         free_base: True to estimate the tilt of the base in any case; False only if the readings prove a tilt.
         loaded: deflections under known loads (loaded − unloaded), fitted together with the positions.
 
+    Returns:
+        The compliances with intervals, the fit, and the findings.
+
     Raises:
         MeasurementError: the fit does not converge, or positions and deflections are combined but not all of
             their sigmas are stated.
@@ -654,19 +700,9 @@ def identify_weight(
         SolverError: a convex program is not certified.
     """
     poses = readings.poses
-    if loaded is not None and (poses.sigma is None or loaded.sigma is None):
-        raise MeasurementError(
-            "positions and deflections are combined, but not all of their uncertainties are stated",
-            where="noise",
-            remedy="state `noise.sigma` for the positions and for the deflections",
-        )
-    whitened, unit = poses.whitened, poses.sigma or 1.0
+    load_coordinates = 0 if loaded is None else _count_load_coordinates(loaded, poses)
+    whitened, unit_of_fit = poses.whitened, poses.sigma or 1.0
     rigid = calibrate(robot.chain, poses, start=pin.SE3.Identity(), hold_out=False)
-    load_coordinates = 0
-    if loaded is not None:
-        encoders = 0 if loaded.encoders is None else int(loaded.encoders.present.sum())
-        load_coordinates = int(loaded.coordinates.sum()) + encoders
-
     readings_with_stated_bounds = readings
 
     def fit_with_bodies(bodies: tuple[Body, ...], *, free_base: bool = False) -> WeightFit:
@@ -677,7 +713,7 @@ def identify_weight(
                 readings_with_stated_bounds,
                 burden=replace(readings_with_stated_bounds.burden, bodies=bodies),
             ),
-            replace(whitened, weight=whitened.weight / unit),
+            replace(whitened, weight=whitened.weight / unit_of_fit),
             PoseState(rigid.axes, rigid.targets, np.zeros(len(poses))),
             free_gravity=free_gravity,
             free_base=free_base,
@@ -699,9 +735,11 @@ def identify_weight(
         reason.code == "residuals_exceed_sigma" for reason in reasons
     )
     # Sigma in the unit of the fit: the rms residual, or 1 for the stated sigma.
-    scale = float(np.sqrt(problem.residual_squares / degrees_of_freedom)) if sigma_of_residuals else 1.0
+    sigma_of_fit = (
+        float(np.sqrt(problem.residual_squares / degrees_of_freedom)) if sigma_of_residuals else 1.0
+    )
     quantile = student_quantile(0.5 + 0.5 * confidence, degrees_of_freedom if sigma_of_residuals else None)
-    joints, shares = compute_joint_results(robot, fit, scale, (scale * quantile) ** 2)
+    joints, width_ratios = compute_joint_results(robot, fit, sigma_of_fit, (sigma_of_fit * quantile) ** 2)
     statuses = [joint.status for joint in joints]
     missing = report_no_identified_joint(statuses, "read more postures, better masses or a known payload")
     uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
@@ -716,20 +754,21 @@ def identify_weight(
 
     return WeightEstimate(
         joints=joints,
-        shares=shares,
+        shares=width_ratios,
         fit=fit,
         reasons=(*reasons, *missing),
         remarks=tuple(each for each in findings if each.weight == "use"),
-        sigma=scale * unit,
+        sigma=sigma_of_fit * unit_of_fit,
         sigma_of_residuals=sigma_of_residuals,
         chi_square=float(degrees_of_freedom) if poses.sigma is None else problem.residual_squares,
         degrees_of_freedom=degrees_of_freedom,
-        rms_residual=unit * float(np.sqrt((problem.residual_squares + loss) / (degrees_of_freedom + rank))),
+        rms_residual=unit_of_fit
+        * float(np.sqrt((problem.residual_squares + loss) / (degrees_of_freedom + rank))),
         rms_without_sag=float(np.sqrt(rigid.rss / rigid.dof)),
         confidence=confidence,
         displacement=predicted - fit.state.motion(whitened).points,
         residual=np.where(poses.present[..., None], whitened.points - predicted, 0.0),
         certificate=fit.optimum.certificate,
-        weight=extract_identified_weight(readings.burden, fit, scale, uncertainty),
+        weight=extract_identified_weight(readings.burden, fit, sigma_of_fit, uncertainty),
         largest_stiffness_ratio=float(np.abs(differentiate_numerically(compute_sag_at, robot.n)).max()),
     )

@@ -76,7 +76,9 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
     # for those that change the torque of a joint. An unknown first moment has no mass, so its `half` is zero.
     uncertain = [(k, body, half) for k, (body, (half, *_)) in enumerate(unknown_inertias) if half > 0.0]
     acting = [
-        (k, body, half) for k, body, half in uncertain if any((in_y == n + k).any() for _, in_y in blocks)
+        (k, body, half)
+        for k, body, half in uncertain
+        if any((indices == n + k).any() for _, indices in blocks)
     ]
     lower = np.full(n + count, -np.inf)
     lower[:n] = 0.0
@@ -97,17 +99,17 @@ def fit_freed_masses(problem: ReducedProblem, burden: Burden, noise: float) -> l
         def compute_residuals(y: FloatArray) -> FloatArray:
             """Return the residuals of the readings, then of the prior, at y = (c, ζ)."""
             x = np.zeros(size)
-            for i, (span, in_y) in enumerate(blocks):
-                x[span] = y[i] * np.array([1.0, *y[in_y]])
+            for i, (span, deviations) in enumerate(blocks):
+                x[span] = y[i] * np.array([1.0, *y[deviations]])
             return np.concatenate([(problem.A @ x - problem.b) / scale, prior @ y])
 
         def compute_jacobian(y: FloatArray) -> FloatArray:
             """Return the Jacobian of the residuals with respect to y at y = (c, ζ)."""
             x_slopes = np.zeros((size, n + count))
-            for i, (span, in_y) in enumerate(blocks):
+            for i, (span, deviations) in enumerate(blocks):
                 joint_slopes = x_slopes[span]  # a view: writing to it changes x_slopes
-                joint_slopes[:, i] = 1.0, *y[in_y]
-                joint_slopes[1 + np.arange(len(in_y)), in_y] = y[i]
+                joint_slopes[:, i] = 1.0, *y[deviations]
+                joint_slopes[1 + np.arange(len(deviations)), deviations] = y[i]
             return np.concatenate([problem.A @ x_slopes / scale, prior])
 
         found = least_squares(compute_residuals, start, compute_jacobian, bounds=bounds, x_scale="jac")
@@ -141,29 +143,32 @@ def find_contradicted_mass(freed: Sequence[FreedMass]) -> FreedMass | None:
     return None if worst is None or worst.gain <= CONTRADICTED else worst
 
 
-def widen_mass_bounds(bodies: Sequence[Body], wrong: FreedMass) -> tuple[Body, ...]:
+def widen_mass_bounds(bodies: Sequence[Body], wrong_mass: FreedMass) -> tuple[Body, ...]:
     """Return the bodies, with the wrong mass's bounds widened to its fitted value ± two uncertainties."""
-    low, high = wrong.mass - 2.0 * wrong.uncertainty, wrong.mass + 2.0 * wrong.uncertainty
-    body = bodies[wrong.body]
-    widened = replace(body, least=max(0.0, min(body.least, low)), most=max(body.most, high))
-    return (*bodies[: wrong.body], widened, *bodies[wrong.body + 1 :])
+    lower, upper = (
+        wrong_mass.mass - 2.0 * wrong_mass.uncertainty,
+        wrong_mass.mass + 2.0 * wrong_mass.uncertainty,
+    )
+    body = bodies[wrong_mass.body]
+    widened = replace(body, least=max(0.0, min(body.least, lower)), most=max(body.most, upper))
+    return (*bodies[: wrong_mass.body], widened, *bodies[wrong_mass.body + 1 :])
 
 
-def report_contradicted_mass(body: Body, wrong: FreedMass, *, covered: bool = True) -> Finding:
+def report_contradicted_mass(body: Body, wrong_mass: FreedMass, *, covered: bool = True) -> Finding:
     """Build the finding about a mass that the readings contradict.
 
     Args:
         body: body with the stated mass.
-        wrong: fit of the mass without bounds.
+        wrong_mass: fit of the mass without bounds.
         covered: whether the intervals of the result cover both the stated and the fitted mass.
     """
     coverage = "The intervals cover both masses" if covered else "No fit that allows both masses converged"
     return Finding(
         code="masses_contradicted",
         weight="use_with_care" if covered else "do_not_use",
-        message=f"the readings contradict the mass of {body.name}: they suggest {wrong.mass:.3g} kg "
-        f"± {wrong.uncertainty:.2g} kg instead of {body.mass:.3g} kg, and χ² falls by {wrong.gain:.3g}. "
-        f"{coverage}",
+        message=f"the readings contradict the mass of {body.name}: they suggest {wrong_mass.mass:.3g} kg "
+        f"± {wrong_mass.uncertainty:.2g} kg instead of {body.mass:.3g} kg, and χ² falls by "
+        f"{wrong_mass.gain:.3g}. {coverage}",
         remedy=f"check the mass of {body.name}, the masses of its neighbours and what hung on the flange; a "
         "known payload in some of the postures shows whether a stiffness or a mass is wrong",
     )

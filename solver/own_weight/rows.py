@@ -109,25 +109,29 @@ class Burden:
                 unknowns += [(body_index, body.radius * mean * axis) for axis in np.eye(4)[1:]]
         return unknowns, uncertain_centres
 
-    def build_block(self, acts: BoolArray) -> tuple[Block, list[int]]:
+    def build_block(self, is_acting: BoolArray) -> tuple[Block, list[int]]:
         """Build the layout of the unknowns of one joint: masses and springs in boxes, moments in balls.
 
         Args:
-            acts: (K,) mask of the unknowns that change the torque of the joint.
+            is_acting: (K,) mask of the unknowns that change the torque of the joint.
 
         Returns:
             The block; and the indices of the block's unknowns among all K: masses and springs, then moments.
         """
         _, uncertain_centres = self.unknown
         acting_centres = [
-            (first, mass_index, ratio)
-            for first, mass_index, ratio in uncertain_centres
-            if acts[first : first + 3].any()
+            (first_moment, mass_index, ratio)
+            for first_moment, mass_index, ratio in uncertain_centres
+            if is_acting[first_moment : first_moment + 3].any()
         ]
-        all_moments = [first + i for first, _, _ in uncertain_centres for i in range(3)]
+        all_moments = [
+            first_moment + component for first_moment, _, _ in uncertain_centres for component in range(3)
+        ]
         # Masses and springs, and then the three moments of each centre, in the order of the block.
-        in_boxes = [k for k in np.flatnonzero(acts).tolist() if k not in all_moments]
-        in_balls = [first + i for first, _, _ in acting_centres for i in range(3)]
+        in_boxes = [unknown for unknown in np.flatnonzero(is_acting).tolist() if unknown not in all_moments]
+        in_balls = [
+            first_moment + component for first_moment, _, _ in acting_centres for component in range(3)
+        ]
         balls = tuple(
             (in_boxes.index(mass_index), ratio) if mass_index in in_boxes else (-1, 0.0)
             for _, mass_index, ratio in acting_centres
@@ -205,7 +209,7 @@ def linearise_readings(
     sag: FloatArray,
     compliance: FloatArray,
 ) -> WeightRows:
-    """Linearise readings of positions about a geometry and a sag.
+    """Linearise readings of positions about a geometry and a sag: rows of a least-squares problem.
 
     Args:
         robot: nominal robot.
@@ -217,38 +221,42 @@ def linearise_readings(
     """
     motion = state.motion(replace(whitened, angles=whitened.angles + sag))
     torques = compute_torques(robot, readings, motion)
-    J = motion.differentiate_by_angles()  # J_θ of the equation above
-    gap = whitened.points - motion.points + np.einsum("ktin,kn->kti", J, sag)
-    weighted = (whitened.weight @ J).reshape(*J.shape[:1], -1, J.shape[-1])
+    angle_derivative = motion.differentiate_by_angles()  # (N, T, 3, n), J_θ of the module's equation
+    differences = whitened.points - motion.points + np.einsum("ktin,kn->kti", angle_derivative, sag)
+    whitened_derivative = (whitened.weight @ angle_derivative).reshape(
+        *angle_derivative.shape[:1], -1, angle_derivative.shape[-1]
+    )
     geometry = whitened.weight @ motion.jacobian()
-    gravity, count = readings.burden.gravity, len(gap)
-    size = np.linalg.norm(gravity)
+    gravity, observation_count = readings.burden.gravity, len(differences)
+    gravity_size = np.linalg.norm(gravity)
     # Change of the positions when gravity turns by a radian about each of two perpendicular axes.
-    by_tilt = np.einsum(
+    gravity_columns = np.einsum(
         "kij,kjg,j->kig",
-        weighted,
-        torques.gravity_derivative @ (compute_perpendicular_basis(gravity) * size),
+        whitened_derivative,
+        torques.gravity_derivative @ (compute_perpendicular_basis(gravity) * gravity_size),
         compliance,
     )
     terms = {
-        "geometry": geometry.reshape(count, weighted.shape[1], -1),
+        "geometry": geometry.reshape(observation_count, whitened_derivative.shape[1], -1),
         "base": (whitened.weight @ differentiate_by_base_compliance(torques, motion.points)).reshape(
-            count, -1, 3
+            observation_count, -1, 3
         ),
-        "gravity": by_tilt,
-        "joints": weighted * torques.known[:, None],
-        "products": (weighted[..., None] * torques.of_unknowns[:, None]).reshape(*weighted.shape[:2], -1),
+        "gravity": gravity_columns,
+        "joints": whitened_derivative * torques.known[:, None],
+        "products": (whitened_derivative[..., None] * torques.of_unknowns[:, None]).reshape(
+            *whitened_derivative.shape[:2], -1
+        ),
     }
-    readings_column = (whitened.weight @ gap[..., None]).reshape(count, -1, 1)
+    readings_column = (whitened.weight @ differences[..., None]).reshape(observation_count, -1, 1)
     # A coordinate that was not read has weight zero, so that its columns of the geometry are zero.
-    read = terms["geometry"].any(axis=2).sum(axis=1)
+    coordinates_read = terms["geometry"].any(axis=2).sum(axis=1)
     rows = np.concatenate([*terms.values(), readings_column], axis=-1)
     return WeightRows(
-        stack=Stack(rows, read, {name: columns.shape[-1] for name, columns in terms.items()}),
+        stack=Stack(rows, coordinates_read, {name: columns.shape[-1] for name, columns in terms.items()}),
         torques=torques,
         crosswise_torque=np.maximum(
             np.abs(torques.known).max(axis=0),
-            size * np.linalg.norm(torques.gravity_derivative, axis=2).max(axis=0),
+            gravity_size * np.linalg.norm(torques.gravity_derivative, axis=2).max(axis=0),
         ),
     )
 
@@ -272,20 +280,24 @@ def compute_perpendicular_basis(vector: FloatArray) -> FloatArray:
 def compute_torques(robot: Robot, readings: WeightReadings, motion: Motion) -> Torques:
     """Compute the joint torques of loads, bodies and balancers in the B postures of a motion.
 
-    The joint frames and the flange frame of the nominal robot are shifted onto the fitted axes.
+    The torques are of the fitted arm: the joint frames and the flange frame of the nominal robot are shifted
+    onto the fitted axes.
     """
     burden, axes = readings.burden, motion.axes
     home = Postures(robot, np.zeros((1, robot.n)))  # nominal robot with all angles zero
     rotations, nominal_origins = (part[0] for part in home.joint_frames)
     origins = [axis.nearest_point_to(origin) for axis, origin in zip(axes, nominal_origins, strict=True)]
-    frames = [pin.SE3(R, origin) for R, origin in zip(rotations, origins, strict=True)]
+    frames = [
+        pin.SE3(axis_rotation, origin) for axis_rotation, origin in zip(rotations, origins, strict=True)
+    ]
     to_flange = home.flange_translation[0] - nominal_origins[-1]
     arm = build_arm(axes, frames, pin.SE3(home.flange_rotation[0], origins[-1] + to_flange))
     postures = Postures(arm, motion.angles)
     rotation, origin = postures.joint_frames
     levers = postures.weight_levers  # (B, n, n, 4, 3)
 
-    gravity_derivative, is_carried = np.zeros(origin.shape), readings.carried.T[:, :, None, None]
+    gravity_derivative = np.zeros(origin.shape)
+    is_carried = readings.carried.T[:, :, None, None]
     base_moment = readings.moment.copy()
     for number, body in enumerate(burden.bodies):
         centre = origin[:, body.joint] + rotation[:, body.joint] @ np.array(body.centre)
@@ -299,23 +311,23 @@ def compute_torques(robot: Robot, readings: WeightReadings, motion: Motion) -> T
         is_carried[number, ..., 0] * (inertia_torques[:, :, burden.bodies[number].joint] @ inertia)
         for number, inertia in unknown_inertias
     ]
-    known = gravity_derivative @ burden.gravity
+    known_torques = gravity_derivative @ burden.gravity
     for balancer in burden.balancers:
         joint, on_link = balancer.joint, np.array(balancer.on_link)
-        line = origin[:, joint] + rotation[:, joint] @ on_link - np.array(balancer.on_base)
-        length = np.linalg.norm(line, axis=1, keepdims=True)
+        spring_line = origin[:, joint] + rotation[:, joint] @ on_link - np.array(balancer.on_base)
+        length = np.linalg.norm(spring_line, axis=1, keepdims=True)
         lever = np.einsum("bjpi,p->bji", levers[:, :, joint], [1.0, *on_link])
         # The spring's force on the link, −k line + k s₀ line/length, is linear in k and k s₀.
-        for force, (low, high) in ((-line, balancer.rate), (line / length, balancer.pull)):
+        for force, (least, most) in ((-spring_line, balancer.rate), (spring_line / length, balancer.pull)):
             torque = np.einsum("bji,bi->bj", lever, force)
-            known += 0.5 * (low + high) * torque
-            of_unknowns += [0.5 * (high - low) * torque] if high > low else []
+            known_torques += 0.5 * (least + most) * torque
+            of_unknowns += [0.5 * (most - least) * torque] if most > least else []
 
-    known += postures.load(readings.load_point, readings.force, readings.moment)[1]
+    known_torques += postures.load(readings.load_point, readings.force, readings.moment)[1]
     load_position = postures.to_base(readings.load_point[:, None])[:, 0]
     base_moment += np.cross(load_position, readings.force)
-    stacked = np.stack(of_unknowns, axis=-1) if of_unknowns else np.zeros((*known.shape, 0))
-    return Torques(known, stacked, gravity_derivative, base_moment)
+    stacked = np.stack(of_unknowns, axis=-1) if of_unknowns else np.zeros((*known_torques.shape, 0))
+    return Torques(known_torques, stacked, gravity_derivative, base_moment)
 
 
 def make_planned_rows_function(
@@ -339,20 +351,22 @@ def make_planned_rows_function(
     def compute_rows(joints: FloatArray) -> FloatArray:
         """Return the rows (N, 3 T, P) of unloaded readings in postures (N, n)."""
         angles = robot.joint_map.model_angles(joints)
-        count, shape = len(joints), (len(joints), *targets.shape)
-        positions = Postures(robot, angles).to_base(np.broadcast_to(targets, shape))
-        poses = Poses(joints, positions, np.ones(shape[:2], dtype=np.bool_), names, robot.joint_map)
-        no_load, carried = np.zeros((count, 3)), np.ones((count, len(burden.bodies)))
+        posture_count, table_shape = len(joints), (len(joints), *targets.shape)
+        positions = Postures(robot, angles).to_base(np.broadcast_to(targets, table_shape))
+        poses = Poses(joints, positions, np.ones(table_shape[:2], dtype=np.bool_), names, robot.joint_map)
+        no_load, carried = np.zeros((posture_count, 3)), np.ones((posture_count, len(burden.bodies)))
         readings = WeightReadings(poses, burden, carried, no_load, no_load, no_load)
-        state = PoseState(axes, transform_points(flange, targets), np.zeros(count))
+        state = PoseState(axes, transform_points(flange, targets), np.zeros(posture_count))
         rows = linearise_readings(robot, readings, poses.whitened, state, np.zeros(angles.shape), compliance)
         stack = rows.stack.in_units({"geometry": _GEOMETRY, "base": _BASE})
         columns_of = {name: stack.rows[..., columns] for name, columns in stack.span.items()}
         products = columns_of["products"].reshape(*stack.rows.shape[:2], *rows.torques.of_unknowns.shape[1:])
         # With known compliances, all joints share the deviation of each mass: add their columns.
-        masses = np.einsum("kmjp,j->kmp", products, compliance)
-        base = columns_of["base"][..., : 3 * free_base]  # no columns for a rigid base
-        return np.concatenate([columns_of["joints"], columns_of["geometry"], base, masses], axis=-1)
+        mass_columns = np.einsum("kmjp,j->kmp", products, compliance)
+        base_columns = columns_of["base"][..., : 3 * free_base]  # no columns for a rigid base
+        return np.concatenate(
+            [columns_of["joints"], columns_of["geometry"], base_columns, mass_columns], axis=-1
+        )
 
     return compute_rows
 
@@ -378,7 +392,10 @@ class ReducedProblem:
 
     @property
     def blocks(self) -> Iterator[tuple[int, float, slice, list[int]]]:
-        """Joint, unit of its compliance [rad/(N·m)], slice in x, and indices of unknowns, for each block."""
+        """The blocks of the parameters x of the problem, one for each joint.
+
+        A block is (joint, unit of its compliance [rad/(N·m)], slice in x, indices of its unknowns).
+        """
         for j, unit, start, unknown_indices in zip(
             self.observed_joints.tolist(),
             self.unit.tolist(),
@@ -388,7 +405,7 @@ class ReducedProblem:
         ):
             yield j, unit, slice(start, start + 1 + len(unknown_indices)), unknown_indices
 
-    def expand_solution(self, rows: WeightRows, x: FloatArray) -> FloatArray:
+    def expand_solution(self, rows: WeightRows, solution: FloatArray) -> FloatArray:
         """Return the unknowns (P,) of all columns of the rows, in SI units, for a solution x of this problem.
 
         Each block of x has the compliance of a joint first, then the products of this compliance with the
@@ -398,17 +415,22 @@ class ReducedProblem:
         # (n, K) position among all unknowns of the product of each joint's compliance with each deviation
         product_positions = rows.stack.span["products"].reshape(rows.torques.of_unknowns.shape[1:])
         for j, unit, span, unknown_indices in self.blocks:
-            compliance, *products = unit * x[span]
+            compliance, *products = unit * solution[span]
             # Sag under a constant torque is part of the geometry, so it must not be counted here again.
             unknowns[rows.stack.span["joints"][j]] = compliance * rows.varies[j]
             unknowns[product_positions[j, unknown_indices]] = products
         return unknowns
 
-    def compute_sag(self, torques: Torques, x: FloatArray) -> FloatArray:
-        """Return the sag (N, n) [rad] of the joints in N postures, for a solution x of the problem."""
+    def compute_sag(self, torques: Torques, solution: FloatArray) -> FloatArray:
+        """Return the sag (N, n) [rad] of the n joints in N postures, for a solution of this problem.
+
+        Args:
+            torques: torques in the N postures.
+            solution: parameters of the problem: compliances, and their products with unknown masses.
+        """
         sag = np.zeros(torques.known.shape)
         for j, unit, span, unknown_indices in self.blocks:
-            compliance, products = x[span.start], x[span][1:]
+            compliance, products = solution[span.start], solution[span][1:]
             from_unknowns = torques.of_unknowns[:, j][:, unknown_indices] @ products
             sag[:, j] = unit * (torques.known[:, j] * compliance + from_unknowns)
         return sag

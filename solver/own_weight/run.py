@@ -13,7 +13,7 @@ from jointstiff.schemas import run as runs
 from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.options import OwnWeight, RunOptions
 from jointstiff.schemas.run import Identifiability, RunResult, WeightResult, WeightShare
-from jointstiff.solver.arrays import IndexArray
+from jointstiff.solver.arrays import BoolArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.assessment import (
     derive_assessment,
@@ -31,8 +31,9 @@ from jointstiff.solver.predict.models import JointModel
 from jointstiff.solver.result import build_assessment_message, build_joint_results
 
 if TYPE_CHECKING:
+    from jointstiff.solver.geometry.poses import Poses
     from jointstiff.solver.own_weight.identification import WeightEstimate
-    from jointstiff.solver.own_weight.rows import WeightReadings
+    from jointstiff.solver.own_weight.rows import Balancer, WeightReadings
 
 _NO_MODEL_ERROR: Final = RequestError(
     "the stiffnesses come from the robot's own weight, not from postures under load",
@@ -60,15 +61,15 @@ def choose_own_weight_if_unloaded(
 
 
 def run_by_weight(
-    robot: Robot, m: Measurements, options: RunOptions, noticed: Sequence[Finding] = ()
+    robot: Robot, measurements: Measurements, options: RunOptions, findings_of_checks: Sequence[Finding] = ()
 ) -> RunResult:
     """Identify joint stiffnesses from positions of a robot that sags under its own weight.
 
     Args:
         robot: n joints, with bodies.
-        m: N observations.
+        measurements: N observations.
         options: options of the run; default options of own weight are used if none are stated.
-        noticed: findings of the integrity checks of these measurements.
+        findings_of_checks: findings of the integrity checks of these measurements.
 
     Raises:
         RequestError: the robot has no bodies, or the set has no positions.
@@ -77,10 +78,14 @@ def run_by_weight(
     from jointstiff.solver.own_weight.identification import identify_weight
 
     weight_options = options.weight or OwnWeight()
-    readings, observation = _collect_positions(robot, m, weight_options)
+    readings, observation = _collect_positions(robot, measurements, weight_options)
     # Deflections of targets in the flange frame have no absolute position; they are fitted as deflections.
-    in_flange = m.present & m.in_flange
-    deflections = replace(m, present=in_flange, deflection=np.where(in_flange[..., None], m.deflection, 0.0))
+    in_flange = measurements.present & measurements.in_flange
+    deflections = replace(
+        measurements,
+        present=in_flange,
+        deflection=np.where(in_flange[..., None], measurements.deflection, 0.0),
+    )
     estimate = identify_weight(
         robot,
         readings,
@@ -90,32 +95,29 @@ def run_by_weight(
         loaded=deflections if in_flange.any() else None,
     )
     joints = estimate.joints
-    implausible = report_implausible_joints(joints)
-    findings = [*estimate.reasons, *estimate.remarks, *implausible, *report_refuted_noise(m, estimate.sigma)]
+    findings = [
+        *estimate.reasons,
+        *estimate.remarks,
+        *report_implausible_joints(joints),
+        *report_refuted_noise(measurements, estimate.sigma),
+    ]
     assessment = derive_assessment(joints, findings)
     row, target = np.nonzero(readings.poses.present)
-    displacement, residual = estimate.displacement[row, target], estimate.residual[row, target]
+    displacement = estimate.displacement[row, target]
+    residual = estimate.residual[row, target]
     residual_length, measured_length = (
         np.linalg.norm(vectors, axis=1) for vectors in (residual, displacement + residual)
     )
-    sigma_is_stated = readings.poses.sigma is not None
     model = None
     if any(joint.compliance is not None for joint in joints):
         model = build_stored_model(_build_model(robot, estimate), _NO_MODEL_ERROR)
-    test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if sigma_is_stated else None
     return RunResult(
         assessment=build_assessment_message(assessment, joints),
         joints=list(build_joint_results(assessment, joints)),
         compensation=float(1.0 - residual_length.mean() / measured_length.mean()),
         rms_residual=float(np.sqrt(np.square(residual_length).mean())),
         sigma=estimate.sigma,
-        goodness=runs.Goodness(
-            chi_square=estimate.chi_square,
-            degrees_of_freedom=estimate.degrees_of_freedom,
-            sigma_source="given" if sigma_is_stated else "residuals",
-            p_value=None if test is None else test.p_value,
-            test=None if test is None else test.result,
-        ),
+        goodness=_build_goodness(estimate, sigma_is_stated=readings.poses.sigma is not None),
         identifiability=Identifiability(
             parameters=len(joints),
             rank=len(estimate.fit.reduced.observed_joints),
@@ -133,19 +135,33 @@ def run_by_weight(
         ),
         residuals=build_messages(
             runs.Residual,
-            observation=np.array(m.labels)[observation[row]],
-            target=np.array(m.targets)[target],
+            observation=np.array(measurements.labels)[observation[row]],
+            target=np.array(measurements.targets)[target],
             deflection=displacement + residual,
             predicted=displacement,
             residual=residual,
         ),
         model=model,
         weight=_build_weight_result(estimate),
-        warnings=[*noticed, *assessment.remarks],
+        warnings=[*findings_of_checks, *assessment.remarks],
     )
 
 
-def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tuple[WeightReadings, IndexArray]:
+def _build_goodness(estimate: WeightEstimate, *, sigma_is_stated: bool) -> runs.Goodness:
+    """Return the message on χ²; the test of χ² needs a stated sigma."""
+    test = sigma_test(estimate.chi_square, estimate.degrees_of_freedom) if sigma_is_stated else None
+    return runs.Goodness(
+        chi_square=estimate.chi_square,
+        degrees_of_freedom=estimate.degrees_of_freedom,
+        sigma_source="given" if sigma_is_stated else "residuals",
+        p_value=None if test is None else test.p_value,
+        test=None if test is None else test.result,
+    )
+
+
+def _collect_positions(
+    robot: Robot, measurements: Measurements, weight: OwnWeight
+) -> tuple[WeightReadings, IndexArray]:
     """Collect all absolute positions: first those without a load, then those under a load.
 
     Returns:
@@ -154,8 +170,7 @@ def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tupl
     Raises:
         RequestError: the robot has no masses, or the set has no positions.
     """
-    from jointstiff.solver.geometry.poses import Poses
-    from jointstiff.solver.own_weight.rows import Balancer, Burden, WeightReadings
+    from jointstiff.solver.own_weight.rows import Burden, WeightReadings
 
     if not robot.bodies:
         raise RequestError(
@@ -164,8 +179,8 @@ def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tupl
             remedy="give `bodies` of the robot, or a URDF with inertials",
         )
     # A deflection with an absolute position has a position without load and a position under load.
-    loaded = m.present & ~m.in_flange
-    unloaded = loaded if m.unloaded_only is None else loaded | m.unloaded_only
+    loaded = measurements.present & ~measurements.in_flange
+    unloaded = loaded if measurements.unloaded_only is None else loaded | measurements.unloaded_only
     if not unloaded.any():
         raise RequestError(
             "the set has deflections only, but own weight is identified from positions",
@@ -174,19 +189,59 @@ def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tupl
         )
     without_load, with_load = (np.flatnonzero(mask.any(axis=1)) for mask in (unloaded, loaded))
     observation = np.concatenate([without_load, with_load])
-    # The covariance is that of a deflection, the difference of two positions: a position has half of it.
-    covariance = np.broadcast_to(0.5 * m.covariance, (*m.present.shape, 3, 3))[observation]
+    poses = _build_poses(robot, measurements, unloaded, loaded)
     load_factor = np.repeat([0.0, 1.0], [len(without_load), len(with_load)])[:, None]
-    poses = Poses(
-        angles=m.joints[observation],
-        points=np.concatenate([m.position[without_load], (m.position + m.deflection)[with_load]]),
-        present=np.concatenate([unloaded[without_load], loaded[with_load]]),
-        targets=m.targets,
-        joint_map=robot.joint_map,
-        sigma=m.sigma,
-        covariance=0.5 * m.covariance if m.covariance.ndim == 2 else covariance,
+    return (
+        WeightReadings(
+            poses,
+            Burden(robot.bodies, _build_balancers(robot, weight), np.array(weight.gravity)),
+            carried=np.ones((len(observation), len(robot.bodies))),
+            force=load_factor * measurements.force[observation],
+            moment=load_factor * measurements.moment[observation],
+            load_point=measurements.load_point[observation],
+        ),
+        observation,
     )
-    balancers = [
+
+
+def _build_poses(robot: Robot, measurements: Measurements, unloaded: BoolArray, loaded: BoolArray) -> Poses:
+    """Return absolute positions as poses: first the positions without a load, then those under a load.
+
+    Args:
+        robot: robot that was measured.
+        measurements: N observations.
+        unloaded: (N, T) mask of the positions without a load.
+        loaded: (N, T) mask of the positions under a load.
+    """
+    from jointstiff.solver.geometry.poses import Poses
+
+    without_load, with_load = (np.flatnonzero(mask.any(axis=1)) for mask in (unloaded, loaded))
+    observation = np.concatenate([without_load, with_load])
+    # The covariance is that of a deflection, the difference of two positions: a position has half of it.
+    covariance = 0.5 * measurements.covariance
+    if covariance.ndim > 2:
+        covariance = np.broadcast_to(covariance, (*measurements.present.shape, 3, 3))[observation]
+    loaded_position = measurements.position + measurements.deflection
+    return Poses(
+        angles=measurements.joints[observation],
+        points=np.concatenate([measurements.position[without_load], loaded_position[with_load]]),
+        present=np.concatenate([unloaded[without_load], loaded[with_load]]),
+        targets=measurements.targets,
+        joint_map=robot.joint_map,
+        sigma=measurements.sigma,
+        covariance=covariance,
+    )
+
+
+def _build_balancers(robot: Robot, weight: OwnWeight) -> tuple[Balancer, ...]:
+    """Return the balancers of an option for own weight, with joints as indices.
+
+    Raises:
+        RequestError: the robot has no joint that a balancer names.
+    """
+    from jointstiff.solver.own_weight.rows import Balancer
+
+    return tuple(
         Balancer(
             robot.joint_index(balancer.joint, f"weight.balancers[{number}].joint"),
             balancer.on_base,
@@ -195,17 +250,6 @@ def _collect_positions(robot: Robot, m: Measurements, weight: OwnWeight) -> tupl
             balancer.pull,
         )
         for number, balancer in enumerate(weight.balancers)
-    ]
-    return (
-        WeightReadings(
-            poses,
-            Burden(robot.bodies, tuple(balancers), np.array(weight.gravity)),
-            carried=np.ones((len(observation), len(robot.bodies))),
-            force=load_factor * m.force[observation],
-            moment=load_factor * m.moment[observation],
-            load_point=m.load_point[observation],
-        ),
-        observation,
     )
 
 

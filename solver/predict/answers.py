@@ -117,9 +117,8 @@ def find_postures_within_limits(
 ) -> tuple[IndexArray, IndexArray, FloatArray, IndexArray, IndexArray]:
     """Find all postures within the limits of task and robot that bring the tool to given places.
 
-    Near a singularity the inverse kinematics may miss solutions. If the task states a posture
-    `start_angles`, its
-    branch of solutions is then followed, and the posture found is used if no other solution is nearer.
+    Near a singularity the inverse kinematics may miss solutions. If the task states a posture `near`,
+    its branch of solutions is then followed, and the posture found is used if no other solution is nearer.
 
     Args:
         robot: n joints.
@@ -250,9 +249,8 @@ def map_places(
         rank = np.round(np.log(minimised) / _TIE)  # sizes that differ by rounding get the same rank
     # The last key sorts first: places, then rank, travel from home, and orientation.
     sorted_postures = np.lexsort((orientation, travel, rank, place_of_posture))
-    chosen = sorted_postures[
-        np.unique(place_of_posture[sorted_postures], return_index=True)[1]
-    ]  # first posture of each place
+    # First posture of each place
+    chosen = sorted_postures[np.unique(place_of_posture[sorted_postures], return_index=True)[1]]
     loaded = map_postures(model, error, task, orientation[chosen], joints[chosen])
     for name, column in vars(loaded).items():
         getattr(result, name)[place_of_posture[chosen]] = column
@@ -287,7 +285,8 @@ def map_postures(
     # The kinematics without load are used again only if no case was removed.
     cases = cases[bearable] if overloaded.any() else cases
     deflection = model.deflect(cases, None if overloaded.any() else unloaded)
-    is_undetermined, direction = deflection.unseen.any(axis=1), task.direction[orientation[bearable]]
+    is_undetermined = deflection.unseen.any(axis=1)
+    direction = task.direction[orientation[bearable]]
     result.status[bearable] = np.where(is_undetermined, _UNSEEN, _REACHED)
     compliance = deflection.compliance
     known_along, known_across = deflection.compliance_known(direction)
@@ -396,7 +395,9 @@ def _describe_joint_model(model: JointModel) -> dict[str, Any]:
     The fields `estimate` and `covariance` are of the joints listed in `seen`; they neglect the constraints,
     which `compliance` obeys.
     """
-    names, likelihood, bounds = model.robot.joint_names, model.likelihood, model.constraints.bounds
+    names = model.robot.joint_names
+    likelihood = model.likelihood
+    bounds = model.constraints.bounds
     weight = None
     if isinstance(model.weight, IdentifiedWeight):
         weight = stored_as.WeightPart(
@@ -535,14 +536,13 @@ def build_case_results(
         labels: names of the cases.
         budget: uncertainty budget of the run; None if the run has none.
     """
-    undetermined, intervals, joint_names = (
-        deflection.unseen,
-        deflection.interval(confidence),
-        deflection.model.robot.joint_names,
-    )
+    undetermined = deflection.unseen
+    intervals = deflection.interval(confidence)
+    joint_names = deflection.model.robot.joint_names
     is_valid = np.asarray(~undetermined.any(axis=1))
     with_error: Sequence[cases.ModelErrorInterval | None] = [None] * len(labels)
-    radius, from_readings = np.full(len(labels), np.inf), np.full((len(labels), 6, 2), np.nan)
+    radius = np.full(len(labels), np.inf)
+    from_readings = np.full((len(labels), 6, 2), np.nan)
     if intervals is not None:
         from_readings = np.where(is_valid[:, None, None], intervals, np.nan)
     if bound is not None:
@@ -584,7 +584,8 @@ def _list_extrapolation_remarks(bound: ModelErrorBound, case: int) -> list[str]:
 
     `case` is the index of the load case in the bound.
     """
-    load_ratio, leverage_ratio = float(bound.load_ratio[case]), float(bound.leverage_ratio[case])
+    load_ratio = float(bound.load_ratio[case])
+    leverage_ratio = float(bound.leverage_ratio[case])
     remarks = []
     if np.isinf(load_ratio):
         remarks.append(f"extrapolated: no {bound.unmeasured} was measured, so the model error is unknown")
@@ -595,8 +596,7 @@ def _list_extrapolation_remarks(bound: ModelErrorBound, case: int) -> list[str]:
     if np.isfinite(load_ratio) and leverage_ratio > EXTRAPOLATED:
         remarks.append(
             f"extrapolated: the prediction here is {figure(leverage_ratio, '.3g')} times as uncertain as "
-            "at the "
-            "worst measured target"
+            "at the worst measured target"
         )
     return remarks
 
@@ -612,14 +612,11 @@ def _build_compliance_messages(
             requested.
         valid: (B,) mask of load cases that have numbers; the other cases get None.
     """
-    compliance, worst, is_requested = (
-        deflection.compliance,
-        deflection.compliance.worst,
-        ~np.isnan(directions[:, 0]),
-    )
-    directions_or_x = np.where(
-        is_requested[:, None], directions, [1.0, 0.0, 0.0]
-    )  # any direction where none is requested
+    compliance = deflection.compliance
+    worst = deflection.compliance.worst
+    is_requested = ~np.isnan(directions[:, 0])
+    # Any direction where none is requested
+    directions_or_x = np.where(is_requested[:, None], directions, [1.0, 0.0, 0.0])
     stiffness_messages = build_messages_where(
         cases.DirectionalStiffness,
         valid & is_requested,

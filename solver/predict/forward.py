@@ -85,11 +85,9 @@ class CartesianCompliance:
         first_axis = unit_vectors(cross(direction.T, not_parallel.T).T)
         plane = np.stack([first_axis, cross(direction.T, first_axis.T).T], axis=1)  # (B, 2, 3)
         projected = plane @ self.translation @ plane.transpose(0, 2, 1)
-        first_diagonal, off_diagonal, second_diagonal = (
-            projected[:, 0, 0],
-            0.5 * (projected[:, 0, 1] + projected[:, 1, 0]),
-            projected[:, 1, 1],
-        )
+        first_diagonal = projected[:, 0, 0]
+        off_diagonal = 0.5 * (projected[:, 0, 1] + projected[:, 1, 0])
+        second_diagonal = projected[:, 1, 1]
         return np.asarray(
             0.5 * (first_diagonal + second_diagonal)
             + np.hypot(0.5 * (first_diagonal - second_diagonal), off_diagonal)
@@ -132,11 +130,11 @@ class CartesianCompliance:
         if self.differentiate is None:
             unknown = np.full(len(direction), np.nan)
             return WorstDirection(greatest, direction, unknown, unknown)
-        left, right, covariance = self.differentiate()
+        L, M, covariance = self.differentiate()
         # Both factors in the axes of the eigenvectors; then the slopes v_mᵀ (∂C/∂c_j) v (B, 3, n), with v the
         # last eigenvector.
         left_in_eigenvectors, right_in_eigenvectors = (
-            vectors.transpose(0, 2, 1) @ factor[:, :3] for factor in (left, right)
+            vectors.transpose(0, 2, 1) @ factor[:, :3] for factor in (L, M)
         )
         slopes = 0.5 * (
             left_in_eigenvectors * right_in_eigenvectors[:, -1:]
@@ -157,8 +155,9 @@ class CartesianCompliance:
         """
         if self.differentiate is None:
             return np.full(len(direction), np.nan)
-        left, right, covariance = self.differentiate()
-        slope = (direction[:, None] @ left[:, :3] * (direction[:, None] @ right[:, :3]))[:, 0]
+        L, M, covariance = self.differentiate()
+        # Derivatives (uᵀ L_j) (M_jᵀ u) of the compliance along u with respect to the joints' compliances
+        slope = ((direction[:, None] @ L[:, :3]) * (direction[:, None] @ M[:, :3]))[:, 0]
         return np.asarray(np.sqrt(np.einsum("bi,ij,bj->b", slope, covariance, slope)))
 
 
@@ -398,6 +397,15 @@ class Compensation:
     capped: BoolArray  #: (m,) mask of postures whose correction was reduced to the limits
 
 
+def _compute_allowed_shares(correction: FloatArray, limits: CorrectionLimits) -> FloatArray:
+    """Return the fraction (m,) of each correction (m, 6) that the limits allow, at most 1."""
+    allowed_shares = []
+    for components, limit in ((correction[:, :3], limits.displacement), (correction[:, 3:], limits.rotation)):
+        size = np.linalg.norm(components, axis=1)
+        allowed_shares.append(np.where(size > limit, limit / np.where(size > 0.0, size, 1.0), 1.0))
+    return np.minimum(*allowed_shares)
+
+
 def compensate(
     model: ForwardModel,
     cases: LoadCases,
@@ -415,8 +423,7 @@ def compensate(
         ramp: (m,) fraction of each correction to apply, such as from `compute_ramp_shares`; None for full
             corrections.
         keep_fixed_joints: function that changes commands (m, n) so that fixed joints keep their angles and
-            the
-            other joints reach the same poses; None if no joint is fixed.
+            the other joints reach the same poses; None if no joint is fixed.
 
     Returns:
         The commands, the corrections, and the deviations that remain.
@@ -448,15 +455,7 @@ def compensate(
         return commanded, _compute_pose_difference(*goal_poses, place, commanded.flange_rotation)
 
     unloaded, correction = apply_commands(model.compute_commands(cases, goal, share))
-    # `allowed_share` (m,) is the fraction of each correction that the limits allow.
-    correction_size = np.stack(
-        [np.linalg.norm(correction[:, :3], axis=1), np.linalg.norm(correction[:, 3:], axis=1)]
-    )
-    limit = np.array([[limits.displacement], [limits.rotation]])
-    allowed_share: FloatArray = np.min(
-        np.where(correction_size > limit, limit / np.where(correction_size > 0.0, correction_size, 1.0), 1.0),
-        axis=0,
-    )
+    allowed_share = _compute_allowed_shares(correction, limits)
     if (allowed_share < 1.0).any():
         reduced = model.compute_commands(cases, goal, share * allowed_share)
         unloaded, correction = apply_commands(np.where(allowed_share[:, None] < 1.0, reduced, unloaded.q))

@@ -101,8 +101,7 @@ class IdentifiedWeight(OwnWeight):
         """Return a root L (B, n, r) of the covariance of the joints' deflections in B postures [rad].
 
         L Lᵀ is the covariance [rad²] of the deflections of the n joints, due to the uncertainty of the
-        compliances
-        and of the own weight.
+        compliances and of the own weight.
 
         Args:
             postures: B postures.
@@ -272,8 +271,7 @@ class JointModel(ForwardModel):
 
         The unconstrained interval is cut to the bounds, and widened to contain the estimate and the interval
         of the profile likelihood (method.md §9). Without the profile likelihood the coverage is the same, and
-        the
-        computation is faster, as no optimisation is needed.
+        the computation is faster, as no optimisation is needed.
 
         Args:
             rows: (K, n) coefficients a of the functions.
@@ -333,8 +331,7 @@ class JointDeflection(Deflection):
         """Derivatives (B, 6, n) of the motion of the place with respect to the n compliances c.
 
         They are ``J_x (I − diag(c)(K_c + ∂g/∂q))⁻¹ diag(τ)``: J_x is the Jacobian of the place, K_c the
-        stiffness
-        due to the load, g the torque of own weight, τ the torques of the load.
+        stiffness due to the load, g the torque of own weight, τ the torques of the load.
         """
         return np.asarray(self._motion_by_joint_turn * self._torque[:, None])
 
@@ -447,10 +444,8 @@ class ElasticPredictor(ForwardModel):
         """Build the model from an estimate of joints and links.
 
         The covariance of the entries of the compliance matrices follows from the readings together with a
-        normal
-        prior about zero, whose standard deviation follows from the traces of the estimated matrices; see the
-        head
-        of this module.
+        normal prior about zero, whose standard deviation follows from the traces of the estimated matrices;
+        see the head of this module.
         """
         companion, formulation = elastic.companion, elastic.companion.formulation
         entries, covariance_root = elastic.entries[formulation.columns], None
@@ -552,8 +547,7 @@ class ElasticPredictor(ForwardModel):
         """Find the joint angles (B, n) to command [rad] with which the loaded places reach those of `goal`.
 
         Newton's method; its derivative neglects that the deflection changes with the posture, but each step
-        still
-        gains three digits.
+        still gains three digits.
 
         Args:
             cases: B loads, their load points, and the places on the flange that must reach the goal.
@@ -856,10 +850,8 @@ def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEs
     folds = Folds(robot, measurements, elastic.model.columns, model.seen, cross_validation)
     covariance = np.broadcast_to(measurements.covariance, (*measurements.present.shape, 3, 3))
     observation_of_reading = np.nonzero(measurements.present)[0]
-    residual, added_variance = (
-        np.empty((len(observation_of_reading), 3)),
-        np.empty(len(observation_of_reading)),
-    )
+    residual = np.empty((len(observation_of_reading), 3))
+    added_variance = np.empty(len(observation_of_reading))
     prediction_root = np.zeros((len(observation_of_reading), 3, 1 if model.root is None else len(model.root)))
     for number, held_out_observations in enumerate(folds.held_out):
         compliances, _ = fit_fold(folds, elastic.model, number, (elastic.penalty,))
@@ -889,6 +881,27 @@ def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEs
         added_variance,
         noise,
     )
+
+
+def _compute_share_without_noise(
+    squares: FloatArray, noise_squares: FloatArray, posture_of_reading: IndexArray
+) -> float:
+    """Return the share of the mean square that noise does not explain, plus its standard error, at most 1.
+
+    Args:
+        squares: (R,) scaled squares of residuals.
+        noise_squares: (R,) expected squares due to noise, in the same scale.
+        posture_of_reading: (R,) index of each reading's posture.
+    """
+    mean_square = float(squares.mean()) if len(squares) else 0.0
+    if mean_square <= 0.0:
+        return 1.0
+    counts = np.bincount(posture_of_reading)
+    means = np.bincount(posture_of_reading, squares)[counts > 0] / counts[counts > 0]
+    # Standard error of the mean square, from the spread of the postures' means
+    standard_error = float(means.std(ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else mean_square
+    noise_share = float(noise_squares.mean()) / mean_square
+    return float(min(1.0, max(0.0, 1.0 - noise_share) + standard_error / mean_square))
 
 
 def _compute_model_error(
@@ -934,15 +947,11 @@ def _compute_model_error(
     noise_squares = noise_squares + added_variance[scored] * np.square(prediction_root[scored]).sum(
         axis=(1, 2)
     )
-    squares, remaining_share = np.square(residual[scored]).sum(axis=1) / growth_squared, 1.0
+    squares = np.square(residual[scored]).sum(axis=1) / growth_squared
     is_known = np.isfinite(squares)
-    if is_known.any() and (mean_square := float(squares[is_known].mean())) > 0.0:
-        counts = np.bincount(posture_of_reading[is_known])
-        means = np.bincount(posture_of_reading[is_known], squares[is_known])[counts > 0] / counts[counts > 0]
-        # Standard error of the mean square, from the spread of the postures' means
-        standard_error = float(means.std(ddof=1)) / np.sqrt(len(means)) if len(means) > 1 else mean_square
-        noise_share = float((noise_squares / growth_squared)[is_known].mean()) / mean_square
-        remaining_share = min(1.0, max(0.0, 1.0 - noise_share) + standard_error / mean_square)
+    remaining_share = _compute_share_without_noise(
+        squares[is_known], (noise_squares / growth_squared)[is_known], posture_of_reading[is_known]
+    )
     score, share = merge_score_steps(
         posture_of_reading, np.sqrt(np.where(is_known, remaining_share * squares, np.inf))
     )
@@ -967,8 +976,7 @@ def merge_score_steps(posture: IndexArray, score: FloatArray) -> tuple[FloatArra
 
     Returns:
         (S,) ascending scores, the greatest score of each step; and (S,) the share of readings with at most
-        this
-        score, times P/(P + 1) for P postures.
+        this score, times P/(P + 1) for P postures.
     """
     distinct_postures, posture_index, counts = np.unique(posture, return_inverse=True, return_counts=True)
     order = np.argsort(score, kind="stable")

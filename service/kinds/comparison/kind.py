@@ -80,10 +80,8 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
     run_by_id = {entry.run_id: entry for entry in result.entries}
     # The leading run of each side, from which the ratios were computed.
     first_run, second_run = (run_by_id[side.run_id] for side in result.sides)
-    joints, is_same_method = (
-        result.joints,
-        _method_abbreviation(first_run) == _method_abbreviation(second_run),
-    )
+    joints = result.joints
+    is_same_method = _method_abbreviation(first_run) == _method_abbreviation(second_run)
     parts: list[Part] = [
         Table(
             [
@@ -180,7 +178,8 @@ def _percentage_text(fraction: Estimate) -> str:
 
 def _list_method_parts(compared_runs: Sequence[ComparedRun], view: View) -> list[Part]:
     """Return tables of the joints with a column for each method, and a table of the fits as a whole."""
-    unit, resampling = view.unit, next((entry.draws for entry in compared_runs if entry.draws), None)
+    unit = view.unit
+    resampling = next((entry.draws for entry in compared_runs if entry.draws), None)
     format_cell: Cell = (
         partial(_resampled_cell, unit)
         if resampling
@@ -413,26 +412,26 @@ def _fits_table(compared_runs: Sequence[ComparedRun], *, shows_repeated: bool) -
         for entry in compared_runs
         if not entry.positive
     }
-    compared_runs = [
+    shown_runs = [
         entry
         for entry in compared_runs
         if shows_repeated
         or not entry.positive
         or cells_of_free_run.get((entry.side, _method_abbreviation(entry))) != _fit_cells(entry)
     ]
-    has_two_sides = len({entry.side for entry in compared_runs}) > 1
+    has_two_sides = len({entry.side for entry in shown_runs}) > 1
     names = [
         f"{_method_abbreviation(entry)} {_row_name(entry.side, entry.positive, with_side=has_two_sides)}"
-        for entry in compared_runs
+        for entry in shown_runs
     ]
     columns = [
         Column("fit", names, text=True, widest=_LONGEST_NAME),
-        Column("explained", [format_percent(entry.compensation) for entry in compared_runs]),
-        Column("rms", [entry.rms_residual for entry in compared_runs], number_formatter(".0f", 1e6), "µm"),
-        Column("condition", [entry.condition_number for entry in compared_runs], number_formatter(".3g")),
+        Column("explained", [format_percent(entry.compensation) for entry in shown_runs]),
+        Column("rms", [entry.rms_residual for entry in shown_runs], number_formatter(".0f", 1e6), "µm"),
+        Column("condition", [entry.condition_number for entry in shown_runs], number_formatter(".3g")),
     ]
-    if any(entry.resampling for entry in compared_runs):
-        cells = [_resampled_cells(entry.resampling) for entry in compared_runs]
+    if any(entry.resampling for entry in shown_runs):
+        cells = [_resampled_cells(entry.resampling) for entry in shown_runs]
         columns.append(Column("explained, drawn", [explained for explained, _ in cells]))
         columns.append(Column("any negative", [negative for _, negative in cells]))
     return Table(columns, title="Fits as a whole", plain=True)
@@ -440,7 +439,8 @@ def _fits_table(compared_runs: Sequence[ComparedRun], *, shows_repeated: bool) -
 
 def _fit_cells(entry: ComparedRun) -> tuple[object, ...]:
     """Return the numbers of a fit as its row shows them."""
-    explained, drawn = format_percent(entry.compensation), _resampled_cells(entry.resampling)
+    explained = format_percent(entry.compensation)
+    drawn = _resampled_cells(entry.resampling)
     residual = entry.rms_residual
     return explained, None if residual is None else f"{1e6 * residual:.0f}", drawn
 

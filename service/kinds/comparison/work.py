@@ -26,7 +26,13 @@ from jointstiff.service.kinds.work import QuickWork
 from jointstiff.service.resources.inputs import Inputs, MeasuredRun
 from jointstiff.service.runs.verdicts import assess_with_run, make_reason
 from jointstiff.solver.arrays import FloatArray
-from jointstiff.solver.comparison.campaigns import FreeEstimate, Side, compare_sides, models_differ
+from jointstiff.solver.comparison.campaigns import (
+    Comparison,
+    FreeEstimate,
+    Side,
+    compare_sides,
+    models_differ,
+)
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.fitted_causes import fit_causes
 from jointstiff.solver.estimation.refuted import leave_out, list_refuted
@@ -183,6 +189,37 @@ def _make_side_message(name: SideName, runs: Sequence[MeasuredRun], leading_run:
     )
 
 
+def _report_unlike_observations(side_comparison: Comparison) -> list[Finding]:
+    """Return a finding if observations with the same label differ; nothing if a wrong unit explains this."""
+    unlike = side_comparison.unlike
+    if not unlike or side_comparison.unit_mistake is not None:
+        return []
+    return [
+        Finding(
+            code="configurations_differ",
+            weight="use",
+            message=f"{len(unlike)} observations have the same label but different postures or loads, or no "
+            f"common target; the first of these observations is '{unlike[0]}'",
+            remedy="measure the same postures under the same load, or give different labels",
+        )
+    ]
+
+
+def _list_comparison_reasons(side_comparison: Comparison) -> list[Finding]:
+    """Return reasons against a comparison: a wrong unit, no common observations, or unknown ratios."""
+    reasons = []
+    if side_comparison.unit_mistake:  # this is also the reason if no observations match
+        reasons.append(side_comparison.unit_mistake)
+    elif not side_comparison.avoided.matching:
+        reasons.append(_NOTHING_COMMON)
+    joints_without_ratio = [joint.name for joint in side_comparison.joints if joint.ratio is None]
+    if joints_without_ratio:
+        message = f"the ratio of stiffnesses is unknown for {', '.join(joints_without_ratio)}"
+        remedy = "measure both sets with loads that twist these joints"
+        reasons.append(make_reason("numbers_missing", "use_with_care", message, remedy))
+    return reasons
+
+
 def _add_comparison_of_sides(
     inputs: Inputs,
     request: ComparisonRequest,
@@ -193,8 +230,7 @@ def _add_comparison_of_sides(
     """Return a copy of a result with the comparison of its two sides.
 
     Added are the ratios of stiffnesses, the avoided deflection (how much less the targets deflect on the
-    second
-    side), warnings, the assessment and, on request, the ordered fit.
+    second side), warnings, the assessment and, on request, the ordered fit.
 
     Args:
         inputs: source of measurement sets, which are fetched by id.
@@ -226,18 +262,7 @@ def _add_comparison_of_sides(
     ]
     if models_differ(sides[0].robot, sides[1].robot):
         warnings.append(_OTHER_MODEL)
-    if side_comparison.unlike and side_comparison.unit_mistake is None:
-        warnings.append(
-            Finding(
-                code="configurations_differ",
-                weight="use",
-                message=f"{len(side_comparison.unlike)} observations have the same label but different "
-                "postures or "
-                "loads, or no common target; the first of these observations is "
-                f"'{side_comparison.unlike[0]}'",
-                remedy="measure the same postures under the same load, or give different labels",
-            )
-        )
+    warnings += _report_unlike_observations(side_comparison)
     run_assessments = {
         name: run_result.assessment for name, _, run_result in leading_runs if run_result is not None
     }
@@ -245,19 +270,7 @@ def _add_comparison_of_sides(
         each.model_copy(update={"reasons": [_add_side_to_place(reason, name) for reason in each.reasons]})
         for name, each in run_assessments.items()
     ]
-    # A mistake of units is also the reason why no observations match.
-    reasons = (
-        [side_comparison.unit_mistake]
-        if side_comparison.unit_mistake
-        else []
-        if side_comparison.avoided.matching
-        else [_NOTHING_COMMON]
-    )
-    joints_without_ratio = [joint.name for joint in side_comparison.joints if joint.ratio is None]
-    if joints_without_ratio:
-        message = f"the ratio of stiffnesses is unknown for {', '.join(joints_without_ratio)}"
-        remedy = "measure both sets with loads that twist these joints"
-        reasons.append(make_reason("numbers_missing", "use_with_care", message, remedy))
+    reasons = _list_comparison_reasons(side_comparison)
     return result.model_copy(
         update={
             "assessment": assess_with_run("comparison", reasons, combine_assessments(assessments)),

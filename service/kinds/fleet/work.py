@@ -103,8 +103,7 @@ class FleetWork(Work):
         """Return a copy of this work that has the measurement sets of one step in memory.
 
         A process without access to the store can then compute the step. `span` has the first set of the step,
-        and
-        one past the last.
+        and one past the last.
         """
         step_work, sets = copy(self), self._sets[slice(*span)]
         in_memory = _SetsInMemory.fetch(self._inputs, sets, self._options)

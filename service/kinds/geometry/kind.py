@@ -50,23 +50,23 @@ _LEAST_PROBABILITY = 1e-6
 
 def _make_report(_job: Geometry, result: GeometryResult, view: View) -> Report:
     """Return the report: axes, links and a summary; `view.details` adds the evidence and notes."""
-    parts: list[Part] = [_axes_table(result)]
+    parts: list[Part] = [_make_axes_table(result)]
     if view.details:
-        parts += _evidence_parts(result)
+        parts += _make_evidence_parts(result)
     if result.links:
-        parts.append(_links_table(result.links))
-    parts.append(Line("\n".join(f"  {line}" for line in _summary_lines(result, details=view.details))))
+        parts.append(_make_links_table(result.links))
+    parts.append(Line("\n".join(f"  {line}" for line in _make_summary_lines(result, details=view.details))))
     if view.details:
         notes = [finding for finding in result.findings if finding.weight == "use"]
         parts += [Line(f"  {note.where}: {note.message}; {note.remedy}", "dim") for note in notes]
     return Report(parts)
 
 
-def _evidence_parts(result: GeometryResult) -> list[Part]:
+def _make_evidence_parts(result: GeometryResult) -> list[Part]:
     """Return the evidence: tables and lines on sweeps, poses, tracker, targets, wrist centre and drift."""
     parts: list[Part] = []
     if result.sweeps:
-        parts.append(_sweeps_table(result.sweeps))
+        parts.append(_make_sweeps_table(result.sweeps))
     if result.poses is not None:
         poses = result.poses
         lines = [
@@ -80,17 +80,17 @@ def _evidence_parts(result: GeometryResult) -> list[Part]:
             )
         lines += [f"not determined: {', '.join(names)}" for names in poses.only_together]
         parts.append(Line("\n".join(f"  {line}" for line in lines)))
-    parts += [_tracker_frame_table(result), _targets_table(result)]
+    parts += [_make_tracker_frame_table(result), _make_targets_table(result)]
     if result.wrist is not None:
-        parts += _wrist_parts(result.wrist)
+        parts += _make_wrist_parts(result.wrist)
     if result.drift is not None:
-        parts.append(_drift_line(result.drift))
+        parts.append(_make_drift_line(result.drift))
     return parts
 
 
-def _axes_table(result: GeometryResult) -> Table:
-    """Return a table of the joint axes: a point on each axis, its direction, and their uncertainties."""
-    axes, micro = result.axes, number_formatter(".3g", _MICRO)
+def _make_axes_table(result: GeometryResult) -> Table:
+    """Return a table with a point on each joint axis, the direction of the axis, and uncertainties."""
+    axes, format_micro = result.axes, number_formatter(".3g", _MICRO)
     points = [axis.point for axis in axes]
     return Table(
         [
@@ -99,9 +99,9 @@ def _axes_table(result: GeometryResult) -> Table:
                 Column(x, [point[i] for point in points], number_formatter(".3f", _MILLI))
                 for i, x in enumerate("xyz")
             ),
-            Column("direction", [axis.direction for axis in axes], _direction_text),
-            Column("u", [axis.position_uncertainty for axis in axes], micro, "µm"),
-            Column("u", [axis.direction_uncertainty for axis in axes], micro, "µrad"),
+            Column("direction", [axis.direction for axis in axes], _format_direction),
+            Column("u", [axis.position_uncertainty for axis in axes], format_micro, "µm"),
+            Column("u", [axis.direction_uncertainty for axis in axes], format_micro, "µrad"),
         ],
         title="Axes at model angle zero, in R0",
         caption="points in mm; u: largest standard uncertainty across the axis, and of its direction",
@@ -109,15 +109,15 @@ def _axes_table(result: GeometryResult) -> Table:
     )
 
 
-def _direction_text(direction: Sequence[float]) -> str:
+def _format_direction(direction: Sequence[float]) -> str:
     """Format the components of a direction, such as "+0.00000 +0.00000 +1.00000"."""
     # Adding 0.0 turns −0 into 0, so that no "-0.00000" is shown.
-    return " ".join(f"{round(part, 5) + 0.0:+.5f}" for part in direction)
+    return " ".join(f"{round(component, 5) + 0.0:+.5f}" for component in direction)
 
 
-def _sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
+def _make_sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
     """Return a table of the sweeps of single joints: arc, number of positions, scale and residuals."""
-    micro = vector_formatter(".3g", _MICRO, " ")
+    format_micro = vector_formatter(".3g", _MICRO, " ")
     return Table(
         [
             Column("joint", [sweep.joint for sweep in sweeps], text=True),
@@ -125,8 +125,8 @@ def _sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
             Column("positions", [sweep.positions for sweep in sweeps]),
             Column("scale", [sweep.angle_scale for sweep in sweeps], number_formatter(".5f")),
             Column("χ²/dof", [sweep.variance_factor for sweep in sweeps], number_formatter(".2f")),
-            Column("radial", [list(sweep.radial_rms.values()) for sweep in sweeps], micro),
-            Column("axial", [list(sweep.axial_rms.values()) for sweep in sweeps], micro),
+            Column("radial", [list(sweep.radial_rms.values()) for sweep in sweeps], format_micro),
+            Column("axial", [list(sweep.axial_rms.values()) for sweep in sweeps], format_micro),
         ],
         title="Sweeps, each fitted separately",
         caption="residuals by target, root mean square in µm; scale: rotation of the joint divided by "
@@ -134,9 +134,9 @@ def _sweeps_table(sweeps: Sequence[SweepEvidence]) -> Table:
     )
 
 
-def _tracker_frame_table(result: GeometryResult) -> Table:
+def _make_tracker_frame_table(result: GeometryResult) -> Table:
     """Return a table of the transform from the tracker's frame to R0, with its standard uncertainties."""
-    transform, micro = result.transform_tracker_to_base, number_formatter(".3g", _MICRO)
+    transform, format_micro = result.transform_tracker_to_base, number_formatter(".3g", _MICRO)
     covariance = result.transform_covariance
     # Standard uncertainties of the translation along x, y, z [m], then of the rotation about x, y, z [rad].
     uncertainties = [None] * 6 if covariance is None else [sqrt(covariance[i][i]) for i in range(6)]
@@ -145,8 +145,8 @@ def _tracker_frame_table(result: GeometryResult) -> Table:
             Column("", list("xyz"), text=True),
             Column("R", transform.rotation, vector_formatter("+.7f", 1.0, " ")),
             Column("t", transform.translation, number_formatter(".3f", _MILLI)),
-            Column("u shift", uncertainties[:3], micro),
-            Column("u turn", uncertainties[3:], micro),
+            Column("u shift", uncertainties[:3], format_micro),
+            Column("u turn", uncertainties[3:], format_micro),
         ],
         title=f"Tracker to R0, placed by {'the nominal model' if result.base == 'nominal' else 'the axes'}",
         caption="y = R x + t, with x in the tracker's frame and y in R0; t in mm; u: standard uncertainty of "
@@ -154,9 +154,9 @@ def _tracker_frame_table(result: GeometryResult) -> Table:
     )
 
 
-def _targets_table(result: GeometryResult) -> Table:
+def _make_targets_table(result: GeometryResult) -> Table:
     """Return a table of the targets' positions in the flange frame."""
-    rows = [_position_cells(target.position, target.covariance) for target in result.targets]
+    rows = [_format_position(target.position, target.covariance) for target in result.targets]
     return Table(
         [
             Column("target", [target.name for target in result.targets], text=True),
@@ -167,21 +167,24 @@ def _targets_table(result: GeometryResult) -> Table:
     )
 
 
-def _position_cells(position: Sequence[float], covariance: Sequence[Sequence[float]] | None) -> list[str]:
+def _format_position(position: Sequence[float], covariance: Sequence[Sequence[float]] | None) -> list[str]:
     """Format three coordinates [m] in mm, each with the standard uncertainty of the last digits."""
     uncertainties = [None if covariance is None else _MILLI * sqrt(covariance[i][i]) for i in range(3)]
-    return [format_concise(_MILLI * part, u, ".4f") for part, u in zip(position, uncertainties, strict=True)]
+    return [
+        format_concise(_MILLI * coordinate, u, ".4f")
+        for coordinate, u in zip(position, uncertainties, strict=True)
+    ]
 
 
-def _wrist_parts(wrist: WristResult) -> list[Part]:
+def _make_wrist_parts(wrist: WristResult) -> list[Part]:
     """Return a table of the estimates of the wrist centre, and lines on the distances between them."""
     centres = [*wrist.estimates, wrist.combined]
-    rows = [_position_cells(centre.base, centre.base_covariance) for centre in centres]
+    rows = [_format_position(centre.base, centre.base_covariance) for centre in centres]
     table = Table(
         [
             Column("by", [centre.way for centre in centres], text=True),
             *(Column(axis, [row[i] for row in rows]) for i, axis in enumerate("xyz")),
-            Column("weight", [f"{each.weight:.2f}" for each in wrist.estimates] + [""]),
+            Column("weight", [f"{estimate.weight:.2f}" for estimate in wrist.estimates] + [""]),
         ],
         title="Wrist centre, in R0",
         caption="in mm, with the standard uncertainty of the last digits; weight in the combined centre",
@@ -191,10 +194,10 @@ def _wrist_parts(wrist: WristResult) -> list[Part]:
         f"{pair.probability:.2g})"
         for pair in wrist.distances
     ]
-    return [table, Line("\n".join(f"  {line}" for line in [*lines, _axes_distance_text(wrist)]))]
+    return [table, Line("\n".join(f"  {line}" for line in [*lines, _describe_distance_of_axes(wrist)]))]
 
 
-def _axes_distance_text(wrist: WristResult) -> str:
+def _describe_distance_of_axes(wrist: WristResult) -> str:
     """Describe the distance between the last three axes, and whether the decoupled method applies."""
     applicability = "applies" if wrist.decoupled_method else "does not apply"
     return (
@@ -203,15 +206,15 @@ def _axes_distance_text(wrist: WristResult) -> str:
     )
 
 
-def _links_table(links: Sequence[LinkComparison]) -> Table:
+def _make_links_table(links: Sequence[LinkComparison]) -> Table:
     """Return a table of the links' lengths and angles: nominal, identified, and their difference."""
     return Table(
         [
             Column("link", [link.quantity for link in links], text=True),
             Column("after", [link.joint for link in links]),
-            Column("nominal", [_size_text(link, link.nominal) for link in links]),
-            Column("identified", links, _identified_text),
-            Column("difference", links, _difference_text),
+            Column("nominal", [_format_link_size(link, link.nominal) for link in links]),
+            Column("identified", links, _format_identified_size),
+            Column("difference", links, _format_difference),
         ],
         title="Links, nominal and identified",
         caption="lengths in mm, angles in degrees; difference in mm or mrad, with the standard "
@@ -219,58 +222,65 @@ def _links_table(links: Sequence[LinkComparison]) -> Table:
     )
 
 
-def _size_text(link: LinkComparison, value: float) -> str:
+def _format_link_size(link: LinkComparison, value: float) -> str:
     """Format an angle [rad] of a link in degrees, or a length [m] in mm."""
     return f"{degrees(value):.4f}°" if link.unit == "rad" else f"{_MILLI * value:.3f}"
 
 
-def _identified_text(link: LinkComparison) -> str:
+def _format_identified_size(link: LinkComparison) -> str:
     """Format the identified size of a link, or return "not determined"."""
-    return "not determined" if link.standard_uncertainty is None else _size_text(link, link.identified)
+    return "not determined" if link.standard_uncertainty is None else _format_link_size(link, link.identified)
 
 
-def _difference_text(link: LinkComparison) -> str:
+def _format_difference(link: LinkComparison) -> str:
     """Format identified minus nominal size in mm or mrad, with its uncertainty; a dash if unknown."""
-    u = link.standard_uncertainty
-    return NO_NUMBER if u is None else format_concise(_MILLI * link.difference, u and _MILLI * u, ".4f")
-
-
-def _drift_line(drift: Drift) -> Line:
-    """Return a line on the motion of the targets on the base during the measurement."""
-    size = sqrt(sum(part**2 for part in drift.displacement))
-    turn = sqrt(sum(part**2 for part in drift.rotation))
-    verdict = "beyond noise" if drift.significant else "within noise"
-    return Line(
-        f"  base targets: moved by {_MICRO * size:.1f} µm at the robot and turned by "
-        f"{_MICRO * turn:.1f} µrad, {verdict} (p-value {drift.probability:.2g})"
+    uncertainty = link.standard_uncertainty
+    return (
+        NO_NUMBER
+        if uncertainty is None
+        else format_concise(_MILLI * link.difference, uncertainty and _MILLI * uncertainty, ".4f")
     )
 
 
-def _summary_lines(result: GeometryResult, *, details: bool) -> list[str]:
+def _make_drift_line(drift: Drift) -> Line:
+    """Return a line on the motion of the targets on the base during the measurement."""
+    shift = sqrt(sum(component**2 for component in drift.displacement))
+    rotation = sqrt(sum(component**2 for component in drift.rotation))
+    verdict = "beyond noise" if drift.significant else "within noise"
+    return Line(
+        f"  base targets: moved by {_MICRO * shift:.1f} µm at the robot and turned by "
+        f"{_MICRO * rotation:.1f} µrad, {verdict} (p-value {drift.probability:.2g})"
+    )
+
+
+def _make_summary_lines(result: GeometryResult, *, details: bool) -> list[str]:
     """Return lines on sigma, the fit of all sweeps, the controller's angles, and the wrist centre."""
     lines = [
         f"sigma of a coordinate {_MICRO * result.sigma:.1f} µm ({result.sigma_source}), χ²/dof "
         f"{result.variance_factor:.2f} with {result.degrees_of_freedom} degrees of freedom"
     ]
     if result.agreement_probability is not None:
-        fits = "does not fit" if result.fit == "one_by_one" else "fits"
-        lines.append(f"one robot {fits} all sweeps ({_fit_probability(result.agreement_probability)})")
-    if result.controller_probability is not None:
-        fit = "fit" if result.controller_probability >= _SIGNIFICANCE_LEVEL else "do not fit"
+        verdict = "does not fit" if result.fit == "one_by_one" else "fits"
         lines.append(
-            f"the controller's angles {fit} the readings ({_fit_probability(result.controller_probability)})"
+            f"one robot {verdict} all sweeps ({_describe_fit_probability(result.agreement_probability)})"
+        )
+    if result.controller_probability is not None:
+        controller_verdict = "fit" if result.controller_probability >= _SIGNIFICANCE_LEVEL else "do not fit"
+        lines.append(
+            f"the controller's angles {controller_verdict} the readings "
+            f"({_describe_fit_probability(result.controller_probability)})"
         )
     if result.no_wrist is not None:
         lines.append(f"no wrist centre: {result.no_wrist}")
     if result.wrist is not None and not details:
-        lines.append(_axes_distance_text(result.wrist))
+        lines.append(_describe_distance_of_axes(result.wrist))
     if details:
         tables = (f"{table.convention} {_MICRO * table.deviation:.1f} µm" for table in result.dh)
         lines.append(f"deviation of the DH tables (all numbers in the JSON): {', '.join(tables)}")
     return lines
 
 
-def _fit_probability(probability: float) -> str:
+def _describe_fit_probability(probability: float) -> str:
     """Describe the p-value of a fit: the probability that noise alone gives a worse fit."""
     percent = figure(100.0 * max(probability, _LEAST_PROBABILITY), ".1g")
     or_less = " or less" if probability < _LEAST_PROBABILITY else ""

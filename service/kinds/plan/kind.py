@@ -141,7 +141,8 @@ def _readings_table(job: Plan, result: PlanResult, *, has_tick_boxes: bool) -> T
     """
     readings = result.readings
     has_gauges = any(each.direction is not None for each in readings)
-    prismatic, blocks = _prismatic_joints(result), max((each.block for each in readings), default=1)
+    prismatic = _prismatic_joints(result)
+    blocks = max((each.block for each in readings), default=1)
     postures = [
         Column(name, [1e3 * each.joints[j] for each in readings], number_formatter(".1f"), "mm")
         if j in prismatic
@@ -300,7 +301,8 @@ def make_campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> di
 
 def make_charts(result: PlanResult) -> list[Chart]:
     """Return a chart of each joint's standard uncertainty: after this plan, after random plans, and now."""
-    joints, all_known = result.joints, all(joint.relative is not None for joint in result.joints)
+    joints = result.joints
+    all_known = all(joint.relative is not None for joint in result.joints)
     # Without the compliance of every joint, uncertainties of compliances are drawn, not relative ones.
     plotted_value = _compute_relative_uncertainty if all_known else lambda _, uncertainty: uncertainty
     series = {
@@ -312,7 +314,8 @@ def make_charts(result: PlanResult) -> list[Chart]:
         name: values for name, values in series.items() if any(each is not None for each in values)
     }
     quantity, factor, unit = ("stiffness", 1e2, "%") if all_known else ("compliance", 1e9, "10⁻⁹ rad/(N·m)")
-    title, names = f"Standard uncertainty of each {quantity}", [joint.name for joint in joints]
+    title = f"Standard uncertainty of each {quantity}"
+    names = [joint.name for joint in joints]
     return [
         Chart(title, names, known_series, factor, unit, "joints", logarithmic=True, quantity="uncertainty")
     ]

@@ -46,7 +46,7 @@ from jointstiff.solver.result import build_assessment_message
 _LARGEST_RELATIVE_UNCERTAINTY: Final = 0.5
 """Relative uncertainty of a compliance above which the compliance is not used as a nominal value."""
 _TOO_FEW_READINGS: Final = frozenset({"no_joint_identified", "no_residual_freedom", "few_postures"})
-"""Reasons of a verdict "do not use" that more readings remove: these reasons do not prevent a plan."""
+"""Reasons for the verdict "do not use" that disappear with more readings; a plan is allowed despite them."""
 _ELASTIC_LINKS: Final = frozenset({"deflection_unexplained"})
 """Reasons that elastic links explain: a plan allows for elastic links, so these reasons do not prevent it."""
 
@@ -104,6 +104,108 @@ def prepare_plan(inputs: Inputs, request: plans.PlanRequest) -> QuickWork:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _CampaignSoFar:
+    """Results of the campaign that a plan continues; NaN and None where they are unknown."""
+
+    nominal: FloatArray  # (n,) compliances [rad/(N·m)] that the campaign determines
+    readings: Measurements | None = None  # readings of the campaign
+    sigma: float | None = None  # standard uncertainty of a coordinate of a reading [m]
+    unexplained: float | None = None  # share of the mean deflection that elastic joints do not explain
+    assessment: Assessment | None = None  # verdict on the campaign
+
+
+def _evaluate_campaign(plan_input: PlanInput, request: plans.PlanRequest) -> _CampaignSoFar:
+    """Identify the campaign that a plan continues; without a campaign, nothing is known.
+
+    Raises:
+        RequestError: the verdict on the campaign is "do not use".
+    """
+    prepared = plan_input.prepared
+    if prepared is None:
+        return _CampaignSoFar(np.full(plan_input.robot.n, np.nan))
+    if isinstance(request.load, OwnWeight):
+        return _evaluate_campaign_by_weight(plan_input.robot, prepared, request, request.load)
+    return _evaluate_campaign_by_loads(plan_input.robot, prepared, request)
+
+
+def _evaluate_campaign_by_weight(
+    robot: Robot, prepared: PreparedSet, request: plans.PlanRequest, weight: OwnWeight
+) -> _CampaignSoFar:
+    """Identify a campaign whose load is the robot's own weight.
+
+    Raises:
+        RequestError: the verdict on the campaign is "do not use".
+    """
+    result = run_by_weight(robot, prepared.measurements, RunOptions(weight=weight), prepared.warnings)
+    _refuse_unaccepted_campaign(result.assessment, request, _TOO_FEW_READINGS)
+    return _CampaignSoFar(
+        nominal=np.array([joint.compliance or np.nan for joint in result.joints]),
+        readings=prepared.measurements,
+        sigma=result.sigma,
+        assessment=result.assessment,
+    )
+
+
+def _evaluate_campaign_by_loads(
+    robot: Robot, prepared: PreparedSet, request: plans.PlanRequest
+) -> _CampaignSoFar:
+    """Identify a campaign under loads by elastic joints alone.
+
+    Raises:
+        RequestError: the verdict on the campaign is "do not use".
+    """
+    settings = Settings.from_options(RunOptions(), robot)
+    joints = JointsAlone(robot, prepared.measurements, settings, prepared.warnings)
+    estimate, screening = joints.estimate, joints.screening
+    # A compliance with a great uncertainty is no nominal value: it stays NaN.
+    nominal = np.full(robot.n, np.nan)
+    for index, joint in enumerate(estimate.joints):
+        uncertainty = joint.standard_uncertainty
+        if not joint.compliance or uncertainty is None:
+            continue
+        if uncertainty < _LARGEST_RELATIVE_UNCERTAINTY * joint.compliance:
+            nominal[index] = joint.compliance
+    prediction = predict(
+        robot,
+        joints.measurements,
+        estimate.compliance,
+        balanced_compliance=estimate.balanced,
+        statements=estimate.statements,
+    )
+    assessment = build_assessment_message(assess(joints, estimate, prediction, screening), estimate.joints)
+    ignored_codes = _TOO_FEW_READINGS
+    if screening.links_need_validation:
+        ignored_codes |= _ELASTIC_LINKS
+    _refuse_unaccepted_campaign(assessment, request, ignored_codes)
+    return _CampaignSoFar(
+        nominal=nominal,
+        readings=joints.measurements,
+        sigma=estimate.sigma,
+        unexplained=None if prediction.compensation is None else 1.0 - prediction.compensation,
+        assessment=assessment,
+    )
+
+
+def _refuse_unaccepted_campaign(
+    assessment: Assessment, request: plans.PlanRequest, ignored_codes: frozenset[str]
+) -> None:
+    """Refuse a campaign with the verdict "do not use", unless the request accepts the verdict.
+
+    Reasons whose codes are in `ignored_codes` do not count.
+
+    Raises:
+        RequestError: the campaign is refused.
+    """
+    refuse_unaccepted(
+        assessment,
+        request.accept_verdict,
+        "the campaign so far",
+        "measurement_set_id",
+        ignored_codes=ignored_codes,
+    )
+
+
 def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResult:
     """Identify the campaign so far, if the plan continues one, then plan readings, and return the plan.
 
@@ -111,55 +213,9 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
         RequestError: the robot or the campaign lacks data that the plan needs, the verdict on the campaign so
             far is "do not use", or no plan satisfies the request.
     """
-    robot, prepared = plan_input.robot, plan_input.prepared
-    # What the campaign so far tells; NaN and None where it is unknown.
-    nominal, sigma, unexplained, assessment = np.full(robot.n, np.nan), None, None, None
-    campaign_readings = None if prepared is None else prepared.measurements
-    if prepared is not None and isinstance(request.load, OwnWeight):
-        weight_options = RunOptions(weight=request.load)
-        result = run_by_weight(robot, prepared.measurements, weight_options, prepared.warnings)
-        sigma, assessment = result.sigma, result.assessment
-        nominal = np.array([joint.compliance or np.nan for joint in result.joints])
-        refuse_unaccepted(
-            assessment,
-            request.accept_verdict,
-            "the campaign so far",
-            "measurement_set_id",
-            ignored_codes=_TOO_FEW_READINGS,
-        )
-    elif prepared is not None:
-        settings = Settings.from_options(RunOptions(), robot)
-        joints = JointsAlone(robot, prepared.measurements, settings, prepared.warnings)
-        estimate, screening = joints.estimate, joints.screening
-        sigma, campaign_readings = estimate.sigma, joints.measurements
-        # A compliance with a great uncertainty is no nominal value: it stays NaN.
-        for index, joint in enumerate(estimate.joints):
-            uncertainty = joint.standard_uncertainty
-            if (
-                joint.compliance
-                and uncertainty is not None
-                and uncertainty < _LARGEST_RELATIVE_UNCERTAINTY * joint.compliance
-            ):
-                nominal[index] = joint.compliance
-        prediction = predict(
-            robot,
-            joints.measurements,
-            estimate.compliance,
-            balanced_compliance=estimate.balanced,
-            statements=estimate.statements,
-        )
-        solver_assessment = assess(joints, estimate, prediction, screening)
-        assessment = build_assessment_message(solver_assessment, estimate.joints)
-        refuse_unaccepted(
-            assessment,
-            request.accept_verdict,
-            "the campaign so far",
-            "measurement_set_id",
-            ignored_codes=_TOO_FEW_READINGS | _ELASTIC_LINKS
-            if screening.links_need_validation
-            else _TOO_FEW_READINGS,
-        )
-        unexplained = None if prediction.compensation is None else 1.0 - prediction.compensation
+    robot = plan_input.robot
+    so_far = _evaluate_campaign(plan_input, request)
+    campaign_readings = so_far.readings
     # If the robot's own weight is the load, positions without another load are readings, too.
     if campaign_readings is not None and campaign_readings.unloaded_only is not None:
         campaign_readings = replace(
@@ -176,16 +232,16 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
     design_request = to_design_request(
         request,
         robot,
-        nominal=nominal,
-        sigma=sigma,
-        unexplained=unexplained,
+        nominal=so_far.nominal,
+        sigma=so_far.sigma,
+        unexplained=so_far.unexplained,
         campaign_readings=campaign_readings,
     )
     names, _ = choose_targets(request, robot, campaign_readings)
     plan_result = to_plan_result(
-        design_request, plan_campaign(robot, design_request), robot, names, assessment
+        design_request, plan_campaign(robot, design_request), robot, names, so_far.assessment
     )
-    plan_assessment = assess_with_run("plan", _list_reasons(plan_result), assessment)
+    plan_assessment = assess_with_run("plan", _list_reasons(plan_result), so_far.assessment)
     return plan_result.model_copy(update={"assessment": plan_assessment})
 
 
@@ -220,6 +276,58 @@ _SIGMA: Final = 2e-5
 """Standard deviation of a laser tracker's readings [m], if none is stated."""
 
 
+def _add_stated_compliances(
+    request: plans.PlanRequest, robot: Robot, nominal: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return nominal compliances (n,) and their prior uncertainties (n,) [rad/(N·m)].
+
+    A stiffness that the request states takes the place of the compliance in `nominal`. The uncertainty is
+    infinite where nothing is known before the plan.
+
+    Raises:
+        RequestError: a joint that the request names does not exist.
+    """
+    nominal = nominal.copy()
+    for name, stiffness in request.stiffness.items():
+        nominal[robot.joint_index(name, f"stiffness.{name}")] = 1.0 / stiffness
+    prior_uncertainty = np.full(robot.n, np.inf)
+    for name, prior in request.priors.items():
+        j = robot.joint_index(name, f"priors.{name}")
+        # Uncertainty of the compliance c = 1/k: u(c) = u(k)/k².
+        prior_uncertainty[j] = prior.standard_uncertainty / prior.stiffness**2
+        nominal[j] = 1.0 / prior.stiffness
+    return nominal, prior_uncertainty
+
+
+def _refuse_unsupported_own_weight(
+    request: plans.PlanRequest, robot: Robot, own_weight: OwnWeight, nominal: FloatArray
+) -> None:
+    """Refuse a plan for own weight that lacks data or has options that such a plan does not support.
+
+    Raises:
+        RequestError: names the data or the options.
+    """
+    if not (robot.bodies and np.isfinite(nominal).any()):
+        raise RequestError(
+            "a plan for own weight needs the masses of the robot and the stiffness of at least one joint",
+            where="load",
+            remedy="state `bodies` of the robot, and a guess of the joints' `stiffness`",
+        )
+    if own_weight.balancers or own_weight.estimate_gravity:
+        raise RequestError(
+            "a plan for own weight supports neither balancers nor an estimate of gravity",
+            where="load",
+            remedy="state `gravity` instead; for a robot with balancers, choose the postures by hand",
+        )
+    if request.work_area or request.tracker or request.directions:
+        raise RequestError(
+            "a plan for own weight supports neither a work area nor a tracker's station nor directions of "
+            "gauges",
+            where="load",
+            remedy="omit `work_area`, `tracker` and `directions`; give the noise of the readings as `sigma`",
+        )
+
+
 def to_design_request(
     request: plans.PlanRequest,
     robot: Robot,
@@ -244,36 +352,11 @@ def to_design_request(
         RequestError: a joint that the request names does not exist; load, targets or a stiffness are
             missing; or options contradict each other.
     """
-    nominal = nominal.copy()
-    for name, stiffness in request.stiffness.items():
-        nominal[robot.joint_index(name, f"stiffness.{name}")] = 1.0 / stiffness
-    prior_uncertainty = np.full(robot.n, np.inf)  # inf: nothing is known before the plan
-    for name, prior in request.priors.items():
-        j = robot.joint_index(name, f"priors.{name}")
-        # Uncertainty of the compliance c = 1/k: u(c) = u(k)/k².
-        prior_uncertainty[j] = prior.standard_uncertainty / prior.stiffness**2
-        nominal[j] = 1.0 / prior.stiffness
+    nominal, prior_uncertainty = _add_stated_compliances(request, robot, nominal)
     names, targets = choose_targets(request, robot, campaign_readings)
     own_weight = request.load if isinstance(request.load, OwnWeight) else None
-    if own_weight and not (robot.bodies and np.isfinite(nominal).any()):
-        raise RequestError(
-            "a plan for own weight needs the masses of the robot and the stiffness of at least one joint",
-            where="load",
-            remedy="state `bodies` of the robot, and a guess of the joints' `stiffness`",
-        )
-    if own_weight and (own_weight.balancers or own_weight.estimate_gravity):
-        raise RequestError(
-            "a plan for own weight supports neither balancers nor an estimate of gravity",
-            where="load",
-            remedy="state `gravity` instead; for a robot with balancers, choose the postures by hand",
-        )
-    if own_weight and (request.work_area or request.tracker or request.directions):
-        raise RequestError(
-            "a plan for own weight supports neither a work area nor a tracker's station nor directions of "
-            "gauges",
-            where="load",
-            remedy="omit `work_area`, `tracker` and `directions`; give the noise of the readings as `sigma`",
-        )
+    if own_weight is not None:
+        _refuse_unsupported_own_weight(request, robot, own_weight, nominal)
     planned_sigma = request.sigma or sigma or _SIGMA
     requested_joints = [robot.joint_index(name, "joints") for name in request.joints]
     area, directions = request.work_area, _convert_gauge_directions(request)
@@ -337,12 +420,10 @@ def to_plan_result(
     """
     parameters = plan.pool.parameters
     joint_indices = parameters.joints
-    compliance = parameters.nominal[
-        joint_indices
-    ]  # compliances to which the plan's uncertainties are relative
-    is_known = parameters.known[
-        joint_indices
-    ]  # true if the compliance is known, false for a guess of its size
+    # Compliances to which the plan's uncertainties are relative
+    compliance = parameters.nominal[joint_indices]
+    # True if the compliance is known, false for a guess of its size
+    is_known = parameters.known[joint_indices]
     digits = len(str(len(plan.joints)))  # of the greatest number in a label
     return plans.PlanResult(
         efficiency=plan.efficiency,

@@ -341,8 +341,7 @@ class StatedConfigurations:
         """Return the least and greatest angle (m, 6, 2) [rad] of each joint that configurations allow.
 
         `indices` are those of m targets. Angles are the controller's; limits are ∓inf for a joint without
-        stated
-        configuration.
+        stated configuration.
         """
         rows = np.asarray(indices, dtype=np.intp)
         ranges = np.tile([-np.inf, np.inf], (len(rows), 6, 1))
@@ -370,7 +369,8 @@ class StatedConfigurations:
         for word, column, rows_with_word in self._iterate_words(indices):
             numbers = self._word_numbers(indices[rows_with_word], column)
             lower, upper = word.ranges(numbers).T
-            before, after = programmed[rows_with_word, word.joint], corrected[rows_with_word, word.joint]
+            before = programmed[rows_with_word, word.joint]
+            after = corrected[rows_with_word, word.joint]
             agreed_before = (lower - _NEAR <= before) & (before <= upper + _NEAR)
             disagrees_after = (after < lower - _ROUNDING) | (after > upper + _ROUNDING)
             for row in np.flatnonzero(agreed_before & disagrees_after & np.isfinite(numbers)):
@@ -401,8 +401,7 @@ class StatedConfigurations:
         """Yield (word, column, positions) for each configuration word of some targets.
 
         `column` is the word's column among the numbers of a target; `positions` (k,) are the positions in
-        `indices`
-        of the targets that have the word.
+        `indices` of the targets that have the word.
         """
         targets = self._program.targets
         words = [tuple(name for name, _ in literal.words) for literal in targets.literals]
@@ -573,7 +572,8 @@ def find_path(
         RequestError: a field of the request is missing, or does not fit the program.
         ProgramError: the robot does not reach targets, or their arm configurations are ambiguous.
     """
-    frames, configurations = ProgramFrames.from_program(program, options), StatedConfigurations(program)
+    frames = ProgramFrames.from_program(program, options)
+    configurations = StatedConfigurations(program)
     joints = find_wanted_postures(program, options, frames, configurations, robot, inverse, visits.targets)
     # All visits of a target must have the posture of its first visit; angles may differ by whole turns.
     difference = joints - joints[visits.first][visits.number]

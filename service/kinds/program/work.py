@@ -245,10 +245,8 @@ class WrittenPoints:
         targets = path.program.targets
         names = "\n".join([targets.names[i] for i in path.targets.tolist()]).encode("latin-1")
         file_names = np.array([source_of_point.name for source_of_point in path.program.sources])
-        source_of_point, line_of_point = (
-            targets.source[path.targets].astype(np.uint8),
-            targets.line[path.targets].astype(np.int32),
-        )
+        source_of_point = targets.source[path.targets].astype(np.uint8)
+        line_of_point = targets.line[path.targets].astype(np.int32)
         content = io.BytesIO()
         # Neighbouring points differ little: stored as differences of their bits, first bytes together, then
         # second bytes and so on, a column is compressed to a third.
@@ -321,7 +319,8 @@ def write_compensated_program(
     robot, program = model.robot, path.program
     _refuse_out_of_limits(path, robot, corrections)
     targets, rewriting = path.targets[corrections.points], Rewriting(program)
-    residual, is_changed = np.empty((len(targets), 6)), np.zeros(len(targets), dtype=np.bool_)
+    residual = np.empty((len(targets), 6))
+    is_changed = np.zeros(len(targets), dtype=np.bool_)
     unreached: list[int] = []
     for rows in rewriting.blocks(targets):
         block_targets = targets[rows]
@@ -371,10 +370,8 @@ def _write_corrected_numbers(
     """
     targets, points = path.program.targets, corrections.points[rows]
     block_targets = path.targets[points]
-    is_joint_target, angle_unit = (
-        targets.given_as_joints[block_targets],
-        targets.angle_unit[block_targets, None],
-    )
+    is_joint_target = targets.given_as_joints[block_targets]
+    angle_unit = targets.angle_unit[block_targets, None]
     numbers = path.frames.numbers_of_poses(path.program, block_targets, corrected.flange_pose)
     programmed = path.cases.joints if path.programmed is None else path.programmed
     programmed_arm = inverse.select_arm_joints(programmed[points])
@@ -417,10 +414,8 @@ def _compute_residuals(
         Residuals (b, 6) [m, rad], and a mask (b,) of the targets that the robot reaches.
     """
     robot, program, frames = model.robot, path.program, path.frames
-    is_joint_target, angle_unit = (
-        program.targets.given_as_joints[targets],
-        program.targets.angle_unit[targets, None],
-    )
+    is_joint_target = program.targets.given_as_joints[targets]
+    angle_unit = program.targets.angle_unit[targets, None]
     pose_rows = np.flatnonzero(~is_joint_target)
     # Angles of the written numbers: read directly from joint targets, solved for pose targets.
     written_angles = robot.joint_map.model_angles(inverse.insert_held_joints(written[:, :6] * angle_unit))
@@ -625,7 +620,8 @@ class ProgramWork(Work):
         radius = extrapolation = np.full(len(points), np.nan)
         if self._run_model.error is not None:
             bound = self._run_model.error.bound(cases, compensation.leverage, self._request.confidence)
-            radius, extrapolation = bound.radius, np.maximum(bound.load_ratio, bound.leverage_ratio)
+            radius = bound.radius
+            extrapolation = np.maximum(bound.load_ratio, bound.leverage_ratio)
         return {**vars(compensation), "points": points, "model_error": radius, "extrapolation": extrapolation}
 
     def conclude(self, parts: Sequence[Arrays]) -> ProgramResult:
@@ -676,12 +672,14 @@ class ProgramWork(Work):
             VerdictError: limits reduce corrections, and the request has no `accept_verdict`.
         """
         unchanged_count, point_count = len(self._program.left_moves), len(corrections.points)
-        move_count, capped_count = len(self._program.moves) + unchanged_count, int(corrections.capped.sum())
+        move_count = len(self._program.moves) + unchanged_count
+        capped_count = int(corrections.capped.sum())
         lengths = np.linalg.norm(corrections.uncorrected[:, :3], axis=1)
         turn = np.abs(corrections.commanded - self._path.cases.joints[corrections.points]).max(
             axis=1, initial=0.0
         )
-        near_singularity_count, run = int((turn > _SINGULAR_TURN).sum()), self._run_model.result
+        near_singularity_count = int((turn > _SINGULAR_TURN).sum())
+        run = self._run_model.result
         reasons = [
             *self._list_reasons(),
             *find_implausible_deflection(float(lengths.max(initial=0.0)), run),
@@ -709,8 +707,7 @@ class ProgramWork(Work):
         if near_singularity_count:
             message = (
                 f"{near_singularity_count} of {point_count} points are near a singularity: joints turn by "
-                "over "
-                f"{_SINGULAR_TURN:g} rad"
+                f"over {_SINGULAR_TURN:g} rad"
             )
             remedy = "move the part away from the singularity"
             reasons.append(make_reason("near_singularity", "use_with_care", message, remedy))

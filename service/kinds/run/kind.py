@@ -220,9 +220,8 @@ def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str
 def _advised_reading_text(advice: Advice, kinds: Sequence[JointKind]) -> str:
     """Describe an advised reading in words: force, direction and posture."""
     force_size = sqrt(sum(component**2 for component in advice.force))
-    direction = ", ".join(
-        f"{component / force_size + 0.0:.2f}" for component in advice.force
-    )  # + 0.0 turns −0 into 0
+    # + 0.0 turns −0 into 0
+    direction = ", ".join(f"{component / force_size + 0.0:.2f}" for component in advice.force)
     posture = advice.observation or f"{posture_text(advice.joints, kinds)} if free of collisions"
     return f"{figure(force_size)} N along ({direction}) in posture {posture}"
 
@@ -613,12 +612,11 @@ def compute_mean_and_deviation(
     """Return mean and standard deviation over all resampled fits of a joint's stiffness (or compliance).
 
     The numbers are in `unit`, which is of stiffness or of compliance. Both are None if a fit does not
-    determine
-    the joint.
+    determine the joint.
     """
     moments = (
         (joint.compliance_mean, joint.compliance_deviation)
-        if unit.inverse
+        if unit.is_compliance
         else (joint.stiffness_mean, joint.stiffness_deviation)
     )
     factor = unit.for_kind(joint.kind).factor
@@ -638,11 +636,14 @@ def make_charts(result: RunResult) -> list[Chart]:
             charts.append(Chart(title, names, series, factor, unit, "joints", intervals, True, "stiffness"))
     if result.contributions:
         shares = {"contribution": [each.share for each in result.contributions]}
-        names, title = [each.joint for each in result.contributions], "Contribution to the deflection"
+        names = [each.joint for each in result.contributions]
+        title = "Contribution to the deflection"
         charts.append(Chart(title, names, shares, 1e2, "%", "joints", quantity="contribution"))
     # Residuals are a hundredth of the deflections: each of them has its own axis.
-    measured, residuals = result.mean_lengths("deflection"), result.mean_lengths("residual")
-    series, residual_series = {"measured": [*measured.values()]}, {"left over": [*residuals.values()]}
+    measured = result.mean_lengths("deflection")
+    residuals = result.mean_lengths("residual")
+    series = {"measured": [*measured.values()]}
+    residual_series = {"left over": [*residuals.values()]}
     return [
         *charts,
         Chart("Measured deflection", [*measured], series, 1e3, "mm", quantity="deflection"),

@@ -261,8 +261,8 @@ HELP = {
     ],
     "geometry": [
         "Identify the geometry of a robot from sweeps or poses.",
-        "--fit <one_by_one|together> Fit of the sweeps: one by one, which trusts the controller least, or "
-        "all together, with resting joints at the controller's angles.",
+        "--fit <one_by_one|together> Fit of the sweeps: one by one, which needs only the angle of the "
+        "moving joint, or all together, with the other joints at the angles that the controller shows.",
         "--base <nominal|axes> Frame R0. `nominal`: as in the nominal model. `axes`: z along axis "
         "1, x towards axis 2 along the common perpendicular at model angle zero. Default: "
         "`nominal`, or `axes` without a model.",

@@ -475,7 +475,7 @@ def test_targets_that_were_not_read_do_not_weigh_in_the_share_of_deflection():
 
 def test_a_change_has_the_uncertainty_of_what_the_campaigns_do_not_share() -> None:
     """By arithmetic: u(c)/c of 3 and 4 %, of which 2.4 % is the scale of one load cell."""
-    first = log_stiffness(1e-6, 3e-8, shared=2.4e-8)
+    first = log_stiffness(1e-6, 3e-8, shared_uncertainty=2.4e-8)
     second = log_stiffness(1.1e-6, 4.4e-8)
     assert first == pytest.approx((log(1e6), 0.018))
     shared = Change.between(first, second, shared=0.03)
