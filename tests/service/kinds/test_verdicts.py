@@ -352,7 +352,7 @@ NO_TOOL = "check its unit; a point on the tool is at most 5 m from the flange"
     [
         ("prediction, µm for mm in the load point", "prediction.load_point", 120),
         ("prediction, µm for mm in the place", "prediction.place", 120),
-        ("map, mm for m", "map.place", 250),
+        ("map, µm for mm", "map.place", 250),
     ],
 )
 def test_a_point_where_no_tool_reaches_is_refused(name, where, metres, run):
@@ -400,7 +400,7 @@ def test_the_greatest_deflection_and_the_farthest_point_decide(run):
     said = {each.code: each.message for each in run.predict(3 * POSTURE, forces, at=POINT).assessment.reasons}
     assert said["beyond_campaign"].startswith("1 of 3 cases")
     assert "times the greatest of the campaign" in said["prediction_implausible"]
-    (reason,) = find_far_points([POINT, (0.9, 1.2, 0.1), None])
+    (reason,) = find_far_points([(0.0, 0.0, 0.12), (0.9, 1.2, 0.1), None])
     assert "1.5 m from the flange" in reason.message
 
 
