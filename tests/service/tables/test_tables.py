@@ -109,7 +109,7 @@ def test_intervals_without_a_number_are_open(unit, ends, shown):
         assert text == "—"
         return
     factor = {value: kind.convert_compliance(1.0 / value) for value in shown if value}
-    if kind.inverse:
+    if kind.is_compliance:
         low, high = (float(part) for part in text.split(" … "))
         assert high == pytest.approx(kind.factor * ends[1], rel=1e-2)
         assert low == pytest.approx(kind.factor * ends[0], rel=1e-2)
