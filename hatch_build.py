@@ -17,7 +17,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 PACKAGE_FILES = {
-    "service/library/door.py": "jointstiff/__init__.py",
+    "service/library/public.py": "jointstiff/__init__.py",
     "service/cli/__main__.py": "jointstiff/__main__.py",
     "service/library/py.typed": "jointstiff/py.typed",
 }

@@ -102,7 +102,7 @@ def _post_all(client: Client, folder: Path) -> int:
             if "measurement_set" in document:
                 client.post(document, once=True)
             else:
-                client.described(document.get("robot", document))
+                client.prepare_robot(document.get("robot", document))
         except ProblemError as error:
             refused_files += 1
             cli.warn(f"{path.name}: {str(error).removeprefix(f'{path}: ')}")

@@ -1,7 +1,7 @@
-"""Common code of the verbs, such as `identify`, and `Door`, the interface of what does their work.
+"""Common code of the verbs, such as `identify`, and `Backend`, the interface of what does their work.
 
-The verb of each kind of work is a function whose first argument is a door: `Here` (this process) or `Client`
-(a service). Both have the function as a method.
+The verb of each kind of work is a function whose first argument is a backend: `Here` (this process) or
+`Client` (a service). Both have the function as a method.
 """
 
 from __future__ import annotations
@@ -107,27 +107,27 @@ class JobMonitor:
         )
 
 
-class Door(Protocol):
+class Backend(Protocol):
     """Interface of `Here` (this process) and `Client` (a service), which store inputs and compute results."""
 
-    def begun(self, monitor: JobMonitor) -> Door:
-        """Return a door for one call of a verb, which has no inputs yet.
+    def start_call(self, monitor: JobMonitor) -> Backend:
+        """Return a backend for one call of a verb, which has no inputs yet.
 
         Raises:
-            TypeError: `monitor` has an executor, but the door has workers of its own.
+            TypeError: `monitor` has an executor, but the backend has workers of its own.
         """
 
-    def measured(self, source: Source, _place: str = "") -> tuple[str, RunOptions | None]:
+    def prepare_set(self, source: Source, _place: str = "") -> tuple[str, RunOptions | None]:
         """Prepare a campaign; return the id of its measurement set, and its options for a run.
 
         The options are None if they are not known. `_place`, such as "first.", is put before the place that
         an error names.
         """
 
-    def identified(self, source: Source, executor: Executor | None = None) -> str:
+    def prepare_run(self, source: Source, executor: Executor | None = None) -> str:
         """Prepare a run, and return its id; if `source` is a campaign, identify the campaign first."""
 
-    def described(self, robot: RobotDocument) -> str:
+    def prepare_robot(self, robot: RobotDocument) -> str:
         """Prepare a robot, and return its id."""
 
     def joint_kinds(self, source: Source | RobotDocument) -> Mapping[str, JointKind]:
@@ -140,7 +140,7 @@ class Door(Protocol):
         its method, a failed run or None is returned instead of an error.
         """
 
-    def done(
+    def carry_out_request(
         self,
         kind: Kind[AnyJob, Any],
         request: dict[str, Any],
@@ -233,6 +233,6 @@ def describe_fields(verb: Callable[..., object], options: type[Message]) -> None
 
 
 def import_verb(kind: str) -> Callable[..., Any]:
-    """Import and return the verb of a kind, a function whose first argument is a door."""
+    """Import and return the verb of a kind, a function whose first argument is a backend."""
     verb: Callable[..., Any] = getattr(import_module(f"{kinds.__name__}.{kind}.verb"), ROOMS[kind].command)
     return verb

@@ -138,7 +138,7 @@ class Campaign(messages.Campaign):
         """
         from jointstiff.service.library.here import Here
 
-        Here().measured(self)
+        Here().prepare_set(self)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the campaign to a JSON file, which all commands and `Client` accept."""

@@ -174,7 +174,7 @@ class Client(Verbs):
         **options: Unpack[PredictFields],
     ) -> Prediction:
         """Predict deflections with the model of a run or a campaign; arguments as of `jointstiff.predict`."""
-        run_id = self.identified(run)
+        run_id = self.prepare_run(run)
         joints = {name: joint.kind for name, joint in self.runs.get(run_id).joints.items()}
         with as_campaign_error("prediction"):
             request = to_json_object(make_load_cases(postures, joints, forces, options)) | {"run_id": run_id}
@@ -227,7 +227,7 @@ class Client(Verbs):
                 self, campaign, options, on_progress=on_progress, cancel=cancel, executor=executor, **fields
             )
         with JobMonitor(on_progress, cancel, executor) as monitor:
-            self.begun(monitor)  # refuses an executor
+            self.start_call(monitor)  # refuses an executor
             document = read_campaign(campaign)
             run_options = to_json_object(document.run if options is None else options)
             run_options = {
@@ -264,7 +264,7 @@ class Client(Verbs):
         key = content_key(text) if once else None
         return self.runs.parse_answer(self.send("POST", "/v1/campaigns", _WAIT_QUERY, text, key))
 
-    def begun(self, monitor: JobMonitor) -> Client:
+    def start_call(self, monitor: JobMonitor) -> Client:
         """Check the monitor of a call that does work, such as `identify`; return this client.
 
         Raises:
@@ -277,7 +277,7 @@ class Client(Verbs):
             )
         return self
 
-    def measured(self, source: Any, _place: str = "") -> tuple[str, RunOptions | None]:  # noqa: ANN401
+    def prepare_set(self, source: Any, _place: str = "") -> tuple[str, RunOptions | None]:  # noqa: ANN401
         """Return (id of the measurement set, options of the run) of a run or a campaign.
 
         Args:
@@ -289,7 +289,7 @@ class Client(Verbs):
         campaign = read_campaign(source)
         return self.post(campaign, once=True).request.measurement_set_id, campaign.run
 
-    def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401, ARG002
+    def prepare_run(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401, ARG002
         """Return the id of a run in the service; a campaign is posted and identified first.
 
         `source` is a run or a campaign; `executor` is ignored, because the service has its own workers.
@@ -359,7 +359,7 @@ class Client(Verbs):
                 return None
             raise
 
-    def described(self, robot: RobotDocument | Mapping[str, Any]) -> str:
+    def prepare_robot(self, robot: RobotDocument | Mapping[str, Any]) -> str:
         """Return the id of a robot in the service; a robot that is not stored there yet is posted."""
         if isinstance(robot, Robot):
             return robot.id
@@ -373,7 +373,7 @@ class Client(Verbs):
             source = self.read_campaign(source)
         return read_joint_kinds(source if isinstance(source, RobotDocument) else read_campaign(source).robot)
 
-    def done(
+    def carry_out_request(
         self,
         kind: Kind[AnyJob, Any],
         request: dict[str, Any],
@@ -578,7 +578,7 @@ class Jobs(Collection[AnyJob, JobSummary]):
         """Post a request; return the job after one second at most; arguments as of `Collection.create`."""
         return self.parse_answer(self._client.send("POST", self._path, _WAIT_QUERY, document, key, files))
 
-    def done(
+    def carry_out_request(
         self, document: Document, on_progress: OnProgress | None = None, cancel: Cancel | None = None
     ) -> AnyJob:
         """Post a request; return the job when it has ended."""

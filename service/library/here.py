@@ -57,12 +57,12 @@ class Here(Verbs):
         self.tables: Mapping[str, Sheet] = {}  # of a service's job that was read from a file, by name
         self.files: Mapping[str, bytes] = {}  # corrected files of such a program, by name
 
-    def begun(self, monitor: JobMonitor) -> Here:  # noqa: ARG002 - any executor can be used
+    def start_call(self, monitor: JobMonitor) -> Here:  # noqa: ARG002 - any executor can be used
         """Return a new object for one call, so that its inputs are freed with the result of the call."""
         return Here()
 
     @one_thread()
-    def measured(self, source: Any, place: str = "") -> tuple[str, RunOptions]:  # noqa: ANN401 - campaign or run
+    def prepare_set(self, source: Any, place: str = "") -> tuple[str, RunOptions]:  # noqa: ANN401 - campaign or run
         """Prepare a campaign, or the campaign of a run; return the id of its set, and the options of the run.
 
         `place` is put before the places in errors, such as `campaigns[3].`.
@@ -72,14 +72,14 @@ class Here(Verbs):
         """
         source = _use_saved(source)
         if isinstance(source, TabledRun):
-            return self.measured(source.campaign)[0], extract_run_options(source)
+            return self.prepare_set(source.campaign)[0], extract_run_options(source)
         self.campaign = campaign = read_campaign(source)
         with as_campaign_error(f"{place}robot"):
             robot = prepare_once(campaign.robot)
         with as_campaign_error(f"{place}measurement_set"):
             return self.inputs.add_set(campaign.measurement_set, robot), campaign.run
 
-    def identified(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401 - run or campaign
+    def prepare_run(self, source: Any, executor: Executor | None = None) -> str:  # noqa: ANN401 - run or campaign
         """Prepare a run as an input of further work; return its id. A campaign is identified first.
 
         Raises:
@@ -89,7 +89,7 @@ class Here(Verbs):
         run: TabledRun = source if isinstance(source, TabledRun) else self.identify(source, executor=executor)
         if run.error is not None:
             raise CampaignError(run.error)
-        set_id, _ = self.measured(run.campaign)
+        set_id, _ = self.prepare_set(run.campaign)
         with as_campaign_error("prediction"):
             labels = {each.label for each in run.campaign.measurement_set.observations}
             left_out = run.request.leave_out
@@ -116,7 +116,9 @@ class Here(Verbs):
             CampaignError: the request cannot be used, or the readings do not support an indispensable run.
         """
         try:
-            run: Run = self.done(import_kind("run"), request.model_dump(mode="json"), {}, monitor)
+            run: Run = self.carry_out_request(
+                import_kind("run"), request.model_dump(mode="json"), {}, monitor
+            )
         except CampaignError as refused:
             if not dispensable or not refused.problem.type.endswith(":unsupported-method"):
                 raise
@@ -125,7 +127,7 @@ class Here(Verbs):
         return run
 
     @one_thread()
-    def described(self, robot: RobotDocument) -> str:
+    def prepare_robot(self, robot: RobotDocument) -> str:
         """Prepare a robot as an input of further work; return its id."""
         with as_campaign_error("robot"):
             return self.inputs.add_robot(prepare_once(robot))
@@ -138,7 +140,7 @@ class Here(Verbs):
             return read_joint_kinds(document)
 
     @one_thread()
-    def done(
+    def carry_out_request(
         self,
         kind: Kind[AnyJob, Any],
         request: dict[str, Any],
@@ -212,7 +214,7 @@ class Here(Verbs):
                 if name.startswith(f"{PurePath(file.name).stem}.")
             )
         if file.made_of == "work" and self.source is not None and not self.inputs.has_run(self.source.id):
-            self.identified(self.source)  # of a result that was read from a file
+            self.prepare_run(self.source)  # of a result that was read from a file
         return build_job_sheet(file, job, lambda: kind.prepare_work(self.inputs, job.request))
 
     def read_run(self, job: Job) -> TabledRun | None:
@@ -240,7 +242,7 @@ class Here(Verbs):
         """Predict deflections from the model of a run or a campaign; arguments as of `jointstiff.predict`."""
         from jointstiff.service.runs.deflection import predict_by_run
 
-        measured_run = self.inputs.run(self.identified(run), "run_id")
+        measured_run = self.inputs.run(self.prepare_run(run), "run_id")
         with as_campaign_error("prediction"):
             robot = measured_run.prepared.robot
             kinds = dict(zip(robot.joint_names, robot.joint_kinds, strict=True))
@@ -306,7 +308,7 @@ def _prepare_exported_model(run: Job) -> ExportedModel:
     from jointstiff.service.reports.exports import ExportedModel
 
     here = Here()
-    measured_run = here.inputs.run(here.identified(run), "run_id")
+    measured_run = here.inputs.run(here.prepare_run(run), "run_id")
     with as_campaign_error("run"):
         return ExportedModel.from_run(
             measured_run.run, measured_run.prepared.robot, cast("TabledRun", run).campaign.robot.name

@@ -166,7 +166,7 @@ class _SetInService:
     def __init__(self, client: Client, robot: RobotDocument, post: MeasurementSetPost) -> None:
         """Store robot and measurement set in the service; `post` declares goal, load and targets."""
         self._client = client
-        body = post.model_copy(update={"robot_id": client.described(robot)})
+        body = post.model_copy(update={"robot_id": client.prepare_robot(robot)})
         text = body.model_dump_json(exclude_unset=True)
         answer = client.send("POST", "/v1/measurement-sets", None, text)
         self.id = str(json.loads(answer.content)["id"])

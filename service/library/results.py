@@ -47,7 +47,7 @@ _REPORTS = {"pdf", "html"}
 _MODELS = {"csv", "xlsx", "mjcf"}
 
 
-class Door(verb.Door, Protocol):
+class Backend(verb.Backend, Protocol):
     """Service or process that does work, and also makes files, predictions and new runs from a job."""
 
     def read_campaign(self, run: Run) -> messages.Campaign | None:
@@ -359,18 +359,18 @@ class PresentedJob(Presented):
         else:
             super()._save_other(path, suffix)
 
-    def was_done_by(self, door: object) -> bool:
-        """Return whether a client or process did this job; `door` is the client or process."""
-        return self._origin is door
+    def was_done_by(self, backend: object) -> bool:
+        """Return whether a client or process did this job; `backend` is the client or process."""
+        return self._origin is backend
 
-    def _require_origin(self) -> Door:
+    def _require_origin(self) -> Backend:
         """Return the client or process that did the job; raise ValueError if it is not known."""
         if self._origin is None:
             raise ValueError(
                 f"the {self._job.kind} has no reference to the process or service that computed it: use the "
                 "result that `jointstiff` or a client returned"
             )
-        return cast("Door", self._origin)
+        return cast("Backend", self._origin)
 
 
 class _Joints(dict[str, JointResult]):
@@ -725,7 +725,7 @@ def make_presented_class(kind: Kind[AnyJob, Any]) -> type[AnyJob]:
     return cast("type[AnyJob]", presented)
 
 
-def attach_origin(job: AnyJob, origin: Door) -> AnyJob:
+def attach_origin(job: AnyJob, origin: Backend) -> AnyJob:
     """Return a copy of a job with methods for tables, plots and files.
 
     `origin` is the client or process that computed the job; it also makes the files.

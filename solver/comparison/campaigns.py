@@ -729,7 +729,7 @@ def log_stiffness(
         compliance: [rad/(N·m)].
         standard_uncertainty: standard uncertainty of the compliance [rad/(N·m)].
         shared_uncertainty: part of the uncertainty from errors that are the same in all campaigns, such as
-                the scale of one load cell [rad/(N·m)]; these errors cancel in a difference and are subtracted.
+            the scale of one load cell [rad/(N·m)]; these errors cancel in a difference.
 
     Returns:
         ln k, and its standard uncertainty from errors of this campaign alone; None if the joint has no

@@ -1,4 +1,4 @@
-"""The shape of the house and of its tests: rooms, doors, docstrings, one triangle, notices, lanes."""
+"""The shape of the house and of its tests: rooms, public names, docstrings, one triangle, notices, lanes."""
 
 import ast
 import json
@@ -202,7 +202,7 @@ def test_no_modules_of_the_solver_import_each_other_in_a_circle():
     assert not shared
 
 
-DOORS = {ROOT / "solver" / "__init__.py"}
+PUBLIC_PACKAGES = {ROOT / "solver" / "__init__.py"}
 """Packages from which names are imported; every other module is imported by its name."""
 
 
@@ -216,10 +216,10 @@ def test_packages_say_what_they_are_for_and_give_no_names_of_their_modules(room)
     inits = {path: path.read_text(encoding="utf-8") for path in (ROOT / room).rglob("__init__.py")}
     assert inits
     assert not [path for path, text in inits.items() if not text.startswith('"""')]
-    assert not [path for path, text in inits.items() if path not in DOORS and "__all__" in text]
+    assert not [path for path, text in inits.items() if path not in PUBLIC_PACKAGES and "__all__" in text]
 
 
-def test_the_door_of_the_solver_gives_every_name_that_it_promises():
+def test_the_solver_gives_every_name_that_it_promises():
     given = {name: getattr(solver, name) for name in solver.__all__}
     assert all(value.__name__ == name for name, value in given.items())
 

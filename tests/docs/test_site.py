@@ -97,7 +97,7 @@ def test_the_python_reference_has_every_public_module(pages):
     assert ".. automodule:: jointstiff.solver.mechanics.robot" in pages["jointstiff.solver.mechanics"]
 
 
-def test_a_name_that_a_door_offers_is_documented_where_it_is_defined(pages):
+def test_a_name_that_a_backend_offers_is_documented_where_it_is_defined(pages):
     for name in ("jointstiff.solver", "jointstiff.simulator"):
         offered = ", ".join(sorted(importlib.import_module(name).__all__))
         assert f".. automodule:: {name}\n   :exclude-members: {offered}\n" in pages[name]

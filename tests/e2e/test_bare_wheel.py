@@ -36,7 +36,7 @@ for name in ("model.mjcf", "model.csv", "report.html"):
     run.save(name)
 print(json.dumps([[job.state for job in jobs], len(cases) > 0, imported.files[0].file]))
 """
-DOORS = {
+EXTRAS = {
     "serve": "service",
     "worker --database sqlite:///worked.db": "service",
     "demo --once": "service",
@@ -117,11 +117,11 @@ def test_the_library_needs_no_extra(bare, place):
     assert json.loads(done.stdout) == [["succeeded"] * 4, True, "readings.csv"]
 
 
-@pytest.mark.parametrize("command", DOORS)
+@pytest.mark.parametrize("command", EXTRAS)
 def test_a_command_without_its_extra_names_it(command, bare, place):
     lines = carried_out(bare, place, command, status=2).stderr.splitlines()
-    assert lines[-2].endswith(f" needs the extra `{DOORS[command]}`, which is not installed")
-    assert lines[-1] == f'  remedy: pip install "jointstiff[{DOORS[command]}]"'
+    assert lines[-2].endswith(f" needs the extra `{EXTRAS[command]}`, which is not installed")
+    assert lines[-1] == f'  remedy: pip install "jointstiff[{EXTRAS[command]}]"'
     assert not any("Traceback" in line for line in lines)
 
 

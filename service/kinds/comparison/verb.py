@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from jointstiff.schemas.comparison import CampaignComparison
 from jointstiff.schemas.run import Run
 from jointstiff.service.kinds.comparison.kind import COMPARISON
-from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
 from jointstiff.service.resources.documents import parse_document
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class CompareFields(TypedDict, total=False):
 
 
 def compare(
-    door: Door,
+    backend: Backend,
     first: Source,
     second: Source | None = None,
     /,
@@ -48,7 +48,7 @@ def compare(
     """Compare methods on a campaign, or two campaigns of one robot.
 
     Args:
-        door: `Here` or a `Client`, which has this function as a method and does the work.
+        backend: `Here` or a `Client`, which has this function as a method and does the work.
         first: campaign or run, such as with the motors' encoders in the position loop, or before a repair.
         second: campaign or run to compare with the first, such as with secondary encoders in the position
             loop, or after a repair; without a second, methods are compared on the first.
@@ -73,21 +73,23 @@ def compare(
     from jointstiff.service.kinds.comparison.work import ComparedSet, request_comparison
 
     with JobMonitor(on_progress, cancel, executor) as monitor:
-        door = door.begun(monitor)
+        backend = backend.start_call(monitor)
         chosen = parse_document(merge_options(CampaignComparison, options, fields), CampaignComparison)
         sources = [first] if second is None else [first, second]
         sets: list[ComparedSet] = []
         for source, error_prefix in zip(sources, ("first.", "second."), strict=False):
-            set_id, source_options = door.measured(source, error_prefix if len(sources) > 1 else "")
+            set_id, source_options = backend.prepare_set(source, error_prefix if len(sources) > 1 else "")
             source_options = source_options or RunOptions()
             # A second campaign is identified with the options of the first campaign; a run keeps its options.
             keeps_options = isinstance(source, Run) or not sets
             run_options = source_options if keeps_options else sets[0].options
             sets.append(ComparedSet(set_id, source_options.leave_out, chosen.run or run_options))
         request = request_comparison(
-            sets, chosen, lambda run, dispensable: door.run(run, monitor, dispensable)
+            sets, chosen, lambda run, dispensable: backend.run(run, monitor, dispensable)
         )
-        return door.done(COMPARISON, request.model_dump(mode="json", exclude_unset=True), {}, monitor)
+        return backend.carry_out_request(
+            COMPARISON, request.model_dump(mode="json", exclude_unset=True), {}, monitor
+        )
 
 
 describe_fields(compare, CampaignComparison)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from jointstiff.schemas.fleet import FleetOptions
 from jointstiff.service.kinds.fleet.kind import FLEET
-from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,7 +27,7 @@ class FleetFields(TypedDict, total=False):
 
 
 def fleet(
-    door: Door,
+    backend: Backend,
     *campaigns: Source,
     options: FleetOptions | None = None,
     on_progress: OnProgress | None = None,
@@ -38,7 +38,7 @@ def fleet(
     """Identify the campaigns of many robots in one job.
 
     Args:
-        door: `Here` or a `Client`, which has this function as a method and does the work.
+        backend: `Here` or a `Client`, which has this function as a method and does the work.
         campaigns: campaigns or runs, which are identified with the options of `run`; a `Client` takes the
             last campaign of each stored robot if none are given.
         options: a `FleetOptions`; keyword arguments replace options of the same name.
@@ -60,10 +60,12 @@ def fleet(
         OSError: a file cannot be read.
     """
     with JobMonitor(on_progress, cancel, executor) as monitor:
-        door = door.begun(monitor)
-        sets = [door.measured(source, f"campaigns[{i}].")[0] for i, source in enumerate(campaigns)]
+        backend = backend.start_call(monitor)
+        sets = [backend.prepare_set(source, f"campaigns[{i}].")[0] for i, source in enumerate(campaigns)]
         request = {"measurement_set_ids": sets} if sets else {}
-        return door.done(FLEET, request | merge_options(FleetOptions, options, fields), {}, monitor)
+        return backend.carry_out_request(
+            FLEET, request | merge_options(FleetOptions, options, fields), {}, monitor
+        )
 
 
 describe_fields(fleet, FleetOptions)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.geometry import GeometryRequest
 from jointstiff.service.kinds.geometry.kind import GEOMETRY
-from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
 from jointstiff.service.resources.documents import read_object, read_robot
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class GeometryFields(TypedDict, total=False):
 
 
 def geometry(
-    door: Door,
+    backend: Backend,
     readings: File | Mapping[str, Any] | Message | None = None,
     /,
     options: GeometryRequest | None = None,
@@ -63,7 +63,7 @@ def geometry(
     """Identify the geometry of a robot from sweeps or poses.
 
     Args:
-        door: `Here` or a `Client`, which has this function as a method and does the work.
+        backend: `Here` or a `Client`, which has this function as a method and does the work.
         readings: a file, a document, or the message of the request.
         options: a `GeometryRequest`; keyword arguments replace options of the same name.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
@@ -84,7 +84,7 @@ def geometry(
         OSError: a file cannot be read.
     """
     with JobMonitor(on_progress, cancel, executor) as monitor:
-        door, named_options = door.begun(monitor), dict[str, Any](fields)
+        backend, named_options = backend.start_call(monitor), dict[str, Any](fields)
         if isinstance(readings, str | PathLike):
             request = read_object(Path(readings))
         else:
@@ -96,7 +96,7 @@ def geometry(
         if options is None and "units" in request:  # the readings state the units of all numbers
             named_options.setdefault("units", request["units"])
         request |= merge_options(GeometryRequest, options, named_options)
-        return door.done(GEOMETRY, request, {}, monitor)
+        return backend.carry_out_request(GEOMETRY, request, {}, monitor)
 
 
 describe_fields(geometry, GeometryRequest)

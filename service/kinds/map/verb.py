@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.deflection import MapOptions
 from jointstiff.service.kinds.map.kind import MAP
-from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -41,7 +41,7 @@ class MapFields(TypedDict, total=False):
 
 
 def map(  # noqa: A001 - the name of the command
-    door: Door,
+    backend: Backend,
     run: Source,
     /,
     options: MapOptions | None = None,
@@ -54,7 +54,7 @@ def map(  # noqa: A001 - the name of the command
     """Map deflection and compliance over a work area.
 
     Args:
-        door: `Here` or a `Client`, which has this function as a method and does the work.
+        backend: `Here` or a `Client`, which has this function as a method and does the work.
         run: what `identify` returned, or a campaign, which is identified now.
         options: a `MapOptions`; keyword arguments replace options of the same name.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
@@ -75,10 +75,10 @@ def map(  # noqa: A001 - the name of the command
         OSError: a file cannot be read.
     """
     with JobMonitor(on_progress, cancel, executor) as monitor:
-        door = door.begun(monitor)
-        request = {"run_id": door.identified(run, executor)}
-        request |= merge_options(MapOptions, options, fields, lambda: door.joint_kinds(run))
-        return door.done(MAP, request, {}, monitor)
+        backend = backend.start_call(monitor)
+        request = {"run_id": backend.prepare_run(run, executor)}
+        request |= merge_options(MapOptions, options, fields, lambda: backend.joint_kinds(run))
+        return backend.carry_out_request(MAP, request, {}, monitor)
 
 
 describe_fields(map, MapOptions)

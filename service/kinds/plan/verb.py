@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 from jointstiff.schemas.plan import PlanOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.plan.kind import PLAN
-from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
 from jointstiff.service.resources.documents import read_plan_source
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class PlanFields(TypedDict, total=False):
 
 
 def plan(
-    door: Door,
+    backend: Backend,
     source: Source | RobotDocument,
     /,
     options: PlanOptions | None = None,
@@ -77,7 +77,7 @@ def plan(
     """Plan which postures and loads to measure.
 
     Args:
-        door: `Here` or a `Client`, which has this function as a method and does the work.
+        backend: `Here` or a `Client`, which has this function as a method and does the work.
         source: the campaign to continue; or, to begin a campaign, a robot: a document, the name of a file, or
             the name of an arm of the catalogue.
         options: a `PlanOptions`; keyword arguments replace options of the same name.
@@ -99,12 +99,12 @@ def plan(
         OSError: a file cannot be read.
     """
     with JobMonitor(on_progress, cancel, executor) as monitor:
-        door = door.begun(monitor)
+        backend = backend.start_call(monitor)
         planned = read_plan_source(source)
         if isinstance(planned, RobotDocument):
-            request: dict[str, Any] = {"robot_id": door.described(planned)}
+            request: dict[str, Any] = {"robot_id": backend.prepare_robot(planned)}
         else:
-            set_id, run_options = door.measured(planned)
+            set_id, run_options = backend.prepare_set(planned)
             # Causes and left-out readings of the campaign's run apply, unless options replace them.
             inherited = (
                 {}
@@ -115,8 +115,8 @@ def plan(
                 "measurement_set_id": set_id,
                 **{name: value for name, value in inherited.items() if value},
             }
-        request |= merge_options(PlanOptions, options, fields, lambda: door.joint_kinds(planned))
-        return door.done(PLAN, request, {}, monitor)
+        request |= merge_options(PlanOptions, options, fields, lambda: backend.joint_kinds(planned))
+        return backend.carry_out_request(PLAN, request, {}, monitor)
 
 
 describe_fields(plan, PlanOptions)

@@ -11,7 +11,7 @@ from jointstiff.schemas.process import ProcessOptions
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.kinds.process.kind import PROCESS
 from jointstiff.service.kinds.program.verb import CompensateFields, gather_files
-from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
 from jointstiff.service.problems import as_campaign_error
 from jointstiff.service.resources.documents import read_plan_source
 
@@ -41,7 +41,7 @@ class ProcessFields(CompensateFields, total=False):
 
 
 def process(
-    door: Door,
+    backend: Backend,
     source: Source | RobotDocument,
     /,
     *path: File | Matrix,
@@ -55,7 +55,7 @@ def process(
     """Turn the tool and place the workpiece for the least deflection along a path.
 
     Args:
-        door: `Here` or a `Client`, which has this function as a method and does the work.
+        backend: `Here` or a `Client`, which has this function as a method and does the work.
         source: what `identify` returned, or a campaign, which is identified now; or an arm that was not
             measured: a robot document, or the name of an arm of the catalogue.
         path: the program, a .src with its .dat, or a CSV table of poses; or an array of poses of the tool
@@ -86,13 +86,13 @@ def process(
     from jointstiff.service.conversion.arguments import complete_units
 
     with JobMonitor(on_progress, cancel, executor) as monitor:
-        door, named_options = door.begun(monitor), dict[str, Any](fields)
+        backend, named_options = backend.start_call(monitor), dict[str, Any](fields)
         # A run is used as it is; a robot, or the name of an arm, has no run.
         described = source if isinstance(source, RobotDocument) else read_plan_source(source)
         request: dict[str, Any] = (
-            {"robot_id": door.described(described)}
+            {"robot_id": backend.prepare_robot(described)}
             if isinstance(described, RobotDocument)
-            else {"run_id": door.identified(described, executor)}
+            else {"run_id": backend.prepare_run(described, executor)}
         )
         files = [each for each in path if isinstance(each, str | PathLike)]
         arrays = [each for each in path if not isinstance(each, str | PathLike)]
@@ -109,7 +109,7 @@ def process(
             named_options |= _state_forces(forces, contents, units)
         files_sent, named_options = gather_files([Path(each) for each in files], named_options)
         request |= merge_options(ProcessOptions, options, named_options)
-        return door.done(PROCESS, request, contents | files_sent, monitor)
+        return backend.carry_out_request(PROCESS, request, contents | files_sent, monitor)
 
 
 def _write_poses(arrays: list[Any], units: Mapping[str, str]) -> tuple[dict[str, bytes], dict[str, Any]]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack
 
 from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.kinds.program.kind import PROGRAM
-from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -54,7 +54,7 @@ class CompensateFields(TypedDict, total=False):
 
 
 def compensate(
-    door: Door,
+    backend: Backend,
     run: Source,
     /,
     *files: File,
@@ -67,7 +67,7 @@ def compensate(
     """Compensate a program for the deflection under load.
 
     Args:
-        door: `Here` or a `Client`, which has this function as a method and does the work.
+        backend: `Here` or a `Client`, which has this function as a method and does the work.
         run: what `identify` returned, or a campaign, which is identified now.
         files: the program, a .src with its .dat; and the table of loads, if `loads` names one.
         options: a `ProgramOptions`; keyword arguments replace options of the same name.
@@ -89,11 +89,11 @@ def compensate(
         OSError: a file cannot be read.
     """
     with JobMonitor(on_progress, cancel, executor) as monitor:
-        door = door.begun(monitor)
-        request: dict[str, Any] = {"run_id": door.identified(run, executor)}
+        backend = backend.start_call(monitor)
+        request: dict[str, Any] = {"run_id": backend.prepare_run(run, executor)}
         contents, named_options = gather_files(list(map(Path, files)), fields)
         request |= merge_options(ProgramOptions, options, named_options)
-        return door.done(PROGRAM, request, contents, monitor)
+        return backend.carry_out_request(PROGRAM, request, contents, monitor)
 
 
 def gather_files(paths: Sequence[Path], fields: Mapping[str, Any]) -> tuple[dict[str, bytes], dict[str, Any]]:

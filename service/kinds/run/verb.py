@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, cast
 
 from jointstiff.schemas.options import RunOptions
 from jointstiff.service.kinds.run.kind import RUN
-from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -53,7 +53,7 @@ class IdentifyFields(TypedDict, total=False):
 
 
 def identify(
-    door: Door,
+    backend: Backend,
     campaign: Source,
     /,
     options: RunOptions | None = None,
@@ -66,7 +66,7 @@ def identify(
     """Identify the joint stiffnesses of a campaign.
 
     Args:
-        door: `Here` or a `Client`, which has this function as a method and does the work.
+        backend: `Here` or a `Client`, which has this function as a method and does the work.
         campaign: a file, a document that was read from JSON, a `Campaign`, or a run.
         options: a `RunOptions`; keyword arguments replace options of the same name.
         on_progress: called with the progress of a job that takes steps; default: a bar in a terminal or a
@@ -87,8 +87,8 @@ def identify(
         OSError: a file cannot be read.
     """
     with JobMonitor(on_progress, cancel, executor) as monitor:
-        door = door.begun(monitor)
-        set_id, campaign_options = door.measured(campaign)
+        backend = backend.start_call(monitor)
+        set_id, campaign_options = backend.prepare_set(campaign)
         request: dict[str, Any] = {"measurement_set_id": set_id}
         if campaign_options is not None:
             # The campaign's own options apply, unless the caller gives `options`; but observations that the
@@ -96,7 +96,8 @@ def identify(
             defaults = campaign_options.model_dump(mode="json", exclude_unset=True) if options is None else {}
             request = defaults | request | {"leave_out": campaign_options.leave_out}
         return cast(
-            "TabledRun", door.done(RUN, request | merge_options(RunOptions, options, fields), {}, monitor)
+            "TabledRun",
+            backend.carry_out_request(RUN, request | merge_options(RunOptions, options, fields), {}, monitor),
         )
 
 

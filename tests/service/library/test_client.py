@@ -234,7 +234,7 @@ def test_the_same_campaign_is_stored_once_and_again_where_it_was_deleted(service
         assert other.id != first.id
         assert other.request.measurement_set_id == first.request.measurement_set_id
         stored = client.measurement_sets.get(first.request.measurement_set_id)
-        assert client.described(campaign["robot"]) == stored.robot_id
+        assert client.prepare_robot(campaign["robot"]) == stored.robot_id
         for run in (first, other):
             client.runs.delete(run.id)
         client.measurement_sets.delete(stored.id)
@@ -281,7 +281,7 @@ def test_an_address_needs_its_scheme(address):
 
 
 def test_a_run_of_a_service_applies_and_exports_as_one_in_process(service, campaign, tmp_path):
-    """The same names over both doors give the same numbers and the same file."""
+    """The same names by both backends give the same numbers and the same file."""
     for observation in campaign["measurement_set"]["observations"]:
         joints = observation["joints"]
         joints[1], joints[2] = joints[2], joints[1]
@@ -357,8 +357,8 @@ class Awaited:
 
 
 @contextmanager
-def opened(door, services):
-    database, _, awaited = door.partition(" ")
+def opened(backend, services):
+    database, _, awaited = backend.partition(" ")
     if database == "here":
         yield js
     elif awaited:
@@ -372,19 +372,19 @@ def opened(door, services):
 
 
 @pytest.fixture(scope="module", params=["here", "sqlite", "sqlite awaited"])
-def door(request, services):
+def backend(request, services):
     with opened(request.param, services) as verbs:
         yield verbs
 
 
 @pytest.fixture(scope="module")
-def sources(door, tmp_path_factory):
+def sources(backend, tmp_path_factory):
     """The same campaign as all that a verb takes."""
     path = tmp_path_factory.mktemp("contract") / "campaign.json"
     path.write_text(json.dumps(DOCUMENT))
     campaign = js.Campaign.read(path)
     here = js.identify(path)
-    run = door.identify(path)
+    run = backend.identify(path)
     return {
         "path": path,
         "text": str(path),
@@ -402,36 +402,41 @@ def program(result):
 
 VERBS = {
     "identify": (
-        lambda door, source: door.identify(source, method="complete_pose"),
+        lambda backend, source: backend.identify(source, method="complete_pose"),
         lambda run: run.result.joints,
     ),
     "compare": (
-        lambda door, source: door.compare(source, constraints=["positive"]),
+        lambda backend, source: backend.compare(source, constraints=["positive"]),
         lambda job: [entry.model_copy(update={"run_id": "r"}) for entry in job.result.entries],
     ),
-    "plan": (lambda door, source: door.plan(source, readings=4, candidates=100), lambda job: job.result),
+    "plan": (
+        lambda backend, source: backend.plan(source, readings=4, candidates=100),
+        lambda job: job.result,
+    ),
     "map": (
-        lambda door, source: door.map(source, area=AREA, grid=(2, 2, 1), place=(0, 0, 250), force=FORCE),
+        lambda backend, source: backend.map(
+            source, area=AREA, grid=(2, 2, 1), place=(0, 0, 250), force=FORCE
+        ),
         lambda job: job.result,
     ),
     "fleet": (
-        lambda door, source: door.fleet(source, run={"method": "complete_pose"}),
+        lambda backend, source: backend.fleet(source, run={"method": "complete_pose"}),
         lambda job: [(row.verdict, row.stiffness, row.stiffness_interval) for row in job.result.rows],
     ),
     "compensate": (
-        lambda door, source: door.compensate(
+        lambda backend, source: backend.compensate(
             source, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE
         ),
         program,
     ),
     "process": (
-        lambda door, source: door.process(
+        lambda backend, source: backend.process(
             source, EXAMPLES / "pocket.src", force=FORCE, spindle=(0.6, 0.0, 0.8), turns=8, step=90.0
         ),
         lambda job: (job.result.turned, job.result.before, program(job)),
     ),
     "predict": (
-        lambda door, source: door.predict(source, POSTURES, FORCE, at=(0, 0, 120)),
+        lambda backend, source: backend.predict(source, POSTURES, FORCE, at=(0, 0, 120)),
         lambda result: result.displacement.tolist(),
     ),
 }
@@ -457,16 +462,16 @@ def by_day(verb, form):
         for form in ALIKE
     ],
 )
-def test_a_verb_takes_a_file_a_document_a_campaign_or_a_run(door, sources, expected, verb, form):
+def test_a_verb_takes_a_file_a_document_a_campaign_or_a_run(backend, sources, expected, verb, form):
     call, view = VERBS[verb]
-    assert view(call(door, sources[form])) == expected[verb]
+    assert view(call(backend, sources[form])) == expected[verb]
 
 
-def test_the_verbs_of_other_sources(door, tmp_path):
+def test_the_verbs_of_other_sources(backend, tmp_path):
     """Sweeps as file, document and message; a robot by name; postures as file and cases; tables."""
     sweeps = json.loads((EXAMPLES / "sweeps.json").read_text())
     forms = [EXAMPLES / "sweeps.json", sweeps, js.GeometryRequest.model_validate(sweeps)]
-    points = [[axis.point for axis in door.geometry(form).result.axes] for form in forms]
+    points = [[axis.point for axis in backend.geometry(form).result.axes] for form in forms]
     here = [axis.point for axis in js.geometry(EXAMPLES / "sweeps.json").result.axes]
     np.testing.assert_allclose(points, [here] * 3, rtol=0, atol=1e-12)
     options = {"readings": 4, "candidates": 100, "load": {"kind": "any_direction", "force": 1000.0}}
@@ -476,70 +481,70 @@ def test_the_verbs_of_other_sources(door, tmp_path):
     name = "KUKA KR 210 R2700 extra"
     arms = [name, js.robot(name), path, json.loads(path.read_text())]
     expected = js.plan(name, **options).result
-    assert all(door.plan(arm, **options).result == expected for arm in arms)
-    of_table = door.predict(DOCUMENT, EXAMPLES / "postures.csv", load_point=(0, 0, 120))
+    assert all(backend.plan(arm, **options).result == expected for arm in arms)
+    of_table = backend.predict(DOCUMENT, EXAMPLES / "postures.csv", load_point=(0, 0, 120))
     case = {"label": "drill", "joints": [10, -20, 30, 0, 45, 0], "force": (0, 0, -800)}
-    of_cases = door.predict(DOCUMENT, [case], load_point=(0, 0, 120))
+    of_cases = backend.predict(DOCUMENT, [case], load_point=(0, 0, 120))
     np.testing.assert_allclose(of_table.displacement, of_cases.displacement, rtol=1e-12)
 
 
 @pytest.mark.parametrize("form", ALIKE)
-def test_a_live_campaign_is_measured_alike(door, sources, form):
+def test_a_live_campaign_is_measured_alike(backend, sources, form):
     """The same readings in the same order, the same state after each, and the same run of the closed set."""
     with (
-        door.measure(sources[form], "15 %", "simulated:1") as there,
+        backend.measure(sources[form], "15 %", "simulated:1") as there,
         js.measure(DOCUMENT, goal="15 %", source="simulated:1") as here,
     ):
         state = there.run_source(most=3)
         assert state.readings == here.run_source(most=3).readings
         assert state.next == here.state.next
         assert there.close().joints == here.close().joints
-    assert door.identify(there.run).joints == here.run.joints
+    assert backend.identify(there.run).joints == here.run.joints
 
 
-def test_files_are_imported_alike(door):
+def test_files_are_imported_alike(backend):
     stated = {"encoders": "motor", "load_point": (0, 0, 120)}
     for options in (stated, stated | {"robot": "KUKA KR 210 R2700 extra"}):
-        answer = door.import_files(EXAMPLES / "readings.csv", **options)
+        answer = backend.import_files(EXAMPLES / "readings.csv", **options)
         assert answer == js.import_files(EXAMPLES / "readings.csv", **options)
         assert len(answer.measurement_set.observations) == 12
 
 
-def test_what_a_reason_advises_is_applied_alike(door):
+def test_what_a_reason_advises_is_applied_alike(backend):
     """Unloaded and loaded are exchanged in the file; the run's action puts them right."""
     wrong = json.loads(json.dumps(DOCUMENT))
     for observation in wrong["measurement_set"]["observations"]:
         for reading in observation["readings"]:
             reading["unloaded"], reading["loaded"] = reading["loaded"], reading["unloaded"]
-    mended = door.identify(wrong).apply("exchange_readings")
+    mended = backend.identify(wrong).apply("exchange_readings")
     for name, joint in js.identify(DOCUMENT).joints.items():
         if joint.compliance is not None:
             assert mended.joints[name].compliance == pytest.approx(joint.compliance, rel=1e-6)
 
 
-def test_every_verb_is_tested_and_every_door_has_it(door):
+def test_every_verb_is_tested_and_every_backend_has_it(backend):
     tested = {*VERBS, "geometry", "measure", "import_files"}
     verbs = {name for name in js.__all__ if name.islower()} - {"robot", "identify_many", "load", "rehearse"}
     assert tested == {room.command for room in ROOMS.values()} | verbs
-    assert all(callable(getattr(door, verb)) for verb in tested)
+    assert all(callable(getattr(backend, verb)) for verb in tested)
 
 
 STEPPED = {"repetitions": 100_000, "size": 500}
 
 
-def test_progress_is_told_and_work_is_cancelled(door):
+def test_progress_is_told_and_work_is_cancelled(backend):
     told, options = [], {"elasticity": "joints", "resampling": STEPPED}
     long = simulate_campaign(default_arm(), load="pull", configurations=1_000, seed=4)  # six seconds of draws
-    run = door.identify(long, **options, on_progress=told.append, cancel=lambda: bool(told))
+    run = backend.identify(long, **options, on_progress=told.append, cancel=lambda: bool(told))
     assert run.state == "cancelled"
     assert 0 < told[0].done + 1 <= told[0].total == STEPPED["repetitions"]
 
 
-def test_a_result_of_any_door_writes_the_same_files(door, sources, tmp_path):
+def test_a_result_of_any_backend_writes_the_same_files(backend, sources, tmp_path):
     run, contents = sources["run"], []
     for each in (run, js.identify(DOCUMENT)):
-        area = door.map(each, area=AREA, grid=(2, 2, 1), place=(0, 0, 250), force=FORCE)
-        milled = door.compensate(each, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
+        area = backend.map(each, area=AREA, grid=(2, 2, 1), place=(0, 0, 250), force=FORCE)
+        milled = backend.compensate(each, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE)
         each.save(tmp_path / "arm.mjcf")
         area.save(tmp_path / "map.csv")
         milled.save(tmp_path / "out.src")
@@ -549,7 +554,7 @@ def test_a_result_of_any_door_writes_the_same_files(door, sources, tmp_path):
         contents.append([*texts, list(points["deflection [mm]"])])
     assert contents[0] == contents[1]
     assert run.campaign.measurement_set == js.Campaign.read(sources["path"]).measurement_set
-    assert door.identify(run.campaign).joints == run.joints
+    assert backend.identify(run.campaign).joints == run.joints
 
 
 WRONG = """

@@ -43,21 +43,21 @@ def document():
     return simulate_campaign(default_arm(), load="pull", configurations=12, seed=3)
 
 
-def results_of(door, document):
-    run = door.identify(document)
+def results_of(backend, document):
+    run = backend.identify(document)
     return {
         "run": run,
-        "comparison": door.compare(run, constraints=["positive"]),
-        "geometry": door.geometry(EXAMPLES / "sweeps.json"),
-        "plan": door.plan(run, readings=2, candidates=200),
-        "map": door.map(run, **AREA),
-        "program": door.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
-        "process": door.process(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4),
+        "comparison": backend.compare(run, constraints=["positive"]),
+        "geometry": backend.geometry(EXAMPLES / "sweeps.json"),
+        "plan": backend.plan(run, readings=2, candidates=200),
+        "map": backend.map(run, **AREA),
+        "program": backend.compensate(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE),
+        "process": backend.process(run, EXAMPLES / "pocket.src", accuracy_option="off", force=FORCE, turns=4),
         "prediction": run.predict(POSTURES, FORCE, at=(0, 0, 120)),
-        "imported": door.import_files(
+        "imported": backend.import_files(
             EXAMPLES / "readings.csv", encoders="motor", load_point=(0, 0, 120), robot=document["robot"]
         ),
-        "fleet": door.fleet(run),
+        "fleet": backend.fleet(run),
     }
 
 
@@ -80,8 +80,8 @@ def by_client(document, served_in_process):
     params=[("in_process", name) for name in IN_PROCESS] + [("by_client", name) for name in KINDS]
 )
 def result(request):
-    door, name = request.param
-    return request.getfixturevalue(door)[name]
+    backend, name = request.param
+    return request.getfixturevalue(backend)[name]
 
 
 def test_each_kind_of_work_is_a_case():
@@ -107,9 +107,9 @@ def test_a_pickled_result_is_the_same_result(result):
     assert pickled.to_frame().equals(result.to_frame())
 
 
-@pytest.mark.parametrize("door", ["in_process", "by_client"])
-def test_every_verb_accepts_a_saved_run(door, request, tmp_path, document):
-    results, file = request.getfixturevalue(door), tmp_path / "run.json"
+@pytest.mark.parametrize("backend", ["in_process", "by_client"])
+def test_every_verb_accepts_a_saved_run(backend, request, tmp_path, document):
+    results, file = request.getfixturevalue(backend), tmp_path / "run.json"
     results["run"].save(file)
     loaded = js.load(file)
     assert loaded.campaign.measurement_set.name == document["measurement_set"]["name"]

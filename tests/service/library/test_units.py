@@ -22,32 +22,32 @@ OTHER = "m, rad, kN, kN.m"
 KINDS_OF_JOINTS = {"rail": "prismatic", "joint_1": "revolute", "joint_2": "revolute"}
 
 
-class Door:
-    """A door that returns the request of a verb instead of computing it."""
+class Backend:
+    """A backend that returns the request of a verb instead of computing it."""
 
-    def begun(self, _):
+    def start_call(self, _):
         return self
 
-    def measured(self, *_):
+    def prepare_set(self, *_):
         return "set", None
 
-    def identified(self, *_):
+    def prepare_run(self, *_):
         return "run"
 
-    def described(self, _):
+    def prepare_robot(self, _):
         return "robot"
 
     def joint_kinds(self, _):
         return KINDS_OF_JOINTS
 
-    def done(self, kind, request, files, _):
+    def carry_out_request(self, kind, request, files, _):
         return SimpleNamespace(kind=kind, request=request, files=files)
 
 
 def requested(command, *arguments, **fields):
     """Return what a verb requests."""
     kind = next(kind for kind, room in ROOMS.items() if room.command == command)
-    return import_verb(kind)(Door(), *arguments, **fields)
+    return import_verb(kind)(Backend(), *arguments, **fields)
 
 
 ROBOT = js.RobotDocument.model_validate(simulate_campaign(default_arm())["robot"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypedDict, Unpack
 
-from jointstiff.service.kinds.verb import Door, JobMonitor, describe_fields, merge_options
+from jointstiff.service.kinds.verb import Backend, JobMonitor, describe_fields, merge_options
 
 from .kind import SMALL, Small, SmallOptions
 
@@ -23,7 +23,7 @@ class CountFields(TypedDict, total=False):
 
 
 def count(
-    door: Door,
+    backend: Backend,
     campaign: Source,
     /,
     options: SmallOptions | None = None,
@@ -35,9 +35,11 @@ def count(
 ) -> Small:
     """Count the readings of a set."""
     with JobMonitor(on_progress, cancel, executor) as monitor:
-        door = door.begun(monitor)
-        request = {"measurement_set_id": door.measured(campaign)[0]}
-        return door.done(SMALL, request | merge_options(SmallOptions, options, fields), {}, monitor)
+        backend = backend.start_call(monitor)
+        request = {"measurement_set_id": backend.prepare_set(campaign)[0]}
+        return backend.carry_out_request(
+            SMALL, request | merge_options(SmallOptions, options, fields), {}, monitor
+        )
 
 
 describe_fields(count, SmallOptions)
