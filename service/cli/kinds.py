@@ -262,6 +262,11 @@ def _run_work(kind: AnyKind, sources: list[Any], stated_fields: dict[str, Any], 
     arguments = [
         argument for source in sources for argument in (source if isinstance(source, list) else [source])
     ]
+    # Options were parsed to these units; readings of geometry state their own.
+    if "units" not in kind.options.model_fields:
+        stated = {"units": "m, rad, N, N.m"} | stated
+    elif kind.is_form:
+        stated = {"units": "m, deg, N, N.m"} | stated
     do_work = getattr(Here(), ROOMS[kind.name].command)  # the method with the name of the command
     try:
         has_progress = kind.stepped or "campaigns" in kind.sources
