@@ -264,9 +264,9 @@ def _run_work(kind: AnyKind, sources: list[Any], stated_fields: dict[str, Any], 
     ]
     # Options were parsed to these units; readings of geometry state their own.
     if "units" not in kind.options.model_fields:
-        stated = {"units": "m, rad, N, N.m"} | stated
+        stated_fields = {"units": "m, rad, N, N.m"} | stated_fields
     elif kind.is_form:
-        stated = {"units": "m, deg, N, N.m"} | stated
+        stated_fields = {"units": "m, deg, N, N.m"} | stated_fields
     do_work = getattr(Here(), ROOMS[kind.name].command)  # the method with the name of the command
     try:
         has_progress = kind.stepped or "campaigns" in kind.sources
