@@ -82,7 +82,9 @@ def first_target(measurements: Measurements) -> Measurements:
 
 def with_targets(measurements: Measurements, present: BoolArray) -> Measurements:
     """The same readings where present (N, T) only; elsewhere they are padding of zeros."""
-    holes = {name: np.where(present[..., None], getattr(measurements, name), 0.0) for name in _COORDINATES}
+    holes: dict[str, Any] = {
+        name: np.where(present[..., None], getattr(measurements, name), 0.0) for name in _COORDINATES
+    }
     return replace(measurements, present=present, **holes)
 
 
