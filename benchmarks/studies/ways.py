@@ -6,13 +6,17 @@ joints and links as beams, which shares no code with the model.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
 from benchmarks.report import Figure, Part, Section
+from jointstiff.schemas.run import Campaign
+from jointstiff.service.conversion.prepared import prepare_robot, prepare_set
 from jointstiff.simulator import default_arm
 from jointstiff.simulator.elastic_links import ElasticArm, beam_arm, elastic_campaign, elastic_deflections
 from jointstiff.solver.arrays import FloatArray
@@ -21,13 +25,13 @@ from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.problem import Bounds
 from jointstiff.solver.mechanics.inverse import InverseKinematics
+from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.models import JointModel, ModelError, leave_postures_out
 from jointstiff.solver.process.deflection import PathDeflection
 from jointstiff.solver.process.path import ProcessPath
 from jointstiff.solver.process.sequence import Motion
 from jointstiff.solver.process.turning import TurnTask, choose_turns
-from tests.support.campaigns import prepare
 from tests.support.catalogue_arms import build_nominal_robots, spring_arm
 from tests.support.process_paths import SHAPES, process_path, reach_centre
 
@@ -60,6 +64,14 @@ class Pair:
     def is_wrong(self) -> bool:
         """Return whether the truth has the other sign."""
         return self.foretold * self.true < 0.0
+
+
+def _prepare(document: dict[str, Any]) -> tuple[Robot, Measurements]:
+    """Return robot and readings of a campaign document, without assumed errors of the load."""
+    campaign = Campaign.model_validate_json(json.dumps(document))
+    prepared = prepare_robot(campaign.robot)
+    measurements = prepare_set(campaign.measurement_set, prepared, "arm").measurements
+    return prepared.robot, replace(measurements, common_uncertainty=measurements.common_uncertainty.stated)
 
 
 def run(*, quick: bool, part: Part) -> list[Section]:
@@ -119,7 +131,7 @@ def compare_ways(number: int, force: float) -> Iterator[Pair]:
     campaign = elastic_campaign(
         elastic, configurations=int(draw.integers(20, 61)), force=force, sigma=1e-5, seed=number
     )
-    robot, measurements = prepare(campaign)
+    robot, measurements = _prepare(campaign)
     settings = Settings("complete_pose", "covariance", Bounds.positive(6))
     estimate = identify(robot, measurements, settings)
     model = JointModel.from_estimate(robot, estimate, settings.constraints)
