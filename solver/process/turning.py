@@ -19,6 +19,8 @@ NO_GAIN: Final = 0.02
 """Relative difference of the fixed turns' deflections up to which turning gains nothing."""
 _ZERO: Final = 1e-9
 """Turn that counts as zero [rad]."""
+_DIGITS: Final = 10
+"""Decimal places of squares relative to their mean that are compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,10 +170,14 @@ def _prepare(
 
 
 def _compute_values(candidates: Candidates, loaded: BoolArray) -> FloatArray:
-    """Return the squares of the candidates' deflections (K,), relative to their mean; zero without a load."""
+    """Return the squares of the candidates' deflections (K,), relative to their mean; zero without a load.
+
+    A wrist on either side gives the same deflection: squares that differ by rounding alone are made equal, so
+    that the choice is the same on every machine.
+    """
     square = np.where(loaded, np.square(candidates.size), 0.0)
     mean = float(square[loaded].mean()) if loaded.any() else 0.0
-    return np.asarray(square / mean if mean > 0.0 else square)
+    return np.asarray(np.round(square / mean, _DIGITS) if mean > 0.0 else square)
 
 
 def _find_least(trellis: Trellis, value: FloatArray, first: IndexArray, motion: Motion) -> IndexArray | None:
