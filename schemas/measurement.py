@@ -178,7 +178,7 @@ class Noise(Message):
     drift: Place | None = Field(
         default=None,
         description="Standard uncertainty of the drift of loaded against unloaded positions from one "
-        "observation to the next, in units.length. Absent: none; 2.5 µm in a live campaign.",
+        "observation to the next, in units.length. Absent: none; 1 µm in a live campaign.",
         examples=[2e-6],
     )
 

@@ -937,6 +937,7 @@ class _NextReading:
         self._unseen[: robot.n] = estimate.observability.null
         self._columns = np.where(self._unseen, 0.0, estimate.triangles.columns)
         self._sigma = estimate.sigma
+        self._next_order = np.array([measurements.order.max() + 1.0])  # the advised reading is the next one
         #: (n,) compliances [rad/(N·m)]; zero where there is none
         self._compliance = [joint.compliance or 0.0 for joint in estimate.joints]
         #: (n,) variances due to errors that all readings share, and that no further reading lessens
@@ -1019,7 +1020,12 @@ class _NextReading:
             force: (3,) force of the candidate [N].
         """
         torque = force @ postures.load_jacobian[m]
-        reading = replace(postures.readable[m : m + 1], force=force[None], moment=np.zeros((1, 3)))
+        reading = replace(
+            postures.readable[m : m + 1],
+            force=force[None],
+            moment=np.zeros((1, 3)),
+            order=self._next_order,
+        )
         angles = self._robot.joint_map.model_angles(reading.joints)
         added = self._triangles.build_columns(
             unloaded_block(self._robot, Postures(self._robot, angles), reading)

@@ -348,9 +348,9 @@ class CommonUncertainty:
                 )
 
 
-ASSUMED_LIVE_DRIFT: Final = 2.5e-6
+ASSUMED_LIVE_DRIFT: Final = 1e-6
 """Standard uncertainty of the drift from one observation to the next [m] that live campaigns assume, which is
-50 µm over 20 observations."""
+20 µm over 20 observations."""
 EXACT: Final = CommonUncertainty()
 """Loads and places without uncertainty."""
 

@@ -22,7 +22,7 @@ DOUBT = (
 )
 AGAINST = (
     "under 1471 N the targets moved opposite to the prediction from the other observations, by 3 mm; "
-    "with the load reversed only 65.9 µm remain unexplained"
+    "with the load reversed only 65 µm remain unexplained"
 )
 CHECKED = "the held-out reading is as near to its prediction as 90 % of good readings"
 AREA = {"work_area": [[0.8, -0.6, 0.4], [1.9, 0.6, 1.6]]}
@@ -127,9 +127,9 @@ def test_a_mistake_at_the_second_reading_is_named_at_once_and_better_with_the_th
     codes = [each["code"] for each in state["assessment"]["reasons"]]
     assert codes == ["residuals_exceed_sigma", "deflection_unexplained", "few_postures", "lack_of_fit"]
     first, second, *_ = state["assessment"]["reasons"]
-    assert first["message"].startswith("the residuals are 43.5 times as large as the stated noise allows")
+    assert first["message"].startswith("the residuals are 43.9 times as large as the stated noise allows")
     assert first["action"]["kind"] == "omit_noise"
-    assert second["message"].startswith("the joints explain only 46.2 % of the mean deflection")
+    assert second["message"].startswith("the joints explain only 45.5 % of the mean deflection")
     assert second["action"]["observations"] == ["m02"]
 
     state = measured(client, address, 1)
@@ -156,14 +156,14 @@ def mistaken(client):
 def test_no_further_readings_reach_the_goal_beside_a_mistake(client, mistaken):
     state = state_of(client, mistaken)
     assert (state["state"], state["still_needed"]) == ("measuring", None)
-    assert state["share"] == pytest.approx(0.40047, rel=1e-3)
+    assert state["share"] == pytest.approx(0.40349, rel=1e-3)
     assert state["message"] == f"m02 is doubtful: {DOUBT}"
     assert [each["state"] for each in state["readings"]] == ["counts", "doubtful", *["counts"] * 14]
     (reason,) = state["assessment"]["reasons"]
     assert reason["message"] == AGAINST
     assert reason["action"]["kind"] == "leave_out_readings"
     assert reason["action"]["observations"] == ["m02"]
-    assert state["joints"][2]["interval"] == pytest.approx([2.4804e6, 2.5584e6], rel=1e-3)
+    assert state["joints"][2]["interval"] == pytest.approx([2.4877e6, 2.5519e6], rel=1e-3)
     assert state["next"]["label"] == "m17"
 
 
@@ -268,25 +268,25 @@ def test_a_goal_beyond_reach_is_said_with_the_joint_that_misses_it(client):
     assert state["message"] == (
         "the goal will not be met: joint_6 carries 0.0 % of the deflection, and will not be known well enough"
     )
-    assert state["share"] == pytest.approx(73.358, rel=1e-3)
+    assert state["share"] == pytest.approx(73.222, rel=1e-3)
 
 
 def test_a_goal_of_a_deflection_is_reached_by_its_uncertainty(client):
     address = declared(client, goal={"kind": "deflection", "uncertainty": 1.2e-5}, **AREA)
     state = measured(client, address, 2)
     assert (state["state"], state["message"]) == ("measuring", "2 readings; about 6 more")
-    assert (state["still_needed"], state["share"]) == (6, pytest.approx(2.3894, rel=1e-3))
+    assert (state["still_needed"], state["share"]) == (6, pytest.approx(2.3806, rel=1e-3))
     state = measured(client, address, 20)
-    assert (state["state"], state["message"]) == ("reached", f"reached after 13 readings; {CHECKED}")
-    assert state["share"] == pytest.approx(0.98, rel=2e-3)
-    assert state["deflection_uncertainty"] == pytest.approx(0.98 * 1.2e-5, rel=2e-3)
+    assert (state["state"], state["message"]) == ("reached", f"reached after 10 readings; {CHECKED}")
+    assert state["share"] == pytest.approx(0.9849, rel=2e-3)
+    assert state["deflection_uncertainty"] == pytest.approx(0.9849 * 1.2e-5, rel=2e-3)
 
 
 def test_a_decision_is_reached_where_the_deflection_is_below_its_limit(client):
     state = measured(client, declared(client, goal={"kind": "decision", "limit": 0.004}, **AREA), 20)
     assert (state["state"], state["message"]) == ("reached", f"reached after 6 readings; {CHECKED}")
     greatest, uncertainty = state["greatest_deflection"], state["deflection_uncertainty"]
-    assert (greatest, uncertainty) == pytest.approx((3.10515e-3, 1.7334e-5), rel=1e-3)
+    assert (greatest, uncertainty) == pytest.approx((3.10801e-3, 1.5101e-5), rel=1e-3)
     assert state["share"] == pytest.approx(uncertainty / (0.004 - greatest), rel=1e-3)
 
 
