@@ -117,6 +117,9 @@ _ANGLES, _LENGTHS = JOINT_UNITS["revolute"], JOINT_UNITS["prismatic"]
 Positions = Annotated[
     Value, Field(json_schema_extra={"unit": _ANGLES.position, "unit_of_prismatic": _LENGTHS.position})
 ]
+Effort = Annotated[
+    Value, Field(json_schema_extra={"unit": _ANGLES.effort, "unit_of_prismatic": _LENGTHS.effort})
+]
 Stiffness = Annotated[
     Value, Field(json_schema_extra={"unit": _ANGLES.stiffness, "unit_of_prismatic": _LENGTHS.stiffness})
 ]

@@ -11,6 +11,7 @@ from jointstiff.schemas.fields import (
     Message,
     Metres,
     Name,
+    Newtons,
     Stiffness,
     Terminal,
     Vector3,
@@ -91,7 +92,7 @@ class Balancer(Message):
         description="Further end in the frame that moves with the joint (as of a body's centre of mass)."
     )
     rate: _Bounds = Field(description="Least and greatest rate of the spring, in N/m.")
-    pull: _Bounds = Field(description="Least and greatest rate times free length, in N.")
+    pull: Newtons[_Bounds] = Field(description="Least and greatest rate times free length, in N.")
 
     @model_validator(mode="after")
     def _require_ordered_ranges(self) -> Balancer:

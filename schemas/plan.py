@@ -11,6 +11,7 @@ from typing_extensions import TypeAliasType
 from jointstiff.schemas.fields import (
     Compliance,
     Dimensionless,
+    Effort,
     Identifier,
     Kilograms,
     Message,
@@ -248,7 +249,7 @@ class ReadingOptions(Message):
     tracker: Instrument | None = Field(
         default=None, description="Tracker in R0, in SI units; its errors replace `sigma`."
     )
-    torque_limits: dict[Name, Annotated[float, Field(strict=True, gt=0.0)]] = Field(
+    torque_limits: Effort[dict[Name, Annotated[float, Field(strict=True, gt=0.0)]]] = Field(
         default_factory=dict,
         description="Greatest torque of the load about a joint [N.m], or force along a prismatic one [N].",
     )

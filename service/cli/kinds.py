@@ -20,6 +20,7 @@ from typing_extensions import TypeAliasType
 from jointstiff.schemas.deflection import DeflectionOptions
 from jointstiff.schemas.fields import Message, Terminal, parse_names
 from jointstiff.schemas.options import METHODS_IN_SHORT
+from jointstiff.schemas.program import Cut
 from jointstiff.service.cli import options as cli
 from jointstiff.service.kinds.kind import AnyKind
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
@@ -255,6 +256,9 @@ def _run_work(kind: AnyKind, sources: list[Any], stated_fields: dict[str, Any], 
 
     if values["options"] is not None:
         options = read_object(values["options"])
+        # As a message, whose fields are in SI units whatever the units of the file
+        if "cut" in kind.options.model_fields and isinstance(options.get("cut"), dict):
+            options["cut"] = Cut.model_validate(options["cut"])
         stated_fields = options | _convert_to_units_of_file(options, kind.options, stated_fields)
     if values.get("run") is not None:
         sources = [read_or_identify_run(sources[0], values["run"]), *sources[1:]]

@@ -122,8 +122,8 @@ class _Converter:
         if value is None or isinstance(value, Message | str | bool):
             return value
         units = self._read_units(schema, units)
-        if "unit_of_prismatic" in units and units.get("unit") == "rad":
-            return self._convert_positions(value)
+        if "unit_of_prismatic" in units and units.get("unit") in _QUANTITIES:
+            return self._convert_by_joint(value, units["unit"], units["unit_of_prismatic"])
         branches = list(self._list_branches(schema, units))
         if isinstance(value, Mapping):
             return self._convert_mapping(value, branches)
@@ -132,13 +132,21 @@ class _Converter:
         unit = next((branch_units["unit"] for _, branch_units in branches if "unit" in branch_units), "")
         if unit not in _QUANTITIES or not isinstance(value, int | float):
             return value
+        return _multiply(value, self._find_factor(unit))
+
+    def _find_factor(self, unit: str) -> float:
+        """Return the size, in an SI unit, of the caller's unit of the same quantity.
+
+        Raises:
+            MeasurementError: the caller states no unit of moments.
+        """
         if unit not in self._factors:
             raise MeasurementError(
                 "the unit of moments is missing",
                 where="units",
                 remedy="write units as in 'mm, deg, kN, kN.m'",
             )
-        return _multiply(value, self._factors[unit])
+        return self._factors[unit]
 
     def _read_units(self, schema: Mapping[str, Any], units: Mapping[str, str]) -> Mapping[str, str]:
         """Return the units that a schema states, or else those of the enclosing schema."""
@@ -194,17 +202,23 @@ class _Converter:
                 return [self._convert(each, schema["items"], units) for each in value]
         return list(value)
 
-    def _convert_positions(self, value: Any) -> Any:  # noqa: ANN401 - by joint, or arrays
-        """Return positions of joints in SI units: by name, or arrays (..., n) in the order of the joints."""
+    def _convert_by_joint(self, value: Any, unit: str, unit_of_prismatic: str) -> Any:  # noqa: ANN401 - by joint
+        """Return values of joints in SI units: by name, or arrays (..., n) in the order of the joints.
+
+        Args:
+            value: values by joint, such as positions.
+            unit: SI unit for revolute joints, such as "rad".
+            unit_of_prismatic: SI unit for prismatic joints, such as "m".
+        """
         kinds = self._joint_kinds() if self._joint_kinds is not None else {}
-        units = {"revolute": "rad", "prismatic": "m"}
+        units = {"revolute": unit, "prismatic": unit_of_prismatic}
         if isinstance(value, Mapping):
             return {
-                name: _scale(each, self._factors[units[kinds.get(name, "revolute")]])
+                name: _scale(each, self._find_factor(units[kinds.get(name, "revolute")]))
                 for name, each in value.items()
             }
-        factors = [self._factors[units[kind]] for kind in kinds.values()]
-        return _scale_joints(value, factors, self._factors["rad"])
+        factors = [self._find_factor(units[kind]) for kind in kinds.values()]
+        return _scale_joints(value, factors, self._find_factor(unit))
 
 
 def _multiply(number: Any, factor: float) -> Any:  # noqa: ANN401 - of any field

@@ -221,6 +221,12 @@ class PreparedSet:
         """Hash (SHA-256) of robot and readings together, in hexadecimal digits."""
         return hash_texts(self.robot_hash, self.content_hash)
 
+    def number_as_in(self, observations: Sequence[Observation]) -> PreparedSet:
+        """Return a copy whose observations have their numbers in the order of the whole set."""
+        numbers = {observation.label: float(number) for number, observation in enumerate(observations)}
+        order = np.array([numbers[label] for label in self.measurements.labels])
+        return replace(self, measurements=replace(self.measurements, order=order))
+
     def run_hash(self, request: RunRequest) -> str:
         """Return the SHA-256 of robot, readings and options of a run: equal runs have equal hashes."""
         options = request.model_dump_json(exclude={"measurement_set_id", "leave_out", "variant_of"})

@@ -167,6 +167,7 @@ class CheckedSource:
         self._earlier_positions: set[Place] = set()  # all positions read in earlier postures and loads
         self._last_positions: set[Place] = set()  # positions of the last reading
         self._last_stand: Stand | None = None  # stand of the last reading
+        self._last_points: dict[str, Point] = {}  # target → position and uncertainty [m] of the last reading
         self._announced_stand: Stand | None = None  # posture announced to the source and not read yet
         self._unloaded: dict[str, FloatArray] = {}  # target → last position without load (3,) [m]
         self._unloaded_joints: tuple[float, ...] = ()  # joint values of `_unloaded` [rad or m]
@@ -210,15 +211,18 @@ class CheckedSource:
         """
         if stand != self._last_stand:
             self._earlier_positions |= self._last_positions
-            self._last_positions, self._last_stand = set(), stand
+            self._last_positions, self._last_stand, self._last_points = set(), stand, {}
         if not goes_on and self._announced_stand != stand:
             await self._call_if_defined("stand", stand)
         self._announced_stand = None  # a second reading in this posture is announced to the source again
         points: dict[str, Point] = {}
+        # Targets that are read again have to keep their distances to the others of the last round.
+        last_points = self._last_points if goes_on else {}
         for name in self._setting.targets:
             points[name] = point = await self._read_target(name)
-            self._refuse_implausible(stand, name, np.array(point[0]), points)
+            self._refuse_implausible(stand, name, np.array(point[0]), last_points | points)
             on_point(name, point[0])
+        self._last_points = points
         self._last_positions = {place for place, _ in points.values()}
         if not stand.loaded:
             self._unloaded = {name: np.array(place) for name, (place, _) in points.items()}
@@ -236,8 +240,13 @@ class CheckedSource:
             return None
         try:
             return await asyncio.wait_for(method(*arguments), self._patience)
-        except TimeoutError:
-            raise self._silent_error() from None
+        except TimeoutError as error:
+            if self._patience is not None:
+                raise self._silent_error() from None
+            raise SourceError(
+                f"the source cannot be reached: {error or 'no answer'}",
+                remedy="check the address and the cable of the source",
+            ) from error
         except OSError as error:
             raise SourceError(
                 f"the source cannot be reached: {error}",

@@ -142,7 +142,8 @@ class InMemoryInputs:
         shorter_set = document.model_copy(
             update={"observations": leave_out_observations(document.observations, leave_out)}
         )
-        return prepare_set(shorter_set, robot, prepared.robot_id, catalogue_robots())
+        shorter = prepare_set(shorter_set, robot, prepared.robot_id, catalogue_robots())
+        return shorter.number_as_in(document.observations)
 
     def named_sets(self, set_ids: Sequence[str] | None, where: str) -> list[NamedSet]:
         """Return ids and names of measurement sets in memory; of all of them if `set_ids` is None.

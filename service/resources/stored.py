@@ -352,7 +352,7 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
         kept_observations = leave_out_observations(stored.observations, frozenset(leave_out))
         robot, robot_hash = self._robots.load(stored.robot_id)
         frame_warnings = [warning for warning in stored.warnings if warning.code in FRAME_CODES]
-        return check_set(
+        shorter = check_set(
             stored.model_copy(update={"observations": kept_observations}),
             robot,
             stored.resolved,
@@ -361,6 +361,7 @@ class MeasurementSets(StoredInputs[MeasurementSetRecord, MeasurementSetEntry, Pr
             robot_id=stored.robot_id,
             robot_hash=robot_hash,
         )
+        return shorter.number_as_in(stored.observations)
 
     def _prepare(self, set_id: str) -> PreparedSet:
         """Load a stored set and prepare it for computation, without the checks made when it was stored."""

@@ -23,6 +23,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy import special
 from scipy.linalg import block_diag
+from scipy.spatial import KDTree
 
 from jointstiff.schemas.comparison import (
     AvoidedDeflection,
@@ -248,13 +249,13 @@ def check_same_load_point(campaigns: Sequence[Measurements]) -> None:
         RequestError: the load points differ by more than `LOAD_POINT_TOLERANCE`, or their uncertainties
             differ.
     """
-    loaded_points = [each.load_point[each.force.any(axis=1)] for each in campaigns]
+    loaded_points = [np.unique(each.load_point[each.force.any(axis=1)], axis=0) for each in campaigns]
     if not all(map(len, loaded_points)):
         return  # a moment alone has no load point
     first = loaded_points[0]
     for points, campaign in zip(loaded_points, campaigns, strict=True):
-        distance = np.linalg.norm(points[:, None] - first, axis=2)
-        farthest = max(distance.min(axis=0).max(), distance.min(axis=1).max())
+        to_first, from_first = KDTree(first).query(points)[0], KDTree(points).query(first)[0]
+        farthest = max(np.max(to_first), np.max(from_first))
         uncertainties = [each.common_uncertainty.load_point for each in (campaigns[0], campaign)]
         if farthest > LOAD_POINT_TOLERANCE or uncertainties[0] != uncertainties[1]:
             stated = " and ".join(figure(1e3 * size, ".3g") for size in uncertainties)

@@ -129,10 +129,42 @@ def read_load_table(
         FilesError: a line of the file has a mistake; the error has the line.
     """
     point_count = int(points.max(initial=0))
-    text = content.decode("utf-8-sig", errors="replace")
-    is_by_length = text.lstrip().lower().startswith(("length", '"length'))
-    most_lines = _MOST_LENGTHS if is_by_length else 2 * point_count + _MORE_LINES
     number_points = f"number the points from 1 to {point_count}, and give each point at most once"
+    rows = _split_rows(content, point_count, number_points)
+    columns = _load_columns(rows[0] if rows else [])
+    key = _parse_key(rows[0][0])
+    if key == "length":
+        return _interpolate_loads(rows, columns, measure_lengths())
+    values, load_of_point = [np.zeros(6)], np.zeros(point_count + 1, dtype=np.intp)
+    point_of_label: dict[str, int] | None = _number_labels(names) if key == "label" else None
+    for line, row in enumerate(rows[1:], 2):
+        if any(row):
+            row = row if point_of_label is None else [_find_label(line, row[0], point_of_label), *row[1:]]
+            number, load = _parse_load_row(line, row, columns)
+            point = int(number) if number == int(number) else 0
+            if not 1 <= point <= point_count or load_of_point[point]:
+                reason = f"point {row[0]} occurs twice, or is not in the program"
+                raise _table_fault(line, reason, number_points)
+            load_of_point[point] = len(values)
+            values.append(load)
+    return Loads(np.array(values), load_of_point[points])
+
+
+def _split_rows(content: bytes, point_count: int, number_points: str) -> Sequence[Sequence[str]]:
+    """Return the cells of a table of loads, row by row.
+
+    Args:
+        content: content of the file.
+        point_count: number of points of the program.
+        number_points: remedy if a table by points is too long.
+
+    Raises:
+        FilesError: the table is too long for its first column, or is not readable.
+    """
+    text = content.decode("utf-8-sig", errors="replace")
+    first_line = text.lstrip().partition("\n")[0][:40]
+    is_by_length = first_line.lstrip('" ').lower().startswith("length")
+    most_lines = _MOST_LENGTHS if is_by_length else 2 * point_count + _MORE_LINES
     # A huge file is refused before it is split into cells, which would take much memory.
     if any(text.count(sign) > most_lines for sign in "\n\r") or any(
         text.count(sign) > 8 * most_lines for sign in ",;\t"
@@ -146,22 +178,20 @@ def read_load_table(
         rows, _ = split_table_rows(text)
     except csv.Error:
         raise _table_fault(1, "the file of loads is not a readable CSV table", _REMEDY) from None
-    columns = _load_columns(rows[0] if rows else [])
-    if is_by_length:
-        return _interpolate_loads(rows, columns, measure_lengths())
-    values, load_of_point = [np.zeros(6)], np.zeros(point_count + 1, dtype=np.intp)
-    point_of_label: dict[str, int] | None = _number_labels(names) if rows[0][0] == "label" else None
-    for line, row in enumerate(rows[1:], 2):
-        if any(row):
-            row = row if point_of_label is None else [_find_label(line, row[0], point_of_label), *row[1:]]
-            number, load = _parse_load_row(line, row, columns)
-            point = int(number) if number == int(number) else 0
-            if not 1 <= point <= point_count or load_of_point[point]:
-                reason = f"point {row[0]} occurs twice, or is not in the program"
-                raise _table_fault(line, reason, number_points)
-            load_of_point[point] = len(values)
-            values.append(load)
-    return Loads(np.array(values), load_of_point[points])
+    return rows
+
+
+def _parse_key(header: str) -> str:
+    """Return what the first column of a table of loads states: "point", "label" or "length".
+
+    Raises:
+        FilesError: the header is none of these, or has a unit where there is no quantity.
+    """
+    name, bracket, _ = header.partition("[")
+    key = name.strip().lower()
+    if key not in {"point", "label", "length"} or (bracket and key != "length"):
+        raise _table_fault(1, f"the first header {header[:40]!r} is not understood", _REMEDY)
+    return key
 
 
 def _interpolate_loads(

@@ -314,3 +314,35 @@ def test_moves_are_explained_before_they_are_corrected():
         "remedy": "",
         "corrected": True,
     }
+
+
+CUT = {"material": "titanium", "diameter": 0.012, "teeth": 4, "speed": 25, "feed": 0.006}
+CUT |= {"depth": 0.002, "width": 0.006}
+
+
+def test_a_cut_in_a_file_of_options_is_in_si_units_whatever_the_units_of_the_file(folder):
+    """A file of options is a message of the API, whose cut is in metres."""
+    rows = [f"1700,{y},900,0,0,180" for y in (-100, 0, 100)]
+    (folder / "line.csv").write_text(
+        "x [mm],y [mm],z [mm],a [deg],b [deg],c [deg]\n" + "\n".join(rows) + "\n"
+    )
+    before = []
+    for length in ("mm", "m"):
+        stated = {
+            "units": {"length": length, "angle": "deg", "force": "N"},
+            "accuracy_option": "off",
+            "cut": CUT,
+        }
+        stated |= {
+            "tools": [{"values": [100, 0, 300, 0, 90, 0]}],
+            "bases": [{"values": [0] * 6}],
+            "branches": "free",
+            "turns": 4,
+        }
+        (folder / "line.json").write_text(json.dumps(stated))
+        result = terminal(
+            "process", folder / "pull.json", folder / "line.csv", "--options", folder / "line.json", "--json"
+        )
+        before.append(json.loads(result.stdout)["result"]["before"]["value"])
+    assert before[0] == pytest.approx(before[1])
+    assert before[0] > 1e-5  # hundreds of newtons

@@ -18,9 +18,11 @@ from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
+from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.service.conversion.readings import ReadingArrays
 from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in, readings_sheet
 from jointstiff.service.resources.imports import ImportRefusedError, import_files
+from jointstiff.service.resources.inputs import InMemoryInputs
 from jointstiff.service.runs.mending import apply_action_to_campaign
 from jointstiff.service.tables.files import csv_text
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -433,3 +435,14 @@ def test_positions_after_unloading_turn_with_the_tracker_frame():
 def test_a_position_after_unloading_needs_both_other_positions(fields):
     with pytest.raises(ValidationError, match=r"unloaded_after|give `unloaded`"):
         Reading(target="tip", unloaded_after=(0.0, 0.0, 1.0), **fields)
+
+
+def test_observations_keep_their_numbers_if_others_are_left_out():
+    """A drift grows with the order of reading, which leaving out does not change."""
+    campaign = Campaign.model_validate(simulate_campaign(default_arm(), configurations=8, seed=1))
+    robot, inputs = prepare_robot(campaign.robot), InMemoryInputs()
+    inputs.add_robot(robot)
+    set_id = inputs.add_set(campaign.measurement_set, robot)
+    labels = inputs.measured(set_id, "set").measurements.labels
+    shorter = inputs.measured(set_id, "set", labels[2:5]).measurements
+    assert shorter.order.tolist() == [0.0, 1.0, 5.0, 6.0, 7.0]

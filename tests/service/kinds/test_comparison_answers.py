@@ -355,7 +355,7 @@ class TestMethods:
                 "must not contain duplicates",
             ),
             (
-                {"methods": [{"method": "partial_pose", "characteristic_length": 0.5}]},
+                {"methods": [{"method": "partial_pose", "characteristic_length": 500.0}]},
                 "methods[0].characteristic_length",
                 "needs the weighting `characteristic_length`, not `covariance`",
             ),

@@ -63,6 +63,7 @@ PLAN = {
         "range": {"constant": 0.01, "per_distance": 1e-6},
         "transverse": {"constant": 0.01, "per_distance": 6e-6},
     },
+    "torque_limits": {"joint_1": 2000.0, "rail": 3000.0},
     "surroundings": {"floor": 100.0, "obstacles": [[[0, 0, 0], [1000, 500, 200]]], "acceptance": 60.0},
 }
 PLAN_IN_OTHER = {
@@ -77,6 +78,7 @@ PLAN_IN_OTHER = {
         "range": {"constant": 1e-5, "per_distance": 1e-6},
         "transverse": {"constant": 1e-5, "per_distance": 6e-6},
     },
+    "torque_limits": {"joint_1": 2.0, "rail": 3.0},
     "surroundings": {"floor": 0.1, "obstacles": [[[0, 0, 0], [1.0, 0.5, 0.2]]], "acceptance": np.pi / 3},
 }
 MAP = {

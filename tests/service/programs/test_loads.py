@@ -12,6 +12,7 @@ from support.programs import (
     tool_poses,
 )
 
+from jointstiff.service.kinds.program.loads import read_load_table
 from jointstiff.service.kinds.program.work import ProgramWork, compress_file, decompress_file
 from jointstiff.service.problems import FilesError
 from jointstiff.simulator.programs import program_text
@@ -57,6 +58,20 @@ def by_labels(rows):
     changed = asked.model_copy(update={"load": None, "loads": "loads.csv", "files": files})
     robot, run = exact_run()
     return ProgramWork(robot, "robot", run, changed).conclude(())
+
+
+@pytest.mark.parametrize("header", ["Label", " label", "LABEL "])
+def test_the_first_header_is_read_in_any_case(header):
+    """A label that is a number is never taken for the number of a point."""
+    loads = read_load_table(
+        f"{header},Fx [N],Fy [N],Fz [N]\n3,1,0,0\n".encode(), np.array([1, 2, 3]), ["3", "1", "2"], np.zeros
+    )
+    assert loads.values[loads.of_visit, 0].tolist() == [1.0, 0.0, 0.0]
+
+
+def test_a_point_has_no_unit():
+    with pytest.raises(FilesError, match="first header"):
+        read_load_table(b"point [mm],Fx [N],Fy [N],Fz [N]\n1,1,0,0\n", np.array([1]), [""], np.zeros)
 
 
 def test_a_table_may_name_targets_by_their_labels():
