@@ -303,6 +303,7 @@ def follow(robot, measurements, advice):
     noise = np.random.default_rng(0).normal(0, np.sqrt(2) * (measurements.sigma or 0.0), loaded.shape)
     reading |= {"position": unloaded, "deflection": loaded - unloaded + noise}
     reading |= {"in_flange": measurements.in_flange[:1], "present": measurements.present[:1]}
+    reading["order"] = np.array([float(len(measurements))])
     joined = {name: np.concatenate([getattr(measurements, name), new]) for name, new in reading.items()}
     return replace(measurements, **joined, labels=(*measurements.labels, "advised"))
 
