@@ -194,7 +194,7 @@ def _show_example(address: str, *, once: bool) -> int:
     class ClientPostingOnce(Client):
         """Client whose requests have an idempotency key made from their content."""
 
-        def done(self, kind: Any, request: Any, files: Any, follow: Any) -> Any:  # noqa: ANN401 - a job
+        def carry_out_request(self, kind: Any, request: Any, files: Any, follow: Any) -> Any:  # noqa: ANN401 - a job
             """Post a request, or find the job of an equal request; return the job when it has ended."""
             text, jobs = to_json_text(request), getattr(self, kind.collection)
             return jobs.wait(jobs.create(text, key=content_key(text), files=files), follow)
