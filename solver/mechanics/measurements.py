@@ -287,6 +287,9 @@ ASSUMED_LOAD_POINT: Final = 0.01
 """Standard uncertainty of each coordinate of a load point without a stated uncertainty [m]."""
 ASSUMED_FORCE_SCALE: Final = 0.01
 """Relative standard uncertainty of all forces and moments without a stated uncertainty."""
+ASSUMED_LIVE_DRIFT: Final = 1e-6
+"""Standard uncertainty of the drift from one observation to the next [m] that live campaigns assume, which is
+20 µm over 20 observations."""
 
 
 @dataclass(frozen=True)
@@ -348,9 +351,6 @@ class CommonUncertainty:
                 )
 
 
-ASSUMED_LIVE_DRIFT: Final = 1e-6
-"""Standard uncertainty of the drift from one observation to the next [m] that live campaigns assume, which is
-20 µm over 20 observations."""
 EXACT: Final = CommonUncertainty()
 """Loads and places without uncertainty."""
 

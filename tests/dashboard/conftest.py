@@ -1,7 +1,6 @@
 """The page in a real browser against a real service: what its tests share."""
 
 import json
-import math
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -25,7 +24,7 @@ from support.browsing import (
     run_npm,
 )
 from support.processes import Service, alone
-from support.programs import START, path, tool_poses
+from support.programs import path, small_program_options, tool_poses
 
 from jointstiff.simulator import TARGETS, default_arm
 from jointstiff.simulator.document import robot_document
@@ -171,15 +170,7 @@ def opened(api: httpx2.Client, robot: str) -> str:
 
 def compensated(api: httpx2.Client, run: str) -> str:
     """Return a small program, corrected by a run."""
-    options = {
-        "run_id": run,
-        "units": {"length": "mm", "angle": "deg", "force": "N"},
-        "accuracy_option": "off",
-        "load": {"force": [0.0, 0.0, -500.0]},
-        "tools": [{"values": [10.0, -20.0, 215.5, 0.0, 0.0, 0.0]}],
-        "bases": [{"values": [0.0] * 6}],
-        "start": [math.degrees(angle) for angle in START],
-    }
+    options = {"run_id": run} | small_program_options()
     file = ("corner.src", program_text("krl", tool_poses(path(6)), 4).encode())
     answer = api.post("/v1/programs?wait=1", data={"options": json.dumps(options)}, files={"files": file})
     assert answer.status_code == 201, answer.text

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from functools import cache
@@ -13,7 +12,7 @@ from typing import Any, Final, Literal
 from support import live
 from support.api import CANCEL, DELETE, job_at, post
 from support.copied_rows import Copies, Names, Template, make_engine
-from support.programs import START, path, tool_poses
+from support.programs import path, small_program_options, tool_poses
 
 from jointstiff.simulator import TARGETS, default_arm, robot_document, simulate_campaign
 from jointstiff.simulator.programs import program_text
@@ -63,15 +62,7 @@ class Filling:
 
     def program(self, kind: str, run: str, points: int, name: str = "corner.src", **more: object) -> str:
         """Post a program of a smooth path; return the id of the job of a kind."""
-        options = {
-            "run_id": run,
-            "units": {"length": "mm", "angle": "deg", "force": "N"},
-            "accuracy_option": "off",
-            "load": {"force": [0.0, 0.0, -500.0]},
-            "tools": [{"values": [10.0, -20.0, 215.5, 0.0, 0.0, 0.0]}],
-            "bases": [{"values": [0.0] * 6}],
-            "start": [math.degrees(angle) for angle in START],
-        } | more
+        options = {"run_id": run} | small_program_options() | more
         files = {"files": (name, program_text("krl", tool_poses(path(points)), 4).encode())}
         data = {"options": json.dumps(options)}
         answer = self.client.post(f"/v1/{kind}?wait=60", data=data, files=files)

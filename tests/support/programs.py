@@ -77,6 +77,12 @@ def options(kind: str, **changes: Any) -> dict[str, Any]:
     } | changes
 
 
+def small_program_options() -> dict[str, Any]:
+    """Options of a KRL program in R0 under 500 N, which is marked."""
+    load = {"force": [0.0, 0.0, -500.0]}
+    return options("krl", load=load, mark=True)
+
+
 def request(kind: str, text: str | bytes, name: str | None = None, **changes: Any) -> ProgramRequest:
     """The request of a program."""
     content = text.encode("latin-1") if isinstance(text, str) else text

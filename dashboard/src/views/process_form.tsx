@@ -15,7 +15,7 @@ import { later } from "../i18n/later";
 import { processWords as words } from "../i18n/process";
 import type { RunContext } from "./run_context";
 import { JobList } from "./runs";
-import { LAST_FORCE, LastForce, lackOf, ProgramFiles, useFiles } from "./use";
+import { FrameField, LAST_FORCE, LastForce, lackOf, ProgramFiles, useFiles } from "./use";
 
 const programWords = later.program;
 const { deg, mm, newton } = text.units;
@@ -100,15 +100,6 @@ function AskProcess({ of }: { of: { run_id: string } | { robot_id: string } }) {
   const fields = (show: readonly string[]) => (
     <SchemaFields of="ProcessRequest" show={show} value={asked} change={change} terms={OF_PROCESS} />
   );
-  const frame = (name: "tools" | "bases") => (
-    <SchemaFields
-      of="ProgramFrame"
-      show={["values"]}
-      value={(asked[name] as Fields[] | undefined)?.[0] ?? {}}
-      change={({ values }) => change({ [name]: values ? [{ values }] : [] })}
-      terms={{ labels: { values: programWords[name] }, within: `${name}[0].` }}
-    />
-  );
   const given = {
     load: force,
     cut: asked["cut"],
@@ -121,8 +112,8 @@ function AskProcess({ of }: { of: { run_id: string } | { robot_id: string } }) {
       <ProgramFiles of={files} title={words.drop} hint={words.dropHint} />
       {fields(["accuracy_option", "start"])}
       <div class="fields">
-        {frame("tools")}
-        {frame("bases")}
+        <FrameField of={asked} name="tools" change={change} />
+        <FrameField of={asked} name="bases" change={change} />
       </div>
       <h3>{words.forces}</h3>
       <Choice

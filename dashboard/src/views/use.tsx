@@ -339,6 +339,23 @@ export const ProgramFiles = ({ of, title, hint }: { of: Files; title: string; hi
   </>
 );
 
+interface FrameFieldProps {
+  of: Fields;
+  name: "tools" | "bases";
+  change: (fields: Fields) => void;
+}
+
+/** The tool or base of a program that only names this frame. */
+export const FrameField = ({ of, name, change }: FrameFieldProps) => (
+  <SchemaFields
+    of="ProgramFrame"
+    show={["values"]}
+    value={(of[name] as Fields[] | undefined)?.[0] ?? {}}
+    change={({ values }) => change({ [name]: values ? [{ values }] : [] })}
+    terms={{ labels: { values: programWords[name] }, within: `${name}[0].` }}
+  />
+);
+
 /** What a program is corrected for: its files, tool, base, process force, and the controller's accuracy option. */
 export function ProgramForm({ context: { run } }: { context: RunContext }) {
   const [asked, change] = useDraft<Fields>(`programs/${run.id}`, {});
@@ -359,15 +376,6 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
     return link(["programs", made.id]);
   });
   const routines = trust.length ? trust : unknownRoutines(make.problem);
-  const frame = (name: "tools" | "bases") => (
-    <SchemaFields
-      of="ProgramFrame"
-      show={["values"]}
-      value={(asked[name] as Fields[] | undefined)?.[0] ?? {}}
-      change={({ values }) => change({ [name]: values ? [{ values }] : [] })}
-      terms={{ labels: { values: programWords[name] }, within: `${name}[0].` }}
-    />
-  );
   return (
     <RequestFields action={make} look="card form">
       <h2>{programWords.form}</h2>
@@ -388,8 +396,8 @@ export function ProgramForm({ context: { run } }: { context: RunContext }) {
           change={(load) => change({ load })}
           terms={OF_LOAD}
         />
-        {frame("tools")}
-        {frame("bases")}
+        <FrameField of={asked} name="tools" change={change} />
+        <FrameField of={asked} name="bases" change={change} />
       </div>
       <LastForce force={force} use={(last) => change({ load: { force: last } })} />
       {(asked["external_axes"] || asksForAxes(make.problem)) && (

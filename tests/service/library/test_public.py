@@ -1,4 +1,4 @@
-"""The backend of the library: verbs, campaigns from arrays, results as they print themselves."""
+"""The public names of the library: verbs, campaigns from arrays, results as they print themselves."""
 
 import json
 import subprocess
