@@ -51,7 +51,7 @@ class Key(Message):
     expires_at: Timestamp | None
     revoked_at: Timestamp | None
     last_used_at: Timestamp | None = Field(
-        description="Time of the last use, to the minute; null if unused, or if the key is in a file."
+        description="Time of the last use, to the minute; null if unused or kept in a file."
     )
     key: str | None = Field(
         default=None,

@@ -38,13 +38,13 @@ class BridgeStand(Message):
 
 
 class BridgePoints(Message):
-    """Positions that a tracker read in one posture under one load, or the reason why it read none."""
+    """Positions that a tracker read in one posture, or the reason why it read none."""
 
     number: int | None = Field(
         default=None,
         strict=True,
         ge=0,
-        description="Number of the posture and load in which the positions were read.",
+        description="Number of the positions' posture and load.",
     )
     points: Annotated[dict[Name, Metres[Vector3]], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict, description="Last position of each target, in the frame of the readings."
@@ -67,8 +67,7 @@ class Bridge(Message):
     set_id: Identifier
     code: str | None = Field(default=None, description="Code to type at the terminal; only for the page.")
     ends_at: Timestamp = Field(
-        description="Time at which the code expires; once a command has joined, time at which the bridge "
-        "ends."
+        description="Time at which the code expires; after a command has joined, end of the bridge."
     )
 
 

@@ -213,8 +213,8 @@ class AvoidedDeflection(Message):
     """Fraction of the deflection that the second side avoids: 1 - mean deflection of second / first side."""
 
     matching: int = Field(
-        description="Number of observations whose label, posture (± 1 mrad) and load (± 0.5 %, ± 1 mm) are "
-        "the same on both sides."
+        description="Number of observations with the same label, posture (± 1 mrad) and load (± 0.5 %, ± 1 "
+        "mm) on both sides."
     )
     measured: Estimate | None = Field(
         description="Measured fraction over the matching observations; null without any."
@@ -248,8 +248,8 @@ class OrderedResult(Message):
 
     joints: list[OrderedJoint]
     chi_square_increase: float = Field(
-        description="Increase of χ² by the constraint. An increase far above the number of `equal` joints "
-        "shows that the readings contradict the constraint."
+        description="Increase of χ² by the constraint. If far above the number of `equal` joints, the "
+        "readings contradict the constraint."
     )
     certificate: Certificate = Field(description="Proof of optimality.")
 
@@ -263,9 +263,7 @@ class ComparisonResult(Result):
     confidence: Dimensionless[float] = Field(description="Confidence level of ratios.")
     sides: list[ComparedSide] = Field(description="One or two measurement sets.")
     entries: list[ComparedRun] = Field(description="Runs in the requested order.")
-    joints: list[JointRatio] = Field(
-        description="Ratio of the stiffnesses of each joint; empty for one side."
-    )
+    joints: list[JointRatio] = Field(description="Stiffness ratio of each joint; empty for one side.")
     avoided: AvoidedDeflection | None = Field(
         description="Fraction of the deflection that the second side avoids; null for one side."
     )

@@ -211,7 +211,7 @@ class CaseResult(Message):
     )
     rotation_interval: Radians[Interval3 | None] = Field(description="Interval of the rotation.")
     with_model_error: ModelErrorInterval | None = Field(
-        description="Intervals that include the model error; null without a bound of it: see `remarks`."
+        description="Intervals that include the model error; null if unknown: see `remarks`."
     )
     compliance: CartesianCompliance | None
     budget: DeflectionBudget | None = Field(
@@ -287,8 +287,8 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     near: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
         default=None,
-        description="Posture as the controller shows it: each place gets the posture nearest to this one; "
-        "default: the stiffest posture. Required with prismatic joints, which keep this position.",
+        description="Posture as the controller shows it: each place gets the posture nearest to it; "
+        "default: the stiffest. Required with prismatic joints, which keep their position.",
     )
     confidence: Dimensionless[Confidence] = 0.95
 
@@ -326,7 +326,7 @@ class MapPlace(Message):
     )
     extrapolation: Dimensionless[float | None] = Field(
         description="Load, or uncertainty per load, divided by the campaign's greatest; above 1.01 the "
-        "place is extrapolated. Null without a bound of the model error."
+        "place is extrapolated. Null without model error."
     )
 
 
@@ -346,9 +346,7 @@ class MapResult(FromRun):
     )
     worst: MapPlace | None = Field(description="Place with the largest deflection, if any is reached.")
     stiffest: MapPlace | None = Field(description="Place with the smallest deflection, if any is reached.")
-    extrapolated: int = Field(
-        description="Number of reached places beyond the loads or postures of the campaign."
-    )
+    extrapolated: int = Field(description="Number of reached places beyond the campaign's loads or postures.")
     model_error_postures: int = Field(
         description="Number of postures that determine the bound of the model error."
     )

@@ -67,7 +67,7 @@ class NamedCause(Message):
     )
     first: Name | None = Field(
         default=None,
-        description="Label of the first observation that the cause concerns; null: all observations.",
+        description="Label of the first affected observation; null: all.",
     )
 
     @property
@@ -244,8 +244,8 @@ class Finding(Message):
     )
     where: str | None = Field(
         default=None,
-        description="Observation, reading, sweep or joint of the finding; null: the whole set. With two "
-        "sides, the text begins with the side.",
+        description="Observation, reading, sweep or joint; null: the whole set. With two sides, the text "
+        "begins with the side.",
     )
     observation: Name | None = Field(
         default=None, description="Label of the observation; null if the finding concerns none or several."
@@ -307,7 +307,7 @@ class ResultSummary(Message):
     joints_identified: int | None = Field(
         default=None,
         description="Number of joints whose stiffness has an upper limit; for a comparison, the most of "
-        "its runs or the fewer of two sides; null for geometries.",
+        "its runs or the least of two sides; null for geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     warning_count: int | None = Field(

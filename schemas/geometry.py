@@ -66,8 +66,7 @@ class SweepEvidence(Message):
         description="Root mean square of the residuals along the axis by target."
     )
     angle_scale: float = Field(
-        description="Measured rotation of the joint divided by the rotation that controller and joint map "
-        "give."
+        description="Measured rotation of the joint divided by that of controller and joint map."
     )
     angle_deviation: Radians[float | None] = Field(
         description="Root mean square difference of measured angles from the controller's; null if the fit "
@@ -111,7 +110,7 @@ class WristDistance(Message):
     first: Literal["sphere", "axes", "trilateration"]
     second: Literal["sphere", "axes", "trilateration"]
     distance: Metres[float]
-    probability: float = Field(description="p-value of the hypothesis that both wrist centres are the same.")
+    probability: float = Field(description="p-value of equal wrist centres.")
 
 
 class WristResult(Message):
@@ -181,7 +180,7 @@ class Drift(Message):
     )
     displacement_covariance: SquareMetres[Square3]
     rotation: Radians[Point] = Field(description="Rotation vector, tracker's frame.")
-    probability: float = Field(description="p-value of the hypothesis of no drift.")
+    probability: float = Field(description="p-value of no drift.")
     deformation_probability: float = Field(description="p-value of the residuals.")
     significant: StrictBool
     moved_targets: list[Name] = Field(description="Base targets that moved relative to the others.")
@@ -208,12 +207,10 @@ class GeometryResult(Result):
         description="χ²/dof: 1 on average if the stated sigma is right; 1 if sigma is estimated."
     )
     agreement_probability: float | None = Field(
-        description="p-value of the hypothesis that one model fits all sweeps. If this value is small, fit "
-        "the sweeps one by one."
+        description="p-value of one model for all sweeps. If small, fit the sweeps one by one."
     )
     controller_probability: float | None = Field(
-        description="p-value of the hypothesis that the controller's angles are exact. Unless it is small, "
-        "use `angles` = `controller`."
+        description="p-value of exact angles of the controller. Unless small, use `angles` = `controller`."
     )
     base: Literal["nominal", "axes"] = Field(description="Definition of R0.")
     transform_tracker_to_base: Rigid

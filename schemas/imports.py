@@ -52,8 +52,7 @@ class ImportUnits(Message):
 
 
 class ImportOptions(Message):
-    """Options that add information missing in the files; information in the files must agree with these
-    options."""
+    """Options for what the files do not state. Information in the files must agree."""
 
     units: ImportUnits | None = Field(
         default=None, description="Units of columns whose header has no unit; units are never guessed."
@@ -289,7 +288,7 @@ class ImportAnswer(ImportPreview):
         "joint angles and unloaded positions only.",
     )
     leave_out: list[Name] = Field(
-        description="Labels of observations that a column `validation` holds out from the fit."
+        description="Observations that a column `validation` holds out from the fit."
     )
     measurement_set: MeasurementSetDocument | None = Field(
         description="Measurement set, to be posted with `robot_id`; null if something is missing. Unloaded "

@@ -93,8 +93,7 @@ class JobSummary(ResultSummary):
     )
     robot_id: Identifier | None = Field(
         default=None,
-        description="Robot of the job; for a comparison, robot of the first side; for a geometry, nominal "
-        "robot.",
+        description="Robot; for a comparison, that of the first side; for a geometry, the nominal robot.",
     )
     measurement_set_id: Identifier | None = Field(
         default=None,
@@ -114,9 +113,7 @@ class JobSummary(ResultSummary):
     positive: StrictBool | None = Field(
         default=None, description="True if compliances were constrained to be zero or more."
     )
-    elasticity: Elasticity | None = Field(
-        default=None, description="Parts of the robot that bend in the model."
-    )
+    elasticity: Elasticity | None = Field(default=None, description="Parts that bend in the model.")
     leave_out: list[Name] = Field(default_factory=list, description="Labels of omitted observations.")
     variant_of: Identifier | None = Field(default=None, description="Run that a run tries to improve.")
     outputs: list[str] = Field(

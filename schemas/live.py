@@ -28,9 +28,7 @@ from jointstiff.schemas.run import Residual
 
 
 class LiveOptions(ReadingOptions):
-    """Goal and equipment of a live campaign, declared before the first reading. Readings are chosen as in a
-    plan.
-    """
+    """Goal and equipment of a live campaign; readings are chosen as in a plan."""
 
     goal: Goal
     candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
@@ -62,8 +60,8 @@ class LiveReading(Message):
     message: str | None = Field(description="Comparison with the other readings in words.")
     ball_ratio: Dimensionless[float | None] = Field(
         default=None,
-        description="Distance from the prediction, divided by the radius that contains 90 % of good "
-        "readings; null if the reading was not held out.",
+        description="Distance from the prediction, divided by the radius of 90 % of good readings; null if "
+        "not held out.",
     )
 
 

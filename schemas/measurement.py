@@ -95,8 +95,8 @@ class Instrument(Message):
 class ForceUncertainty(_Uncertain):
     """Standard uncertainties of the load, each common to all observations of the set.
 
-    They belong to the one scale or load cell that every observation used, so no number of readings averages
-    them out. Coverage factor 1: a load cell of class 0.5 has a scale of about 0.005 / √3.
+    More readings do not average these errors out. Coverage factor 1: a load cell of class 0.5 has a `scale`
+    of about 0.005 / √3.
     """
 
     scale: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] | None = Field(
@@ -383,7 +383,7 @@ MomentUnit = Literal["N.m", "N.mm", "kN.m", "kgf.m", "lbf.m", "lbf.ft", "lbf.in"
 
 
 class Units(Message):
-    """Units of every number in the set; mandatory, because a confusion of kg and N cannot be detected later."""
+    """Units of every number in the set; mandatory, as a confusion of kg and N cannot be detected later."""
 
     length: LengthUnit = Field(
         description="Unit of positions, deflections, load points, sigma and prismatic joints."
@@ -403,9 +403,7 @@ _KINDS_OF_READING = ("unloaded", "loaded", "deflection", "displacement")
 
 
 class Reading(Message):
-    """Reading of one target in one observation: two positions, a deflection, a displacement along a direction
-    (dial gauge, 1-D laser), or an unloaded position.
-    """
+    """One target in one observation: positions, a deflection, or a displacement along a direction (gauge)."""
 
     target: Name = Field(description="Name of the target (reflector).", examples=["P10"])
     unloaded: Vector3 | None = Field(

@@ -46,10 +46,10 @@ class CrossValidation(Message):
     )
     draws: Annotated[int, Field(strict=True, ge=1, le=20)] = Field(
         default=4,
-        description="Number of random assignments of configurations to folds; 1 if `link_penalty` is given.",
+        description="Number of random divisions into folds; 1 if `link_penalty` is given.",
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
-        default=0, description="Random seed of the assignment of configurations to folds."
+        default=0, description="Random seed of the division into folds."
     )
     rule: Literal["best", "one_standard_error"] = Field(
         default="best",
@@ -103,8 +103,9 @@ class Balancer(Message):
 
 
 class OwnWeight(Message):
-    """Weight of the robot's bodies as the load: positions are read without another load. A run also estimates
-    the robot's geometry and the targets' positions; a plan supports no balancers.
+    """Own weight of the robot as the only load.
+
+    A run also estimates the robot's geometry and the targets' positions; a plan supports no balancers.
     """
 
     kind: Literal["own_weight"] = "own_weight"
@@ -271,13 +272,12 @@ class RunOptions(MethodOptions):
     elasticity: Elasticity = Field(
         default="automatic",
         validate_default=True,
-        description="Parts that bend. `coupled_joints`: a full joint compliance. `diagonal_links`: joints, "
-        "six compliances per link. `joints_and_links`: joints, a 6 x 6 compliance per link. "
-        "`joints_and_base`: joints, a 6 x 6 compliance of the base. `links_and_base`: all of them. "
-        "`automatic`: joints only, unless a test shows that more bends; then the simplest model within one "
-        "standard error of the best. All but `joints` need method `partial_pose` and weighting "
-        "`covariance`, without bounds, priors, order, encoder readings or resampling, else `automatic` uses "
-        "joints alone.",
+        description="Parts that bend. `coupled_joints`: a full matrix of the joints. `diagonal_links`: "
+        "joints, six compliances per link. `joints_and_links`: joints, 6 x 6 per link. `joints_and_base`: "
+        "joints, 6 x 6 of the base. `links_and_base`: joints, links, base. `automatic`: joints, unless a "
+        "test shows that other parts bend; then the simplest model within one standard error of the best. "
+        "All but `joints` need method `partial_pose` and weighting `covariance`, without bounds, priors, "
+        "order, encoder readings or resampling; else `automatic` uses joints.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
