@@ -225,7 +225,7 @@ class ImportRequest(ImportOptions):
         default=None, description="Name of the measurement set; default: the name of the first file."
     )
     encoders: Literal["motor", "secondary"] | None = Field(
-        default=None, description="Encoders that close the position loop; no value is assumed."
+        default=None, description="Encoders that close the position loop; must be stated."
     )
     noise: Noise | None = Field(default=None, description="Noise of the readings, as in a measurement set.")
     flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
@@ -242,8 +242,8 @@ class ImportRequest(ImportOptions):
     )
     accept_unusual: StrictBool = Field(
         default=False,
-        description="True: accept unusual values, over 100 standard deviations from the column's median, "
-        "or a load point over 5 m from the flange.",
+        description="True: accept values over 100 standard deviations from their column's median, and a "
+        "load point over 5 m from the flange.",
     )
     force: Vector3 | None = Field(
         default=None,
