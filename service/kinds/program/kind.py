@@ -167,7 +167,7 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     files=(
         *list_table_files(
             "points",
-            "all points: deflection, correction, interval, residual, and reason if not corrected",
+            "all points: deflection, correction, interval, residual, reason if not corrected",
             make_points_sheet,
         ),
     ),

@@ -712,13 +712,13 @@ RUN: Final = Kind[Run, RunRequest](
     files=(
         File(
             name="joints.csv",
-            description="one row per joint: stiffness, compliance, uncertainty, intervals, verdict, reason",
+            description="one row per joint, with intervals and verdict",
             sheet=joints_sheet,
             made_of="result",
         ),
         File(
             name="residuals.csv",
-            description="measured deflection and residual of each target and observation",
+            description="deflection and residual of each target and observation",
             sheet=residuals_sheet,
             made_of="result",
         ),

@@ -184,11 +184,11 @@ HELP = {
         "Compare methods on a campaign, or two campaigns of one robot.",
         "[SECOND] <file> Second campaign, to compare with the first: with secondary encoders, after a "
         "change, or of a twin robot.",
-        "--ordered / --no-ordered Also identify two sets in one problem in which no joint is softer in the "
-        "second one, as with secondary encoders switched on.",
-        "--same-load-point / --no-same-load-point True if the load of both sets hung at the same point of "
-        "the flange: the error of the load point is then common.",
-        "--confidence NUMBER Confidence level of ratios; default: that of the first run.",
+        "--ordered / --no-ordered Also identify both sets together, with no joint softer in the second set "
+        "(as after switching on secondary encoders).",
+        "--same-load-point / --no-same-load-point True if the load of both sets acted at the same point of "
+        "the flange: both sets then share the error of the load point.",
+        "--confidence NUMBER Confidence level of the ratios' intervals; default: the first run's.",
         "--csv Print CSV for spreadsheets.",
     ],
     "predict": [
@@ -203,9 +203,9 @@ HELP = {
     ],
     "map": [
         "Map deflection and compliance over a work area.",
-        "--absolute / --no-absolute True for deflections relative to an arm that does not bend, "
-        "with the sag by own weight. Needs a run with `weight`.",
-        "--despite-verdict `do_not_use` accepts a run with this verdict.",
+        "--absolute / --no-absolute True: deflections are relative to a rigid arm, and include the sag by "
+        "own weight. Needs a run with `weight`.",
+        "--despite-verdict `do_not_use`: also accept a run with this verdict.",
         "--load-point X,Y,Z[mm] Point where the force acts, flange frame; default: the tool's position.",
         "--turns <int> Number of angles about the tool's axis over a full turn.",
         "--moment X,Y,Z[N.m] Moment of the process on the robot, about the load point.",
@@ -218,9 +218,9 @@ HELP = {
         "--units length=mm,angle=deg,force=N Units of columns whose header has none; add moment=N.m if "
         "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
-        "--encoders <motor|secondary> Encoders that close the position loop; never guessed.",
-        "--accept-unusual / --no-accept-unusual True accepts unusual values: over 100 standard "
-        "deviations from the column's median, or a load point over 5 m from the flange.",
+        "--encoders <motor|secondary> Encoders that close the position loop; must be stated.",
+        "--accept-unusual / --no-accept-unusual True: accept values over 100 standard deviations from their "
+        "column's median, and a load point over 5 m from the flange.",
         "--template FILE Template of an earlier import; files of another form are refused.",
     ],
     "measure": [
@@ -247,22 +247,21 @@ HELP = {
     "compensate": [
         "Compensate a program for the deflection under load.",
         "PROGRAM <list[Path]> Robot program; a KUKA program is a .src file and its .dat file. [required]",
-        "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller: "
-        "`off`; on, `same_as_measured` in the campaign; or `compensates_load`, which is "
-        "refused: the load would be compensated twice.",
+        "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller: `off`; "
+        "`same_as_measured`: on, as in the campaign; `compensates_load`: refused, because the load "
+        "would be compensated twice.",
         "--max-displacement NUMBER[mm] Greatest displacement of a correction, in units.length; default: 5 "
         "mm.",
         "--max-rotation NUMBER[deg] Greatest rotation of a correction, in units.angle; default: 10 mrad.",
-        "--trust-routines / --no-trust-routines True if no unknown routine moves the robot, frames or "
-        "points.",
-        "--mark / --no-mark True to write run, verdict and date as a comment; always with the verdict "
-        "do_not_use. A marked program is not corrected again.",
+        "--trust-routines / --no-trust-routines True: no unknown routine moves the robot, frames or points.",
+        "--mark / --no-mark True: write run, verdict and date as a comment (always for the verdict "
+        "do_not_use). A program with this comment is not corrected again.",
         "--explain Only print target, base and tool of each move, and why it is not corrected.",
     ],
     "geometry": [
         "Identify the geometry of a robot from sweeps or poses.",
-        "--fit <one_by_one|together> Fit of the sweeps: one by one, which needs only the angle of the "
-        "moving joint, or all together, with the other joints at the angles that the controller shows.",
+        "--fit <one_by_one|together> Fit of the sweeps: one by one (uses only the angle of the moving "
+        "joint), or all together (uses the controller's angles of all joints).",
         "--base <nominal|axes> Frame R0. `nominal`: as in the nominal model. `axes`: z along axis "
         "1, x towards axis 2 along the common perpendicular at model angle zero. Default: "
         "`nominal`, or `axes` without a model.",
