@@ -11,7 +11,7 @@ from support.refusals import told
 RESIDUALS = (
     "the residuals are 11.6 times as large as the stated noise allows, so the uncertainties are too small; "
     "by how much depends on deflections that the model does not explain. Targets of one posture agree to "
-    "18.6 µm: the flange moves otherwise than the model says"
+    "within 18.6 µm, so the flange moves differently from the model"
 )
 
 
@@ -51,8 +51,8 @@ def test_tables_have_a_joint_at_its_bound_and_one_without_a_number(local, run):
         ["joint_6", "0.088", "0.014", "0.045 … 0.113", "0.26", "do not use"],
     ]
     assert found["lines"] == [
-        "joint_1: the load never twists it: add loads that twist it; its prior is not returned as a result, "
-        "because the readings do not determine it",
+        "joint_1: the load never twists this joint: add loads that twist it; the prior is not returned as "
+        "a result, because the readings do not determine the joint",
         "joint_2: it is at the maximum stiffness of `stiffness_bounds`",
         "explains 85.0 % of the mean deflection, residual 555 µm rms (3-D), sigma of a reading 20 µm (given)",
     ]

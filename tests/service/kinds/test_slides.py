@@ -116,7 +116,8 @@ def test_a_slide_is_shown_in_the_unit_that_goes_with_the_chosen_one(files, unit,
         "│ roughly known │",
         "explains 86.1 % of the mean deflection, residual 46.3 µm rms (3-D), sigma of a reading "
         "20 µm (given)",
-        "Joints alone: no sign that anything else bends (F test of links added to the joints: p = 0.06).",
+        "The model has elastic joints alone: no test shows that other parts bend (F test of links added to "
+        "the joints: p = 0.06).",
     ]
     for line in lines + others:
         assert line in words

@@ -101,10 +101,10 @@ def test_one_reading_gives_numbers_that_are_used_with_care(client):
     *notes, unseen = assessment["notes"]
     assert unseen.startswith("The readings cannot show ")
     assert notes == [
-        "Forces up to 1471 N (150 kgf), deflections up to 4.62 mm. If N and kgf are confused, every "
-        "stiffness is wrong by 9.81, and no reading shows it.",
-        "Each posture was read once without load: a set that remains after unloading is not seen. Read again "
-        "after unloading (`unloaded_after`).",
+        "Forces up to 1471 N (150 kgf), deflections up to 4.62 mm. If N and kgf were confused, every "
+        "stiffness would be wrong by a factor of 9.81, and no reading would show it.",
+        "Each posture was read only once without load, so a deflection that remains after unloading is not "
+        "detected. Read each posture again after unloading (`unloaded_after`).",
     ]
     assert state["next"]["reason"] == "it helps joint_4 most, the joint that is farthest from the goal"
 

@@ -140,10 +140,11 @@ def test_the_remark_has_sizes_and_what_to_measure():
         LeastMistake("shift", "m", 2e-5, "joint_1", (2e-5, 0.0, 0.0), 2.9),
     ]
     assert describe_unseen_mistakes(mistakes) == (
-        "The readings cannot show a load point up to 25 mm off, which would move joint_5 by 10 times its "
-        "standard uncertainty; nor play of up to 0.2 mrad in the gears, which would move joint_4 by 4 times "
-        "its standard uncertainty. To show such mistakes, check the load point to 2.5 mm, or hang the load "
-        "on a second point in four postures; read three postures again at half the load."
+        "The readings cannot show an error of the load point up to 25 mm off, which would change the "
+        "compliance of joint_5 by 10 times its standard uncertainty; nor play of up to 0.2 mrad in the "
+        "gears, which would change the compliance of joint_4 by 4 times its standard uncertainty. To show "
+        "such mistakes, check the load point to within 2.5 mm, or hang the load on a second point in four "
+        "postures; read three postures again at half the load."
     )
     assert describe_unseen_mistakes(mistakes[2:]) is None
 
