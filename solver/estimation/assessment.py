@@ -245,14 +245,15 @@ def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloa
         )
     if estimate.common is not None and estimate.common.responses_to("assumed_load_point").any():
         yield (
-            f"Load point: ±{1e3 * ASSUMED_LOAD_POINT:g} mm is assumed as its uncertainty. Measure where "
-            "the force acts on the flange, and enter the uncertainty of this point (`noise.load_point`; "
-            "on the page: Advanced, Uncertainty of the load point)."
+            f"The load point is assumed to be known to ±{1e3 * ASSUMED_LOAD_POINT:g} mm. Measure where the "
+            "force acts on the flange, and enter the uncertainty of this point (`noise.load_point`; on "
+            "the page: Advanced, Uncertainty of the load point)."
         )
     if estimate.common is not None and estimate.common.responses_to("assumed_force_scale").any():
         yield (
-            f"Forces: ±{100 * ASSUMED_FORCE_SCALE:g} % assumed. Enter the uncertainty of the load cell or of "
-            "the weight (`noise.force.scale`; on the page: Advanced, Scale of the force)."
+            f"The forces are assumed to be known to ±{100 * ASSUMED_FORCE_SCALE:g} %. Enter the "
+            "uncertainty of the load cell or of the weight (`noise.force.scale`; on the page: Advanced, "
+            "Scale of the force)."
         )
     if unloading is not None:
         yield describe_unloading(unloading)

@@ -83,11 +83,11 @@ def test_one_campaign_is_shown_and_compared_with_nothing(worn):
     assert notes == [
         "Forces up to 1500 N (153 kgf), deflections up to 5.14 mm. If N and kgf were confused, every "
         "stiffness would be wrong by a factor of 9.81, and no reading would show it.",
-        "Load point: ±10 mm is assumed as its uncertainty. Measure where the force acts on the flange, and "
+        "The load point is assumed to be known to ±10 mm. Measure where the force acts on the flange, and "
         "enter the uncertainty of this point (`noise.load_point`; on the page: Advanced, Uncertainty of "
         "the load point).",
-        "Forces: ±1 % assumed. Enter the uncertainty of the load cell or of the weight (`noise.force.scale`; "
-        "on the page: Advanced, Scale of the force).",
+        "The forces are assumed to be known to ±1 %. Enter the uncertainty of the load cell or of the weight "
+        "(`noise.force.scale`; on the page: Advanced, Scale of the force).",
         "Each posture was read only once without load, so a deflection that remains after unloading is not "
         "detected. Read each posture again after unloading (`unloaded_after`).",
     ]

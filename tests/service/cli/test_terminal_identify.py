@@ -52,17 +52,18 @@ def test_a_joint_that_the_load_never_twists_has_no_number_and_says_what_to_do():
 def test_assumed_errors_and_confused_units_of_force_are_said_with_every_result():
     assert_said(
         typed("identify weight.json"),
-        "Forces up to 1500 N (153 kgf), deflections up to 4.88 mm. Load point: ±10 mm assumed. Forces: ±1 % "
-        "assumed. Each posture was read once without load: a set that remains after unloading is not seen.",
+        "Forces up to 1500 N (153 kgf), deflections up to 4.88 mm. The load point is assumed to be known "
+        "to ±10 mm. The forces are assumed to be known to ±1 %. Each posture was read only once without "
+        "load, so a deflection that remains after unloading is not detected.",
     )
     assert_said(
         typed("identify weight.json --details"),
         "Forces up to 1500 N (153 kgf), deflections up to 4.88 mm. If N and kgf were confused, every "
         "stiffness would be wrong by a factor of 9.81, and no reading would show it.",
-        "Load point: ±10 mm is assumed as its uncertainty. Measure where the force acts on the flange, and "
+        "The load point is assumed to be known to ±10 mm. Measure where the force acts on the flange, and "
         "enter the uncertainty of this point (`noise.load_point`; on the page: Advanced, Uncertainty of "
         "the load point).",
-        "Forces: ±1 % assumed. Enter the uncertainty of the load cell or of the weight "
+        "The forces are assumed to be known to ±1 %. Enter the uncertainty of the load cell or of the weight "
         "(`noise.force.scale`; on the page: Advanced, Scale of the force).",
         "Each posture was read only once without load, so a deflection that remains after unloading is not "
         "detected. Read each posture again after unloading (`unloaded_after`).",
@@ -185,7 +186,7 @@ def test_an_option_changes_the_numbers_and_is_named_with_them(options, sentences
 
 
 def test_a_load_point_that_is_fitted_is_no_longer_assumed():
-    assert "Load point: ±10 mm assumed" not in typed(
+    assert "The load point is assumed to be known to ±10 mm" not in typed(
         "identify pull.json --elasticity joints --cause load_point"
     )
 

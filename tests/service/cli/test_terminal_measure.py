@@ -64,7 +64,11 @@ def test_a_campaign_that_ends_early_says_what_it_knows():
     second = answer["record"][1]
     assert second["p_value"] == pytest.approx(0.030487, rel=1e-3)
     assert second["distance"] == pytest.approx(2.6058e-3, rel=1e-3)
-    assert (second["doubtful"], second["causes"], second["message"]) == (False, [], "as expected")
+    assert (second["doubtful"], second["causes"], second["message"]) == (
+        False,
+        [],
+        "the reading agrees with the other readings",
+    )
     assert answer["result"]["budget"]["missing"] == ["model_error"]
     assert answer["result"]["compensation"] == pytest.approx(0.98796, rel=1e-4)
 

@@ -15,9 +15,12 @@ FORCES = (
     "If N and kgf were confused, every stiffness would be wrong by a factor of 9.81, and no reading would "
     "show it."
 )
-POINT = "Load point: ±10 mm assumed."
-SCALE = "Forces: ±1 % assumed."
-ONCE = "Each posture was read once without load: a set that remains after unloading is not seen."
+POINT = "The load point is assumed to be known to ±10 mm."
+SCALE = "The forces are assumed to be known to ±1 %."
+ONCE = (
+    "Each posture was read only once without load, so a deflection that remains after unloading is not "
+    "detected."
+)
 UNSEEN = "The readings cannot show "
 
 

@@ -154,8 +154,8 @@ def test_a_report_says_what_is_assumed_and_where_its_numbers_come_from(laborator
         "Not stated characteristic length, stiffness bounds, huber threshold, causes,",
         "No adjustment or repair between the readings is stated: all results are as found. The second "
         "number is computed from the same readings and is no measurement.",
-        "σ = 20 µm of a coordinate of a reading. Size of the force: none stated; ±1 % assumed. Load point: "
-        "none stated; ±10 mm assumed.",
+        "σ = 20 µm of a coordinate of a reading. Size of the force: no uncertainty is stated; ±1 % is "
+        "assumed. Load point: no uncertainty is stated; ±10 mm is assumed.",
         "Position loop closed by motor encoders Observations 12 Force on the robot 1500 N Load point in "
         "the flange frame (-60, 20, 180) mm Targets read 3: P10, P11, P12",
         "9 Assessment and warnings",

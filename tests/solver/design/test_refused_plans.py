@@ -74,13 +74,13 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         ),
         (
             {"work_area": [[50.0] * 3, [60.0] * 3]},
-            "work_area | 0 of 150 candidate postures have their load point in the work area | give a "
+            "work_area | only 0 of 150 candidate postures have their load point in the work area | give a "
             "larger work area, in R0 and in metres, or more candidates",
         ),
         (
             {"readings": 9, "angle": 9.0},
-            "distinct_angle | only 1 candidates are in postures that differ by that differ by 516° apart, "
-            f"but 9 readings are requested | {FEWER}",
+            "distinct_angle | only 1 candidates are in postures that differ by 516°, but 9 readings are "
+            f"requested | {FEWER}",
         ),
         (
             {"postures": THREE, "validation": 0.5, "readings": 4},
@@ -104,7 +104,7 @@ def problem(rows, n=6):
 def test_a_design_needs_candidates_that_determine_all_parameters_in_postures_apart():
     rows = np.random.default_rng(1).standard_normal((30, 2, 4)) * [1.0, 0.3, 2.0, 0.7]
     assert refused(problem, rows * [1, 1, 0, 1]) == (
-        "candidates | all candidates together determine 3 of 4 parameters; no load changes parameter "
+        "candidates | all candidates together determine only 3 of 4 parameters; no load changes parameter "
         "[2] | add loads or postures that change the missing parameters, or leave these parameters out"
     )
     ten, three_postures = (
@@ -112,8 +112,8 @@ def test_a_design_needs_candidates_that_determine_all_parameters_in_postures_apa
         DistinctPostures(np.repeat([[0.0], [1.0], [2.0]], 10, axis=0), 0.5),
     )
     assert refused(find_exact_design, ten, optimise_design(ten), three_postures) == (
-        "distinct_angle | only 3 candidates are in postures that differ by that differ by 28.6° apart, "
-        f"but 10 readings are requested | {FEWER}"
+        "distinct_angle | only 3 candidates are in postures that differ by 28.6°, but 10 readings are "
+        f"requested | {FEWER}"
     )
 
 
