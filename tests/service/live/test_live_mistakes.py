@@ -61,16 +61,16 @@ def with_less_force(reading, _first):
             4.7063e-3,
             0.0,
             ["the force has the opposite sign", "unloaded and loaded readings are exchanged"],
-            "the reading is 4.71 mm away from the prediction by the other readings: the force has the opposite sign or "
-            f"unloaded and loaded readings are exchanged? {AGAIN}",
+            "the reading is 4.71 mm away from the prediction by the other readings: the force has the "
+            f"opposite sign or unloaded and loaded readings are exchanged? {AGAIN}",
         ),
         (
             with_angles_of_the_first,
             11.545e-3,
             0.0,
             ["the joint angles are those of 'm01'"],
-            "the reading is 11.5 mm away from the prediction by the other readings: the joint angles are those of 'm01'? "
-            f"{AGAIN}",
+            "the reading is 11.5 mm away from the prediction by the other readings: the joint angles are "
+            f"those of 'm01'? {AGAIN}",
         ),
         (
             with_exchanged_targets,
@@ -87,8 +87,8 @@ def with_less_force(reading, _first):
                 "the arm or the tracker moved between the two readings",
                 "the force differs from the stated one",
             ],
-            "the reading is 374 µm away from the prediction by the other readings: the arm or the tracker moved between "
-            f"the two readings or the force differs from the stated one? {AGAIN}",
+            "the reading is 374 µm away from the prediction by the other readings: the arm or the tracker "
+            f"moved between the two readings or the force differs from the stated one? {AGAIN}",
         ),
     ],
 )

@@ -17,8 +17,9 @@ from jointstiff.simulator import LOAD_POINT, robot_document, simulate_campaign
 from jointstiff.solver.errors import RequestError
 
 DOUBT = (
-    "the reading is 3.77 mm away from the prediction by the other readings: the force has the opposite sign or unloaded and "
-    "loaded readings are exchanged? Read the posture again before the load is taken off."
+    "the reading is 3.77 mm away from the prediction by the other readings: the force has the opposite "
+    "sign or unloaded and loaded readings are exchanged? Read the posture again before the load is taken "
+    "off."
 )
 AGAINST = (
     "under 1471 N the targets moved in the direction opposite to the prediction from the other "
