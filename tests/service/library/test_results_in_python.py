@@ -88,7 +88,7 @@ def test_a_result_shows_its_verdict_first(results, name, headline):
         (
             "program",
             [
-                "4 of 4 targets corrected",
+                "4 of 4 targets are corrected",
                 "│ without correction │ 1.0488 │ 1.0562 │ 1.0563 │",
                 "│ displacement of targets │ 1.0495 │ 1.0569 │ 1.0570 │",
                 "3 7 1.056 1.030 … 1.083 — 0.0001",
