@@ -41,21 +41,23 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             Path | None,
             cli.file_argument(
                 "[SECOND]",
-                "Second campaign, to compare with the first: with secondary encoders, after a change, or of "
-                "a twin robot.",
+                "File of a second campaign, compared with the first: with secondary encoders, after a "
+                "change, or of a robot of the same model.",
             ),
         ],
     },
     "sets": {
-        "files": Annotated[list[Path], cli.file_argument("FILES", "Campaigns, such as one of each robot.")]
+        "files": Annotated[
+            list[Path], cli.file_argument("FILES", "Files of campaigns, such as one campaign of each robot.")
+        ]
     },
     "robot_or_set": {
         "source": Annotated[
             str,
             typer.Argument(
                 metavar="ROBOT_OR_CAMPAIGN",
-                help="To begin: file of a robot, or name of an arm of the catalogue. To continue: file of a "
-                "campaign.",
+                help="To begin a campaign: file of a robot, or name of an arm of the catalogue. To "
+                "continue a campaign: its file.",
             ),
         ]
     },
@@ -64,8 +66,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             str,
             typer.Argument(
                 metavar="CAMPAIGN_OR_ROBOT",
-                help="File of a campaign; or, before one is measured, file of a robot, or name of an arm of "
-                "the catalogue.",
+                help="File of a campaign. If none is measured: file of a robot, or name of an arm of the "
+                "catalogue.",
             ),
         ]
     },
@@ -73,7 +75,9 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
     "files": {
         "program": Annotated[
             list[Path],
-            cli.file_argument("PROGRAM", "Robot program; a KUKA program is a .src file and its .dat file."),
+            cli.file_argument(
+                "PROGRAM", "File of the robot program; for KUKA, the .src file and its .dat file."
+            ),
         ]
     },
 }
@@ -598,7 +602,7 @@ def _choose_corrected_path(values: _Values) -> Path | None:
     if values["apply"] is None:
         if output is not None:
             hint = "`jointstiff export` writes tables, `jointstiff report` writes reports"
-            message = f"names the file of the campaign that --apply corrects, so it needs --apply; {hint}"
+            message = f"names the file for the campaign that --apply corrects, so --apply is needed; {hint}"
             raise typer.BadParameter(message, param_hint="--output")
         return None
     if output is not None:
@@ -766,7 +770,9 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
                 str,
             ),
             "output": _make_optional_parameter(
-                cli.output_option("File to write the corrected campaign to; default: next to the old one.")
+                cli.output_option(
+                    "File to write the corrected campaign to; default: a new file next to the old one."
+                )
             ),
         },
         finish=_apply_action,
@@ -809,7 +815,7 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
         options={
             "output": _make_optional_parameter(
                 cli.output_option(
-                    "File for the program with new orientations; a .dat is written to its folder."
+                    "File for the program with new orientations; a .dat file is written to the same folder."
                 )
             ),
             "report": _make_optional_parameter(cli.path_option("CSV file to write the turns to.")),
@@ -823,14 +829,17 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
     "program": _FileOptions(
         options={
             "output": _make_optional_parameter(
-                cli.output_option("File for the compensated program; a .dat is written to its folder.")
+                cli.output_option(
+                    "File for the compensated program; a .dat file is written to the same folder."
+                )
             ),
             "explain": (
                 Annotated[
                     bool,
                     typer.Option(
                         "--explain",
-                        help="Only print target, base and tool of each move, and why it is not corrected.",
+                        help="Only print target, base and tool of each move, and the reason why a move is "
+                        "not corrected.",
                     ),
                 ],
                 False,

@@ -371,9 +371,8 @@ def inspect_duplicates(view: View) -> Iterator[Finding]:
             continue
         yield view.build_finding(
             "duplicated_observation",
-            f"its {'joint angles and ' if has_same_angles else ''}readings equal those of "
-            f"observations[{first_equal_row}] "
-            "to the last digit",
+            f"the {'joint angles and ' if has_same_angles else ''}readings of this observation equal those "
+            f"of observations[{first_equal_row}] to the last digit",
             "remove one of the two observations, or give this observation its own readings",
             "do_not_use",
             row=row,
@@ -418,8 +417,9 @@ def _report_repeated_deflections(view: View, posture: FloatArray) -> Iterator[Fi
             exceeds_noise = special.chdtrc(degrees_of_freedom, chi_square) < FALSE_ALARM
         yield view.build_finding(
             "repeated_readings",
-            f"{repeated_count} observations repeat the posture and load of others; their deflections give "
-            f"sigma = {length_text(sigma)} ({degrees_of_freedom} degrees of freedom), and {statement}",
+            f"{repeated_count} observations repeat the posture and load of other observations; their "
+            f"deflections give sigma = {length_text(sigma)} ({degrees_of_freedom} degrees of freedom), and "
+            f"{statement}",
             "state a noise that agrees with the repetitions, and find the cause of the scatter between them"
             if exceeds_noise
             else "keep the repetitions in the set: they are used like all other observations",

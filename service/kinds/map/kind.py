@@ -45,7 +45,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
         "turns": 8,
         "force": [0.0, 300.0, -500.0],
     },
-    "the same posture throughout, force along with the tool": {
+    "the same posture at all places, force along the tool": {
         "run_id": "ID_OF_A_RUN",
         "area": [[1.2, -0.6, 0.4], [2.0, 0.6, 1.2]],
         "grid": [9, 13, 5],

@@ -84,7 +84,10 @@ def _choice_sheet(name: str) -> Callable[[Process], Sheet]:
 
 _GAINS: Final = {
     "no_gain": "no gain: the deflection is the same at all turns, as for a spindle along the last axis",
-    "no_order": "no order is stated: the interval of the difference contains zero, or is unknown",
+    "no_order": (
+        "whether the deflection is less than before is not certain: the interval of the difference "
+        "contains zero, or is unknown"
+    ),
 }
 
 

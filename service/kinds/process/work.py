@@ -250,7 +250,8 @@ class ProcessWork(ProgramWork):
         model, box, grid = self._run_model.model, self._box, self._box.places()
         if not np.isfinite(self._sizes).any():
             raise RequestError(
-                f"from none of {len(grid)} places the robot follows the path within limits and step",
+                f"the robot follows the path within limits and step at none of {len(grid)} places of the "
+                "workpiece",
                 where="place",
                 remedy="move or enlarge the box, raise `step`, or lower `clearance`",
             )
@@ -277,7 +278,7 @@ class ProcessWork(ProgramWork):
             found.append((self._predict(program, choice.joints), place, program, choice))
         if not found:
             raise RequestError(
-                "from the best places the robot follows a part of the path's points, but not all of them",
+                "at the best places of the workpiece the robot follows only a part of the path's points",
                 where="place",
                 remedy="raise `step`, lower `clearance`, or choose a finer `grid`",
             )
@@ -351,7 +352,7 @@ class ProcessWork(ProgramWork):
         if (interval := self._ranking.difference.with_model_error) is not None:
             text = f"is within {figure(1e6 * interval[0], '.3g')} to {figure(1e6 * interval[1], '.3g')} µm"
         message = f"the difference of the deflections before and after {text}, so that no order is stated"
-        remedy = "measure more, or with loads as those of the process, before the choice is trusted"
+        remedy = "before you trust the choice, measure more, or measure with loads like those of the process"
         verdict: Verdict = "use_with_care"
         return [make_reason("no_order", verdict, message, remedy)]
 
@@ -456,7 +457,7 @@ class ProcessWork(ProgramWork):
         """Return the remarks of a compensated program, and what free branches need."""
         remarks = super()._list_remarks()
         if self._unwritten is not None:
-            reason = f"no program is written, so move to the joints in turns.csv: {self._unwritten}"
+            reason = f"no program is written, so move the robot to the joints in turns.csv: {self._unwritten}"
             return [reason, *remarks]
         targets, first = self._program.targets, int(self._visits.targets[0])
         literal = targets.literals[targets.literal[first]]

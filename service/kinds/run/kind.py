@@ -146,7 +146,7 @@ def _weight_lines(weight: WeightResult) -> Iterator[Line]:
         f"  without sag, the best geometry leaves {length_text(rms_without_sag)} rms of a coordinate; "
         f"with sag, {length_text(rms_with_sag)}"
         + (
-            ": the sag of the arm under its own weight is too small to improve the fit much"
+            "; the sag of the arm under the own weight is too small to improve the fit much"
             if rms_with_sag > 0.9 * rms_without_sag
             else ""
         )

@@ -228,7 +228,7 @@ def test_branches_that_the_words_cannot_state_are_not_written(monkeypatch):
     refused = processed("fanuc", program("fanuc"), branches="free", turn=[-20.0, 20.0])
     assert (refused.files, refused.corrected) == ([], 0)
     assert refused.remarks[0].startswith(
-        "no program is written, so move to the joints in turns.csv: line 14:"
+        "no program is written, so move the robot to the joints in turns.csv: line 14:"
     )
     assert len(turns(refused)["turn [deg]"]) == 8
     elbow = iter([np.zeros(8, dtype=np.intp), np.full(8, 2, dtype=np.intp)])
