@@ -176,10 +176,12 @@ class ProcessResult(ProgramResult):
         description="Order of choice and program: `less`, if the interval of the difference with model error "
         "excludes zero, else `no_order`; `no_gain`, if no turn makes a difference."
     )
-    before: DeflectionBand = Field(description="Deflection along the path as it was sent.")
+    before: DeflectionBand | None = Field(
+        description="Deflection along the path as it was sent; null if the robot does not follow it there."
+    )
     turned: DeflectionBand = Field(description="Deflection along the path as chosen.")
     remaining: DeflectionBand = Field(description="Deflection that is left after the correction.")
-    difference: DeflectionBand = Field(description="`turned` minus `before`.")
+    difference: DeflectionBand | None = Field(description="`turned` minus `before`.")
     fixed_turns: Radians[list[float]] = Field(description="Turns that were tried along the whole path.")
     fixed_deflections: Metres[list[float | None]] = Field(
         description="Deflection with each of these turns; null where limits or step exclude it."

@@ -71,12 +71,12 @@ def _choice_sheet(name: str) -> Callable[[Process], Sheet]:
 
     def make_sheet(job: Process) -> Sheet:
         """Return the table, decompressed from the stored result of a process."""
-        from jointstiff.service.kinds.process import work
+        from jointstiff.service.kinds.process import tables
         from jointstiff.service.kinds.program.work import decompress_file
 
         if job.result is None:
             raise ValueError("the process has no result")
-        make = work.turns_sheet if name == "turns" else work.places_sheet
+        make = tables.turns_sheet if name == "turns" else tables.places_sheet
         return make(decompress_file(job.result.choice))
 
     return make_sheet
@@ -91,10 +91,12 @@ _GAINS: Final = {
 def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
     """Return the report: deflection before and after, what turning gains, the best places, remarks."""
     size = "root mean square" if result.objective == "rms" else "greatest"
-    before, turned = result.before.value, result.turned.value
-    change = _GAINS.get(
-        result.gain, f"{figure(100 * (1 - turned / before), '.3g')} % less deflection than before"
-    )
+    change = _GAINS.get(result.gain, "")
+    if result.before is None:
+        change = "the robot does not follow the path where it was sent"
+    elif not change:
+        share = 1 - result.turned.value / result.before.value
+        change = f"{figure(100 * share, '.3g')} % less deflection than before"
     parts: list[Part] = [
         Line(f"{change}; {result.points} targets, {result.moves} moves"),
         _bands_table(result, f"Deflection along the path, {size}", job.request.confidence),

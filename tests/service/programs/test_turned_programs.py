@@ -13,8 +13,10 @@ from support.programs import ARM, exact_run, loaded_poses, options, path, tool_p
 import jointstiff
 from jointstiff.schemas.process import ProcessRequest
 from jointstiff.service.kinds.process.kind import make_area_map
-from jointstiff.service.kinds.process.work import ProcessWork, places_sheet, turns_sheet
+from jointstiff.service.kinds.process.tables import places_sheet, turns_sheet
+from jointstiff.service.kinds.process.work import ProcessWork
 from jointstiff.service.kinds.program.work import compress_file, decompress_file, points_sheet
+from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
 from jointstiff.service.programs.program import NUMBERS
 from jointstiff.simulator import equilibrium, simulate_campaign
@@ -399,6 +401,68 @@ def test_a_run_that_cannot_rank_says_so_first(run):
     )
     assert weak.result.gain == "no_order"
     assert weak.result.assessment.reasons[0].code == "no_order"
+
+
+def test_an_error_of_the_force_goes_with_the_workpiece():
+    """Along the axes of the tool or of R0, it is that of the same forces along the feed, in any place."""
+    half = np.array([0.05, 0.05, 0.0])
+    middle = tool_poses(path(4))[:, :3, 3]
+    middle = 0.5 * (middle.min(axis=0) + middle.max(axis=0))
+    box = 1e3 * np.array([middle - half, middle + half])
+    search = {"place": box.tolist(), "grid": [1, 1, 1], "place_turns": 4, "turns": 12}
+    placed = processed("krl", program("krl", 4), force_uncertainty=0.3, **search)
+    assert abs(np.sin(placed.places[0].turn)) > 0.5, "the workpiece is turned by a quarter"
+    ways = work("krl", program("krl", 4), force_uncertainty=0.3, **search)
+    ways.conclude(())
+    moved, force = ways._placed.program, ways._placed.program.path.force[ways._visits.first]
+    parts = ways._split_forces(moved, force)
+    turn = moved.load_axes[0]
+    np.testing.assert_allclose(turn @ np.array(FORCE), force[0], atol=1e-9)
+    np.testing.assert_allclose(parts[0] / 0.3, turn * np.array(FORCE), atol=1e-9)
+    along_tool = work("krl", program("krl", 4), axes="tool", force_uncertainty=0.3)
+    sent = along_tool._as_sent
+    parts = along_tool._split_forces(sent, sent.path.force)
+    tool = tool_poses(path(4))[:, :3, :3]
+    np.testing.assert_allclose(parts / 0.3, tool * np.array(FORCE), atol=1e-5)
+
+
+def test_a_workpiece_out_of_reach_is_placed_and_compared_with_nothing():
+    far = tool_poses(path(6))
+    far[:, 0, 3] += 9.0
+    middle = tool_poses(path(6))[:, :3, 3]
+    middle = 1e3 * 0.5 * (middle.min(axis=0) + middle.max(axis=0))
+    search = {"place": [(middle - 50.0).tolist(), (middle + 50.0).tolist()], "grid": [2, 2, 1]}
+    text = program_text("csv", far, 6)
+    result = processed("csv", text, branches="free", place_turns=2, turns=12, **search)
+    assert result.before is result.difference is None
+    assert result.gain == "no_order"
+    assert result.assessment.reasons[0].message.startswith("the robot does not follow the path where")
+    assert result.turned.value == result.places[0].deflection.value > 0.0
+    assert np.isnan(turns(result)["before [mm]"]).all()
+    with pytest.raises(ProgramError, match="or `branches: free`"):
+        processed("csv", text, place_turns=2, turns=12, **search)
+
+
+def test_another_branch_may_gain_where_no_turn_does():
+    """The spindle along the last axis: turns change nothing, but the program's branch was not the best."""
+    stated = {"spindle": [0.0, 0.0, 1.0], "tools": [{"values": [0.0, 0.0, 215.5, 0.0, 0.0, 0.0]}]}
+    kept = processed("krl", program("krl", 4), **stated)
+    assert kept.gain == "no_gain"
+    free = processed("krl", program("krl", 4), branches="free", **stated)
+    assert (free.gain == "no_gain") == (free.turned.value >= 0.98 * free.before.value)
+
+
+def test_each_point_has_its_bands_before_as_chosen_and_corrected():
+    result = processed("krl", program("krl"), force_uncertainty=0.2)
+    table = turns(result)
+    for name in ("before", "turned", "remaining"):
+        low, high = (table[f"{name} {end}, readings [mm]"] for end in ("low", "high"))
+        assert (low <= table[f"{name} [mm]"]).all()
+        assert (table[f"{name} [mm]"] < high).all()
+    # A force that may be 40 % stronger along each axis: what is corrected was foretold as uncertain before.
+    half = table["turned high, readings [mm]"] - table["turned [mm]"]
+    assert (table["remaining high, readings [mm]"] >= 0.9 * half).all()
+    np.testing.assert_array_equal(table["remaining low, readings [mm]"], 0.0)
 
 
 @pytest.mark.parametrize(
