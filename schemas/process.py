@@ -192,12 +192,13 @@ class ProcessResult(ProgramResult):
     places_tried: int = Field(description="Number of places that were tried.")
     places_reached: int = Field(description="Number of places from which the robot follows the path.")
     flat_low: Metres[Point | None] = Field(
-        description="Least coordinates of the places within 5 % of the best, if any."
+        description="Least coordinates of places within 5 % of the best, of all tried places."
     )
     flat_high: Metres[Point | None] = Field(description="Greatest coordinates of these places.")
     flat_places: int = Field(description="Number of these places.")
     frames: list[ProgramFrame] = Field(
-        description="Base frames to set in the controller for the best place, as the program has frames."
+        description="Base frames to set in the controller for the best place; a base whose numbers the "
+        "program has stays, and its targets move."
     )
     choice: ProgramFile = Field(description="Turns and places; null in answers: `turns.csv`, `places.csv`.")
 

@@ -173,20 +173,18 @@ def _neighbours(place: FloatArray, step: FloatArray) -> Iterator[FloatArray]:
 class Flatness:
     """Places that are nearly as good as the best one."""
 
-    count: int  #: number of places of the grid
+    count: int  #: number of places that were tried
     low: FloatArray  #: (4,) least position [m] and turn [rad] of these places
     high: FloatArray  #: (4,) greatest position [m] and turn [rad]
 
 
-def find_flatness(places: FloatArray, sizes: FloatArray, best: float) -> Flatness | None:
-    """Return the extent of the places whose deflection is within 5 % of the best; None without such a place.
+def find_flatness(places: FloatArray, sizes: FloatArray) -> Flatness:
+    """Return the extent of the places whose deflection is within 5 % of the least.
 
     Args:
-        places: (P, 4) places of the grid [m, rad].
-        sizes: (P,) deflections [m]; NaN where there is none.
-        best: least deflection that was found [m].
+        places: (P, 4) places that were tried [m, rad].
+        sizes: (P,) deflections, some of them known [m]; NaN where there is none.
     """
-    good: BoolArray = np.asarray(sizes <= (1.0 + FLAT) * best)
-    if not good.any():
-        return None
-    return Flatness(int(good.sum()), places[good].min(axis=0), places[good].max(axis=0))
+    good: BoolArray = np.asarray(sizes <= (1.0 + FLAT) * np.nanmin(sizes))
+    near = np.unique(np.round(places[good], 9), axis=0)
+    return Flatness(len(near), near.min(axis=0), near.max(axis=0))

@@ -122,11 +122,14 @@ _FRAME_UNITS: Final = {
     "ur": ("m", "rad"),
 }
 """Units of position and orientation of a frame, by the format of the program; a table has its own."""
+_FRAME_DECIMALS: Final = {"krl": 4, "fanuc": 4}
+"""Decimals of the numbers of a frame, where they are in mm and °; else there are metres or quaternions."""
 
 
 def _frame_text(frame: ProgramFrame, program_format: str) -> str:
     """Return a base frame as text: name, and numbers as the program writes frames, with their units."""
-    numbers = [figure(each, ".7g") for each in frame.values]
+    decimals = _FRAME_DECIMALS.get(program_format, 6)
+    numbers = [figure(round(each, decimals) + 0.0, ".9g") for each in frame.values]
     position, orientation = ", ".join(numbers[:3]), ", ".join(numbers[3:])
     name = frame.name or "the base"
     if program_format not in _FRAME_UNITS:
@@ -186,7 +189,8 @@ def _place_parts(result: ProcessResult) -> list[Part]:
             f"{axis} {1e3 * low:.0f} to {1e3 * high:.0f}"
             for axis, low, high in zip("xyz", result.flat_low, result.flat_high, strict=True)
         ]
-        lines.append(f"{result.flat_places} places are within 5 % of the best: {', '.join(extent)} mm")
+        count = "1 place" if result.flat_places == 1 else f"{result.flat_places} places"
+        lines.append(f"{count} of the search within 5 % of the best: {', '.join(extent)} mm")
     return parts + [Line(each) for each in lines]
 
 

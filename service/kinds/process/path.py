@@ -22,7 +22,7 @@ from jointstiff.service.kinds.program.path import (
 from jointstiff.service.kinds.work import as_request_errors
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.program import Program
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
@@ -90,17 +90,25 @@ class ProgramToTurn:
         return self.visits.first[self.visits.number]
 
     def move(self, shift: FloatArray, angle: float) -> ProgramToTurn:
-        """Return the program of the workpiece in another place, with its base frames.
+        """Return the program of the workpiece in another place, with the base frames that move with it.
+
+        A frame whose numbers the program has stays: its targets are written in the new place.
 
         Args:
             shift: (3,) displacement of the path's centre [m].
             angle: turn about the z axis of R0 through the centre [rad].
         """
         displacement = self.path.displacement(shift, angle)
-        base = replace(self.frames.base, poses=displacement @ self.frames.base.poses)
-        frames = replace(self.frames, base=base)
+        base = self.frames.base
+        poses = np.where(self.moves_base[:, None, None], displacement @ base.poses, base.poses)
+        frames = replace(self.frames, base=replace(base, poses=poses))
         axes = displacement[:3, :3] @ self.load_axes
         return replace(self, frames=frames, path=self.path.move(shift, angle), load_axes=axes)
+
+    @property
+    def moves_base(self) -> BoolArray:
+        """(k + 1,) mask of the program's frames whose numbers are in the controller; False for R0."""
+        return np.array([each.pose is None for each in self.program.targets.frames] + [False])
 
     def turned(self, joints: FloatArray) -> ProgramPath:
         """Return the program's path in chosen postures (v, n), controller's joints [rad or m]."""

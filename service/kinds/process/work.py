@@ -44,6 +44,7 @@ from jointstiff.solver.process.candidates import find_branches
 from jointstiff.solver.process.cut import UNCERTAINTY
 from jointstiff.solver.process.deflection import Band, PathDeflection, Ranking
 from jointstiff.solver.process.placing import (
+    Flatness,
     PlaceBox,
     coarsen,
     evaluate_places,
@@ -70,7 +71,7 @@ class _Placed:
     choice: TurnChoice
     places: FloatArray  # (k, 4) best places, the best first [m, rad]; empty without a search
     rankings: tuple[tuple[Band, Ranking | None], ...]  # deflection at each, and its difference from the best
-    coarse: float  # least deflection of the search, by its points and turns [m]; NaN without a search
+    flat: Flatness | None  # places of the search that are nearly as good; None without a search
 
 
 class ProcessWork(ProgramWork):
@@ -237,7 +238,7 @@ class ProcessWork(ProgramWork):
             )
         else:
             choice = self._choose(self._as_sent)
-        return _Placed(self._as_sent, choice, np.zeros((0, 4)), (), float("nan"))
+        return _Placed(self._as_sent, choice, np.zeros((0, 4)), (), None)
 
     def _choose_place(self) -> _Placed:
         """Evaluate the best places of the search in full, and choose the best of them."""
@@ -250,8 +251,12 @@ class ProcessWork(ProgramWork):
                 remedy="move or enlarge the box, raise `step`, or lower `clearance`",
             )
 
+        tried = [(grid, self._sizes)]
+
         def evaluate(places: FloatArray) -> FloatArray:
-            return evaluate_places(model, self._inverse, path, task, places, first)
+            sizes = evaluate_places(model, self._inverse, path, task, places, first)
+            tried.append((places, sizes))
+            return sizes
 
         order = np.argsort(self._sizes, kind="stable")
         order = order[np.isfinite(self._sizes[order])][:MAX_BEST_PLACES]
@@ -283,7 +288,8 @@ class ProcessWork(ProgramWork):
             for each, _, _, _ in found[:MAX_BEST_PLACES]
         )
         places = np.array([place for _, place, _, _ in found[:MAX_BEST_PLACES]])
-        return _Placed(found[0][2], found[0][3], places, rankings, min(size for _, size in refined))
+        flat = find_flatness(*(np.concatenate(each) for each in zip(*tried, strict=True)))
+        return _Placed(found[0][2], found[0][3], places, rankings, flat)
 
     @cached_property
     def _path(self) -> ProgramPath:
@@ -468,10 +474,23 @@ class ProcessWork(ProgramWork):
             return [reason, *remarks]
         targets, first = self._program.targets, int(self._visits.targets[0])
         literal = targets.literals[targets.literal[first]]
-        if self._request.branches == "free" and literal.notation.has_pose and not literal.words:
+        if not self._is_kept and literal.notation.has_pose and not literal.words:
             start = "bring the arm to the first joints of turns.csv before the program starts: its first "
             remarks.insert(0, f"{start}target states no configuration")
+        if edges := self._find_edges():
+            remarks.insert(0, f"the best place is at the edge of the box along {edges}: enlarge the box")
+        if self._request.place is not None and not self._as_sent.moves_base[self._used_bases].all():
+            place = "targets are written in the new place, in base frames with the numbers of the program"
+            remarks.insert(0, place)
         return remarks
+
+    def _find_edges(self) -> str:
+        """Return the axes along which the best place is at the edge of the box; empty without a search."""
+        if not len(self._placed.places):
+            return ""
+        low, high, place = self._box.low, self._box.high, self._placed.places[0][:3]
+        is_edge = (low < high) & (np.isclose(place, low) | np.isclose(place, high))
+        return ", ".join(np.array(list("xyz"))[is_edge])
 
     @property
     def _meant(self) -> FloatArray:
@@ -483,9 +502,7 @@ class ProcessWork(ProgramWork):
         request, choice, placed = self._request, self._placed.choice, self._placed
         confidence = request.confidence
         tried = self._box.places() if request.place is not None else np.zeros((0, 4))
-        flat = None
-        if request.place is not None:
-            flat = find_flatness(tried, self._sizes, placed.coarse)
+        flat = placed.flat
         fixed = np.where(np.isfinite(choice.fixed), choice.fixed, np.nan)
         return {
             "objective": request.objective,
@@ -547,15 +564,24 @@ class ProcessWork(ProgramWork):
             for place, (band, ranking) in zip(placed.places, placed.rankings, strict=True)
         ]
 
+    @property
+    def _used_bases(self) -> list[int]:
+        """Indices of the base frames of all targets that are poses; −1 for the world of the controller."""
+        order, targets = self._visits.order, self._program.targets
+        poses = order[~targets.given_as_joints[order]]
+        used: list[int] = np.unique(self._as_sent.frames.base.of_target[poses]).tolist()
+        return used
+
     def _list_frames(self) -> list[ProgramFrame]:
         """Return the base frames of the best place, with numbers as the program writes frames."""
         notation, frames = choose_frame_notation(self._program), self._placed.program.frames
         near = np.zeros((1, 3 + notation.count))
         near[0, 3] = float(notation.orientation is Orientation.QUATERNION)  # of two, the one with q1 > 0
-        used = np.unique(frames.base.of_target[self._visits.order]).tolist()
         stated = []
-        for index in used:
-            name = self._program.targets.frames[index].name if index >= 0 else None
+        for index in self._used_bases:
+            if not self._placed.program.moves_base[index]:
+                continue
+            name = self._program.targets.frames[index].name
             pose = np.linalg.inv(self._world) @ frames.base.poses[index]
             numbers = notation.from_poses(pose[None], near)[0]
             stated.append(ProgramFrame(name=name, values=numbers.tolist()))

@@ -85,26 +85,33 @@ def test_the_written_program_reads_back_as_it_was_meant_and_the_loaded_tool_is_o
         assert not any(np.isfinite(turns(result)["turn [deg]"])), "targets in joint angles have no turn"
 
 
-@pytest.mark.parametrize("kind", ["krl", "fanuc", "rapid", "csv"])
+@pytest.mark.parametrize("kind", [*PROGRAM_FILES, "own base"])
 def test_a_placed_program_reads_back_with_the_base_that_is_stated(kind):
-    """The base frames of the result are those that the written program needs."""
-    text = program(kind)
+    """The written program needs the base frames of the result, or none if it has their numbers itself."""
+    own_base, kind = kind == "own base", "krl" if kind == "own base" else kind
+    text, stated = program(kind), {}
+    if own_base:
+        stated["bases"] = []
+        text = text.replace("$BASE=BASE_DATA[1]", "$BASE={X 0,Y 0,Z 0,A 0,B 0,C 0}")
     middle = tool_poses(path(8))[:, :3, 3]
     middle = 1e3 * 0.5 * (middle.min(axis=0) + middle.max(axis=0))
     half = np.array([100.0, 100.0, 0.0])
     box = [(middle - half).tolist(), (middle + half).tolist()]
     search = {"place": box, "grid": [2, 2, 1], "place_turns": 3, "turns": 12}
-    result = processed(kind, text, **search)
+    result = processed(kind, text, **search, **stated)
     assert result.turned.value == result.places[0].deflection.value < result.before.value
     best = result.places[0]
     np.testing.assert_allclose(np.subtract(best.centre, best.shift), 1e-3 * middle, atol=1e-6)
-    if not result.frames[0].name:
+    if own_base or kind == "ur":
+        assert result.frames == []
+        assert result.remarks[0].startswith("targets are written in the new place")
+    else:
         assert len(result.frames) == 1
-    bases = [{"values": each.values} for each in result.frames]
+        stated["bases"] = [{"values": each.values} for each in result.frames]
     files = [compress_file(PROGRAM_FILES[kind], decompress_file(result.files[0]))]
-    start = np.degrees(commanded(result)[0]).tolist()
+    stated["start"] = np.degrees(commanded(result)[0]).tolist()
     again = ProcessRequest.model_validate(
-        {"run_id": "r", "files": files, **options(kind, bases=bases, start=start), "turn": "keep"}
+        {"run_id": "r", "files": files, **options(kind, **stated), "turn": "keep"}
     )
     robot, run = exact_run()
     reread = ProcessWork(robot, "robot", run, again)._path

@@ -75,9 +75,11 @@ def test_the_search_finds_the_best_place_of_its_grid_and_then_a_better_one():
     assert size <= sizes[best]
     assert (place[:3] >= box.low - 1e-12).all()
     assert (place[:3] <= box.high + 1e-12).all()
-    flat = find_flatness(places, sizes, size)
-    if flat is not None:
-        assert flat.count == int((sizes <= 1.05 * size).sum())
+    flat = find_flatness(np.vstack([places, place]), np.append(sizes, size))
+    good = places[sizes <= 1.05 * size]
+    assert len(good) <= flat.count <= len(good) + 1
+    assert (flat.low <= place + 1e-9).all()
+    assert (flat.high >= place - 1e-9).all()
 
 
 def test_a_place_out_of_reach_has_no_number():
