@@ -204,8 +204,8 @@ class ProcessResult(ProgramResult):
     )
     flat_places: int = Field(description="Number of places within 5 % of the best.")
     frames: list[ProgramFrame] = Field(
-        description="Base frames to set in the controller for the best place, in the program's notation. A base "
-        "with numbers in the program stays, and its targets move."
+        description="Base frames to set in the controller for the best place, in the program's notation. A "
+        "base with numbers in the program stays, and its targets move."
     )
     choice: ProgramFile = Field(
         description="Tables of turns and places; null in answers: get `turns.csv` and `places.csv`."

@@ -468,6 +468,11 @@ export const later = {
     points: "points",
     view: "Robot at the chosen point, with the path. Arrow keys orbit, plus and minus zoom.",
   },
+  box: {
+    view: "Robot with the box; the field below has its corners. Arrow keys orbit, plus and minus zoom.",
+    hint: "Drag a face or the middle of the box, or type its corners.",
+    begin: "Draw a box at the flange",
+  },
   map: {
     title: (set: string) => `Map by ${set}`,
     form: "Map a work area",

@@ -366,7 +366,9 @@ class ProcessWork(ProgramWork):
                 low, high = (figure(1e6 * each, ".3g") for each in interval)
                 text = f"is within {low} to {high} µm"
             message = f"the difference of the deflections before and after {text}, so that no order is stated"
-            remedy = "before you trust the choice, measure more, or measure with loads like those of the process"
+            remedy = (
+                "before you trust the choice, measure more, or measure with loads like those of the process"
+            )
         verdict: Verdict = "use_with_care"
         return [make_reason("no_order", verdict, message, remedy)]
 
