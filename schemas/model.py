@@ -30,8 +30,8 @@ class ScoreStep(Message):
         "`noise`; null if the other postures do not determine it."
     )
     share: float = Field(
-        description="Share of the readings whose score is at most this score, with equal weights of the P "
-        "postures, multiplied by P/(P + 1). Dimensionless."
+        description="Fraction of the readings whose score is at most this score, with equal weights of the "
+        "P postures, multiplied by P/(P + 1). Dimensionless."
     )
 
 
@@ -40,7 +40,7 @@ class ModelError(Message):
 
     postures: int = Field(description="Number of postures that were omitted in turn.")
     steps: list[ScoreStep] = Field(
-        description="Points by ascending score, neighbours merged beyond about 500."
+        description="Steps by ascending score; beyond about 500, neighbours are merged."
     )
     force: Newtons[float] = Field(
         description="Unit of a load's size: the greatest load has size 1; zero without loads."
@@ -167,7 +167,7 @@ class ElasticCompliance(Message):
 
 
 class ElementShare(Message):
-    """Share of the measured deflection that an element explains."""
+    """Fraction of the measured deflection that an element explains."""
 
     kind: Literal["joint", "coupling", "link", "base"]
     joint: Name | None = Field(
@@ -178,7 +178,7 @@ class ElementShare(Message):
         "the rest the sum is 1."
     )
     by_observation: Dimensionless[list[float]] = Field(
-        description="Shares in each observation, in the order of the set."
+        description="Fractions in each observation, in the order of the set."
     )
 
 
@@ -214,8 +214,8 @@ class LinksResult(Message):
     )
     elements: list[ElementShare] = Field(description="Contribution of each joint and link.")
     unexplained: Dimensionless[float] = Field(
-        description="Share of the measured deflection that no element explains, by squares; `compensation` "
-        "compares lengths."
+        description="Fraction of the squared deflection that no element explains; `compensation` compares "
+        "lengths instead."
     )
     effective_freedom: Dimensionless[float] = Field(
         description="Effective number of parameters that the readings determine."

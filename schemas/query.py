@@ -35,8 +35,8 @@ class ListQuery(PageQuery):
 
     q: ExactName | None = Field(
         default=None,
-        description="Words, each part of a name (of the resource, its robot or set), or of a set's serial "
-        "number, operator or instrument, in any case.",
+        description="Words to find in names (of the resource, its robot or set) or in a set's serial "
+        "number, operator or instrument; case is ignored.",
     )
     sort: Literal["created_at", "-created_at", "name", "-name"] = Field(
         default="-created_at",
@@ -80,7 +80,7 @@ class JobQuery(ListQuery):
 
 
 class WaitQuery(Message):
-    """Waiting time of a post."""
+    """Time to wait for a posted job."""
 
     wait: Annotated[float, Field(ge=0, le=MAX_WAIT_SECONDS)] = Field(
         default=5, description="Time to wait for a long job to finish, in seconds."
@@ -88,7 +88,7 @@ class WaitQuery(Message):
 
 
 class FileQuery(AcceptingOptions):
-    """Options of the files of jobs; a file uses only those that concern it."""
+    """Options of the files of jobs; a file uses only the options that concern it."""
 
     unit: Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"] = Field(
         default="MNm/rad", description="Unit of stiffness in `tables.json`."
@@ -96,6 +96,9 @@ class FileQuery(AcceptingOptions):
     details: bool = Field(default=True, description="False: only the main tables in `tables.json`.")
     file: Annotated[str, Field(max_length=MAX_NAME_LENGTH)] | None = Field(
         default=None, description="Name of the file of a compensated `program`; default: the first file."
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = Field(
+        default=1, description="Random seed of `rehearsal.json`."
     )
 
 

@@ -36,7 +36,9 @@ KeyId = Annotated[str, typer.Argument(metavar="ID", help="Id of the key; see `jo
 
 @keys.command()
 def create(
-    name: Annotated[str, typer.Argument(help="Who or what holds the key, such as 'tablet hall 3'.")],
+    name: Annotated[
+        str, typer.Argument(help="Person or device that holds the key, such as 'tablet hall 3'.")
+    ],
     *,
     role: Annotated[
         Literal["viewer", "operator", "admin"],
@@ -47,7 +49,8 @@ def create(
     expires: Annotated[
         datetime | None,
         typer.Option(
-            formats=["%Y-%m-%d"], help="First day (UTC) on which the key is no longer valid; default: none."
+            formats=["%Y-%m-%d"],
+            help="First day (UTC) on which the key is no longer valid; default: the key does not expire.",
         ),
     ] = None,
     database: DatabaseUrl = "sqlite:///jointstiff.db",
@@ -124,7 +127,7 @@ def link(
     segno.make(address, error="l", micro=False).terminal(compact=True)
     typer.echo(address)
     cli.warn(
-        f"the link signs one browser in as {found.name} ({found.role}), once, until "
+        f"the link works once: it signs one browser in as {found.name} ({found.role}), until "
         f"{now + LINK_TIME:%H:%M} UTC"
     )
 

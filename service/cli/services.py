@@ -30,7 +30,7 @@ def worker(
     database: DatabaseUrl,
     name: Annotated[
         str | None,
-        typer.Option(help="Name of this worker in messages; default: the name of the machine."),
+        typer.Option(help="Name of this worker in log messages; default: name of the machine."),
     ] = None,
     log_format: LogLines = LogFormat.TEXT,
 ) -> None:
@@ -46,7 +46,8 @@ def worker(
 
 def post(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", exists=True, help="Campaign file, or a folder of such files.")
+        Path,
+        typer.Argument(metavar="FILE", exists=True, help="File of a campaign, or folder with such files."),
     ],
     *,
     server: cli.ServerAddress = "http://127.0.0.1:8000",

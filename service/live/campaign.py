@@ -91,7 +91,7 @@ class Declaration:
         options, header = self.options, self.header
         if isinstance(options.goal, DeflectionGoal | DecisionGoal) and options.work_area is None:
             raise RequestError(
-                "the goal is about deflections, and the work area is missing",
+                "the goal is about deflections, but the request has no work area",
                 where="open.work_area",
                 remedy="give two corners of the box in which deflections matter (frame R0), or "
                 "the goal `joints`",

@@ -417,13 +417,17 @@ LANGUAGE: Final = ir.Language(
     # KSS: frames, and the data of inline forms, are active for all programs
     is_reached=lambda name: name.startswith(("$", "FDAT_ACT")),
     lasting=rf"(?:^|\bDO ){_MAY_MOVE_TARGETS.pattern}[^=]*=(?!=)",
+    # frames and their data, asynchronous axes, and words of branches, loops and routines
+    forgets=r"BASE|TOOL|FRAME|FDAT|\bBAS\b|\bASY"
+    r"|\b(?:IF|THEN|ELSE\w*|SWITCH|CASE|DEFAULT|FOR|WHILE|LOOP|REPEAT|UNTIL|GOTO|EXIT|RETURN|DEF\w*|END\w*)\b",
     rules=(
         (
             rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? @{{name}}(?:\((?P<parameters>.*)\))?(?: ?PUBLIC)?",
             _translate_routine,
         ),
         (
-            r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)|INTERRUPT OFF \0",
+            r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)|INTERRUPT OFF \0"
+            r"|TIME_BLOCK (?:START|(?:PART|END)=.+)|CONST_VEL (?:START|END).*",
             "",
         ),
         (r"(?:EXT(?:FCT)?P?|ENUM|STRUC|IMPORT|(?:DECL )?(?:GLOBAL )?SIGNAL) [\w ,()\[\]:$.\0\"#]*", ""),

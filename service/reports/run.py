@@ -576,9 +576,9 @@ def _describe_noise(readings: MeasurementSetDocument) -> Iterator[str]:
 def _describe_assumed_uncertainties(noise: Noise | None) -> Iterator[str]:
     """Yield sentences on uncertainties of the load that are assumed because they are not stated."""
     if noise is None or noise.force is None or noise.force.scale is None:
-        yield f"Size of the force: none stated; ±{100 * ASSUMED_FORCE_SCALE:g} % assumed."
+        yield f"Size of the force: no uncertainty is stated; ±{100 * ASSUMED_FORCE_SCALE:g} % is assumed."
     if noise is None or noise.load_point is None:
-        yield f"Load point: none stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed."
+        yield f"Load point: no uncertainty is stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm is assumed."
 
 
 def _describe_shared_uncertainties(noise: Noise, millimetres: float) -> Iterator[str]:

@@ -17,8 +17,8 @@ import numpy as np
 
 from jointstiff.schemas.finding import (
     ROOT_MISTAKES,
-    Action,
     ActionKind,
+    AdvisedAction,
     Finding,
     FindingCode,
     NamedCause,
@@ -105,10 +105,12 @@ _BY_STATUS: Final[dict[str, Verdict]] = {
 _NOT_LINEAR: Final = frozenset({"play", "curved_springs"})
 """Causes that readings at one size of the load may not distinguish."""
 _READ_HALF: Final = (
-    "not linear: read two postures at half the load; play stays, and a spring that hardens bends by more "
-    "than half"
+    "not linear: read two postures again at half the load; the play stays the same, and a hardening spring "
+    "deflects by more than half"
 )
-_FIT_CAUSES_FIRST: Final = "fit the causes that are named first; the residuals show the noise afterwards"
+_FIT_CAUSES_FIRST: Final = (
+    "first fit the named causes with the joints; the remaining residuals then show the noise"
+)
 _CHECK_NOISE: Final = (
     "check frames, joint map, units and noise; if all are correct, something besides the joints deflects: "
     "omit `noise` so that sigma is estimated from the residuals"
@@ -238,26 +240,27 @@ def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloa
         kgf = float(np.linalg.norm(STANDARD_GRAVITY))
         yield (
             f"Forces up to {figure(force)} N ({figure(force / kgf, '.3g')} kgf), deflections up to "
-            f"{deflection}. If N and kgf are confused, every stiffness is wrong by {kgf:.3g}, and no "
-            "reading shows it."
+            f"{deflection}. If N and kgf were confused, every stiffness would be wrong by a factor of "
+            f"{kgf:.3g}, and no reading would show it."
         )
     if estimate.common is not None and estimate.common.responses_to("assumed_load_point").any():
         yield (
-            f"Load point: ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed. Measure where the force acts on the "
-            "flange, and enter its uncertainty (`noise.load_point`; on the page: Advanced, Uncertainty of "
-            "the load point)."
+            f"The load point is assumed to be known to ±{1e3 * ASSUMED_LOAD_POINT:g} mm. Measure where the "
+            "force acts on the flange, and enter the uncertainty of this point (`noise.load_point`; on "
+            "the page: Advanced, Uncertainty of the load point)."
         )
     if estimate.common is not None and estimate.common.responses_to("assumed_force_scale").any():
         yield (
-            f"Forces: ±{100 * ASSUMED_FORCE_SCALE:g} % assumed. Enter the uncertainty of the load cell or of "
-            "the weight (`noise.force.scale`; on the page: Advanced, Scale of the force)."
+            f"The forces are assumed to be known to ±{100 * ASSUMED_FORCE_SCALE:g} %. Enter the "
+            "uncertainty of the load cell or of the weight (`noise.force.scale`; on the page: Advanced, "
+            "Scale of the force)."
         )
     if unloading is not None:
         yield describe_unloading(unloading)
     elif not measurements.in_flange[measurements.present].all():
         yield (
-            "Each posture was read once without load: a set that remains after unloading is not seen. Read "
-            "again after unloading (`unloaded_after`)."
+            "Each posture was read only once without load, so a deflection that remains after unloading is "
+            "not detected. Read each posture again after unloading (`unloaded_after`)."
         )
     if measurements.in_flange[measurements.present].all():
         yield (
@@ -270,7 +273,10 @@ def describe_unloading(unloading: Unloading) -> str:
     """Return a sentence on the positions after the load was removed."""
     count = unloading.postures
     where = f"{count} posture{'s' if count > 1 else ''} read again after unloading"
-    text = f"Targets come back to {length_text(unloading.distance)} (root mean square, {where})"
+    text = (
+        f"After unloading, the targets return to within {length_text(unloading.distance)} (root mean square, "
+        f"{where})"
+    )
     if unloading.share is None or unloading.standard_uncertainty is None:
         return f"{text}."
     share = f"{100.0 * unloading.share:.2g} % ± {100.0 * unloading.standard_uncertainty:.2g} %"
@@ -283,9 +289,9 @@ def report_remaining_deflection(unloading: Unloading) -> Finding:
     return Finding(
         code="deflection_remains",
         weight="use_with_care",
-        message=f"{100.0 * share:.2g} % ± {100.0 * u:.2g} % of the deflection remains after unloading: "
-        "stiffnesses count from the mean of both unloaded positions, and differ by "
-        f"{50.0 * abs(share):.2g} % from either",
+        message=f"{100.0 * share:.2g} % ± {100.0 * u:.2g} % of the deflection remains after unloading: the "
+        "stiffnesses refer to the mean of the unloaded positions before and after the load; with only one "
+        f"of these positions they would differ by {50.0 * abs(share):.2g} % from either",
         remedy="load and unload the arm once before the first reading; check that tool, hook and base are "
         "tight",
     )
@@ -353,9 +359,9 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
     }
     what, remedy = (text.format(**words) for text in _ALTERNATIVE_TEXTS[alternative.kind])
     if alternative.target is not None:
-        action = Action.of("exchange_load_and_target", target=measurements.targets[alternative.target])
+        action = AdvisedAction.of("exchange_load_and_target", target=measurements.targets[alternative.target])
     elif alternative.kind == "columns_exchanged":
-        action = Action.of("exchange_columns", joints=names)
+        action = AdvisedAction.of("exchange_columns", joints=names)
     else:
         matrix = robot.joint_map.matrix @ alternative.matrix
         offset = robot.joint_map.matrix @ alternative.offset + robot.joint_map.offset
@@ -366,7 +372,9 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
             offset = offset + 2.0 * np.pi * np.round(
                 np.where(np.isfinite(turns_to_middle), turns_to_middle, 0.0) / (2.0 * np.pi)
             )
-        action = Action.of("apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist())
+        action = AdvisedAction.of(
+            "apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist()
+        )
     return Finding(
         code="alternative_explains_better",
         weight="do_not_use",
@@ -430,7 +438,7 @@ def report_causes(
         f"significantly better (F test, p = {max(cause.p_value for cause in causes):.1g}){others}; "
         f"compliances change by up to {100 * max(changes):.2g} %",
         remedy="; ".join(dict.fromkeys(remedies)),
-        action=Action.of("fit_causes", wrong, causes=named) if named else None,
+        action=AdvisedAction.of("fit_causes", wrong, causes=named) if named else None,
     )
 
 
@@ -454,10 +462,10 @@ def _report_wrong_postures(
             code="residual_outlier",
             weight="use_with_care",
             observation=wrong[0],
-            message=f"the readings of {_name_postures(wrong)} disagree with the joint springs that fit all "
-            "others (F test)",
+            message=f"the readings of {_name_postures(wrong)} disagree with the joint stiffnesses that fit "
+            "all other readings (F test)",
             remedy="check these readings and their loads; repeat them, or identify with loss huber",
-            action=Action.of("use_huber" if measurements.direction is None else "show_posture", wrong),
+            action=AdvisedAction.of("use_huber" if measurements.direction is None else "show_posture", wrong),
         )
 
 
@@ -519,11 +527,13 @@ def find_reading_problems(
             observations = min(labels[row:], labels[:row], key=len)
         only_few = first.code not in _LENGTHS and 0 < len(observations) <= MOST_LEFT_OUT * len(labels)
         yield _summarise_findings(
-            group, Action.of("leave_out_readings", observations) if only_few else first.action
+            group, AdvisedAction.of("leave_out_readings", observations) if only_few else first.action
         )
     for group in _group_by_code(others, "use_with_care"):
         observations = _list_observations(labels, group)
-        yield _summarise_findings(group, Action.of("show_posture", observations) if observations else None)
+        yield _summarise_findings(
+            group, AdvisedAction.of("show_posture", observations) if observations else None
+        )
     if cause_found:  # a robust loss is no mend for a cause that moves many postures
         left = [finding for finding in outliers if finding.observation not in wrong]
         yield from _report_outlying(measurements, settings, prediction, left, mend="show_posture")
@@ -563,7 +573,7 @@ def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator
             weight="use_with_care",
             message=f"the load point coincides with target {t + 1}, where a reflector is mounted",
             remedy="check the load point in the flange frame",
-            action=Action.of("exchange_load_and_target", target=measurements.targets[t]),
+            action=AdvisedAction.of("exchange_load_and_target", target=measurements.targets[t]),
         )
 
 
@@ -592,14 +602,14 @@ def _report_outlying(
         yield Finding(
             code="deflection_unexplained",
             weight="use_with_care",
-            message=f"{count} of {len(measurements)} observations disagree with the joint springs that fit "
-            "the others: too many for single wrong readings, so something besides the joints bends, or "
-            "angles or loads are wrong",
+            message=f"{count} of {len(measurements)} observations disagree with the joint stiffnesses that "
+            "fit the other observations. These are too many for single wrong readings: something besides "
+            "the joints bends, or angles or loads are wrong",
             remedy="check these postures; if their readings are right, try elasticity joints_and_links",
-            action=Action.of("show_posture", observations),
+            action=AdvisedAction.of("show_posture", observations),
         )
     elif settings.loss != "huber":
-        action = Action.of(mend if measurements.direction is None else "show_posture", observations)
+        action = AdvisedAction.of(mend if measurements.direction is None else "show_posture", observations)
         yield _summarise_findings(outliers, action)
 
 
@@ -616,7 +626,7 @@ def _list_observations(labels: Sequence[str], group: Sequence[Finding]) -> tuple
     return tuple(label for label in labels if label in named)
 
 
-def _summarise_findings(group: Sequence[Finding], action: Action | None) -> Finding:
+def _summarise_findings(group: Sequence[Finding], action: AdvisedAction | None) -> Finding:
     """Return a group's first finding with an action, and the number of other findings in the message."""
     more = f" (and {len(group) - 1} more of this kind)" if len(group) > 1 else ""
     return group[0].model_copy(update={"message": group[0].message + more, "action": action})
@@ -650,13 +660,13 @@ def find_fit_problems(
     if set(statuses) - {"not_observable"} == {"at_bound"}:  # all observable joints seem rigid
         remedy = (
             "choose another robot, or check its joint map and the frame of the forces: the targets do not "
-            "move as the joints of this one would move them"
+            "move as the joints of the chosen robot would move them"
         )
         # If the negated deflections fit, unloaded and loaded readings, or all forces, are reversed.
         d = estimate.triangles.all_readings.rhs
         if solve_nonnegative(estimate.regressor, -d)[1] < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d):
             remedy = "exchange unloaded and loaded readings, or change the sign of every force"
-            action = Action.of("exchange_readings")
+            action = AdvisedAction.of("exchange_readings")
     yield from report_no_identified_joint(statuses, remedy, action)
     yield from _report_freedom(measurements, estimate, known=pure_error is not None)
     postures: list[FloatArray] = []
@@ -692,7 +702,7 @@ def find_fit_problems(
 
 
 def report_no_identified_joint(
-    statuses: Sequence[str], remedy: str, action: Action | None = None
+    statuses: Sequence[str], remedy: str, action: AdvisedAction | None = None
 ) -> Iterator[Finding]:
     """Yield a finding if no joint has the status `identified`.
 
@@ -730,10 +740,10 @@ def report_unexplained_motion(pure_error: PureError) -> Finding:
     return Finding(
         code="sigma_implausible",
         weight="use_with_care",
-        message=f"the tracker reads to {length_text(pure_error.sigma)}, as targets of the same posture show; "
-        f"the model leaves {length_text(pure_error.left)} of the flange's motion (F test, p = "
-        f"{pure_error.p_value:.1g}). Something besides springs and noise moves the flange, and counts as "
-        "noise here",
+        message="targets of the same posture show that the tracker reads to within "
+        f"{length_text(pure_error.sigma)}, but the model does not explain {length_text(pure_error.left)} "
+        f"of the flange's motion (F test, p = {pure_error.p_value:.1g}). This unexplained motion is "
+        "counted as noise",
         remedy="check loads, angles and geometry, and read one posture again without the load; "
         "state `noise.repeatability` if the robot returns less exactly",
     )
@@ -832,8 +842,8 @@ def _report_residuals(
         agreement = ""
         if pure_error is not None and pure_error.shows_motion:
             agreement = (
-                f". Targets of one posture agree to {length_text(pure_error.sigma)}: the flange moves "
-                "otherwise than the model says"
+                f". Targets of one posture agree to within {length_text(pure_error.sigma)}, so the flange "
+                "moves differently from the model"
             )
         yield Finding(
             code="residuals_exceed_sigma",
@@ -842,7 +852,7 @@ def _report_residuals(
             "the uncertainties are too small; by how much depends on deflections that the model does "
             f"not explain{agreement}",
             remedy=_FIT_CAUSES_FIRST if cause_found else _CHECK_NOISE,
-            action=None if cause_found else Action.of("omit_noise"),
+            action=None if cause_found else AdvisedAction.of("omit_noise"),
         )
 
 
@@ -864,7 +874,7 @@ def _report_unexplained(
         message=f"the joints explain only {100 * share:.3g} % of the mean deflection; the joints of "
         "industrial robots usually explain about 80 %",
         remedy="check the robot's model, the joint map, the frame and signs of the forces, and the units",
-        action=Action.of("show_posture", [measurements.labels[norm.argmax()]]),
+        action=AdvisedAction.of("show_posture", [measurements.labels[norm.argmax()]]),
     )
 
 
@@ -883,8 +893,8 @@ def report_implausible_results(estimate: Estimate) -> Iterator[Finding]:
                 weight="use_with_care",
                 message=f"the prior of {joint.name} {description}: the estimate mainly repeats "
                 "the data sheet",
-                remedy="add loads and postures with more torque about its axis, or omit the prior to see "
-                "what was measured",
+                remedy="add loads and postures with more torque about the joint's axis, or omit the prior "
+                "to see the result of the readings alone",
                 where=joint.name,
             )
     yield from report_implausible_joints(estimate.joints)
@@ -941,7 +951,7 @@ def _report_complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Fi
             message="neglecting the complementary stiffness K_c biases a compliance by "
             f"{size.largest_shift:.2g} standard uncertainties",
             remedy="set complementary_stiffness: included",
-            action=Action.of("include_complementary_stiffness"),
+            action=AdvisedAction.of("include_complementary_stiffness"),
         )
 
 
@@ -980,10 +990,10 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
             code="base_bends",
             weight="use_with_care",
             message=f"{evidence}The base below the first joint bends under the load. Readings cannot "
-            "distinguish its rotation about the first axis from a rotation of joint 1; the stiffnesses of "
-            "the other joints do not include the base",
+            "distinguish a rotation of the base about the first axis from a rotation of joint 1; the "
+            "stiffnesses of the other joints do not include the base",
             remedy="tighten and stiffen the base, or use joints and base together: a target on the base "
-            "plate shows directly how it moves",
+            "plate shows directly how the base moves",
         )
     elif prediction.bending == "links":
         yield Finding(
@@ -1002,5 +1012,5 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
             remedy="set elasticity to automatic, so that the readings choose the model; otherwise use these "
             "stiffnesses, which include the bending of links, only for postures and loads like the measured "
             "ones",
-            action=Action.of("choose_model") if gain is None and screening.comparable else None,
+            action=AdvisedAction.of("choose_model") if gain is None and screening.comparable else None,
         )

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from jointstiff.schemas.finding import Action, Finding, FindingCode, Unit
+from jointstiff.schemas.finding import AdvisedAction, Finding, FindingCode, Unit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.estimation.triangle import Triangle
 from jointstiff.solver.integrity.values import (
@@ -131,7 +131,7 @@ def propose_angle_mistakes(
     angles, all_rows = joints[rows], np.arange(len(rows))
     for j, name in enumerate(names):
         signs = np.where(np.arange(len(names)) == j, -1.0, 1.0)
-        change = f"the angle of {name} with the other sign"
+        change = f"the sign of the angle of {name} reversed"
         remedy = f"change the sign of {name} in every observation, or in the joint map"
         yield Hypothesis("joint_sign_suspect", angles * signs, change, remedy, all_rows)
     for j, k in combinations(range(len(names)), 2):
@@ -181,9 +181,9 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     # The whole set is mistaken if the correction explains most rows, and clearly more than the posted values.
     if explained_count >= EXPLAINED * len(sample) and explained_count / len(sample) > posted_share + 0.1:
         effect = (
-            f"as given, the targets keep one position on the flange in {agrees.sum()} of {len(rows)} "
-            f"observations; with {best_hypothesis.change}, in {explained_count} of {len(is_explained)}, "
-            f"within {length_text(float(corrected_distances[is_explained].max()))}"
+            f"with the data as given, the targets keep one position on the flange in only {agrees.sum()} "
+            f"of {len(rows)} observations; with {best_hypothesis.change}, they do so in {explained_count} "
+            f"of {len(is_explained)}, within {length_text(float(corrected_distances[is_explained].max()))}"
         )
         if best_hypothesis.unit is not None:
             return [
@@ -290,7 +290,7 @@ def _inspect_disagreeing_rows(
     for i, j in true_rows.items():
         yield view.build_finding(
             "observations_out_of_order",
-            f"its readings match the angles of observations[{j}]",
+            f"the readings of this observation match the angles of observations[{j}]",
             "match readings and angles again; check the order of both",
             "do_not_use",
             row=i,
@@ -397,7 +397,7 @@ def _report_mistyped_rows(
         yield view.build_finding(
             "target_off_model",
             f"all targets are at least {length_text(nearest_distance[k])} away from their median positions "
-            f"on the flange; typical is {length_text(typical)}",
+            f"on the flange; the typical distance is {length_text(typical)}",
             "check the angles of this observation for a typing error, and whether the robot stood still",
             row=int(rows[k]),
         )
@@ -520,11 +520,11 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
     if step is not None:
         yield view.build_finding(
             "target_moved",
-            f"from here on, '{view.measurements.targets[step.target]}' is displaced by "
+            f"from this observation on, target '{view.measurements.targets[step.target]}' is displaced by "
             f"{length_text(step.size)} on the flange, relative to the other targets: "
-            f"{figure(step.ratio, '.3g')} times as far as chance allows",
-            "check that the target is attached firmly; treat it as another target from here on "
-            "(another name), or repeat",
+            f"{figure(step.ratio, '.3g')} times as far as the limit for chance",
+            "check that the target is attached firmly; give the target another name from this observation "
+            "on, or repeat the observations",
             "do_not_use",
             row=step.row,
         )
@@ -936,9 +936,10 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     for position in np.flatnonzero(is_against_load):
         yield view.build_finding(
             "deflection_against_force",
-            f"under {figure(float(np.linalg.norm(checked.force[position])))} N the targets moved opposite "
-            f"to the prediction from the other observations, by {length_text(predicted[position])}; with the "
-            f"load reversed only {length_text(reversed_residual[position])} remain unexplained",
+            f"under {figure(float(np.linalg.norm(checked.force[position])))} N the targets moved in the "
+            "direction opposite to the prediction from the other observations, by "
+            f"{length_text(predicted[position])}; with the load reversed, only "
+            f"{length_text(reversed_residual[position])} remains unexplained",
             "change the sign of this force, or exchange unloaded and loaded",
             "do_not_use",
             row=int(rows[position]),
@@ -988,7 +989,7 @@ def _find_mistake_of_the_set(
         f"targets moved against the force in {int(against_force.sum())} of {len(against_force)} observations",
         "change the sign of every force (it is the force on the robot); or exchange unloaded and loaded",
         "do_not_use",
-        Action.of("exchange_readings"),
+        AdvisedAction.of("exchange_readings"),
     )
 
 
@@ -1106,8 +1107,8 @@ def _report_residual_outliers(
         yield view.build_finding(
             "residual_outlier",
             f"the deflection of target '{targets[worst_target]}' differs by "
-            f"{length_text(residual_norm[position, worst_target])} from "
-            f"the fit to all observations; typical is {length_text(typical_residual)}",
+            f"{length_text(residual_norm[position, worst_target])} from the fit to all observations; "
+            f"the typical difference is {length_text(typical_residual)}",
             "check this reading and its load; repeat the reading"
             + (", or identify with loss huber" if coordinate_count == 3 else ""),
             row=int(rows[position]),

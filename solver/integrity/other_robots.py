@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.finding import Action, Finding
+from jointstiff.schemas.finding import AdvisedAction, Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.integrity.against_model import (
     EXPLAINED,
@@ -92,11 +92,11 @@ def inspect_other_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[F
         yield view.build_finding(
             "another_robot_fits",
             f"with the robot '{name}', {fit.explained} of {len(rows)} observations keep the targets on one "
-            f"place of the flange, within {length_text(fit.greatest_distance)}; with the chosen robot "
-            f"{explained_by_chosen} of {len(rows)}, within {length_text(LARGEST_MODEL_ERROR)}{tie}",
+            f"place of the flange, within {length_text(fit.greatest_distance)}; with the chosen robot, "
+            f"only {explained_by_chosen} of {len(rows)}, within {length_text(LARGEST_MODEL_ERROR)}{tie}",
             f"check which robot was measured; if it is '{name}', choose it",
             "do_not_use",
-            Action.of("choose_robot", robot=name, robot_id=fit.known.identifier),
+            AdvisedAction.of("choose_robot", robot=name, robot_id=fit.known.identifier),
         )
 
 

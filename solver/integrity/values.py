@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from jointstiff.schemas.finding import Action, Finding, FindingCode, Unit, Verdict
+from jointstiff.schemas.finding import AdvisedAction, Finding, FindingCode, Unit, Verdict
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.mechanics.block import unloaded_postures
@@ -80,7 +80,7 @@ class View:
         message: str,
         remedy: str,
         weight: Verdict = "use_with_care",
-        action: Action | None = None,
+        action: AdvisedAction | None = None,
         *,
         row: int | None = None,
     ) -> Finding:
@@ -117,7 +117,7 @@ class View:
             f"the {quantity}s seem to be in {unit}, not in {declared} as declared: {effect}",
             f"set `units.{quantity}` to {unit}",
             "do_not_use",
-            Action.of("convert_units", unit=unit),
+            AdvisedAction.of("convert_units", unit=unit),
         )
 
     @cached_property
@@ -289,7 +289,7 @@ def inspect_loads(view: View) -> Iterator[Finding]:
             f"to {greatest:g} N",
             "check `units.force`: kN may have been read as N, or N as kN (kgf read as N is not detected)",
             "do_not_use",
-            Action.of("convert_units", unit="N" if median_force > greatest else "kN"),
+            AdvisedAction.of("convert_units", unit="N" if median_force > greatest else "kN"),
         )
 
 
@@ -371,9 +371,8 @@ def inspect_duplicates(view: View) -> Iterator[Finding]:
             continue
         yield view.build_finding(
             "duplicated_observation",
-            f"its {'joint angles and ' if has_same_angles else ''}readings equal those of "
-            f"observations[{first_equal_row}] "
-            "to the last digit",
+            f"the {'joint angles and ' if has_same_angles else ''}readings of this observation equal those "
+            f"of observations[{first_equal_row}] to the last digit",
             "remove one of the two observations, or give this observation its own readings",
             "do_not_use",
             row=row,
@@ -418,8 +417,9 @@ def _report_repeated_deflections(view: View, posture: FloatArray) -> Iterator[Fi
             exceeds_noise = special.chdtrc(degrees_of_freedom, chi_square) < FALSE_ALARM
         yield view.build_finding(
             "repeated_readings",
-            f"{repeated_count} observations repeat the posture and load of others; their deflections give "
-            f"sigma = {length_text(sigma)} ({degrees_of_freedom} degrees of freedom), and {statement}",
+            f"{repeated_count} observations repeat the posture and load of other observations; their "
+            f"deflections give sigma = {length_text(sigma)} ({degrees_of_freedom} degrees of freedom), and "
+            f"{statement}",
             "state a noise that agrees with the repetitions, and find the cause of the scatter between them"
             if exceeds_noise
             else "keep the repetitions in the set: they are used like all other observations",

@@ -291,7 +291,7 @@ def build_curve_term(largest: FloatArray) -> Term:
         suspected=True,
         doubt=partial(_doubt_curve, nonzero_torques),
         words="compliances that change by {} up to the largest torque of each joint",
-        remedy="read the same posture at half the load: a spring that hardens bends by more than half",
+        remedy="read the same posture at half the load: a hardening spring deflects by more than half",
     )
 
 
@@ -368,7 +368,7 @@ PLAY = Term(
     nonnegative=True,
     doubt=_doubt_settling,
     words="play of {} in the gears",
-    remedy="read the same posture at half the load: play stays, and a spring bends by half",
+    remedy="read the same posture at half the load: the play stays the same, and a spring deflects by half",
 )
 SHIFT = Term(
     "shift",

@@ -1,5 +1,5 @@
 /** All words of the page, in English: those of its first views; the others are in later.ts. */
-import type { Action, Loss, Progress } from "../api/types";
+import type { AdvisedAction, Loss, Progress } from "../api/types";
 import type { Fault } from "../lib/campaign";
 
 /** Reasons why a file is refused before it is sent. */
@@ -316,7 +316,7 @@ export const en = {
       choose_model: () => "Choose the model by the readings",
       choose_robot: ({ robot }) => `Choose another robot: ${robot ?? ""}`,
       show_posture: () => "Show the posture",
-    } satisfies Record<Action["kind"], (action: Action) => string>,
+    } satisfies Record<AdvisedAction["kind"], (action: AdvisedAction) => string>,
     noiseStated: "noise stated",
     beforeAfter: "Before and after",
     before: "Before",

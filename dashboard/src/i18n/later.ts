@@ -197,7 +197,8 @@ export const later = {
     fileFacts: ({ row_count, format, sheet, encoding, delimiter, decimal_mark }: FilePreview) =>
       [
         plural(row_count, "row", "rows"),
-        format === "xlsx" ? `Excel${sheet === null ? "" : `, sheet “${sheet}”`}` : null,
+        { text: null, xlsx: "Excel", mat: "MATLAB", hdf5: "HDF5", parquet: "Parquet" }[format],
+        sheet && `${format === "xlsx" ? "sheet" : "group"} “${sheet}”`,
         encoding,
         delimiter && `delimiter ${delimiter}`,
         decimal_mark && `decimal ${decimal_mark}`,
@@ -287,7 +288,7 @@ export const later = {
         point_name: "Names of points, for example {label}_{target}_{state}",
         file_name: "Names of files, for example {target}_{state}, without the extension",
       },
-      pickSheet: "Choose the sheet that has the readings",
+      pickSheet: "Choose the sheet or group that has the readings",
     },
   },
   /** Forms that are made from the service's description of its requests. */
@@ -466,6 +467,11 @@ export const later = {
     binAxis: "Distance [mm]",
     points: "points",
     view: "Robot at the chosen point, with the path. Arrow keys orbit, plus and minus zoom.",
+  },
+  box: {
+    view: "Robot with the box; the field below has its corners. Arrow keys orbit, plus and minus zoom.",
+    hint: "Drag a face or the middle of the box, or type its corners.",
+    begin: "Draw a box at the flange",
   },
   map: {
     title: (set: string) => `Map by ${set}`,

@@ -146,7 +146,7 @@ def _weight_lines(weight: WeightResult) -> Iterator[Line]:
         f"  without sag, the best geometry leaves {length_text(rms_without_sag)} rms of a coordinate; "
         f"with sag, {length_text(rms_with_sag)}"
         + (
-            ": the sag of the arm under its own weight is too small to improve the fit much"
+            "; the sag of the arm under the own weight is too small to improve the fit much"
             if rms_with_sag > 0.9 * rms_without_sag
             else ""
         )
@@ -712,13 +712,13 @@ RUN: Final = Kind[Run, RunRequest](
     files=(
         File(
             name="joints.csv",
-            description="one row per joint: stiffness, compliance, uncertainty, intervals, verdict, reason",
+            description="one row per joint, with intervals and verdict",
             sheet=joints_sheet,
             made_of="result",
         ),
         File(
             name="residuals.csv",
-            description="measured deflection and residual of each target and observation",
+            description="deflection and residual of each target and observation",
             sheet=residuals_sheet,
             made_of="result",
         ),

@@ -128,9 +128,10 @@ def test_readings_with_errors_are_written_only_despite_them():
     line = f"import wrong.csv --robot robot.json {STATED} --output other.json"
     errors = (
         "do not use: the angles seem to be in rad, not in deg as declared: no joint turns by more than "
-        "2.79° in 6 observations; set `units.angle` to rad do not use: the angles seem to be in rad, not in "
-        "deg as declared: as given, the targets keep one position on the flange in 1 of 6 observations; "
-        "with all angles taken as radians, in 6 of 6, within 56.3 µm; set `units.angle` to rad"
+        "2.79° in 6 observations; set `units.angle` to rad do not use: the angles seem to be in rad, not "
+        "in deg as declared: with the data as given, the targets keep one position on the flange in only 1 "
+        "of 6 observations; with all angles taken as radians, they do so in 6 of 6, within 56.3 µm; set "
+        "`units.angle` to rad"
     )
     assert_said(
         typed(line, status=1),

@@ -81,8 +81,8 @@ class TestTwoCampaigns:
 
     def test_a_set_of_unknown_noise_cannot_be_weighted_with_another(self, few, second):
         assert refused(js.compare, few, second, methods=[], ordered=True) == (
-            "comparison.ordered | sigma is neither given nor determined by the residuals, so the two "
-            "sets cannot be weighted | state `noise.sigma`, or add observations"
+            "comparison.ordered | sigma is neither stated nor determined by the residuals, so the two sets "
+            "cannot be weighted against each other | state `noise.sigma`, or add observations"
         )
 
     def test_one_load_point_narrows_the_ratios_and_other_points_are_refused(self):
@@ -199,8 +199,8 @@ class TestTwoCampaigns:
                         "second",
                         "the residuals are 14.2 times as large as the stated noise allows, so the "
                         "uncertainties are too small; by how much depends on deflections that the model "
-                        "does not explain. Targets of one posture agree to 18.7 µm: the flange moves "
-                        "otherwise than the model says",
+                        "does not explain. Targets of one posture agree to within 18.7 µm, so the flange "
+                        "moves differently from the model",
                     ),
                 ],
             ),

@@ -80,7 +80,7 @@ def test_methods_that_need_a_pose_say_that_targets_are_missing(deflected):
     made = js.compare(changed(deflected, ROWS, rows), methods=methods)
     assert made.result.assessment.verdict == "do_not_use"
     assert reasons_of(made.result) == [
-        ("no_joint_identified", "every compared method failed, so no joint stiffness is known")
+        ("no_joint_identified", "all compared methods failed, so no joint stiffness is known")
     ]
     assert [entry.assessment for entry in made.result.entries] == [None] * 4
     assert made.result.summary.joints_identified == 0

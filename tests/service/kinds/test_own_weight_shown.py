@@ -29,7 +29,8 @@ def test_the_terminal_says_what_masses_make_up_of_each_interval(tmp_path, own):
         "│ joint_1 │ — │ — │ — │ not observable │",
         "│ joint_2 │ 3.05 │ 0.35 │ 2.34 … 3.59 │ roughly known │",
         "│ joint_6 │ 0.101 │ 0.020 │ 0.072 … 0.159 │ roughly known │",
-        "joint_1: gravity does not load the joint in any of the postures: apply a known force that twists it",
+        "joint_1: gravity does not load the joint in any of the postures: apply a known force that twists "
+        "the joint",
         "explains 98.9 % of the mean deflection, residual 42.5 µm rms (3-D), sigma of a reading "
         "30 µm (given)",
         "share of uncertain masses in each interval: joint_2 35 %, joint_3 68 %, joint_4 18 %, joint_5 42 %, "
@@ -54,7 +55,7 @@ def test_the_report_states_masses_with_their_bounds_and_shares_of_intervals(loca
         "joint_1 | — | — | — | — | not observable |",
         "joint_2 | 3.05 | 0.35 | — | 2.34 … 3.59 | use |",
         "– joint_1: no number: gravity does not load the joint in any of the postures: apply a known force "
-        "that twists it.",
+        "that twists the joint.",
         "Z | -0.00101 | -4.79 · 10⁻⁵ | 0.00254 | — |",
         "– the load or own weight twists joint_1, which the readings of the run do not determine: the "
         "prediction is not valid",

@@ -122,7 +122,7 @@ class TestPredictions:
             (case,) = found["cases"]
             codes = [reason["code"] for reason in found["assessment"]["reasons"]]
             answers.append((case["with_model_error"]["load_ratio"], case["remarks"], codes))
-        said = "extrapolated: the load is 1.02 times the greatest that was measured"
+        said = "extrapolated: the load is 1.02 times the greatest measured load"
         ratios = [ratio for ratio, *_ in answers]
         assert ratios == pytest.approx([1.0, 1.009, 1.02], rel=1e-5)
         assert [others for _, *others in answers] == [[[], []], [[], []], [[said], ["beyond_campaign"]]]

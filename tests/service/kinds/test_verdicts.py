@@ -375,7 +375,7 @@ def test_a_program_for_kilonewtons_is_refused_with_all_its_reasons(run):
     assert [each.reason for each in problem.errors] == [
         "the greatest deflection is 711.7 mm, 138 times the greatest of the campaign",
         "4 of 4 points have loads or postures beyond those of the campaign",
-        "the limits reduce the corrections of 4 of 4 points",
+        "the limits reduce the correction of 4 of 4 points",
     ]
     assert problem.errors[0].remedy == "check the units of the load and of the points (N or kN, m or mm)"
 
