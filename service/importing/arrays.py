@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 from importlib.util import find_spec
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import grammar, grid
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grid import CellKind, Grid, Row
+from jointstiff.service.importing.grid import ArrayFormat, CellKind, Grid, Row
 
-ArrayFormat = Literal["mat", "hdf5", "parquet"]
 _WORDS: Final = MappingProxyType(
     {"mat": "a MATLAB file", "hdf5": "an HDF5 file", "parquet": "a Parquet file"}
 )
@@ -140,7 +139,8 @@ def _build_grid(file: str, kind: ArrayFormat, table: str, arrays: Sequence[Any])
         raise ImportFileError(Place(file), "the file has no arrays of numbers with rows", _REMEDY)
     if len(columns) > grid.MAX_COLUMNS or len(columns) * count > grid.MAX_CELLS or count > grid.MAX_ROWS:
         raise grid.too_large_error(file, 1)
-    header = Row(1, tuple(columns), ("text",) * len(columns))
+    text: CellKind = "text"
+    header = Row(1, tuple(columns), (text,) * len(columns))
     rows = [
         Row(line, tuple(cell or "" for cell in cells), tuple(kinds))
         for line, cells in enumerate(zip(*columns.values(), strict=True), 2)

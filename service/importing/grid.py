@@ -123,7 +123,8 @@ _TYPES_BY_PART: Final = (
 )
 
 
-ARRAYS: Final = MappingProxyType(
+ArrayFormat = Literal["mat", "hdf5", "parquet"]
+ARRAYS: Final[Mapping[str, ArrayFormat]] = MappingProxyType(
     {"a MATLAB file": "mat", "an HDF5 file": "hdf5", "a Parquet file": "parquet"}
 )
 """Type of a file of arrays → format; MATLAB writes HDF5 since version 7.3."""

@@ -341,7 +341,7 @@ def _read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
     if kind == grid.WORKBOOK:
         sheets = split_sheets(options.sheet)
         return [read_workbook(file.name, file.content, sheet) for sheet in sheets]
-    if kind in grid.ARRAYS:
+    if kind is not None and kind in grid.ARRAYS:
         return read_arrays(file.name, file.content, grid.ARRAYS[kind], split_sheets(options.sheet))
     if kind is not None:
         remedy = "export the readings as CSV, text or .xlsx"
