@@ -39,7 +39,7 @@ def read_matlab(file: str, content: bytes) -> Grid:
             variables = loadmat(stream, squeeze_me=False, mat_dtype=True)
     except Exception as error:  # scipy raises what its parts raise
         reason = f"the file is a damaged MATLAB file ({type(error).__name__})"
-        raise ImportFileError(place, reason, "save it again") from error
+        raise ImportFileError(place, reason, "save the file again") from error
     columns: dict[str, list[str]] = {}
     skipped = list[str]()
     arrays = {name: np.asarray(each) for name, each in variables.items() if not name.startswith("__")}

@@ -272,7 +272,7 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
     key = _TEXT_KIND_OF.get(fold_word(base))
     if key is not None:
         if unit is not None and key not in _MAY_HAVE_UNITS:
-            reason = f"{quote(header)} has a unit, but is a column of texts"
+            reason = f"the header {quote(header)} has a unit, but its column has texts"
             raise ImportFileError(NOWHERE, reason, "check the header")
         return Meaning(Quantity(key))
     if fold_word(base) in _WORD_LISTS["hung"]:

@@ -60,8 +60,8 @@ def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
         ),
         (
             ["options.json", "--load-point", "0,0,6000"],
-            "load_point: the point is 6 m from the flange, where no tool reaches "
-            "remedy: check its unit; a point on the tool is at most 5 m from the flange",
+            "load_point: the point is 6 m from the flange, farther than any tool reaches remedy: check its "
+            "unit; a point on the tool is at most 5 m from the flange",
         ),
         (["pull.json"], "the file is a campaign remedy: use `jointstiff identify FILE`"),
         (

@@ -138,8 +138,8 @@ def test_an_arm_is_written_as_a_robot_in_metres_and_radians():
     assert [row["alpha"] for row in rows] == pytest.approx([1.570796, 0.0, 0.0, 1.570796, -1.570796, 0.0])
     assert (rows[0]["lower"], rows[0]["upper"]) == pytest.approx((-6.283185, 6.283185))
     assert refused("robots 'no such arm'") == (
-        "ARM: the catalogue has no arm 'no such arm' remedy: `jointstiff robots` and GET /v1/catalogue list "
-        "its arms; or describe yours by a DH table or URDF"
+        "ARM: the catalogue has no arm 'no such arm' remedy: `jointstiff robots` and GET /v1/catalogue "
+        "list its arms; or describe the arm by a DH table or URDF"
     )
 
 

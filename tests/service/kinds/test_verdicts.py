@@ -361,7 +361,7 @@ def test_a_point_where_no_tool_reaches_is_refused(name, where, metres, run):
     problem = refused.value.problem
     assert (problem.where, problem.detail, problem.remedy) == (
         where,
-        f"the point is {metres} m from the flange, where no tool reaches",
+        f"the point is {metres} m from the flange, farther than any tool reaches",
         NO_TOOL,
     )
 

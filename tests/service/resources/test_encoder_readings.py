@@ -54,13 +54,13 @@ def test_an_encoder_against_its_torque_is_warned_of(client, encoded):
         (
             {"noise": None},
             "noise",
-            "there are encoder readings, but their uncertainty is not given",
+            "there are encoder readings, but the uncertainty of these readings is not stated",
             BOTH,
         ),
         (
             {"noise": {"sigma": 2e-5}},
             "noise.encoder_sigma",
-            "there are encoder readings, but their uncertainty is not given",
+            "there are encoder readings, but the uncertainty of these readings is not stated",
             BOTH,
         ),
         (
