@@ -93,7 +93,7 @@ class ImportedReadings(Presented, ImportAnswer):
 
     def _draw_figure(self, style: PlotStyle) -> Figure:  # noqa: ARG002 - nothing is drawn
         """Refuse: readings have no plot before they are identified."""
-        raise ValueError("readings have no plot: identify them, and plot the run")
+        raise ValueError("readings have no plot: identify the readings, and plot the run")
 
     @property
     def robot(self) -> RobotDocument | None:
@@ -123,9 +123,9 @@ class ImportedReadings(Presented, ImportAnswer):
             )
         if self.measurement_set is None:
             raise RequestError(
-                f"the files are no campaign: {', '.join(self.missing) or 'they have no loads'}",
+                f"the files are no campaign: {', '.join(self.missing) or 'the files have no loads'}",
                 where="files",
-                remedy="state what is missing by the options of `import_files`",
+                remedy="give the missing information as options of `import_files`",
             )
         robot = self._robot.model_copy(update={"bodies": self.bodies}) if self.bodies else self._robot
         run = RunOptions(leave_out=self.leave_out) if self.leave_out else RunOptions()

@@ -63,7 +63,10 @@ class Rehearsal(Presented, RehearsalResult):
             f"({self.postures} postures, noise {figure(1e6 * self.sigma, '.3g')} µm)"
         )
         if undetermined := [joint.name for joint in self.joints if _has_no_upper_limit(joint)]:
-            yield f"without a number or an upper limit: {', '.join(undetermined)}; add loads that twist them"
+            yield (
+                f"these joints have no stiffness or no upper limit: {', '.join(undetermined)}; add loads "
+                "that twist these joints"
+            )
         wide_joints = [
             joint
             for joint in self.joints
@@ -73,12 +76,15 @@ class Rehearsal(Presented, RehearsalResult):
             names = ", ".join(
                 f"{joint.name} ± {100 * (joint.half_width or 0.0):.0f} %" for joint in wide_joints
             )
-            yield f"wider than ± {100 * _WIDE:.0f} %: {names}; read more postures or use a larger load"
+            yield (
+                f"the intervals of these joints are wider than ± {100 * _WIDE:.0f} %: {names}; read more "
+                "postures or use a larger load"
+            )
         if not_contained := [joint.name for joint in self.joints if joint.contained is False]:
             chance = 100 * (1 - self.confidence)
             yield (
-                f"planted stiffness outside the interval: {', '.join(not_contained)}; chance puts "
-                f"{chance:.0f} % of joints outside: rehearse with another seed"
+                f"the planted stiffness is outside the interval: {', '.join(not_contained)}; this happens "
+                f"by chance for {chance:.0f} % of joints: rehearse with another seed"
             )
 
     def _joints_table(self) -> Part:
@@ -367,7 +373,7 @@ class _Simulation:
             return self._length * float(np.median(stated))
         if run is not None and run._require_result().sigma:
             return float(run._require_result().sigma or 0.0)
-        self._remarks.append(f"no noise is stated: {1e6 * _USUAL_SIGMA:.0f} µm is assumed")
+        self._remarks.append(f"no noise of the readings is stated: {1e6 * _USUAL_SIGMA:.0f} µm is assumed")
         return _USUAL_SIGMA
 
     def _find_places(self) -> dict[str, FloatArray]:
@@ -390,7 +396,9 @@ class _Simulation:
         if missing:
             usual_places = (np.array(place) for place in _USUAL_TARGETS * len(missing))
             places |= dict(zip(missing, usual_places, strict=False))
-            self._remarks.append(f"places of {', '.join(missing)} on the flange are not stated: assumed")
+            self._remarks.append(
+                f"the places of {', '.join(missing)} on the flange are not stated: usual places are assumed"
+            )
         return places
 
     def measure(self) -> MeasurementSetDocument:

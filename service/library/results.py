@@ -460,7 +460,7 @@ class TabledRun(PresentedJob, Run):
 
         result = self._require_result()
         if result.budget is None:
-            remedy = "identify joints without links, and state `sigma` or take more readings than joints"
+            remedy = "identify joints without links, and state `sigma` or measure more readings than joints"
             raise RequestError("the run has no uncertainty budget", where="run", remedy=remedy)
         names, budget = [joint.name for joint in result.joints], result.budget
         matrix = np.full((len(names), len(names)), np.nan)

@@ -325,7 +325,7 @@ class Gate:
         """
         if self.is_open:
             raise RequestError(
-                "signing in is not needed: this service requires no key",
+                "sign-in is not needed: this service requires no key",
                 remedy="open the page; the link stays valid for a service that requires keys",
             )
         await self._await_recent_keys()

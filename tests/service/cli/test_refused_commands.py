@@ -92,7 +92,7 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
         "The result must not be used all readings: the angles seem to be in rad, not in deg as declared: "
         "with the data as given, the targets keep one position on the flange in only 1 of 12 observations; "
         "with all angles taken as radians, they do so in 12 of 12, within 52.2 µm; set `units.angle` to "
-        "rad remedy: follow the remedies of its reasons and identify again; to continue anyway, give "
+        "rad remedy: follow the remedies of the reasons and identify again; to continue anyway, give "
         "`--despite-verdict`"
     )
     assert not (folder / "out.src").exists()

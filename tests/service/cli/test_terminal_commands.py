@@ -275,13 +275,13 @@ HELP = {
     "serve": [
         "Start the service.",
         "--host <str> Address to listen on. [default: 127.0.0.1]",
-        "--port <int range> Port; 0 for any free port. [default: 8000; 0<=x<=65535]",
+        "--port <int range> Port to listen on; 0: any free port. [default: 8000; 0<=x<=65535]",
         "[env var: JOINTSTIFF_DATABASE; default: sqlite:///jointstiff.db]",
-        "--no-access-control Require no keys; only for use behind an authenticating proxy. Needs "
+        "--no-access-control Require no keys; use this option only behind an authenticating proxy. Needs "
         "--allowed-host.",
-        "--metrics-host <str> Address of the metrics port; everyone who reaches it can read the metrics. "
-        "[default: 127.0.0.1]",
-        "--require-key Require a key (`jointstiff keys create`) also from this machine.",
+        "--metrics-host <str> Address of the metrics port; everyone who reaches this address can read the "
+        "metrics. [default: 127.0.0.1]",
+        "--require-key Require a key (`jointstiff keys create`) even for requests from this machine.",
         "--keys-file FILE File of keys, such as a secret of a container; the file has only hashes of the "
         "keys.",
     ],

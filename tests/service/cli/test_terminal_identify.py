@@ -35,7 +35,7 @@ def inside(folder, monkeypatch):
 def test_a_joint_that_the_load_never_twists_has_no_number_and_says_what_to_do():
     assert_said(
         typed("identify weight.json --details"),
-        "Use 5 of 6 joints: the others have no number that passed the checks",
+        "Use 5 of 6 joints: no number of the other joints passed the checks",
         "Joint stiffness, partial pose, covariance weights, compliance ≥ 0",
         "┃ joint ┃ stiffness ┃ std. uncertainty ┃ 95 % interval ┃ verdict ┃",
         "│ joint_1 │ — │ — │ — │ not observable │",

@@ -244,7 +244,6 @@ class TestWhatOwnWeightDoesNotKnow:
             {
                 "measurement_set_id": set_id,
                 "name": "unloaded, 30 configurations",
-                "reason": "it was identified by own weight, so that an error of the masses shifts all "
-                "stiffnesses",
+                "reason": "its run uses the own weight, so an error of the masses shifts all stiffnesses",
             }
         ]

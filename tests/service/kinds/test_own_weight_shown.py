@@ -24,7 +24,7 @@ def test_the_terminal_says_what_masses_make_up_of_each_interval(tmp_path, own):
     file.write_text(json.dumps(own))
     words = " ".join(terminal("identify", file, "--details", width=100).stdout.split())
     for line in [
-        "Use 5 of 6 joints: the others have no number that passed the checks",
+        "Use 5 of 6 joints: no number of the other joints passed the checks",
         "Joint stiffness, by the robot's own weight, compliance ≥ 0",
         "│ joint_1 │ — │ — │ — │ not observable │",
         "│ joint_2 │ 3.05 │ 0.35 │ 2.34 … 3.59 │ roughly known │",
@@ -61,7 +61,7 @@ def test_the_report_states_masses_with_their_bounds_and_shares_of_intervals(loca
         "prediction is not valid",
         "joint_2 | 65 % | 35 % |",
         "joint_3 | 32 % | 68 % |",
-        "Shares of each interval's width: from the readings, and from the bounds of the masses.",
+        "Fractions of each interval's width: from the readings, and from the bounds of the masses.",
         "– Deviations: none.",
         "link 1 380 kg (342 to 418); link 2 230 kg (207 to 253); link 3 260 kg (234 to 286); link 4 95 kg "
         "(85.5 to 104.5); link 5 55 kg (49.5 to 60.5); link 6 48 kg (43.2 to 52.8)",

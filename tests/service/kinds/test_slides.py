@@ -165,7 +165,7 @@ def test_a_model_of_mujoco_has_a_slide_and_says_what_it_is_made_of(files, tmp_pa
     for line in [
         "<!-- Method: partial pose, covariance weights, compliances not negative. Intervals at 95 %. -->",
         "<!-- Verdict on the result: use. -->",
-        "<!-- Geometry: as the robot's model states it, not identified. -->",
+        "<!-- Geometry: as in the robot's model, not identified. -->",
         "<!-- Lengths in m, angles in rad, stiffness in N·m/rad, of prismatic joints in N/m. "
         "Angles are those "
         "of the model, in the frame of the link base_link. -->",

@@ -307,7 +307,7 @@ HEADS = {
     ),
     "plan, joint without a load": (f"Use this plan with care: 1 reason {OWN}", ["joint_left_out"]),
     "run, joint without a number": (
-        "Use 5 of 6 joints: the others have no number that passed the checks",
+        "Use 5 of 6 joints: no number of the other joints passed the checks",
         [],
     ),
 }
