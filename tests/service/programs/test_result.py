@@ -48,15 +48,14 @@ ROWS = {
     "rapid": (
         4,
         [
-            "    MoveL "
-            "[[1809.7982,268.9019,1492.4719],[0.34470976,-0.12461650,0.93021163,-0.01876795],[0,0,0,0],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]],v50,z1,tMill\\WObj:=wPart;"
+            "    MoveL [[1809.7982,268.9019,1492.4719],[0.34470976,-0.12461650,0.93021163,-0.01876795],[0,0,0,0],"
+            "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]],v50,z1,tMill\\WObj:=wPart;"
         ],
     ),
     "ur": (
         2,
         [
-            "  movel(p[1.8097982, 0.2689019, 1.4924719, -0.3236165, 2.4156659, -0.0487385], a=1.2, v=0.05, "
-            "r=0.001)"
+            "  movel(p[1.8097982, 0.2689019, 1.4924719, -0.3236165, 2.4156659, -0.0487385], a=1.2, v=0.05, r=0.001)"
         ],
     ),
 }  # fmt: skip
@@ -177,9 +176,8 @@ def test_corrections_beyond_the_limits_are_refused_unless_that_is_accepted():
     with pytest.raises(VerdictError) as refused:
         compensated("krl", KRL, **HEAVY)
     assert str(refused.value) == (
-        "max_displacement: the verdict on a program whose corrections exceed the limits is: do not use; "
-        "follow the remedies of the reasons and identify again; to continue anyway, give `accept_verdict: "
-        "do_not_use`"
+        "max_displacement: the verdict on a program whose corrections exceed the limits is: do not use; follow the "
+        "remedies of its reasons and identify again; to continue anyway, give `accept_verdict: do_not_use`"
     )
     result = compensated("krl", KRL, **HEAVY, accept_verdict="do_not_use")
     assert result.assessment.verdict == "do_not_use"
@@ -202,15 +200,14 @@ REFUSED = {
     "a load that the controller compensates": (
         {"accuracy_option": "compensates_load"},
         "accuracy_option: the controller already compensates the deflection under load, which must not be "
-        "compensated twice; switch the controller's accuracy option off, repeat the measurement, and set "
-        "`accuracy_option` to `off`",
+        "compensated twice; switch the controller's accuracy option off, repeat the measurement, and set `accuracy_option` to `off`",
     ),
     "no tool": ({"tools": []}, NO_NUMBERS),
     "another tool": ({"tools": [{"name": "TOOL_DATA[7]", "values": LONG}]}, NO_NUMBERS),
     "seven numbers": (
         {"tools": [{"values": [0.0] * 7}]},
-        "tools[0].values: a frame needs 6 numbers that form a pose; give the position, then A, B, C about "
-        "Z, Y', X'', in the program's units",
+        "tools[0].values: a frame needs 6 numbers that form a pose; give the position, then A, B, C about Z, Y', X'', in the "
+        "program's units",
     ),
     "a tool twice": ({"tools": [{"values": LONG}] * 2}, TWICE),
     "a tool in two cases": (
@@ -219,13 +216,12 @@ REFUSED = {
     ),
     "one angle": (
         {"start": [0.0]},
-        "start: there are 1 joint angles, but the robot has 6 joints; give the 6 controller angles of "
-        "joint_1, joint_2, joint_3, joint_4, joint_5, joint_6",
+        "start: there are 1 joint angles, but the robot has 6 joints; give the 6 controller angles of joint_1, "
+        "joint_2, joint_3, joint_4, joint_5, joint_6",
     ),
     "a load of no move": (
         {"load": None, "segments": [{"first_line": 1, "last_line": 2, "force": FORCE}]},
-        "segments: no move is under load; give loads for lines that contain moves, or for points that "
-        "moves visit",
+        "segments: no move is under load; give loads for lines that contain moves, or for points that moves visit",
     ),
     "a table that is not there": (
         {"loads": "a.csv", "load": None},
@@ -250,8 +246,8 @@ def test_a_request_that_cannot_be_answered_is_refused_with_its_field_and_a_remed
 UNDER_PROGRAM = {
     "no configuration": (
         {"start": None},
-        "'path.src', line 7: the program does not state the arm's configuration at this target; give "
-        "`start`: the controller's angles near this target",
+        "'path.src', line 7: the program does not state the arm's configuration at this target; give `start`: "
+        "the controller's angles near this target",
     ),
     "a base far away": (
         {"bases": [{"values": [9e3, 0, 0, 0, 0, 0]}]},
@@ -259,8 +255,8 @@ UNDER_PROGRAM = {
     ),
     "a load that breaks the arm": (
         {"load": {"force": [0, 0, 1e9]}},
-        "'path.src', line 7: the robot has no stable equilibrium under this load near the unloaded "
-        "posture; check the units of force, moment and length, or reduce the load",
+        "'path.src', line 7: the robot has no stable equilibrium under this load near the unloaded posture; check the units of "
+        "force, moment and length, or reduce the load",
     ),
 }  # fmt: skip
 
@@ -282,8 +278,7 @@ def test_a_target_under_two_loads_is_refused():
     with pytest.raises(ProgramError) as refused:
         compensated("krl", text, load=None, segments=[segment], tools=[], bases=[])
     assert str(refused.value) == (
-        "'path.src', line 4: 'XP1': moves visit this target under two different loads; use a separate "
-        "target for each load"
+        "'path.src', line 4: 'XP1': moves visit this target under two different loads; use a separate target for each load"
     )
 
 
