@@ -287,8 +287,8 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     near: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
         default=None,
-        description="Posture as the controller shows it: each place gets the posture nearest to it; "
-        "default: the stiffest. Required with prismatic joints, which keep their position.",
+        description="Posture as the controller shows it: each place gets the nearest posture; default: the "
+        "stiffest. Required with prismatic joints, which keep their position.",
     )
     confidence: Dimensionless[Confidence] = 0.95
 

@@ -226,7 +226,7 @@ class GeometryResult(Result):
     robot: RobotDocument = Field(description="Identified model as a robot document, ready to be posted.")
     dh: list[IdentifiedDh]
     drift: Drift | None = Field(
-        description="Drift of the base targets; null unless they were read before and after."
+        description="Drift of the base targets; null unless the targets were read before and after."
     )
     findings: list[Finding]
 
@@ -258,7 +258,7 @@ class GeometryUnits(Message):
 
 
 class GeometryNoise(Message):
-    """Noise of one reading. Without it sigma is estimated from the residuals."""
+    """Noise of one reading. If absent, sigma is estimated from the residuals."""
 
     sigma: Sigma | None = Field(
         default=None, description="Standard uncertainty of one coordinate of one reading, in units.length."
@@ -370,7 +370,10 @@ class GeometryRequest(Message):
     @model_validator(mode="after")
     def _require_base_targets_before(self) -> GeometryRequest:
         if self.base_targets_after is not None and self.base_targets_before is None:
-            raise ValueError("give `base_targets_before`, too: `base_targets_after` are compared with them")
+            raise ValueError(
+                "give `base_targets_before`, too: `base_targets_after` are compared with "
+                "`base_targets_before`"
+            )
         return self
 
     @model_validator(mode="after")

@@ -126,7 +126,7 @@ class JobChange(Message):
     """Changes of a job. Omitted fields remain unchanged."""
 
     cancelled: Literal[True] | None = Field(
-        default=None, description="True to cancel the job; a job that has ended stays as it is."
+        default=None, description="True to cancel the job; a job that has ended does not change."
     )
     deleted: StrictBool | None = Field(
         default=None,

@@ -43,10 +43,10 @@ class ModelError(Message):
         description="Steps by ascending score; beyond about 500, neighbours are merged."
     )
     force: Newtons[float] = Field(
-        description="Unit of a load's size: the greatest load has size 1; zero without loads."
+        description="Reference for the size of loads: the greatest load has size 1; zero without loads."
     )
     moment: Torque[float] = Field(
-        description="Unit of a load's moment: the greatest moment has size 1; zero without moments."
+        description="Reference for moments of loads: the greatest moment has size 1; zero without moments."
     )
     least_load: float = Field(description="Least size of a load. Dimensionless.")
     leverage: Metres[float] = Field(
@@ -111,8 +111,12 @@ class IdentifiedModel(Message):
         description="Matrix R with R'R the inverse of the covariance of the determined combinations, in "
         "N.m/rad; null if the covariance is regular."
     )
-    lower: Compliance[list[float | None]] = Field(description="Lower bound of each joint; null for none.")
-    upper: Compliance[list[float | None]] = Field(description="Upper bound of each joint; null for none.")
+    lower: Compliance[list[float | None]] = Field(
+        description="Lower bound of each joint's compliance; null: no bound."
+    )
+    upper: Compliance[list[float | None]] = Field(
+        description="Upper bound of each joint's compliance; null: no bound."
+    )
     order: list[tuple[int, int]] = Field(
         description="Pairs of joints: the first is no softer than the second."
     )

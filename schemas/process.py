@@ -154,7 +154,7 @@ class DeflectionBand(Message):
         description="Interval from the errors of readings and forces; null if unknown."
     )
     with_model_error: Metres[Interval | None] = Field(
-        description="Interval that includes the model error; null without a bound of it."
+        description="Interval that includes the model error; null if unknown."
     )
 
 

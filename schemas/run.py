@@ -143,7 +143,7 @@ class Budget(Message):
     """Uncertainty budget of the compliances. The relative uncertainty of a stiffness is the same."""
 
     joints: list[Name] = Field(
-        description="Joints with an estimate; the lists of the budget have their order."
+        description="Joints with an estimate, in the order of all lists of the budget."
     )
     components: list[BudgetComponent]
     standard_uncertainty: Compliance[list[float]] = Field(
@@ -443,7 +443,7 @@ class ModelChoice(Message):
         "`cross_validation`: compared on held-out postures. `options`: other options allow only joints."
     )
     links_p_value: Dimensionless[float | None] = Field(
-        description="p-value of the F test of links; null if it was not made."
+        description="p-value of the F test of links; null if no test was made."
     )
     message: str = Field(description="Explanation of the choice, with numbers.")
     models: list[ScoredModel] = Field(
@@ -519,8 +519,8 @@ class RunResult(Result):
     )
     suspicious: list[SuspiciousReading] = Field(
         default_factory=list,
-        description="Readings to which the Huber loss gives less weight, worst first; about one good "
-        "reading in a thousand is among them.",
+        description="Readings to which the Huber loss gives less weight, worst first; one good reading in "
+        "a thousand is listed by chance.",
     )
     suspicious_count: int = Field(
         default=0, description="Number of suspicious readings; `suspicious` lists at most 100."
@@ -531,7 +531,7 @@ class RunResult(Result):
     links: LinksResult | None = Field(
         default=None,
         description="Elastic links or coupling. Each joint's numbers then include its link's rotation "
-        "about the joint's axis. Their intervals contain all values that fit with 0.3 times the best "
+        "about the joint's axis. The intervals contain all values that fit with 0.3 times the best "
         "penalty; null if `link_penalty` is given.",
     )
     choice: ModelChoice | None = Field(

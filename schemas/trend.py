@@ -37,7 +37,9 @@ class TrendQuery(Message):
 class TrendSelection(Message):
     """Options that all runs of a trend share."""
 
-    serial_number: str | None = Field(description="Serial number of the robot; null if the sets state none.")
+    serial_number: str | None = Field(
+        description="Serial number of the robot; null if no set states a number."
+    )
     method: Method
     weighting: Weighting
     positive: StrictBool = Field(description="True if compliances are constrained to be zero or more.")

@@ -408,7 +408,7 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "finite_number": "give a finite number",
         "json_invalid": "send valid JSON with finite numbers and at most 200 levels",
         "union_tag_invalid": "use one of these formats",
-        "too_long": "send fewer items, or split them into several resources",
+        "too_long": "send fewer items, or split the items into several resources",
         "literal_error": "use one of these words exactly as written",
         "bool_type": "give true or false, without quotes",
         "float_type": "give a number, without quotes",

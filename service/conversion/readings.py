@@ -652,7 +652,7 @@ def _list_readings(
                 raise MeasurementError(
                     f"target '{reading.target}' has two readings in observation '{observation.label}'",
                     where=f"observations[{i}].readings[{k}].target",
-                    remedy="give each target at most once per observation, or rename it",
+                    remedy="give each target at most once per observation, or rename the target",
                 )
             used.add(cell)
             rows.append(cell[0])
@@ -801,7 +801,7 @@ def _refuse_other_joints(header: MeasurementSetHeader, readings: ReadingArrays, 
         units = JOINT_UNITS[joint_kind or "revolute"]
         raise MeasurementError(
             f"the readings of joint {joint_name} are "
-            f"{'an angle' if units.dimension == 'length' else 'a length'}, but in the robot it is "
+            f"{'an angle' if units.dimension == 'length' else 'a length'}, but in the robot this joint is "
             f"{joint_kind}",
             where="joint_kinds",
             remedy=f"give {units.dimension}s of this joint, in `units.{units.dimension}`, or check the "
@@ -859,7 +859,7 @@ def _to_encoder_readings(
     if header.encoders == "secondary":
         first = int(np.flatnonzero(encoders.present.any(axis=1))[0])
         raise MeasurementError(
-            "the position loop closes on the secondary encoders, so they show no deflection",
+            "the position loop closes on the secondary encoders, so these encoders show no deflection",
             where=f"observations[{first}].encoder_readings",
             remedy="omit `encoder_readings`, or measure with the loop closed on the motors' encoders",
         )

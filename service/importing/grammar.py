@@ -367,8 +367,8 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
             NOWHERE,
             f"unknown column header {quote(header)}",
             "use headers such as `label`, `J1 [deg]`, `Fx [N]`, `P10 unloaded x [mm]`, `P10 loaded x "
-            "[mm]`, `P10 dx [mm]`, `tip along z [mm]` of a gauge, `x [mm]`; give its meaning in `columns`, "
-            "or skip it with `ignore`",
+            "[mm]`, `P10 dx [mm]`, `tip along z [mm]` of a gauge, `x [mm]`; give the meaning of this "
+            "header in `columns`, or skip its column with `ignore`",
             UNKNOWN,
         )
     state = next(iter(states), None)

@@ -200,7 +200,7 @@ def _check_units(file: str, remarks: Sequence[Remark], columns: Columns, faults:
             unit_words = []  # the words are a sentence, not a list of units
         elif len(words) == 1 and not unit_words and words[0].isalpha():
             reason = f"the unit {quote(words[0])} is not known"
-            faults.report(Place(file, line), reason, "correct the remark, or remove it")
+            faults.report(Place(file, line), reason, "correct or remove the remark")
         for word in (*unit_words, *map("".join, _UNIT.findall(text))):
             dimension, unit = grammar.find_any_unit(word) or (None, "")
             column_unit = columns.units.get(dimension) if dimension else None

@@ -228,7 +228,7 @@ class _Reader:
         notes += self._times_and_roundings.notes
         held_out = [observation.label for observation in observations if observation.held_out]
         if held_out:
-            notes.append(f"observations held out from the fit, to check it: {', '.join(held_out)}")
+            notes.append(f"observations held out from the fit, to check the fit: {', '.join(held_out)}")
         joints = observations[0].vector("joint") if observations else None
         preview = self.build_answer().preview.model_copy(
             update={

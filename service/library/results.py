@@ -367,8 +367,8 @@ class PresentedJob(Presented):
         """Return the client or process that did the job; raise ValueError if it is not known."""
         if self._origin is None:
             raise ValueError(
-                f"the {self._job.kind} has no reference to the process or service that computed it: use the "
-                "result that `jointstiff` or a client returned"
+                f"the {self._job.kind} has no reference to the process or service of its computation: use "
+                "the result that `jointstiff` or a client returned"
             )
         return cast("Backend", self._origin)
 

@@ -370,7 +370,7 @@ class LiveCampaign:
         """
         if not self.observations:
             raise RequestError(
-                "the set has no reading to identify: none was sent, or all were withdrawn",
+                "the set has no reading to identify: no reading was sent, or all readings were withdrawn",
                 where="close",
                 remedy="send observations, or delete the live campaign",
             )

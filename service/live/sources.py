@@ -841,7 +841,7 @@ class RoboDk(Source):
         except ImportError:
             raise SourceError(
                 "the source `robodk` needs RoboDK's Python package, which is not installed",
-                remedy="install it with `pip install robodk`, and start RoboDK",
+                remedy="install the package with `pip install robodk`, and start RoboDK",
             ) from None
         self._link, self._name = robolink.Robolink(), address
 

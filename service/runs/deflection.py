@@ -219,7 +219,7 @@ def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) 
         raise RequestError(
             f"the table has {len(cases):,} load cases",
             where="cases",
-            remedy=f"split it into tables of at most {MAX_CASES:,} cases",
+            remedy=f"split the table into tables of at most {MAX_CASES:,} cases",
         )
     return _validate_message(DeflectionOptions, {**options, "units": units, "cases": cases})
 

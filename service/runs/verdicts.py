@@ -166,8 +166,8 @@ class RunModel:
                 remarks.append(f"own weight is not included, because {explanation}")
             elif self.model.weight.absolute:
                 remarks.append(
-                    "the predictions are absolute, that is relative to an arm that does not bend: they "
-                    "include the sag under own weight"
+                    "the predictions are absolute (relative to an arm that does not bend), so they include "
+                    "the sag under own weight"
                 )
             if self.run.request.complementary_stiffness == "neglected" and self.run.request.weight is None:
                 remarks.append(
@@ -179,7 +179,9 @@ class RunModel:
             reason = self.result.model.no_error if self.result.model else None
             remarks.append(f"no bound of the model error: {reason or 'no posture could be omitted'}")
         elif self.error.postures < (needed := self.error.count_needed_postures(confidence)):
-            remarks.append(f"{prefix}: {needed} postures are needed, and there are {self.error.postures}")
+            remarks.append(
+                f"{prefix}: {needed} postures are needed, but the campaign has only {self.error.postures}"
+            )
         elif np.isinf(self.error.quantile(confidence)):
             remarks.append(f"{prefix}: too many postures are needed to determine a joint")
         return remarks

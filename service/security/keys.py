@@ -133,7 +133,7 @@ class KeysFileError(ServiceError):
     def __init__(self, path: Path, reason: object) -> None:
         super().__init__(
             f"the file of keys {path} cannot be used: {reason}",
-            "write it with `jointstiff keys create NAME --role ROLE --keys-file FILE`",
+            "write the file with `jointstiff keys create NAME --role ROLE --keys-file FILE`",
         )
 
 

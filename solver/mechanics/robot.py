@@ -178,7 +178,7 @@ class Robot:
             raise RobotError(
                 "the kinematic model branches",
                 where="robot",
-                remedy="reduce it to the arm: pinocchio.buildReducedModel",
+                remedy="reduce the model to the arm: pinocchio.buildReducedModel",
             )
         n = self.n = model.njoints - 1
         if not 1 <= n <= MAX_MOVING_JOINTS:
@@ -282,7 +282,7 @@ def _read_kind_and_axis(model: pin.Model, index: int) -> tuple[JointKind, FloatA
         raise RobotError(
             f"the joint '{model.names[index]}' is a {joint.shortname()}",
             where="robot",
-            remedy="only joints about or along one axis are supported: fix the others",
+            remedy="only joints about or along one axis are supported: fix all other joints",
         )
     kind, axis = axes_of_motion[0]
     return kind, axis / np.linalg.norm(axis)

@@ -124,8 +124,8 @@ def test_a_session_says_whose_key_it_is(role, shared):
         ({"link": "x"}, USED_LINK),
         (
             {"key": "x" * 300},
-            "422 invalid-request | key | must have at most 200 items, but has 300 | "
-            "send fewer items, or split them into several resources",
+            "422 invalid-request | key | must have at most 200 items, but has 300 | send fewer items, or "
+            "split the items into several resources",
         ),
         (
             {"key": 1},

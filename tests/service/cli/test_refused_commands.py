@@ -105,8 +105,8 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
     [
         (
             '{"robot": 1,}',
-            "other.json: Invalid JSON: trailing comma at line 1 column 13 "
-            "remedy: correct the JSON there; to read tables and point lists use `jointstiff import FILE`",
+            "other.json: Invalid JSON: trailing comma at line 1 column 13 remedy: correct the JSON at this "
+            "place; to read tables and point lists use `jointstiff import FILE`",
         ),
         (
             "x;y",

@@ -177,7 +177,7 @@ HELP = {
         "--leave-out NAME,NAME,... Labels of observations to omit; the remaining observations are checked "
         "again.",
         "--apply ACTION Apply an action that a reason of the verdict recommends, such as exchange_columns or "
-        "convert_units: write the corrected campaign to a new file, and identify it.",
+        "convert_units: write the corrected campaign to a new file, and identify this campaign.",
         "-o, --output FILE File to write the corrected campaign to; default: a new file next to the old one.",
         "Unit of stiffness or compliance in the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m). [default: "
         "MNm/rad]",
@@ -217,7 +217,7 @@ HELP = {
         "Nothing is written without --output or --save-template, nor while information is missing. At a "
         "terminal the command asks for the missing information. If the inspection finds errors, the "
         "readings are written only with --despite-errors, and the exit status is 1 without it.",
-        "--units length=mm,angle=deg,force=N Units of columns whose header has none; add moment=N.m if "
+        "--units length=mm,angle=deg,force=N Units of columns whose header has no unit; add moment=N.m if "
         "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
         "--encoders <motor|secondary> Encoders that close the position loop; must be stated.",

@@ -136,7 +136,7 @@ def test_deflections_are_predicted_with_their_uncertainty():
         "U: expanded uncertainty from readings, loads and places; U and model error at 95 %; stiffness along "
         "the force, free to move sideways",
         "own weight is not included, because no masses are given",
-        "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+        "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12",
     )
     first, second = written(Path("p.csv").read_text())
     shifts = [f"displacement {axis} [mm]" for axis in "xyz"]

@@ -226,7 +226,7 @@ def test_a_remark_with_another_unit_than_the_header_is_refused(remark, unit):
 
 def test_a_remark_with_an_unknown_unit_is_refused():
     assert refusals(listed("Units: furlongs")) == [
-        "unloaded.csv:1: the unit 'furlongs' is not known; correct the remark, or remove it"
+        "unloaded.csv:1: the unit 'furlongs' is not known; correct or remove the remark"
     ]
 
 

@@ -152,8 +152,8 @@ class TestWhatOwnWeightDoesNotKnow:
     def test_positions_without_load_are_no_deflection(self, own):
         said = (
             "measurement_set | the set has only positions without load, which show no deflection | "
-            "identify it by the robot's own weight: give the robot's masses (`bodies`), and `weight` in "
-            "the run"
+            "identify the set by the robot's own weight: give the robot's masses (`bodies`), and `weight` "
+            "in the run"
         )
         assert refused(js.identify, own, weight=None) == said
         assert refused(js.compare, own) == said

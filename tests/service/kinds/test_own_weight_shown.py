@@ -33,8 +33,8 @@ def test_the_terminal_says_what_masses_make_up_of_each_interval(tmp_path, own):
         "the joint",
         "explains 98.9 % of the mean deflection, residual 42.5 µm rms (3-D), sigma of a reading "
         "30 µm (given)",
-        "share of uncertain masses in each interval: joint_2 35 %, joint_3 68 %, joint_4 18 %, joint_5 42 %, "
-        "joint_6 27 %",
+        "fraction of each interval's width due to uncertain masses: joint_2 35 %, joint_3 68 %, joint_4 18 "
+        "%, joint_5 42 %, joint_6 27 %",
         "without sag, the best geometry leaves 249 µm rms of a coordinate; with sag, 26.9 µm",
         "warning: the readings do not check the mass of link 2, link 3, link 4, link 5, link 6: twice the "
         "stated mass might not be noticed, and would change a "
@@ -98,8 +98,8 @@ def test_sag_is_in_a_prediction_that_is_absolute_and_only_there(local, run):
     for found, said in (
         (
             bent,
-            "the predictions are absolute, that is relative to an arm that does not bend: they "
-            "include the sag under own weight",
+            "the predictions are absolute (relative to an arm that does not bend), so they include the sag "
+            "under own weight",
         ),
         (relative, "own weight is not included, because `absolute` is not requested"),
     ):

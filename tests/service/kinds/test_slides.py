@@ -284,13 +284,13 @@ class TestThePlansListIsFilledIn:
         [
             (
                 ("joint_1 [mm]", "joint_1 [deg]"),
-                "joint joint_1 is read as an angle, but in the robot it is prismatic; give its lengths, in "
-                "`units.length`, or check the robot and the order of the joints",
+                "joint joint_1 is read as an angle, but in the robot this joint is prismatic; give its "
+                "lengths, in `units.length`, or check the robot and the order of the joints",
             ),
             (
                 ("joint_2 [deg]", "joint_2 [mm]"),
-                "joint joint_2 is read as a length, but in the robot it is revolute; give its angles, in "
-                "`units.angle`, or check the robot and the order of the joints",
+                "joint joint_2 is read as a length, but in the robot this joint is revolute; give its "
+                "angles, in `units.angle`, or check the robot and the order of the joints",
             ),
         ],
     )
@@ -318,8 +318,8 @@ class TestWhatDoesNotGoWithASlide:
     def test_angles_of_a_spindle(self):
         document = changed(sliding("scara", SI), ("measurement_set.joint_kinds", ["revolute"] * 4))
         assert refused(js.identify, document) == (
-            "measurement_set.joint_kinds | joint joint_3 is read as an angle, but in the robot it is "
-            "prismatic | give its lengths, in `units.length`, or check the robot and the order of the "
+            "measurement_set.joint_kinds | joint joint_3 is read as an angle, but in the robot this joint "
+            "is prismatic | give its lengths, in `units.length`, or check the robot and the order of the "
             "joints"
         )
 

@@ -202,7 +202,9 @@ def test_every_kind_says_first_that_its_run_is_not_to_be_used(kind, local, post_
     first, *rest = shown.getvalue().splitlines()
     assert first.strip() == FIRST[kind]
     accepted = [
-        line for line in rest if "computed despite this verdict, because the request accepts it" in line
+        line
+        for line in rest
+        if "computed despite this verdict, because the request accepts the verdict" in line
     ]
     assert len(accepted) == (kind in REFUSED)
     assert "do not use" in local.get(file_at(job, "report.html")).text.lower()

@@ -116,7 +116,7 @@ def test_a_summary_has_the_notes_without_the_tables(results):
         "all 9 places reached",
         "deflection: median 574.8 µm, 90 % of the places 500.9 to 666 µm, greatest 666 µm",
         "own weight is not included, because no masses are given",
-        "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+        "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12",
     ]
     assert "Joint stiffness" not in results["run"].summary()
 

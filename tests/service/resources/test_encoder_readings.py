@@ -66,8 +66,8 @@ def test_an_encoder_against_its_torque_is_warned_of(client, encoded):
         (
             {"encoders": "secondary"},
             "observations[0].encoder_readings",
-            "observation 'c01': the position loop closes on the secondary encoders, so they show no "
-            "deflection",
+            "observation 'c01': the position loop closes on the secondary encoders, so these encoders show "
+            "no deflection",
             "omit `encoder_readings`, or measure with the loop closed on the motors' encoders",
         ),
     ],
