@@ -360,7 +360,7 @@ class Client(Verbs):
             raise
 
     def prepare_robot(self, robot: RobotDocument | Mapping[str, Any]) -> str:
-        """Return the id of a robot in the service; a robot that is not stored there yet is posted."""
+        """Return the id of a robot in the service; post the robot if the service has not stored it."""
         if isinstance(robot, Robot):
             return robot.id
         text = parse_document(to_json_object(robot), RobotDocument).model_dump_json()

@@ -1,4 +1,4 @@
-"""Readings from files: what they were understood as, with the robot that was measured."""
+"""Readings from files: the meaning of the files, with the measured robot."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class ImportFields(TypedDict, total=False):
 
 
 class ImportedReadings(Presented, ImportAnswer):
-    """Readings from files, which a campaign is made of; shown in one line."""
+    """Readings from files, from which a campaign is made; shown in one line."""
 
     _robot: Any = PrivateAttr(default=None)  # document of the measured robot
 
@@ -97,7 +97,7 @@ class ImportedReadings(Presented, ImportAnswer):
 
     @property
     def robot(self) -> RobotDocument | None:
-        """Measured robot, with the masses of a table of masses; None if `import_files` was called without."""
+        """Measured robot, with the masses of a table of masses; None if `import_files` got no robot."""
         return cast("RobotDocument | None", self._robot)
 
     def with_robot(self, robot: RobotDocument | Mapping[str, Any]) -> ImportedReadings:

@@ -160,7 +160,7 @@ def rehearse(
     stiffness: Mapping[str, float] | None = None,
     seed: int = 1,
 ) -> Rehearsal:
-    """Simulate the readings of a campaign with known stiffnesses, identify them, and compare.
+    """Simulate the readings of a campaign with known stiffnesses, identify the stiffnesses, and compare both.
 
     Robot, postures, loads, kinds of readings and noise are those of the campaign. The deflections are the
     exact balance of springs and load. The known ("planted") stiffnesses are those of the run. Joints without
