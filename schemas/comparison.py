@@ -142,8 +142,8 @@ class ComparedRun(Message):
     )
     assessment: Assessment | None = Field(description="Assessment of the run; null if the run has failed.")
     compensation: Dimensionless[float | None] = Field(
-        description="Fraction of the mean deflection that the model predicts, 1 - mean‖residual‖ / "
-        "mean‖deflection‖; null if nothing moved, or without degrees of freedom."
+        description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; "
+        "null if nothing moved, or without degrees of freedom."
     )
     rms_residual: Metres[float | None] = Field(
         description="Root mean square of the residual vectors' lengths."

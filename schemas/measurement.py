@@ -166,19 +166,19 @@ class Noise(Message):
     load_point: Place | None = Field(
         default=None,
         description="Standard uncertainty of each coordinate of the load point, in units.length; one error "
-        "for all observations. Absent: 10 mm is assumed, with a note.",
+        "for all observations; if absent, 10 mm is assumed, with a note.",
         examples=[5e-4],
     )
     target_places: Place | None = Field(
         default=None,
         description="Standard uncertainty of each coordinate of each target in the flange frame, in "
-        "units.length; one error for all observations. Absent: exact.",
+        "units.length; one error for all observations; if absent, positions count as exact.",
         examples=[5e-4],
     )
     drift: Place | None = Field(
         default=None,
         description="Standard uncertainty of the drift of loaded against unloaded positions from one "
-        "observation to the next, in units.length. Absent: none; 1 µm in a live campaign.",
+        "observation to the next, in units.length; if absent, no drift (in a live campaign, 1 µm).",
         examples=[2e-6],
     )
 
@@ -341,7 +341,7 @@ class SetMetadata(Message):
         examples=["21 °C, warmed up for 30 min"],
     )
     notes: Notes | None = Field(
-        default=None, description=f"Anything else, at most {MAX_NOTES_LENGTH} characters in lines."
+        default=None, description=f"Further notes, at most {MAX_NOTES_LENGTH} characters in lines."
     )
 
 
@@ -574,7 +574,7 @@ class StoredSet(SetMetadata):
     id: Identifier
     robot_id: Identifier
     content_hash: str | None = Field(
-        description="SHA-256 of the readings with units, noise and frame. Null while the set is open."
+        description="SHA-256 of the readings with units, noise and frame; null while the set is open."
     )
     created_at: Timestamp
 

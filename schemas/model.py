@@ -39,9 +39,7 @@ class ModelError(Message):
     """Residuals in postures omitted in turn, which calibrate the bound of the model error."""
 
     postures: int = Field(description="Number of postures that were omitted in turn.")
-    steps: list[ScoreStep] = Field(
-        description="Steps by ascending score; beyond about 500, neighbours are merged."
-    )
+    steps: list[ScoreStep] = Field(description="Steps by ascending score, merged to about 500 at most.")
     force: Newtons[float] = Field(
         description="Reference for the size of loads: the greatest load has size 1; zero without loads."
     )
@@ -68,7 +66,7 @@ class ElasticPart(Message):
         "columns, 21 entries per link in the same order, and 21 of the base; entries off a diagonal are "
         "multiplied by √2."
     )
-    entries: list[float] = Field(description="Entries in SI units: rad/(N.m), m/N, rad/N.")
+    entries: list[float] = Field(description="Entries of the compliances in SI units: rad/(N.m), m/N, rad/N.")
     covariance_root: list[float] = Field(
         description="Upper triangular T row by row, T T' the covariance of the entries; empty if sigma is "
         "unknown. Units of the entries."

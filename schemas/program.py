@@ -368,7 +368,7 @@ class Program(Job):
 
     kind: Literal["program"] = "program"
     request: ProgramRequest
-    result: ProgramResult | None = Field(description="Present if the job has succeeded.")
+    result: ProgramResult | None = Field(description="Result; present if the job has succeeded.")
 
     @property
     def outputs(self) -> list[str]:

@@ -65,7 +65,7 @@ class JointResult(Message):
     prior_to_data: float | None = Field(
         default=None,
         description="Information of the prior relative to that of the readings; above 1 the prior "
-        "dominates. Null without a prior.",
+        "dominates; null without a prior.",
     )
     reason: str | None = Field(description="Reason why the joint has no number, or is at a bound.")
 
@@ -474,8 +474,8 @@ class CauseTest(Message):
     )
     least_found: float | None = Field(
         default=None,
-        description="Least mistake that a test finds in 80 % of campaigns, in `unit`. Null with `first`, "
-        "or if a cause or links were found.",
+        description="Least mistake that a test finds in 80 % of campaigns, in `unit`; null if `first` is "
+        "given, or if a cause or links were found.",
     )
     unit: Literal["m", "rad", "N", "1"] | None = Field(default=None, description="Unit of `least_found`.")
     joint: Name | None = Field(default=None, description="Joint whose compliance this mistake changes most.")
@@ -495,8 +495,8 @@ class RunResult(Result):
     assessment: Assessment
     joints: list[JointResult]
     compensation: float | None = Field(
-        description="Fraction of the mean deflection that the model predicts, 1 - mean‖residual‖ / "
-        "mean‖deflection‖; null if nothing moved, or without degrees of freedom."
+        description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; "
+        "null if nothing moved, or without degrees of freedom."
     )
     rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
     sigma: Metres[float | None] = Field(
@@ -553,7 +553,7 @@ class RunResult(Result):
     )
     model: Annotated[IdentifiedModel | None, WithJsonSchema(_NO_PROMISE)] = Field(
         default=None,
-        description="Numbers for predictions, not part of the API. Null if own weight determines no joint.",
+        description="Numbers for predictions, not part of the API; null if own weight determines no joint.",
     )
     budget: Budget | None = Field(
         default=None,
@@ -593,7 +593,7 @@ class Run(Job):
 
     kind: Literal["run"] = "run"
     request: RunRequest
-    result: RunResult | None = Field(description="Present if the run has succeeded.")
+    result: RunResult | None = Field(description="Result; present if the run has succeeded.")
 
     @property
     def elasticity(self) -> Elasticity:

@@ -81,7 +81,7 @@ class TrendJoint(Message):
     points: list[TrendPoint] = Field(description="Points of the joint, one for each of `campaigns`.")
     change: Estimate | None = Field(
         description="Relative change of stiffness from the first to the latest point without a `reason` "
-        "(-0.1: 10 % softer). Null with fewer than two points."
+        "(-0.1: 10 % softer); null with fewer than two points."
     )
     p_value: Dimensionless[float | None] = Field(description="Two-sided p-value of an unchanged stiffness.")
     changed: StrictBool = Field(

@@ -349,7 +349,7 @@ class _Simulation:
         if readings.frame is not None:
             if readings.frame.rotation is None:
                 raise RequestError(
-                    "the frame of a stored geometry is not known here",
+                    "this process does not know the frame of a stored geometry",
                     where="measurement_set.frame",
                     remedy="give `rotation` and `translation`",
                 )

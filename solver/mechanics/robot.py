@@ -55,7 +55,7 @@ class JointMap:
         n = self.offset.size
         if not 1 <= n <= MAX_MOVING_JOINTS or self.offset.ndim != 1 or self.matrix.shape != (n, n):
             raise RobotError(
-                f"the matrix has shape {self.matrix.shape}, the offset {n} numbers",
+                f"the matrix has shape {self.matrix.shape}, and the offset has {n} numbers",
                 remedy="give an n × n matrix and n offsets; n is the number of moving joints, at most "
                 f"{MAX_MOVING_JOINTS}",
                 where="joint_map.matrix",

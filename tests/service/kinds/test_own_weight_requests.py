@@ -90,7 +90,7 @@ def test_masses_of_which_nothing_is_known_identify_no_joint(own):
     (reason,) = found.assessment.reasons
     assert (reason.code, reason.weight) == ("no_joint_identified", "do_not_use")
     assert reason.message == "the readings identify no joint: 6 not observable"
-    assert reason.remedy == "read more postures, better masses or a known payload"
+    assert reason.remedy == "read more postures, state better masses, or use a known payload"
 
 
 def test_noise_that_was_refuted_is_said_with_its_factor(own):
