@@ -140,7 +140,7 @@ def _read_source(name: str, content: bytes) -> Source:
     """
     if b"\0" in content:
         reason = "the file is not text with one byte per character"
-        _refuse(name, None, reason, "save it as plain text, not as UTF-16 or binary")
+        _refuse(name, None, reason, "save the file as plain text, not as UTF-16 or binary")
     if content.count(b"\n") + content.count(b"\r") > MAX_LINES:
         _refuse(name, None, f"the file has more than {MAX_LINES:,} lines", "split the program")
     source = Source.from_bytes(name, content)
@@ -151,7 +151,7 @@ def _read_source(name: str, content: bytes) -> Source:
     for i in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
         if len(source.text[source.starts[i] : source.ends[i]].rstrip("\r\n")) > MAX_LINE:
             reason = f"a line has more than {MAX_LINE} characters"
-            _refuse(name, i + 1, reason, "break it into several lines")
+            _refuse(name, i + 1, reason, "break the line into several lines")
     return source
 
 

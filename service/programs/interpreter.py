@@ -655,7 +655,7 @@ class Machine:
                 self._update_state(state, i)
             for name, (content, line) in state.items():
                 reason = f"{name} changes while the program runs" if name not in self._lasting else ""
-                cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
+                cause = Cause(line, reason, "give the value once, in numbers", self._places[i].source)
                 self._changed[routine][name] = content if isinstance(content, Cause) else cause
         self._summarise_faults_and_attachments()
         to_visit = [*self._changed]  # routines whose callers may change more names than noted
@@ -791,7 +791,7 @@ class Machine:
                 subject = "whatever an unknown routine may change" if name == UNKNOWN else name
                 reason = f"{subject} changes while the program runs: by a branch, a loop or a call"
                 line = max(first_line, second_line)
-                cause = Cause(line, reason, "set it once, before branches, loops and calls")
+                cause = Cause(line, reason, "set the value once, before branches, loops and calls")
                 joined[name] = second_content if isinstance(second_content, Cause) else cause, line
         return first if joined == first else joined
 
@@ -924,7 +924,7 @@ class Machine:
             return active
         if changes:
             reason = f"{name} changes while the program runs"
-            return Cause(changes[0].line, reason, "give it once, in numbers")
+            return Cause(changes[0].line, reason, "give the value once, in numbers")
         if self._language.is_frame(name):
             return name
         return Cause(0, f"{quote_text(name)} is not given by constant numbers")
@@ -1064,7 +1064,7 @@ class Machine:
             is_initial = content == self._language.active[name]
             if not is_initial and not (isinstance(frame, FrameName) and content == frame.name):
                 reason = f"the target is recorded with another {name} than the active one"
-                return place.make_cause(reason, "activate the frame that it is recorded with")
+                return place.make_cause(reason, "activate the frame with which the target is recorded")
         return None
 
     def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> WrittenNumbers | Cause:
