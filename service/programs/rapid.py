@@ -201,7 +201,8 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
     if match := _LASTING.fullmatch(name):
         reason = f"{name} may move targets or frames"
         begin = ir.begin_lasting(match[1], reason, "omit it")
-        return ir.make_uncorrected_move([begin], reason, "omit it") if _FORCE_MOVE.fullmatch(name) else [begin]
+        is_move = _FORCE_MOVE.fullmatch(name) is not None
+        return ir.make_uncorrected_move([begin], reason, "omit it") if is_move else [begin]
     if match := _SHIFT.match(name):
         reason = f"{name} moves targets or frames"
         conveyed = [ir.MakeUnknown(names, reason, "omit it", anytime=True)] if "WOBJ" in name else []

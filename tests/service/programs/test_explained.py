@@ -280,7 +280,9 @@ def test_a_line_of_4096_characters_is_read():
 def test_more_files_than_a_program_of_a_language_has_are_refused(suffix, most):
     with pytest.raises(ProgramError) as refused:
         list_moves([(f"{i}.{suffix}", b"") for i in range(most + 1)])
-    remedy = "send one program; with KUKA's .src its .dat and $config.dat, with ABB's module those of its task"
+    remedy = (
+        "send one program; with KUKA's .src its .dat and $config.dat, with ABB's module those of its task"
+    )
     assert str(refused.value) == f"'{most}.{suffix}': more files were sent than one program has; {remedy}"
 
 
