@@ -75,6 +75,7 @@ _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 def _read_value(line: Line, text: str) -> list[Op]:
     """Return the operations of a value, which may be an expression or a structure `{...}`."""
+    text = re.sub(r"\$(?=(?:BASE|TOOL)\b)", "$ACTIVE_", text)  # the active frames are values, too
     return line.read_expression(_SEPARATED.sub(",", text) if text.startswith("{") else text)
 
 

@@ -30,7 +30,7 @@ _HARMLESS: Final = (
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
     r"|WRITE\w*|OPEN|CLOSE|REWIND|SOCKET\w+|TPREAD\w+|UI\w+|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
     # Corrections of paths act on moves with \Corr only; FCCalib measures the tool's weight.
-    r"|FCCALIB|CORR(?:CON|DISCON|CLEAR|WRITE)|(?:START|STOP)MOVE|(?:STORE|RESTO|CLEAR)PATH"
+    r"|FCCALIB|DROPWOBJ|CORR(?:CON|DISCON|CLEAR|WRITE)|(?:START|STOP)MOVE|(?:STORE|RESTO|CLEAR)PATH"
 )
 # Moves of a process, and instructions that shift targets and frames: neither can be corrected
 _PROCESS_MOVE: Final = re.compile(
@@ -41,10 +41,10 @@ _PROCESS_OPTIONS: Final = re.compile(
     rf"{_OPTIONS.pattern}|ON|OFF|WEAVE|SEAMNAME|TIME|TRIGGDATA\d|(?:OPEN|CLOSE|WAIT|IN|OUT)\w*"
 )
 _SEARCH: Final = re.compile(r"SEARCH[LCJ]|SEARCHEXTJ")
-_SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CORR|WAITWOBJ|DROPWOBJ|IND")
+_SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CORR|WAITWOBJ|IND")
 _END_OF_LASTING: Final = {
     "PDISPOFF": "PDISP", "EOFFSOFF": "EOFFS", "SOFTDEACT": "SOFT", "FCDEACT": "FC", "FCPRESSEND": "FC",
-    "SYNCMOVEOFF": "SYNCMOVE", "EGMRESET": "EGM", "DROPWOBJ": "WAITWOBJ",
+    "SYNCMOVEOFF": "SYNCMOVE", "EGMRESET": "EGM",
 }  # fmt: skip
 """Kinds of what lasts, by the instructions that end it."""
 # Force control, moves of several robots, and guidance from outside
@@ -205,8 +205,9 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
         return ir.make_uncorrected_move([begin], reason, "omit it") if is_move else [begin]
     if match := _SHIFT.match(name):
         reason = f"{name} moves targets or frames"
-        conveyed = [ir.MakeUnknown(names, reason, "omit it", anytime=True)] if "WOBJ" in name else []
-        return [*conveyed, ir.begin_lasting(match[0], reason, "omit it")]
+        if match[0] == "WAITWOBJ":  # a conveyor moves this work object, and no other one
+            return [ir.MakeUnknown(names, reason, "omit it", anytime=True)]
+        return [ir.begin_lasting(match[0], reason, "omit it")]
     return []
 
 
