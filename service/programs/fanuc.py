@@ -40,7 +40,8 @@ _HARMLESS: Final = (
     r"|Weave [\w ]+(?:\[[^\[\]]*\])?|(?:SKIP|(?:TOOL_|V)?OFFSET) CONDITION .+|MONITOR END \w+"
     r"|VISION (?:RUN_FIND|GET_NFOUND|SET_REFERENCE) .*"
     # A search moves to contact by moves that say Search, which are left; a pattern of a pallet is a register.
-    r"|Search (?:Start|End).*|PALLETIZING-\w+|BACKUP=(?:OPEN|CLOSE)"
+    r"|Search (?:Start|End).*|PALLETIZING-\w+"
+    r"|[A-Z]+=(?:ON|OFF|OPEN|CLOSE)"
 )
 # Instructions of words alone that displace targets, or soften the arm, until others end them
 _LASTING_WORDS: Final = (

@@ -103,6 +103,14 @@ def _get_structure_name(name: str) -> str:
     return variable.partition(".")[0] + separator + routine
 
 
+def _leave_moves(op: Op) -> list[Op]:
+    """Return an operation of a further file: its moves are not corrected, so that their targets must stay."""
+    if isinstance(op, ir.Move):
+        names = frozenset(each for each in (*op.targets, *op.offset_from) if not isinstance(each, Literal))
+        return [ir.Use(names)] if names else []
+    return [] if isinstance(op, ir.MoveToStored | ir.Note) else [op]
+
+
 class UnmatchedEnd(Misread):
     """Error that a branch, loop, routine or jump lacks an end; `place` is the index of the existing end."""
 
@@ -410,10 +418,9 @@ class Machine:
         ):
             ops = translations.get(masked)
             if ops is None:
-                try:
-                    ops = translate(masked)
-                except Misread as fault:
-                    self.refuse(line, fault.reason, fault.remedy, source)
+                ops = self._translate(translate, masked, line, source)
+                if source and not declares:
+                    ops = [(offset, each) for offset, op in ops for each in _leave_moves(op)]
                 if len(translations) < _MAX_TRANSLATIONS:
                     translations[masked] = ops
             if (
@@ -1016,6 +1023,8 @@ class Machine:
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
         cause = self._find_obstacle(place, op, frames, state)
+        for name in op.offset_from:
+            self._note_offset(place, name, frames[0], state)
         is_behind_unknown = UNKNOWN in state or UNKNOWN in self._anytime
         self._needs_assumption |= cause is None and is_behind_unknown and bool(self.unknown_routines)
         repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
@@ -1047,6 +1056,12 @@ class Machine:
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
         targets = [each for each in contents if isinstance(each, WrittenNumbers)]
         self.columns.add_move(op, place.line, targets, frames, cause)
+
+    def _note_offset(self, place: Place, name: Name, frames: Frames, state: State) -> None:
+        """Note that a move goes to an offset from a target; in other frames, the target is not corrected."""
+        target = self._evaluate_target(place, name, state)
+        if isinstance(target, WrittenNumbers):
+            self.columns.add_offset(target, frames, place.line)
 
     def _find_obstacle(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""

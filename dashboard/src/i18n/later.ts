@@ -433,7 +433,7 @@ export const later = {
     drop: "Drop the program here",
     dropHint: "KUKA .src with its .dat, FANUC .LS, ABB .mod, UR script or CSV.",
     choose: "Choose a program",
-    accept: ".src,.dat,.ls,.LS,.mod,.script,.csv",
+    accept: ".src,.dat,.ls,.LS,.mod,.prg,.sys,.script,.csv",
     remove: "Remove",
     labels: {
       accuracy_option: "Accuracy option of the controller",

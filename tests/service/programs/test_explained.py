@@ -278,11 +278,14 @@ def test_a_line_of_4096_characters_is_read():
     assert len(read("a.src", line[:4096]).moves) == 1
 
 
-def test_two_files_of_a_language_with_one_are_refused():
+@pytest.mark.parametrize(("suffix", "most"), [("script", 1), ("LS", 1), ("csv", 1), ("src", 12), ("mod", 12)])
+def test_more_files_than_a_program_of_a_language_has_are_refused(suffix, most):
     with pytest.raises(ProgramError) as refused:
-        list_moves([("a.mod", b"MODULE a\nENDMODULE"), ("b.mod", b"MODULE a\nENDMODULE")])
-    remedy = "send one program; with KUKA's .src its .dat and $config.dat"
-    assert str(refused.value) == f"'b.mod': more files were sent than one program has; {remedy}"
+        list_moves([(f"{i}.{suffix}", b"") for i in range(most + 1)])
+    remedy = (
+        "send one program; with KUKA's .src its .dat and $config.dat, with ABB's module those of its task"
+    )
+    assert str(refused.value) == f"'{most}.{suffix}': more files were sent than one program has; {remedy}"
 
 
 @pytest.mark.parametrize("statement", ["LIN {}", "P1={}", "DECL FDAT F={}", "FDAT_ACT={}", "TOOL_DATA[1]={}"])
