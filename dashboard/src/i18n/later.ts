@@ -420,6 +420,14 @@ export const later = {
     missing: (what: string) => `Missing in the table: ${what}. Use the campaign to fill in, which has it.`,
     nothingRead: "No posture in this file is complete yet.",
   },
+  rehearsal: {
+    title: "Rehearsal",
+    intro:
+      "Simulate the readings of this campaign with known stiffnesses, and identify them: the same robot, postures, loads and noise. Nothing is stored.",
+    go: "Rehearse",
+    again: "Rehearse with other noise",
+    going: "Rehearsing…",
+  },
   program: {
     kind: "Compensated program",
     form: "Compensate a program",
