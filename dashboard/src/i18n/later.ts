@@ -425,6 +425,14 @@ export const later = {
     missing: (what: string) => `The table lacks ${what}. Use the campaign to fill in instead.`,
     nothingRead: "No posture in this file is complete yet.",
   },
+  rehearsal: {
+    title: "Rehearsal",
+    intro:
+      "Simulate the readings of this campaign with known stiffnesses, and identify them: the same robot, postures, loads and noise. Nothing is stored.",
+    go: "Rehearse",
+    again: "Rehearse with other noise",
+    going: "Rehearsing…",
+  },
   program: {
     kind: "Compensated program",
     form: "Compensate a program",

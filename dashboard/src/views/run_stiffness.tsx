@@ -29,6 +29,7 @@ import { JointTable, Stiffness } from "./joint_table";
 import { Further } from "../components/findings";
 
 const assessmentWords = text.assessment;
+const Rehearsal = lazy(async () => (await import("./rehearsal")).Rehearsal);
 const Assumed = lazy(async () => (await import("./assumed")).Assumed);
 
 /** What a joint is if it has a number. */
@@ -151,6 +152,7 @@ export function StiffnessPart({ context, result }: PartProps) {
       {(result.links || result.choice?.models.length || result.resampling) && (
         <JobTables collection="runs" id={run.id} from={1} />
       )}
+      {!run.request.weight && <Rehearsal job={run.id} />}
       <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
       <Evidence context={context} result={result} />
     </>
