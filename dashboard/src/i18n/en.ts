@@ -229,7 +229,8 @@ export const en = {
     share: "Copy link",
     shared: "Link copied",
     delete: "Delete",
-    download: "Download",
+    download: "JSON",
+    pdf: "Report as PDF",
     downloadHint: "Download this run as JSON",
     summary: {
       numbered: "joints have a stiffness",

@@ -362,7 +362,6 @@ export const later = {
   },
   runFiles: {
     title: "Files",
-    pdf: "Report as PDF",
     html: "Report as HTML",
     intro: "A report to sign, and the model for other programs. A joint without a stiffness has no spring.",
     models: {
