@@ -102,7 +102,7 @@ export const en = {
     dropHint: "Tables and lists of points (CSV, text, Excel), several at once, or a campaign (JSON)",
     choose: "Choose file",
     another: "Choose other files",
-    stored: "Or a stored set",
+    stored: "Stored set",
     storedNone: "Choose a stored set",
     checking: "Checking and storing…",
     understood: "Content of the file",
@@ -230,7 +230,7 @@ export const en = {
     shared: "Link copied",
     delete: "Delete",
     download: "JSON",
-    pdf: "Report as PDF",
+    pdf: "PDF report",
     downloadHint: "Download this run as JSON",
     summary: {
       numbered: "joints have a stiffness",

@@ -361,8 +361,8 @@ export const later = {
     },
   },
   runFiles: {
-    title: "Files",
-    html: "Report as HTML",
+    title: "Report and model",
+    html: "HTML report",
     intro: "A report to sign, and the model for other programs. A joint without a stiffness has no spring.",
     models: {
       csv: ["CSV", "Joints with their intervals"],
