@@ -8,7 +8,7 @@ two points of a line.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -129,6 +129,14 @@ class Trellis:
             first, last = numbers[first[both]] - rows[i].start, numbers[last[both]] - rows[i + 1].start
             links.append(Links(first.astype(np.int32), last.astype(np.int32), link.cost[both]))
         return Trellis(self.candidates.select(kept), rows, links, self.angles)
+
+    def leave_out(self, point: int, left: BoolArray) -> Trellis:
+        """Return a trellis without the motions to a point that a mask (E,) of its motions names."""
+        links = list(self.links)
+        here = links[point - 1]
+        if here is not None:
+            links[point - 1] = Links(here.first[~left], here.last[~left], here.cost[~left])
+        return replace(self, links=links)
 
     def find_best(self, value: FloatArray, *, greatest: bool = False) -> IndexArray | None:
         """Find the sequence of the least sum of values, or of the least greatest value.

@@ -153,6 +153,52 @@ def test_joints_pass_half_a_turn_without_a_jump():
     assert again.size == pytest.approx(choice.size, rel=0.05)
 
 
+def follow(arm, place, start, ends):
+    """Joints (10, 6) along a line of the tool's centre, with one turn of the tool, by Newton's method."""
+    (r0, t0, _), (r1, t1, _) = (place_flange(arm, each) for each in (start, ends))
+    turn, tips = Rotation.from_matrix(r0.T @ r1).as_rotvec(), (r0 @ place + t0, r1 @ place + t1)
+    q, found = start.copy(), []
+    for part in np.linspace(0.1, 1.0, 10):
+        rotation = r0 @ Rotation.from_rotvec(part * turn).as_matrix()
+        origin = (1.0 - part) * tips[0] + part * tips[1] - rotation @ place
+        for _ in range(30):
+            r, t, joints = place_flange(arm, q)
+            gap = np.append(origin - t, Rotation.from_matrix(rotation @ r.T).as_rotvec())
+            columns = [np.append(np.cross(axis, t - point), axis) for axis, point, _ in joints]
+            q = q + np.linalg.solve(np.column_stack(columns), gap)
+            if np.abs(gap).max() < 1e-12:
+                break
+        found.append(q)
+    np.testing.assert_allclose(q, ends, rtol=0, atol=1e-8)
+    return np.array(found)
+
+
+def test_limits_are_kept_between_points_where_the_controller_interpolates():
+    """Limits are narrowed to the points of a path of few points, so that its joints pass them between."""
+    beyond = followed = 0
+    for yaw in (0.0, 1.5, 3.0, 4.5):
+        p = process_path("pocket", np.array([1.7, 0.2, 0.8]), count=10, yaw=yaw)
+        task = TurnTask.free(36, 0.04, Motion(np.radians(45.0), 0.05))
+        model = JointModel(robot_of(BASE), BASE.compliances, None, Constraints(Bounds.positive(6)))
+        loose = choose_turns(model, InverseKinematics(model.robot), p, task)
+        limits = np.column_stack([loose.joints.min(axis=0) - 1e-6, loose.joints.max(axis=0) + 1e-6])
+        narrow = replace(BASE, limits=limits)
+        lines = [follow(BASE, p.place[i], *loose.joints[i : i + 2]) for i in range(len(p) - 1)]
+        beyond += any((each < limits[:, 0]).any() or (each > limits[:, 1]).any() for each in lines)
+        model = JointModel(robot_of(narrow), BASE.compliances, None, Constraints(Bounds.positive(6)))
+        try:
+            choice = choose_turns(model, InverseKinematics(model.robot), p, task)
+        except RequestError:
+            continue
+        followed += 1
+        for i in range(len(p) - 1):
+            line = follow(BASE, p.place[i], *choice.joints[i : i + 2])
+            assert (line >= limits[:, 0] - 1e-4).all()
+            assert (line <= limits[:, 1] + 1e-4).all()
+    assert beyond
+    assert followed
+
+
 @pytest.mark.parametrize("count", [1, 2, 1_000])
 def test_paths_of_one_point_and_of_a_thousand(count):
     arm, model, inverse, p = set_up("rail", "far off axis 6", "blade", count=40)
