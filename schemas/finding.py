@@ -240,7 +240,7 @@ class Finding(Message):
     code: FindingCode = Field(description="Kind of the finding.")
     weight: Verdict = Field(
         description="Best verdict that the finding allows. `do_not_use`: almost certainly a mistake. "
-        "`use_with_care`: to be checked. `use`: a remark."
+        "`use_with_care`: check the readings. `use`: a remark."
     )
     where: str | None = Field(
         default=None,

@@ -102,8 +102,8 @@ class IdentifiedModel(Message):
     seen: list[Name] = Field(description="Joints to which the following rows and columns belong.")
     estimate: Compliance[list[float]] = Field(description="Estimate without constraints.")
     covariance: SquareCompliance[list[list[float]]] = Field(
-        description="Covariance of that estimate, the uncertainty of the force included; empty if sigma is "
-        "unknown."
+        description="Covariance of the unconstrained estimate, the uncertainty of the force included; "
+        "empty if sigma is unknown."
     )
     information_root: list[list[float]] | None = Field(
         description="Matrix R with R'R the inverse of the covariance of the determined combinations, in "
