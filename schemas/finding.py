@@ -76,7 +76,7 @@ class NamedCause(Message):
         return self.name, self.first
 
 
-class Action(Message):
+class AdvisedAction(Message):
     """Action that a program can offer; it changes only the named options or readings."""
 
     kind: ActionKind = Field(
@@ -120,7 +120,7 @@ class Action(Message):
         unit: Unit | None = None,
         robot: str | None = None,
         robot_id: str | None = None,
-    ) -> Action:
+    ) -> AdvisedAction:
         """Build an action; fields for which no argument is given are empty or null."""
         return cls(
             kind=kind,
@@ -252,7 +252,7 @@ class Finding(Message):
     )
     message: str = Field(description="Description of the observed effect, with its number and unit.")
     remedy: str = Field(description="Remedy in words.")
-    action: Action | None = Field(
+    action: AdvisedAction | None = Field(
         default=None, description="Remedy that a program can carry out; null if only a person can."
     )
 

@@ -20,7 +20,7 @@ MAX_FAULTS = 20
 Delimiter = Literal["comma", "semicolon", "tab", "whitespace"]
 DecimalMark = Literal["point", "comma"]
 State = Literal["unloaded", "loaded", "deflection", "unloaded_after"]
-TableFormat = Literal["text", "xlsx"]
+TableFormat = Literal["text", "xlsx", "mat", "hdf5", "parquet"]
 MissingField = Literal[
     "joints",
     "force",
@@ -83,7 +83,9 @@ class ImportOptions(Message):
         default_factory=list, description="Headers of columns to ignore; blanks are collapsed."
     )
     sheet: str | None = Field(
-        default=None, max_length=100, description="Sheets of an Excel file, separated by ;."
+        default=None,
+        max_length=100,
+        description="Sheets of an Excel file or groups of an HDF5 file, separated by ;.",
     )
     point_name: Template | None = Field(
         default=None,
@@ -142,7 +144,7 @@ class FilePreview(Message):
 
     file: str = Field(description="Name of the file, as sent.")
     format: TableFormat
-    sheet: str | None = Field(default=None, description="Sheet of an Excel file.")
+    sheet: str | None = Field(default=None, description="Sheet of an Excel file, or group of an HDF5 file.")
     encoding: str | None = Field(default=None, description="Encoding of a text file.", examples=["utf-8"])
     delimiter: Delimiter | None = Field(default=None, description="Delimiter of a text file.")
     decimal_mark: DecimalMark | None = Field(default=None, description="Decimal mark of a text file.")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, StrictBool
+from pydantic import Field, StrictBool, WithJsonSchema
 
 from jointstiff.schemas.fields import Identifier, Message, Name, Timestamp
 from jointstiff.schemas.finding import Assessment, Problem, ResultSummary
@@ -125,7 +125,8 @@ class JobSummary(ResultSummary):
 class JobChange(Message):
     """Changes of a job. Omitted fields remain unchanged."""
 
-    cancelled: Literal[True] | None = Field(
+    # Generators for C# make an enumeration of a constant, which cannot be true: `boolean` is described.
+    cancelled: Annotated[Literal[True], WithJsonSchema({"type": "boolean"})] | None = Field(
         default=None, description="True to cancel the job; a job that has ended does not change."
     )
     deleted: StrictBool | None = Field(

@@ -179,10 +179,12 @@ class ProcessResult(ProgramResult):
         description="Comparison of chosen path and program. `less`: the interval of the difference with "
         "model error excludes zero; else `no_order`. `no_gain`: no turn changes the deflection."
     )
-    before: DeflectionBand = Field(description="Deflection along the path as sent.")
+    before: DeflectionBand | None = Field(
+        description="Deflection along the path as sent; null if the robot does not follow the path there."
+    )
     turned: DeflectionBand = Field(description="Deflection along the path with the chosen turns and place.")
     remaining: DeflectionBand = Field(description="Deflection that remains after the correction.")
-    difference: DeflectionBand = Field(description="`turned` minus `before`.")
+    difference: DeflectionBand | None = Field(description="`turned` minus `before`.")
     fixed_turns: Radians[list[float]] = Field(
         description="Constant turns that were tried along the whole path."
     )
@@ -195,14 +197,15 @@ class ProcessResult(ProgramResult):
     places_tried: int = Field(description="Number of places that were tried.")
     places_reached: int = Field(description="Number of places from which the robot follows the path.")
     flat_low: Metres[Point | None] = Field(
-        description="Least coordinates of the places within 5 % of the best, if any."
+        description="Least coordinates of places within 5 % of the best, of all tried places."
     )
     flat_high: Metres[Point | None] = Field(
         description="Greatest coordinates of the places within 5 % of the best, if any."
     )
     flat_places: int = Field(description="Number of places within 5 % of the best.")
     frames: list[ProgramFrame] = Field(
-        description="Base frames to set in the controller for the best place, in the program's notation."
+        description="Base frames to set in the controller for the best place, in the program's notation. A "
+        "base with numbers in the program stays, and its targets move."
     )
     choice: ProgramFile = Field(
         description="Tables of turns and places; null in answers: get `turns.csv` and `places.csv`."

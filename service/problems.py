@@ -153,11 +153,13 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
     )
     | {
         "distributed": "cluster",
+        "h5py": "tables",
         "httpx2": "client",
         "matplotlib": "plot",
         "openpyxl": "excel",
         "pandas": "frames",
         "polars": "frames",
+        "pyarrow": "tables",
     }
 )
 """Optional library → extra of this package that installs it."""

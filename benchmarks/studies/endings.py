@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.designs import SIGMA
 from benchmarks.report import Figure, Section
 from benchmarks.studies.planted import CAUSES, Plant, Planted, design_campaign, plant_bump, read
-from jointstiff.schemas.finding import Action
+from jointstiff.schemas.finding import AdvisedAction
 from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import RunResult
 from jointstiff.simulator import default_arm
@@ -62,7 +62,7 @@ def _judge(arm: SpringArm, measured: Measurements, options: RunOptions) -> RunRe
 
 
 def _apply(
-    action: Action, measured: Measurements, options: RunOptions
+    action: AdvisedAction, measured: Measurements, options: RunOptions
 ) -> tuple[Measurements, RunOptions] | None:
     """Carry out an action on readings and options; None for an action that changes neither."""
     if action.observations and action.kind in ("leave_out_readings", "fit_causes"):

@@ -17,7 +17,7 @@ from pydantic import Json, JsonValue, TypeAdapter, ValidationError
 
 from jointstiff.schemas.deflection import DeflectionRequest, DeflectionResult
 from jointstiff.schemas.fields import MAX_NAME_LENGTH, Message, Name, content_key
-from jointstiff.schemas.finding import Action
+from jointstiff.schemas.finding import AdvisedAction
 from jointstiff.schemas.imports import ImportAnswer, ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, MeasurementSetRequest
 from jointstiff.schemas.options import RunOptions
@@ -113,7 +113,7 @@ _ProcessOptions = Annotated[
     responses=describe_post_responses(Run),
 )
 async def apply_action(
-    posted: InjectedPost, run_id: JobId, body: Annotated[Action, json_body(EXAMPLES["actions"])]
+    posted: InjectedPost, run_id: JobId, body: Annotated[AdvisedAction, json_body(EXAMPLES["actions"])]
 ) -> Response:
     """Apply an action of a run's assessment, and identify: the new run is a `variant_of` this one.
 
@@ -129,7 +129,7 @@ async def apply_action(
     return await posted.answer(Run.kind_name(), create)
 
 
-def _make_request_after_action(parts: Parts, run: Run, action: Action) -> RunRequest:
+def _make_request_after_action(parts: Parts, run: Run, action: AdvisedAction) -> RunRequest:
     """Apply an action to the inputs of a run; store changed inputs, and return the request of the new run.
 
     Raises:

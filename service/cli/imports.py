@@ -594,7 +594,7 @@ _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
     "joint_tolerance": partial(
         typer.prompt, "Greatest difference of a joint between files, deg or mm", type=float, err=True
     ),
-    "sheet": partial(typer.prompt, "Sheet, or several separated by ;", err=True),
+    "sheet": partial(typer.prompt, "Sheet or group, or several separated by ;", err=True),
     "point_name": partial(
         typer.prompt, "Template of point names, such as {label}_{target}_{state}", err=True
     ),
@@ -680,8 +680,10 @@ def _make_finding_lines(answer: ImportAnswer) -> Iterator[Line]:
 def _describe_format(file: FilePreview) -> str:
     """Describe encoding, delimiter, decimal mark and number of rows of a file, or the sheet of a workbook."""
     rows = f"{file.row_count} row{'s' if file.row_count != 1 else ''}"
-    if file.format == "xlsx":
-        return f"Excel, sheet {file.sheet!r}, {rows}"
+    if file.format != "text":
+        kind = {"xlsx": "Excel", "mat": "MATLAB", "hdf5": "HDF5", "parquet": "Parquet"}[file.format]
+        place = f", {'sheet' if file.format == 'xlsx' else 'group'} {file.sheet!r}" if file.sheet else ""
+        return f"{kind}{place}, {rows}"
     return f"{file.encoding}, {file.delimiter} between cells, decimal {file.decimal_mark}, {rows}"
 
 

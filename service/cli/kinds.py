@@ -76,7 +76,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
         "program": Annotated[
             list[Path],
             cli.file_argument(
-                "PROGRAM", "File of the robot program; for KUKA, the .src file and its .dat file."
+                "PROGRAM",
+                "Robot program, or CSV table of poses; for KUKA, the .src file and its .dat file.",
             ),
         ]
     },
@@ -738,18 +739,16 @@ def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  #
 
 
 def _write_process(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Process
-    """Write the program and the table of turns to the files of --output and --report; return the job."""
-    from jointstiff.service.kinds.process.kind import PROCESS
+    """Write the program, the turns and the places to the files of the options; return the job."""
     from jointstiff.service.kinds.program.work import decompress_file
-    from jointstiff.service.tables.files import csv_text
 
     if values["output"] is not None:
         paths = _choose_program_paths(values, sources)
         for file in job.result.files:
             paths[file.name].write_bytes(decompress_file(file))
-    if values["report"] is not None:
-        sheet = next(file.sheet for file in PROCESS.files if file.name == "turns.csv")
-        cli.write_text(values["report"], csv_text(sheet(job)))
+    for option, table in (("report", "turns.csv"), ("places", "places.csv")):
+        if values[option] is not None:
+            values[option].write_bytes(job.table(table))
     return job
 
 
@@ -820,11 +819,15 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
                 )
             ),
             "report": _make_optional_parameter(cli.path_option("CSV file to write the turns to.")),
+            "places": _make_optional_parameter(
+                cli.path_option("CSV file to write all places to that were tried.")
+            ),
         },
         finish=_write_process,
         list_paths=lambda values, sources: [
             *([] if values["output"] is None else _choose_program_paths(values, sources).values()),
             values["report"],
+            values["places"],
         ],
     ),
     "program": _FileOptions(

@@ -44,7 +44,7 @@ class Row:
 
     line: int  # line of a text file or row of a sheet, from 1
     cells: tuple[str, ...]  # without blanks at the ends
-    # what each cell of a sheet is; None in a text file, where all is text
+    # what each cell of a sheet or of an array is; None in a text file, where all is text
     kinds: tuple[CellKind, ...] | None = None
 
 
@@ -123,20 +123,28 @@ _TYPES_BY_PART: Final = (
 )
 
 
-MATLAB: Final = "a MATLAB file"
-"""Type of a file of arrays that MATLAB wrote up to version 7.2."""
+ArrayFormat = Literal["mat", "hdf5", "parquet"]
+ARRAYS: Final[Mapping[str, ArrayFormat]] = MappingProxyType(
+    {"a MATLAB file": "mat", "an HDF5 file": "hdf5", "a Parquet file": "parquet"}
+)
+"""Type of a file of arrays → format; MATLAB writes HDF5 since version 7.3."""
+_SIGNATURES_OF_ARRAYS: Final = (
+    (b"MATLAB 5.0 MAT-file", "a MATLAB file"),
+    (b"MATLAB 7.3 MAT-file", "an HDF5 file"),
+    (b"\x89HDF\r\n\x1a\n", "an HDF5 file"),
+    (b"PAR1", "a Parquet file"),
+)
+PACKED_SIGNATURES: Final = (_ZIP, *(signature for signature, _ in _SIGNATURES_OF_ARRAYS))
+"""First bytes of files whose content may be many times as large as the file."""
 
 
 def file_type(content: bytes, name: str = "") -> str | None:
     """Return the type of a file in words, such as `a PDF document`; None for text and unknown types."""
     if content.startswith(_ZIP):
         return _archive_type(content)
-    if content.startswith(b"MATLAB 5.0 MAT-file"):
-        return MATLAB
-    if content.startswith((b"MATLAB 7.3 MAT-file", b"\x89HDF\r\n\x1a\n")):
-        return "an HDF5 file"
-    if content.startswith(b"PAR1"):
-        return "a Parquet file"
+    for signature, words in _SIGNATURES_OF_ARRAYS:
+        if content.startswith(signature):
+            return words
     if content[4:8] == b"ftyp":
         return "a picture (HEIC) or a film"
     # White space, or a byte order mark of UTF-8 or UTF-16, may come before the first sign of the content.
@@ -382,12 +390,12 @@ def decide_decimal_mark(
     """Return the decimal mark of a file, and a note for the user if the mark was assumed, else None.
 
     `1,234` alone may be 1.234 or 1234. It is read as 1.234 if another number of the file has a comma that
-    cannot separate thousands, such as `12,5` or `0,125`. Numbers in sheets have a point.
+    cannot separate thousands, such as `12,5` or `0,125`. Numbers in sheets and arrays have a point.
 
     Raises:
         ImportFileError: the file has decimal points and decimal commas, or the mark is ambiguous.
     """
-    if grid.preview.format == "xlsx":
+    if grid.preview.format != "text":
         return _decide_mark_of_texts(grid, rows, columns, stated_mark), None
     if stated_mark is not None:
         return stated_mark, None
@@ -415,10 +423,10 @@ def decide_decimal_mark(
 def _decide_mark_of_texts(
     grid: Grid, rows: Iterable[Row], columns: Collection[int], stated_mark: DecimalMark | None
 ) -> DecimalMark:
-    """Return the decimal mark of numbers that a sheet has as texts; the point if there are none.
+    """Return the decimal mark of numbers that a sheet or an array has as texts; the point if there are none.
 
     Raises:
-        ImportFileError: the sheet has numbers as texts, and their decimal mark is not stated.
+        ImportFileError: there are numbers as texts, and their decimal mark is not stated.
     """
     texts = [
         (row, column)

@@ -26,6 +26,7 @@ from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing import grid
+from jointstiff.service.importing.arrays import read_arrays
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook, split_sheets
 from jointstiff.service.importing.grammar import (
@@ -342,10 +343,8 @@ def _read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
     if kind == grid.WORKBOOK:
         sheets = split_sheets(options.sheet)
         return [read_workbook(file.name, file.content, sheet) for sheet in sheets]
-    if kind == grid.MATLAB:
-        from jointstiff.service.importing.arrays import read_matlab  # with numpy and scipy
-
-        return [read_matlab(file.name, file.content)]
+    if kind is not None and kind in grid.ARRAYS:
+        return read_arrays(file.name, file.content, grid.ARRAYS[kind], split_sheets(options.sheet))
     if kind is not None:
         remedy = "export the readings as CSV, text or .xlsx"
         if kind == grid.JSON:

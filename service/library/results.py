@@ -313,19 +313,23 @@ class PresentedJob(Presented):
         return draw_figure(list(kind.make_charts(job.result)), area_maps, style)
 
     def table(self, suffix: str) -> bytes:
-        """Return the content of the job's main table as a file: `csv`, and for maps also `npz` and `json`.
+        """Return the content of a table of the job as a file.
+
+        Args:
+            suffix: ending of the main table: `csv`, and for maps also `npz` and `json`; or the name of a
+                table, such as `turns.csv` of a process.
 
         Raises:
             ValueError: the kind of job has no such file, or the origin of the job is not known.
         """
         kind = import_kind(self._job.kind)
-        file = next((file for file in kind.files if file.suffix == suffix), None)
+        file = next((file for file in kind.files if suffix in {file.suffix, file.name}), None)
         if file is None:
-            endings = ", ".join(f".{file.suffix}" for file in kind.files) or "none"
-            raise ValueError(f"a {kind.name} has tables of these endings: {endings}")
+            names = ", ".join(file.name for file in kind.files) or "none"
+            raise ValueError(f"a {kind.name} has these tables: {names}")
         if self._origin is not None and self._job.result is not None:
             return self._require_origin().file(self._job, file.name)
-        return write_sheet(self._make_sheet(file), suffix)
+        return write_sheet(self._make_sheet(file), file.suffix)
 
     def report(self, path: str | Path, laboratory: str | Path | None = None) -> None:
         """Write the report of the job to a file.

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from jointstiff.schemas.fields import Vector3
-from jointstiff.schemas.finding import Action, Assessment
+from jointstiff.schemas.finding import AdvisedAction, Assessment
 from jointstiff.schemas.measurement import MeasurementSetDocument, Noise, Observation, Reading, Units
 from jointstiff.schemas.robot import JointMap
 from jointstiff.schemas.run import Campaign
@@ -32,7 +32,7 @@ _USUAL_DISTANCE, _USUAL_SIGMA = 0.2, 2e-5
 _MAX_NAME_LENGTH: Final = 200
 
 
-def find_advised_action(assessment: Assessment, kind: str) -> Action:
+def find_advised_action(assessment: Assessment, kind: str) -> AdvisedAction:
     """Return the first action of a kind that the reasons of an assessment recommend.
 
     Raises:
@@ -50,7 +50,7 @@ def find_advised_action(assessment: Assessment, kind: str) -> Action:
     return advised_action
 
 
-def apply_action_to_campaign(campaign: Campaign, action: Action) -> Campaign:
+def apply_action_to_campaign(campaign: Campaign, action: AdvisedAction) -> Campaign:
     """Return a campaign after an action; the name of the changed robot or set states the action.
 
     For `choose_robot` with a robot's id the campaign keeps its own robot: the caller reads the chosen robot
@@ -118,7 +118,7 @@ def _change_observations(
     ]
 
 
-def _mark_noise_as_refuted(measured: _Set, _action: Action) -> _Set:
+def _mark_noise_as_refuted(measured: _Set, _action: AdvisedAction) -> _Set:
     """Return the set with its noise marked as refuted: it remains stored, but sigma is estimated."""
     noise = measured.noise or Noise(refuted=True)
     return measured.model_copy(update={"noise": noise.model_copy(update={"refuted": True})})
@@ -136,7 +136,7 @@ def _exchange_joint_columns(measured: _Set, columns: Sequence[int]) -> _Set:
     return measured.model_copy(update={"observations": _change_observations(measured, exchange_positions)})
 
 
-def _exchange_load_point_and_target(measurement_set: _Set, action: Action) -> _Set:
+def _exchange_load_point_and_target(measurement_set: _Set, action: AdvisedAction) -> _Set:
     """Return the set with its load point and the place of the action's target exchanged."""
     target, target_places = action.target or "", measurement_set.flange_targets
     if target not in target_places:
@@ -166,7 +166,7 @@ def _exchange_load_point_and_target(measurement_set: _Set, action: Action) -> _S
     )
 
 
-def _exchange_unloaded_and_loaded(measurement_set: _Set, _action: Action) -> _Set:
+def _exchange_unloaded_and_loaded(measurement_set: _Set, _action: AdvisedAction) -> _Set:
     """Return the set with unloaded and loaded readings exchanged; deflections change their sign."""
 
     def exchange_states(observation: Observation) -> dict[str, object]:
@@ -193,7 +193,7 @@ def _exchange_unloaded_and_loaded(measurement_set: _Set, _action: Action) -> _Se
     )
 
 
-def _declare_unit(measurement_set: _Set, action: Action) -> _Set:
+def _declare_unit(measurement_set: _Set, action: AdvisedAction) -> _Set:
     """Return the set with the action's unit declared as its unit; the readings keep their numbers.
 
     Load points, places of targets and the noise are often typed by hand in the right unit. Where such a
@@ -266,7 +266,7 @@ def _convert_typed_lengths(measurement_set: _Set, old_metres: float, new_metres:
     return measurement_set.model_copy(update=changes)
 
 
-_SET_CHANGES: Final[Mapping[str, Callable[[_Set, Action], _Set]]] = {
+_SET_CHANGES: Final[Mapping[str, Callable[[_Set, AdvisedAction], _Set]]] = {
     "leave_out_readings": lambda measured, action: measured.model_copy(
         update={"observations": leave_out_observations(measured.observations, action.observations)}
     ),

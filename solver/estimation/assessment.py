@@ -17,8 +17,8 @@ import numpy as np
 
 from jointstiff.schemas.finding import (
     ROOT_MISTAKES,
-    Action,
     ActionKind,
+    AdvisedAction,
     Finding,
     FindingCode,
     NamedCause,
@@ -359,9 +359,9 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
     }
     what, remedy = (text.format(**words) for text in _ALTERNATIVE_TEXTS[alternative.kind])
     if alternative.target is not None:
-        action = Action.of("exchange_load_and_target", target=measurements.targets[alternative.target])
+        action = AdvisedAction.of("exchange_load_and_target", target=measurements.targets[alternative.target])
     elif alternative.kind == "columns_exchanged":
-        action = Action.of("exchange_columns", joints=names)
+        action = AdvisedAction.of("exchange_columns", joints=names)
     else:
         matrix = robot.joint_map.matrix @ alternative.matrix
         offset = robot.joint_map.matrix @ alternative.offset + robot.joint_map.offset
@@ -372,7 +372,9 @@ def report_alternative(robot: Robot, measurements: Measurements, better: BetterA
             offset = offset + 2.0 * np.pi * np.round(
                 np.where(np.isfinite(turns_to_middle), turns_to_middle, 0.0) / (2.0 * np.pi)
             )
-        action = Action.of("apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist())
+        action = AdvisedAction.of(
+            "apply_joint_map", joints=names, joint_map=matrix.tolist(), offset=offset.tolist()
+        )
     return Finding(
         code="alternative_explains_better",
         weight="do_not_use",
@@ -436,7 +438,7 @@ def report_causes(
         f"significantly better (F test, p = {max(cause.p_value for cause in causes):.1g}){others}; "
         f"compliances change by up to {100 * max(changes):.2g} %",
         remedy="; ".join(dict.fromkeys(remedies)),
-        action=Action.of("fit_causes", wrong, causes=named) if named else None,
+        action=AdvisedAction.of("fit_causes", wrong, causes=named) if named else None,
     )
 
 
@@ -463,7 +465,7 @@ def _report_wrong_postures(
             message=f"the readings of {_name_postures(wrong)} disagree with the joint stiffnesses that fit "
             "all other readings (F test)",
             remedy="check these readings and their loads; repeat the readings, or identify with loss huber",
-            action=Action.of("use_huber" if measurements.direction is None else "show_posture", wrong),
+            action=AdvisedAction.of("use_huber" if measurements.direction is None else "show_posture", wrong),
         )
 
 
@@ -525,11 +527,13 @@ def find_reading_problems(
             observations = min(labels[row:], labels[:row], key=len)
         only_few = first.code not in _LENGTHS and 0 < len(observations) <= MOST_LEFT_OUT * len(labels)
         yield _summarise_findings(
-            group, Action.of("leave_out_readings", observations) if only_few else first.action
+            group, AdvisedAction.of("leave_out_readings", observations) if only_few else first.action
         )
     for group in _group_by_code(others, "use_with_care"):
         observations = _list_observations(labels, group)
-        yield _summarise_findings(group, Action.of("show_posture", observations) if observations else None)
+        yield _summarise_findings(
+            group, AdvisedAction.of("show_posture", observations) if observations else None
+        )
     if cause_found:  # a robust loss is no mend for a cause that moves many postures
         left = [finding for finding in outliers if finding.observation not in wrong]
         yield from _report_outlying(measurements, settings, prediction, left, mend="show_posture")
@@ -569,7 +573,7 @@ def _report_load_at_target(robot: Robot, measurements: Measurements) -> Iterator
             weight="use_with_care",
             message=f"the load point coincides with target {t + 1}, where a reflector is mounted",
             remedy="check the load point in the flange frame",
-            action=Action.of("exchange_load_and_target", target=measurements.targets[t]),
+            action=AdvisedAction.of("exchange_load_and_target", target=measurements.targets[t]),
         )
 
 
@@ -602,10 +606,10 @@ def _report_outlying(
             "fit the other observations. These are too many for single wrong readings: something besides "
             "the joints bends, or angles or loads are wrong",
             remedy="check these postures; if the readings are right, try elasticity joints_and_links",
-            action=Action.of("show_posture", observations),
+            action=AdvisedAction.of("show_posture", observations),
         )
     elif settings.loss != "huber":
-        action = Action.of(mend if measurements.direction is None else "show_posture", observations)
+        action = AdvisedAction.of(mend if measurements.direction is None else "show_posture", observations)
         yield _summarise_findings(outliers, action)
 
 
@@ -622,7 +626,7 @@ def _list_observations(labels: Sequence[str], group: Sequence[Finding]) -> tuple
     return tuple(label for label in labels if label in named)
 
 
-def _summarise_findings(group: Sequence[Finding], action: Action | None) -> Finding:
+def _summarise_findings(group: Sequence[Finding], action: AdvisedAction | None) -> Finding:
     """Return a group's first finding with an action, and the number of other findings in the message."""
     more = f" (and {len(group) - 1} more of this kind)" if len(group) > 1 else ""
     return group[0].model_copy(update={"message": group[0].message + more, "action": action})
@@ -662,7 +666,7 @@ def find_fit_problems(
         d = estimate.triangles.all_readings.rhs
         if solve_nonnegative(estimate.regressor, -d)[1] < (1.0 - UNUSABLE_SHARE) * np.linalg.norm(d):
             remedy = "exchange unloaded and loaded readings, or change the sign of every force"
-            action = Action.of("exchange_readings")
+            action = AdvisedAction.of("exchange_readings")
     yield from report_no_identified_joint(statuses, remedy, action)
     yield from _report_freedom(measurements, estimate, known=pure_error is not None)
     postures: list[FloatArray] = []
@@ -698,7 +702,7 @@ def find_fit_problems(
 
 
 def report_no_identified_joint(
-    statuses: Sequence[str], remedy: str, action: Action | None = None
+    statuses: Sequence[str], remedy: str, action: AdvisedAction | None = None
 ) -> Iterator[Finding]:
     """Yield a finding if no joint has the status `identified`.
 
@@ -848,7 +852,7 @@ def _report_residuals(
             "the uncertainties are too small; by how much depends on deflections that the model does "
             f"not explain{agreement}",
             remedy=_FIT_CAUSES_FIRST if cause_found else _CHECK_NOISE,
-            action=None if cause_found else Action.of("omit_noise"),
+            action=None if cause_found else AdvisedAction.of("omit_noise"),
         )
 
 
@@ -870,7 +874,7 @@ def _report_unexplained(
         message=f"the joints explain only {100 * share:.3g} % of the mean deflection; the joints of "
         "industrial robots usually explain about 80 %",
         remedy="check the robot's model, the joint map, the frame and signs of the forces, and the units",
-        action=Action.of("show_posture", [measurements.labels[norm.argmax()]]),
+        action=AdvisedAction.of("show_posture", [measurements.labels[norm.argmax()]]),
     )
 
 
@@ -947,7 +951,7 @@ def _report_complementary_stiffness(size: ComplementaryStiffness) -> Iterator[Fi
             message="neglecting the complementary stiffness K_c biases a compliance by "
             f"{size.largest_shift:.2g} standard uncertainties",
             remedy="set complementary_stiffness: included",
-            action=Action.of("include_complementary_stiffness"),
+            action=AdvisedAction.of("include_complementary_stiffness"),
         )
 
 
@@ -1008,5 +1012,5 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
             remedy="set elasticity to automatic, so that the readings choose the model; otherwise use these "
             "stiffnesses, which include the bending of links, only for postures and loads like the measured "
             "ones",
-            action=Action.of("choose_model") if gain is None and screening.comparable else None,
+            action=AdvisedAction.of("choose_model") if gain is None and screening.comparable else None,
         )

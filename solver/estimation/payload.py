@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.finding import Action, Finding
+from jointstiff.schemas.finding import AdvisedAction, Finding
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.estimation.estimate import JointCompliance
 from jointstiff.solver.mechanics.measurements import FORCE_UNITS, Measurements
@@ -118,7 +118,7 @@ def inspect_force_unit(
             if number
             else f"{message}; {comparison_text}",
             remedy=f"check in which unit the forces were read; if in {unit}, set `units.force` to {unit}",
-            action=Action.of("convert_units", unit=unit),
+            action=AdvisedAction.of("convert_units", unit=unit),
         )
     if not plausible_units:
         yield Finding(

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from jointstiff.schemas.finding import Action, Finding, FindingCode, Unit
+from jointstiff.schemas.finding import AdvisedAction, Finding, FindingCode, Unit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.estimation.triangle import Triangle
 from jointstiff.solver.integrity.values import (
@@ -989,7 +989,7 @@ def _find_mistake_of_the_set(
         f"targets moved against the force in {int(against_force.sum())} of {len(against_force)} observations",
         "change the sign of every force (forces are those on the robot); or exchange unloaded and loaded",
         "do_not_use",
-        Action.of("exchange_readings"),
+        AdvisedAction.of("exchange_readings"),
     )
 
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.schemas.finding import Action, Finding
+from jointstiff.schemas.finding import AdvisedAction, Finding
 from jointstiff.solver.arrays import BoolArray, FloatArray
 from jointstiff.solver.integrity.against_model import (
     EXPLAINED,
@@ -96,7 +96,7 @@ def inspect_other_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[F
             f"only {explained_by_chosen} of {len(rows)}, within {length_text(LARGEST_MODEL_ERROR)}{tie}",
             f"check which robot was measured; if '{name}' was measured, choose this robot",
             "do_not_use",
-            Action.of("choose_robot", robot=name, robot_id=fit.known.identifier),
+            AdvisedAction.of("choose_robot", robot=name, robot_id=fit.known.identifier),
         )
 
 

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from jointstiff.schemas.finding import Action, Finding, FindingCode, Unit, Verdict
+from jointstiff.schemas.finding import AdvisedAction, Finding, FindingCode, Unit, Verdict
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.mechanics.block import unloaded_postures
@@ -80,7 +80,7 @@ class View:
         message: str,
         remedy: str,
         weight: Verdict = "use_with_care",
-        action: Action | None = None,
+        action: AdvisedAction | None = None,
         *,
         row: int | None = None,
     ) -> Finding:
@@ -117,7 +117,7 @@ class View:
             f"the {quantity}s seem to be in {unit}, not in {declared} as declared: {effect}",
             f"set `units.{quantity}` to {unit}",
             "do_not_use",
-            Action.of("convert_units", unit=unit),
+            AdvisedAction.of("convert_units", unit=unit),
         )
 
     @cached_property
@@ -289,7 +289,7 @@ def inspect_loads(view: View) -> Iterator[Finding]:
             f"to {greatest:g} N",
             "check `units.force`: kN may have been read as N, or N as kN (kgf read as N is not detected)",
             "do_not_use",
-            Action.of("convert_units", unit="N" if median_force > greatest else "kN"),
+            AdvisedAction.of("convert_units", unit="N" if median_force > greatest else "kN"),
         )
 
 

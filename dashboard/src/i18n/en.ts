@@ -1,5 +1,5 @@
 /** All words of the page, in English: those of its first views; the others are in later.ts. */
-import type { Action, Loss, Progress } from "../api/types";
+import type { AdvisedAction, Loss, Progress } from "../api/types";
 import type { Fault } from "../lib/campaign";
 
 /** Reasons why a file is refused before it is sent. */
@@ -102,7 +102,7 @@ export const en = {
     dropHint: "Tables and lists of points (CSV, text, Excel), several at once, or a campaign (JSON)",
     choose: "Choose file",
     another: "Choose other files",
-    stored: "Or a stored set",
+    stored: "Stored set",
     storedNone: "Choose a stored set",
     checking: "Checking and storing…",
     understood: "Content of the file",
@@ -229,7 +229,8 @@ export const en = {
     share: "Copy link",
     shared: "Link copied",
     delete: "Delete",
-    download: "Download",
+    download: "JSON",
+    pdf: "PDF report",
     downloadHint: "Download this run as JSON",
     summary: {
       numbered: "joints have a stiffness",
@@ -317,7 +318,7 @@ export const en = {
       choose_model: () => "Choose the model by the readings",
       choose_robot: ({ robot }) => `Choose another robot: ${robot ?? ""}`,
       show_posture: () => "Show the posture",
-    } satisfies Record<Action["kind"], (action: Action) => string>,
+    } satisfies Record<AdvisedAction["kind"], (action: AdvisedAction) => string>,
     noiseStated: "noise stated",
     beforeAfter: "Before and after",
     before: "Before",

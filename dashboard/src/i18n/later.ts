@@ -199,7 +199,8 @@ export const later = {
     fileFacts: ({ row_count, format, sheet, encoding, delimiter, decimal_mark }: FilePreview) =>
       [
         plural(row_count, "row", "rows"),
-        format === "xlsx" ? `Excel${sheet === null ? "" : `, sheet “${sheet}”`}` : null,
+        { text: null, xlsx: "Excel", mat: "MATLAB", hdf5: "HDF5", parquet: "Parquet" }[format],
+        sheet && `${format === "xlsx" ? "sheet" : "group"} “${sheet}”`,
         encoding,
         delimiter && `delimiter ${delimiter}`,
         decimal_mark && `decimal ${decimal_mark}`,
@@ -290,7 +291,7 @@ export const later = {
         point_name: "Names of points, for example {label}_{target}_{state}",
         file_name: "Names of files, for example {target}_{state}, without the extension",
       },
-      pickSheet: "Choose the sheet that has the readings",
+      pickSheet: "Choose the sheet or group that has the readings",
     },
   },
   /** Forms that are made from the service's description of its requests. */
@@ -364,9 +365,8 @@ export const later = {
     },
   },
   runFiles: {
-    title: "Files",
-    pdf: "Report as PDF",
-    html: "Report as HTML",
+    title: "Report and model",
+    html: "HTML report",
     intro:
       "A report to sign, and the model for other programs. A joint without a stiffness has no spring in the model.",
     models: {
@@ -424,6 +424,14 @@ export const later = {
     missing: (what: string) => `The table lacks ${what}. Use the campaign to fill in instead.`,
     nothingRead: "No posture in this file is complete yet.",
   },
+  rehearsal: {
+    title: "Rehearsal",
+    intro:
+      "Simulate the readings of this campaign with known stiffnesses, and identify them: the same robot, postures, loads and noise. Nothing is stored.",
+    go: "Rehearse",
+    again: "Rehearse with other noise",
+    going: "Rehearsing…",
+  },
   program: {
     kind: "Compensated program",
     form: "Compensate a program",
@@ -432,7 +440,7 @@ export const later = {
     drop: "Drop the program here",
     dropHint: "KUKA .src with its .dat, FANUC .LS, ABB .mod, UR script or CSV.",
     choose: "Choose a program",
-    accept: ".src,.dat,.ls,.LS,.mod,.script,.csv",
+    accept: ".src,.dat,.ls,.LS,.mod,.prg,.sys,.script,.csv",
     remove: "Remove",
     labels: {
       accuracy_option: "Accuracy option of the controller",
@@ -470,6 +478,11 @@ export const later = {
     binAxis: "Distance [mm]",
     points: "points",
     view: "Robot at the chosen point, with the path. Arrow keys orbit, plus and minus zoom.",
+  },
+  box: {
+    view: "Robot with the box; the field below has its corners. Arrow keys orbit, plus and minus zoom.",
+    hint: "Drag a face or the middle of the box, or type its corners.",
+    begin: "Draw a box at the flange",
   },
   map: {
     title: (set: string) => `Map by ${set}`,

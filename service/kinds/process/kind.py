@@ -71,12 +71,12 @@ def _choice_sheet(name: str) -> Callable[[Process], Sheet]:
 
     def make_sheet(job: Process) -> Sheet:
         """Return the table, decompressed from the stored result of a process."""
-        from jointstiff.service.kinds.process import work
+        from jointstiff.service.kinds.process import tables
         from jointstiff.service.kinds.program.work import decompress_file
 
         if job.result is None:
             raise ValueError("the process has no result")
-        make = work.turns_sheet if name == "turns" else work.places_sheet
+        make = tables.turns_sheet if name == "turns" else tables.places_sheet
         return make(decompress_file(job.result.choice))
 
     return make_sheet
@@ -94,10 +94,12 @@ _GAINS: Final = {
 def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
     """Return the report: deflection before and after, what turning gains, the best places, remarks."""
     size = "root mean square" if result.objective == "rms" else "greatest"
-    before, turned = result.before.value, result.turned.value
-    change = _GAINS.get(
-        result.gain, f"{figure(100 * (1 - turned / before), '.3g')} % less deflection than before"
-    )
+    change = _GAINS.get(result.gain, "")
+    if result.before is None:
+        change = "the robot does not follow the path where it was sent"
+    elif not change:
+        share = 1 - result.turned.value / result.before.value
+        change = f"{figure(100 * share, '.3g')} % less deflection than before"
     parts: list[Part] = [
         Line(f"{change}; {result.points} targets, {result.moves} moves"),
         _bands_table(result, f"Deflection along the path, {size}", job.request.confidence),
@@ -123,11 +125,14 @@ _FRAME_UNITS: Final = {
     "ur": ("m", "rad"),
 }
 """Units of position and orientation of a frame, by the format of the program; a table has its own."""
+_FRAME_DECIMALS: Final = {"krl": 4, "fanuc": 4}
+"""Decimals of the numbers of a frame, where they are in mm and °; else there are metres or quaternions."""
 
 
 def _frame_text(frame: ProgramFrame, program_format: str) -> str:
     """Return a base frame as text: name, and numbers as the program writes frames, with their units."""
-    numbers = [figure(each, ".7g") for each in frame.values]
+    decimals = _FRAME_DECIMALS.get(program_format, 6)
+    numbers = [figure(round(each, decimals) + 0.0, ".9g") for each in frame.values]
     position, orientation = ", ".join(numbers[:3]), ", ".join(numbers[3:])
     name = frame.name or "the base"
     if program_format not in _FRAME_UNITS:
@@ -187,7 +192,8 @@ def _place_parts(result: ProcessResult) -> list[Part]:
             f"{axis} {1e3 * low:.0f} to {1e3 * high:.0f}"
             for axis, low, high in zip("xyz", result.flat_low, result.flat_high, strict=True)
         ]
-        lines.append(f"{result.flat_places} places are within 5 % of the best: {', '.join(extent)} mm")
+        count = "1 place" if result.flat_places == 1 else f"{result.flat_places} places"
+        lines.append(f"{count} of the search within 5 % of the best: {', '.join(extent)} mm")
     return parts + [Line(each) for each in lines]
 
 

@@ -92,6 +92,13 @@ def whole(schema, openapi):
     return fields, required
 
 
+SYSTEM = """\
+    Action Activator Array Attribute Boolean Buffer Byte Char Console Convert Cookie DateOnly DateTime Decimal
+    Delegate Double Enum Enumerable Environment Exception Guid Half HttpContent Index IPAddress Math Nullable
+    Object Random Range Single String TimeOnly TimeSpan Tuple Type Uri Version"""
+"""Names of classes without type parameters in `System`, `System.Linq` and `System.Net`."""
+
+
 class TestRulesOfOpenapiGenerator:
     """What `openapi-generator validate --recommend` (7.26) finds fault with, or its generators warn of."""
 
@@ -109,6 +116,14 @@ class TestRulesOfOpenapiGenerator:
             for name in named
         }
         assert references == components
+
+    def test_a_client_in_csharp_has_no_name_twice_and_no_constant_but_texts(self, openapi):
+        """Its files use `System` and `System.Net`: a message of the same name is ambiguous there."""
+        assert not set(SYSTEM.split()).intersection(openapi["components"]["schemas"])
+        constants = [[each["const"]] if "const" in each else each.get("enum", []) for each in parts(openapi)]
+        stated = [value for values in constants if isinstance(values, list) for value in values]
+        assert stated
+        assert all(isinstance(value, str) for value in stated)
 
     def test_an_operation_has_a_name_of_its_own_and_its_parameters_of_the_path(self, openapi):
         names = [each["operationId"] for *_, each in operations(openapi)]

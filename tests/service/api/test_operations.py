@@ -94,7 +94,7 @@ FILES = """\
 * `program` of a program or process: a compensated file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units
 * geometry: `axes.csv` (each axis: a point and the direction in R0 at model angle zero, uncertainties)
-* plan: `report.pdf`, `report.html`, `readings.csv` (the readings in their order)
+* plan: `report.pdf`, `report.html`, `rehearsal.json`, `readings.csv` (the readings in their order)
 * fleet: `report.pdf`, `report.html`, `table.csv` (one row per set and joint: stiffness with its interval, verdict; or the set's error)
 """  # noqa: E501 - lines of the description
 

@@ -13,7 +13,7 @@ from support.importing_samples import MM, sources_of
 from support.readings import by_gauges, triads
 
 from jointstiff import identify, plan
-from jointstiff.schemas.finding import Action
+from jointstiff.schemas.finding import AdvisedAction
 from jointstiff.schemas.imports import ImportRequest
 from jointstiff.schemas.measurement import MeasurementSetDocument, Observation, Reading
 from jointstiff.schemas.robot import RobotDocument
@@ -203,7 +203,7 @@ def test_exchanged_readings_turn_gauges_too():
     document = gauges()[1]
     read = Campaign.model_validate_json(json.dumps(document))
     turned = apply_action_to_campaign(
-        read, Action.model_construct(kind="exchange_readings", unit=None)
+        read, AdvisedAction.model_construct(kind="exchange_readings", unit=None)
     ).measurement_set
     before = document["measurement_set"]["observations"][0]["readings"][0]["displacement"]
     assert turned.observations[0].readings[0].displacement == -before
@@ -217,7 +217,7 @@ def test_the_sigma_of_a_gauge_keeps_its_size_in_another_unit():
     document["measurement_set"].pop("noise")
     read = Campaign.model_validate_json(json.dumps(document))
     changed = apply_action_to_campaign(
-        read, Action.model_construct(kind="convert_units", unit="mm")
+        read, AdvisedAction.model_construct(kind="convert_units", unit="mm")
     ).measurement_set
     assert changed.units.length == "mm"
     assert changed.observations[0].readings[0].sigma == pytest.approx(2e-3)

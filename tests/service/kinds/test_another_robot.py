@@ -7,7 +7,7 @@ from support.api import post
 from support.catalogue_arms import build_nominal_robots, readings_on
 
 import jointstiff as js
-from jointstiff.schemas.finding import Action
+from jointstiff.schemas.finding import AdvisedAction
 from jointstiff.service.resources.known_robots import catalogue_robots
 from jointstiff.service.tables.report import remedies
 
@@ -55,15 +55,15 @@ def test_of_a_tie_the_terminal_offers_to_apply_the_first():
 
 
 def test_only_its_own_action_names_a_robot():
-    other = Action.of("use_huber").model_dump()
+    other = AdvisedAction.of("use_huber").model_dump()
     assert (other["robot"], other["robot_id"]) == (None, None)
-    chosen = Action.of("choose_robot", robot="R", robot_id="0" * 32)
+    chosen = AdvisedAction.of("choose_robot", robot="R", robot_id="0" * 32)
     assert {name for name, value in chosen.model_dump().items() if value != other[name]} == {
         "kind",
         "robot",
         "robot_id",
     }
-    assert Action.model_validate_json(chosen.model_dump_json()) == chosen
+    assert AdvisedAction.model_validate_json(chosen.model_dump_json()) == chosen
 
 
 def test_nothing_of_the_catalogue_is_built_before_it_is_needed(monkeypatch):

@@ -9,8 +9,8 @@ from support.command_lines import refused, typed
 
 import jointstiff as js
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.library.rehearse import _Simulation
 from jointstiff.service.library.robots import prepare_once
+from jointstiff.service.live.rehearsal import _Simulation
 from jointstiff.simulator import default_arm, simulate_campaign
 
 TRUE = np.array(default_arm().stiffnesses)
