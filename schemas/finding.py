@@ -250,7 +250,7 @@ class Finding(Message):
     observation: Name | None = Field(
         default=None, description="Label of the observation; null if the finding concerns none or several."
     )
-    message: str = Field(description="Description of the observed effect, with its number and unit.")
+    message: str = Field(description="Observed effect, with number and unit.")
     remedy: str = Field(description="Remedy in words.")
     action: AdvisedAction | None = Field(
         default=None, description="Remedy that a program can carry out; null if only a person can."

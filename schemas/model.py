@@ -66,7 +66,7 @@ class ElasticPart(Message):
         "columns, 21 entries per link in the same order, and 21 of the base; entries off a diagonal are "
         "multiplied by √2."
     )
-    entries: list[float] = Field(description="Entries of the compliances in SI units: rad/(N.m), m/N, rad/N.")
+    entries: list[float] = Field(description="Entries in SI units: rad/(N.m), m/N, rad/N.")
     covariance_root: list[float] = Field(
         description="Upper triangular T row by row, T T' the covariance of the entries; empty if sigma is "
         "unknown. Units of the entries."

@@ -73,7 +73,7 @@ class Resampling(Message):
         default=1000, description="Number of draws."
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
-        default=0, description="Random seed; the same seed gives the same numbers on any machine."
+        default=0, description="Random seed; gives the same numbers on any machine."
     )
     replacement: Annotated[bool, Field(strict=True)] = Field(
         default=False, description="True if a configuration may be drawn more than once (bootstrap)."
