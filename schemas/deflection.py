@@ -79,7 +79,7 @@ class LinkMass(Message):
 
 
 class SagOptions(Message):
-    """Option that sets the reference of deflections."""
+    """Reference of deflections."""
 
     absolute: StrictBool = Field(
         default=False,

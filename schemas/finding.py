@@ -240,7 +240,7 @@ class Finding(Message):
     code: FindingCode = Field(description="Kind of the finding.")
     weight: Verdict = Field(
         description="Best verdict that the finding allows. `do_not_use`: almost certainly a mistake. "
-        "`use_with_care`: to be checked. `use`: a remark."
+        "`use_with_care`: check the readings. `use`: a remark."
     )
     where: str | None = Field(
         default=None,
@@ -250,7 +250,7 @@ class Finding(Message):
     observation: Name | None = Field(
         default=None, description="Label of the observation; null if the finding concerns none or several."
     )
-    message: str = Field(description="Description of the observed effect, with its number and unit.")
+    message: str = Field(description="Observed effect, with number and unit.")
     remedy: str = Field(description="Remedy in words.")
     action: AdvisedAction | None = Field(
         default=None, description="Remedy that a program can carry out; null if only a person can."

@@ -207,10 +207,11 @@ class GeometryResult(Result):
         description="χ²/dof: 1 on average if the stated sigma is right; 1 if sigma is estimated."
     )
     agreement_probability: float | None = Field(
-        description="p-value of one model for all sweeps. If small, fit the sweeps one by one."
+        description="p-value of one model for all sweeps. If the value is small, fit the sweeps one by one."
     )
     controller_probability: float | None = Field(
-        description="p-value of exact angles of the controller. Unless small, use `angles` = `controller`."
+        description="p-value of exact angles of the controller. If the value is not small, use `angles` = "
+        "`controller`."
     )
     base: Literal["nominal", "axes"] = Field(description="Definition of R0.")
     transform_tracker_to_base: Rigid

@@ -34,7 +34,7 @@ class Progress(Message):
 
 
 class Result(Message):
-    """Result and assessment: of its own readings, or of the run that gave its model."""
+    """Result with the assessment of its readings, or of the run that gave its model."""
 
     assessment: Assessment | None
     joint_kinds: dict[Name, JointKind] = Field(

@@ -66,7 +66,7 @@ class ElasticPart(Message):
         "columns, 21 entries per link in the same order, and 21 of the base; entries off a diagonal are "
         "multiplied by √2."
     )
-    entries: list[float] = Field(description="Entries of the compliances in SI units: rad/(N.m), m/N, rad/N.")
+    entries: list[float] = Field(description="Entries in SI units: rad/(N.m), m/N, rad/N.")
     covariance_root: list[float] = Field(
         description="Upper triangular T row by row, T T' the covariance of the entries; empty if sigma is "
         "unknown. Units of the entries."
@@ -102,8 +102,8 @@ class IdentifiedModel(Message):
     seen: list[Name] = Field(description="Joints to which the following rows and columns belong.")
     estimate: Compliance[list[float]] = Field(description="Estimate without constraints.")
     covariance: SquareCompliance[list[list[float]]] = Field(
-        description="Covariance of that estimate, the uncertainty of the force included; empty if sigma is "
-        "unknown."
+        description="Covariance of the unconstrained estimate, the uncertainty of the force included; "
+        "empty if sigma is unknown."
     )
     information_root: list[list[float]] | None = Field(
         description="Matrix R with R'R the inverse of the covariance of the determined combinations, in "

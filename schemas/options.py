@@ -73,7 +73,7 @@ class Resampling(Message):
         default=1000, description="Number of draws."
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
-        default=0, description="Random seed; the same seed gives the same numbers on any machine."
+        default=0, description="Random seed; gives the same numbers on any machine."
     )
     replacement: Annotated[bool, Field(strict=True)] = Field(
         default=False, description="True if a configuration may be drawn more than once (bootstrap)."
@@ -176,8 +176,8 @@ class MethodOptions(Message):
     method: Method = Field(
         default="partial_pose",
         description="`complete_pose`: six rows per configuration, from three targets or more. "
-        "`partial_pose`: three rows per target. `decoupled_partial_pose`: the arm from the wrist centre, "
-        "then the wrist; needs three targets and a spherical wrist.",
+        "`partial_pose`: three rows per target. `decoupled_partial_pose`: fits the arm by the wrist "
+        "centre, then the wrist; needs three targets and a spherical wrist.",
     )
     weighting: Weighting = Field(
         default="covariance",
@@ -303,9 +303,9 @@ class RunOptions(MethodOptions):
     confidence: Confidence = 0.95
     weight: OwnWeight | None = Field(
         default=None,
-        description="Robot's own weight as load, with known loads of the set; the geometry is also "
-        "estimated. Needs `bodies` of the robot, default method, weighting, loss and elasticity; no "
-        "bounds, priors, order or resampling.",
+        description="Use the robot's own weight as load, with known loads of the set; also estimate the "
+        "geometry. Needs `bodies` of the robot, default method, weighting, loss and elasticity; no bounds, "
+        "priors, order or resampling.",
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(
         default_factory=list,

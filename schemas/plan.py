@@ -48,7 +48,7 @@ class JointsGoal(Message):
 
     kind: Literal["joints"]
     relative: Dimensionless[_Share] = Field(
-        description="Greatest half-width of a 95 % interval / compliance: 0.15 for ± 15 %."
+        description="Greatest half-width of a 95 % interval, relative to the compliance: 0.15 for ± 15 %."
     )
 
 
@@ -318,9 +318,9 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
     criterion: PlanCriterion | None = Field(
         default=None,
         description="Criterion. `work_area`: least mean variance of deflections in the work area, the "
-        "default if one is stated. `relative_a`: least mean variance of the relative compliances, else the "
-        "default. `d`, `e`: volume or longest axis of the compliances' ellipsoid. `worst_place`: greatest "
-        "variance in the work area.",
+        "default with a work area. `relative_a`: least mean variance of the relative compliances, the "
+        "default without. `d`, `e`: volume or longest axis of the compliances' ellipsoid. `worst_place`: "
+        "greatest variance in the work area.",
     )
     causes: Causes = Field(
         default_factory=list,

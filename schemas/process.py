@@ -182,7 +182,7 @@ class ProcessResult(ProgramResult):
     before: DeflectionBand | None = Field(
         description="Deflection along the path as sent; null if the robot does not follow the path there."
     )
-    turned: DeflectionBand = Field(description="Deflection along the path with the chosen turns and place.")
+    turned: DeflectionBand = Field(description="Deflection with the chosen turns and place.")
     remaining: DeflectionBand = Field(description="Deflection that remains after the correction.")
     difference: DeflectionBand | None = Field(description="`turned` minus `before`.")
     fixed_turns: Radians[list[float]] = Field(

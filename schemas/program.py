@@ -301,7 +301,7 @@ class ProgramPoint(Message):
     """One target under load."""
 
     number: int = Field(description="Number of the point along the path, from 1.")
-    name: str = Field(description="Name of the target in the program; empty if the target has none.")
+    name: str = Field(description="Name of the target in the program; may be empty.")
     line: int = Field(description="Line with the target's numbers.")
     place: Metres[Point] = Field(description="Programmed position of the tool's centre, in R0.")
     deflection: Metres[float] = Field(

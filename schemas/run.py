@@ -110,7 +110,7 @@ BudgetSource = Annotated[
 BudgetGap = Literal["model_error", "lack_of_fit"]
 Evaluation = Annotated[
     Literal["A", "B"],
-    Field(description="Type of evaluation. A: by statistics of these readings; B: as stated."),
+    Field(description="Evaluation: A by statistics of these readings, B as stated."),
 ]
 
 

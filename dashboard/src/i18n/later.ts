@@ -29,7 +29,7 @@ export const later = {
     poses: "Poses",
     arc: "Arc",
     nominal: "Nominal model",
-    nominalHint: "For names, limits and comparison.",
+    nominalHint: "The nominal model gives names, limits and a comparison.",
     noNominal: "None: frames from the axes",
     pickNominal: "Choose one (needed for poses)",
     identify: "Identify the geometry",
@@ -571,7 +571,8 @@ export const later = {
     cell: (column: string, joint: number) => `${column} of joint ${joint}`,
     kinds: { revolute: "turns", prismatic: "slides" },
     jointMap: "Controller's angles differ from the model's",
-    jointMapHint: "Model angles = matrix · controller angles + offset. For coupled axes and flipped signs.",
+    jointMapHint:
+      "Model angles = matrix · controller angles + offset. The map describes coupled axes and flipped signs.",
     offset: "offset",
     urdfPaste: "URDF document",
     urdfChoose: "Choose URDF file",

@@ -112,7 +112,8 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
         predicted_text = format_percent(avoided.predicted)
         parts.append(
             Line(
-                f"  deflection avoided by the second side: {measured_text}; predicted {predicted_text} in all"
+                f"  deflection avoided by the second side: {measured_text}; predicted {predicted_text} in "
+                "all observations"
             )
         )
     return parts

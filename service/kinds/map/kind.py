@@ -188,7 +188,7 @@ MAP: Final = Kind[Map, MapRequest](
         ),
         File(
             name="map.json",
-            description="the table by columns, with units",
+            description="the same by columns",
             sheet=_places_sheet,
             made_of="work",
         ),
