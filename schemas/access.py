@@ -82,12 +82,12 @@ class Session(Message):
     key_name: str | None = Field(description="Name of the caller's key.")
     role: Role | None = Field(description="Role of the caller's key.")
     ends_at: Timestamp | None = Field(
-        description="Time at which the session ends; 8 h without use end it earlier."
+        description="Time at which the session ends; 8 h without use end the session earlier."
     )
 
 
 class AuditItem(Message):
-    """An attempt to change something."""
+    """An entry of the audit: a request to change something."""
 
     at: Timestamp
     key_id: str | None = Field(description="Id of the caller's key; null without a valid key.")

@@ -38,7 +38,7 @@ class BridgeStand(Message):
 
 
 class BridgePoints(Message):
-    """Positions that a tracker read in one posture, or the reason why it read none."""
+    """Positions that a tracker read in one posture, or the reason why the tracker read none."""
 
     number: int | None = Field(
         default=None,

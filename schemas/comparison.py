@@ -112,9 +112,9 @@ class CampaignComparison(ComparisonOptions):
     def _refuse_options_of_one_set(cls, options: RunOptions | None) -> RunOptions | None:
         """Refuse options that cannot be the same for both campaigns of a comparison."""
         if options is not None and (options.priors or options.resampling is not None):
-            raise ValueError("must have neither `priors` nor `resampling` here")
+            raise ValueError("must have neither `priors` nor `resampling`")
         if options is not None and options.leave_out:
-            raise ValueError("must not have `leave_out` here: each campaign states its own")
+            raise ValueError("must not have `leave_out`: each campaign states its own")
         return options
 
     @field_validator("methods", "constraints", mode="after")
@@ -142,8 +142,8 @@ class ComparedRun(Message):
     )
     assessment: Assessment | None = Field(description="Assessment of the run; null if the run has failed.")
     compensation: Dimensionless[float | None] = Field(
-        description="Fraction of the mean deflection that the model predicts, 1 - mean‖residual‖ / "
-        "mean‖deflection‖; null if nothing moved, or without degrees of freedom."
+        description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; "
+        "null if nothing moved, or without degrees of freedom."
     )
     rms_residual: Metres[float | None] = Field(
         description="Root mean square of the residual vectors' lengths."

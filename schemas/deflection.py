@@ -59,7 +59,8 @@ class LoadCase(Message):
     )
     place: Vector3 | None = Field(
         default=None,
-        description="Place that is predicted, flange frame, in units.length; default: the load point.",
+        description="Point whose deflection is predicted, flange frame, in units.length; default: the load "
+        "point.",
     )
     direction: Vector3 | None = Field(
         default=None,
@@ -82,8 +83,8 @@ class SagOptions(Message):
 
     absolute: StrictBool = Field(
         default=False,
-        description="True: deflections are relative to a rigid arm, and include the sag by own weight. "
-        "Needs a run with `weight`.",
+        description="True: deflections are relative to a rigid arm, and include its sag. Needs a run with "
+        "`weight`.",
     )
 
 
@@ -107,7 +108,8 @@ class DeflectionOptions(PredictionOptions):
     )
     place: Vector3 | None = Field(
         default=None,
-        description="Place that is predicted, flange frame, in units.length; default: the load point.",
+        description="Point whose deflection is predicted, flange frame, in units.length; default: the load "
+        "point.",
     )
     cases: Annotated[list[LoadCase], Field(min_length=1, max_length=MAX_CASES), FailFast()]
 
@@ -140,13 +142,13 @@ class DirectionalStiffness(Message):
 
     direction: Dimensionless[Point] = Field(description="Unit vector, axes of R0.")
     lateral_free: LinearStiffness[float | None] = Field(
-        description="1 / (u' C_tt u): motion across the direction is free. Null if infinite."
+        description="1 / (u' C_tt u): motion across the direction is free; null for an infinite stiffness."
     )
     lateral_blocked: LinearStiffness[float | None] = Field(
-        description="u' inv(C_tt) u: motion across the direction is blocked. Null if infinite."
+        description="u' inv(C_tt) u: motion across the direction is blocked; null for an infinite stiffness."
     )
     rotation_blocked: LinearStiffness[float | None] = Field(
-        description="u' K_tt u, K = inv(C): every motion except along the direction is blocked. Null if "
+        description="u' K_tt u, K = inv(C): every motion except along the direction is blocked; null if "
         "infinite."
     )
     compliance: TranslationalCompliance[float] = Field(description="u' C_tt u.")
@@ -287,8 +289,8 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     near: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
         default=None,
-        description="Posture as the controller shows it: each place gets the posture nearest to it; "
-        "default: the stiffest. Required with prismatic joints, which keep their position.",
+        description="Posture as the controller shows it: each place gets the nearest posture; default: the "
+        "stiffest. Required with prismatic joints, which keep their position.",
     )
     confidence: Dimensionless[Confidence] = 0.95
 
@@ -326,7 +328,7 @@ class MapPlace(Message):
     )
     extrapolation: Dimensionless[float | None] = Field(
         description="Load, or uncertainty per load, divided by the campaign's greatest; above 1.01 the "
-        "place is extrapolated. Null without model error."
+        "place is extrapolated; null without model error."
     )
 
 
@@ -360,4 +362,4 @@ class Map(Job):
 
     kind: Literal["map"] = "map"
     request: MapRequest
-    result: MapResult | None = Field(description="Present if the job has succeeded.")
+    result: MapResult | None = Field(description="Result; present if the job has succeeded.")

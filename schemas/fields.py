@@ -150,7 +150,7 @@ class Page(Message, Generic[Item]):
     items: list[Item]
     next: str | None = Field(description="`cursor` of the next page; null on the last page.")
     total: int | None = Field(
-        default=None, description="Number of resources on all pages; null except on the first page."
+        default=None, description="Number of resources on all pages; null after the first page."
     )
 
 

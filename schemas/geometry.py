@@ -60,7 +60,7 @@ class SweepEvidence(Message):
     arc: Radians[float] = Field(description="Arc covered by the readings.")
     radial_rms: Metres[dict[Name, float | None]] = Field(
         description="Root mean square of the radial residuals by target; in a sweep that turns two axes, "
-        "across the axis. Null without a reading."
+        "across the axis; null for a target without a reading."
     )
     axial_rms: Metres[dict[Name, float | None]] = Field(
         description="Root mean square of the residuals along the axis by target."
@@ -110,7 +110,7 @@ class WristDistance(Message):
     first: Literal["sphere", "axes", "trilateration"]
     second: Literal["sphere", "axes", "trilateration"]
     distance: Metres[float]
-    probability: float = Field(description="p-value of equal wrist centres.")
+    probability: float = Field(description="p-value of the hypothesis of equal wrist centres.")
 
 
 class WristResult(Message):
@@ -180,7 +180,7 @@ class Drift(Message):
     )
     displacement_covariance: SquareMetres[Square3]
     rotation: Radians[Point] = Field(description="Rotation vector, tracker's frame.")
-    probability: float = Field(description="p-value of no drift.")
+    probability: float = Field(description="p-value of the hypothesis of no drift.")
     deformation_probability: float = Field(description="p-value of the residuals.")
     significant: StrictBool
     moved_targets: list[Name] = Field(description="Base targets that moved relative to the others.")
@@ -194,7 +194,7 @@ class GeometryResult(Result):
     sweeps: list[SweepEvidence] = Field(description="Fit of each sweep; empty for poses.")
     fit: Literal["one_by_one", "together"] | None = Field(
         description="Fit that gave the axes; one_by_one if the sweeps disagree (finding "
-        "`sweeps_disagree`). Null for poses."
+        "`sweeps_disagree`); null for poses."
     )
     poses: PoseEvidence | None = Field(description="Calibration from poses; null for sweeps.")
     sigma: Metres[float] = Field(
@@ -226,7 +226,7 @@ class GeometryResult(Result):
     robot: RobotDocument = Field(description="Identified model as a robot document, ready to be posted.")
     dh: list[IdentifiedDh]
     drift: Drift | None = Field(
-        description="Drift of the base targets; null unless they were read before and after."
+        description="Drift of the base targets; null unless the targets were read before and after."
     )
     findings: list[Finding]
 
@@ -258,7 +258,7 @@ class GeometryUnits(Message):
 
 
 class GeometryNoise(Message):
-    """Noise of one reading. Without it sigma is estimated from the residuals."""
+    """Noise of one reading. If absent, sigma is estimated from the residuals."""
 
     sigma: Sigma | None = Field(
         default=None, description="Standard uncertainty of one coordinate of one reading, in units.length."
@@ -363,14 +363,17 @@ class GeometryRequest(Message):
     )
     base_targets_after: BasePositions | None = Field(
         default=None,
-        description="The same base targets, read after the other readings. Absent: later readings in this "
-        "frame are compared with `base_targets_before`.",
+        description="The same base targets, read after the other readings; if absent, later readings in "
+        "this frame are compared with `base_targets_before`.",
     )
 
     @model_validator(mode="after")
     def _require_base_targets_before(self) -> GeometryRequest:
         if self.base_targets_after is not None and self.base_targets_before is None:
-            raise ValueError("give `base_targets_before`, too: `base_targets_after` are compared with them")
+            raise ValueError(
+                "give `base_targets_before`, too: `base_targets_after` are compared with "
+                "`base_targets_before`"
+            )
         return self
 
     @model_validator(mode="after")
@@ -434,4 +437,4 @@ class Geometry(Job):
     kind: Literal["geometry"] = "geometry"
     name: Name
     request: GeometryRequest
-    result: GeometryResult | None = Field(description="Present if the job has succeeded.")
+    result: GeometryResult | None = Field(description="Result; present if the job has succeeded.")

@@ -131,11 +131,11 @@ class ColumnMeaning(Message):
         description="Meaning, as `columns` accepts it; `unknown` if not understood.",
         examples=["P10 unloaded x", "joint 1", "ignored"],
     )
-    unit: str | None = Field(description="Unit of the numbers; null if there are none.")
+    unit: str | None = Field(description="Unit of the numbers; null for a column without numbers.")
     guessed: StrictBool = Field(
         default=False,
         description="True if the meaning was assumed (from two rows, a comment, a unit without brackets): "
-        "check it.",
+        "check the meaning.",
     )
 
 
@@ -198,7 +198,7 @@ class ImportPreview(Message):
         default_factory=list, description=f"First labels, at most {MAX_PREVIEW_ROWS}."
     )
     joint_count: int | None = Field(
-        default=None, description="Number of joint angles per observation; null if there are none."
+        default=None, description="Number of joint angles per observation; null without joint angles."
     )
     joint_kinds: list[JointKind] = Field(
         default_factory=list,
@@ -252,7 +252,7 @@ class ImportRequest(ImportOptions):
         description="Force on the robot in every observation, axes of R0, in units.force.",
     )
     robot_id: Identifier | None = Field(
-        default=None, description="Id of the measured robot; with it the answer has the integrity findings."
+        default=None, description="Id of the measured robot; if given, the answer has the integrity findings."
     )
     show_faults: StrictBool = Field(
         default=False,
@@ -272,7 +272,7 @@ class ImportAnswer(ImportPreview):
     )
     findings: list[Finding] | None = Field(
         default=None,
-        description="Integrity findings with the robot `robot_id`; null without it.",
+        description="Integrity findings with the robot `robot_id`; null without `robot_id`.",
     )
     template: ImportRequest | None = Field(
         default=None,

@@ -64,8 +64,8 @@ class Job(Message):
     state: JobState = Field(description="While `queued` or `running`, poll its address or follow its events.")
     progress: Progress | None = Field(default=None, description="Progress; null if computed at once.")
     request: Message
-    result: Message | None = Field(description="Present if the job has succeeded.")
-    error: Problem | None = Field(description="Present if the job has failed.")
+    result: Message | None = Field(description="Result; present if the job has succeeded.")
+    error: Problem | None = Field(description="Problem; present if the job has failed.")
     provenance: Provenance
     key_id: str | None = Field(default=None, description="Id of the requester's key; null without a key.")
     key_name: str | None = None
@@ -127,7 +127,7 @@ class JobChange(Message):
 
     # Generators for C# make an enumeration of a constant, which cannot be true: `boolean` is described.
     cancelled: Annotated[Literal[True], WithJsonSchema({"type": "boolean"})] | None = Field(
-        default=None, description="True to cancel the job; a job that has ended stays as it is."
+        default=None, description="True to cancel the job; a job that has ended does not change."
     )
     deleted: StrictBool | None = Field(
         default=None,

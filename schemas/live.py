@@ -99,7 +99,7 @@ class LiveState(Message):
     message: str = Field(description="State in words.")
     goal: str = Field(description="Declared goal in words.")
     share: Dimensionless[float | None] = Field(
-        description="Uncertainty divided by the goal's; null while unknown."
+        description="Present uncertainty / uncertainty of the goal; null while unknown."
     )
     still_needed: int | None = Field(
         description="Number of readings still needed, including the held-out reading; null if unknown."

@@ -116,8 +116,8 @@ class ForceUncertainty(_Uncertain):
 class AxisUncertainty(_Uncertain):
     """Standard uncertainties of the joint axes in the robot's model, each axis by itself.
 
-    A geometry states them for each axis (`position_uncertainty`, `direction_uncertainty`); give the typical
-    or the greatest. Each axis has one error for all observations.
+    A geometry states these uncertainties for each axis (`position_uncertainty`, `direction_uncertainty`);
+    give the typical or the greatest. Each axis has one error for all observations.
     """
 
     position: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
@@ -166,25 +166,25 @@ class Noise(Message):
     load_point: Place | None = Field(
         default=None,
         description="Standard uncertainty of each coordinate of the load point, in units.length; one error "
-        "for all observations. Absent: 10 mm is assumed, with a note.",
+        "for all observations; if absent, 10 mm is assumed, with a note.",
         examples=[5e-4],
     )
     target_places: Place | None = Field(
         default=None,
         description="Standard uncertainty of each coordinate of each target in the flange frame, in "
-        "units.length; one error for all observations. Absent: exact.",
+        "units.length; one error for all observations; if absent, positions count as exact.",
         examples=[5e-4],
     )
     drift: Place | None = Field(
         default=None,
         description="Standard uncertainty of the drift of loaded against unloaded positions from one "
-        "observation to the next, in units.length. Absent: none; 1 µm in a live campaign.",
+        "observation to the next, in units.length; if absent, no drift (in a live campaign, 1 µm).",
         examples=[2e-6],
     )
 
     axes: AxisUncertainty | None = Field(
         default=None,
-        description="Uncertainty of the robot's geometry; if absent, its model counts as exact.",
+        description="Uncertainty of the robot's geometry; if absent, the geometry counts as exact.",
     )
     refuted: StrictBool = Field(
         default=False,
@@ -316,7 +316,7 @@ Notes = Annotated[
 
 
 class SetMetadata(Message):
-    """Metadata of a measurement set; all of it is optional."""
+    """Metadata of a measurement set; all fields are optional."""
 
     measured_at: Moment | None = Field(
         default=None,
@@ -341,7 +341,7 @@ class SetMetadata(Message):
         examples=["21 °C, warmed up for 30 min"],
     )
     notes: Notes | None = Field(
-        default=None, description=f"Anything else, at most {MAX_NOTES_LENGTH} characters in lines."
+        default=None, description=f"Further notes, at most {MAX_NOTES_LENGTH} characters in lines."
     )
 
 
@@ -366,7 +366,7 @@ class SetChange(ResourceChange, SetMetadata):
     )
     skipped: Name | None = Field(
         default=None,
-        description="Label of the next reading, to skip it if the robot cannot reach its posture.",
+        description="Label of the next reading, to skip a posture that the robot cannot reach.",
     )
 
     @property
@@ -413,11 +413,11 @@ class Reading(Message):
     )
     loaded: Vector3 | None = Field(default=None, description="Position in R0 under load, in units.length.")
     unloaded_after: Vector3 | None = Field(
-        default=None, description="Position in R0 after the load was removed, with `unloaded` and `loaded`."
+        default=None, description="Position in R0 after unloading; requires `unloaded` and `loaded`."
     )
     deflection: Vector3 | None = Field(
         default=None,
-        description="Loaded minus unloaded, axes of R0, in units.length. Needs the target's position in "
+        description="Loaded minus unloaded, axes of R0, in units.length. Requires the target's position in "
         "`flange_targets`.",
     )
     displacement: Quantity | None = Field(
@@ -475,7 +475,7 @@ class Reading(Message):
             )
         if self.displacement is not None and self.unloaded_covariance is not None:
             raise ValueError(
-                "give `sigma`, not covariances, with a `displacement`: it has a single component"
+                "give `sigma`, not covariances, with a `displacement`, which has a single component"
             )
         return self
 
@@ -550,7 +550,7 @@ class MeasurementSetHeader(SetMetadata):
     )
     joint_kinds: Annotated[list[JointKind], Field(max_length=MAX_JOINTS)] | None = Field(
         default=None,
-        description="Kinds of the joints by the source of the readings; they must equal the robot's.",
+        description="Kinds of the joints as the readings state; must equal the robot's.",
     )
 
 
@@ -574,7 +574,7 @@ class StoredSet(SetMetadata):
     id: Identifier
     robot_id: Identifier
     content_hash: str | None = Field(
-        description="SHA-256 of the readings with units, noise and frame. Null while the set is open."
+        description="SHA-256 of the readings with units, noise and frame; null while the set is open."
     )
     created_at: Timestamp
 

@@ -39,14 +39,12 @@ class ModelError(Message):
     """Residuals in postures omitted in turn, which calibrate the bound of the model error."""
 
     postures: int = Field(description="Number of postures that were omitted in turn.")
-    steps: list[ScoreStep] = Field(
-        description="Steps by ascending score; beyond about 500, neighbours are merged."
-    )
+    steps: list[ScoreStep] = Field(description="Steps by ascending score, merged to about 500 at most.")
     force: Newtons[float] = Field(
-        description="Unit of a load's size: the greatest load has size 1; zero without loads."
+        description="Reference for the size of loads: the greatest load has size 1; zero without loads."
     )
     moment: Torque[float] = Field(
-        description="Unit of a load's moment: the greatest moment has size 1; zero without moments."
+        description="Reference for moments of loads: the greatest moment has size 1; zero without moments."
     )
     least_load: float = Field(description="Least size of a load. Dimensionless.")
     leverage: Metres[float] = Field(
@@ -68,7 +66,7 @@ class ElasticPart(Message):
         "columns, 21 entries per link in the same order, and 21 of the base; entries off a diagonal are "
         "multiplied by √2."
     )
-    entries: list[float] = Field(description="Entries in SI units: rad/(N.m), m/N, rad/N.")
+    entries: list[float] = Field(description="Entries of the compliances in SI units: rad/(N.m), m/N, rad/N.")
     covariance_root: list[float] = Field(
         description="Upper triangular T row by row, T T' the covariance of the entries; empty if sigma is "
         "unknown. Units of the entries."
@@ -111,8 +109,12 @@ class IdentifiedModel(Message):
         description="Matrix R with R'R the inverse of the covariance of the determined combinations, in "
         "N.m/rad; null if the covariance is regular."
     )
-    lower: Compliance[list[float | None]] = Field(description="Lower bound of each joint; null for none.")
-    upper: Compliance[list[float | None]] = Field(description="Upper bound of each joint; null for none.")
+    lower: Compliance[list[float | None]] = Field(
+        description="Lower bound of each joint's compliance; null: no bound."
+    )
+    upper: Compliance[list[float | None]] = Field(
+        description="Upper bound of each joint's compliance; null: no bound."
+    )
     order: list[tuple[int, int]] = Field(
         description="Pairs of joints: the first is no softer than the second."
     )

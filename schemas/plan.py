@@ -117,8 +117,8 @@ def parse_goal(text: str) -> dict[str, Any]:
     is_length = match is not None and (match["below"] or match["place"])
     if match is None or float(match["number"]) <= 0.0 or (is_relative and is_length):
         raise ValueError(
-            f'\'{text}\' is not a goal: write "15 %" for every joint, "6 um" for the deflection in the work '
-            'area, or "below 0.5 mm" for a decision about it'
+            f'\'{text}\' is not a goal: write "15 %" for every joint, "6 um" for the deflection in the '
+            'work area, or "below 0.5 mm" to decide whether this deflection stays below a limit'
         )
     number = float(match["number"])
     if is_relative:
@@ -277,7 +277,8 @@ class ReadingOptions(Message):
         ]
     ] = Field(
         default_factory=list,
-        description="Postures to choose from, as the controller shows them, instead of random postures.",
+        description="Postures to choose from, with joints as the controller shows, instead of random "
+        "postures.",
     )
     surroundings: Surroundings = Field(default_factory=Surroundings)
     distinct_angle: Radians[_Angle] = Field(
@@ -442,4 +443,4 @@ class Plan(Job):
 
     kind: Literal["plan"] = "plan"
     request: PlanRequest
-    result: PlanResult | None = Field(description="Present if the job has succeeded.")
+    result: PlanResult | None = Field(description="Result; present if the job has succeeded.")

@@ -154,7 +154,7 @@ class DeflectionBand(Message):
         description="Interval from the errors of readings and forces; null if unknown."
     )
     with_model_error: Metres[Interval | None] = Field(
-        description="Interval that includes the model error; null without a bound of it."
+        description="Interval that includes the model error; null if unknown."
     )
 
 
@@ -219,7 +219,7 @@ class Process(Job):
 
     kind: Literal["process"] = "process"
     request: ProcessRequest
-    result: ProcessResult | None = Field(description="Present if the job has succeeded.")
+    result: ProcessResult | None = Field(description="Result; present if the job has succeeded.")
 
     @property
     def outputs(self) -> list[str]:

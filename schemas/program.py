@@ -239,7 +239,7 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     external_axes: Literal["carry_nothing"] | None = Field(
         default=None,
-        description="`carry_nothing`: external axes carry neither arm nor part. Without it, moves with an "
+        description="`carry_nothing`: external axes carry neither arm nor part. If absent, moves with an "
         "external axis away from zero are not corrected.",
     )
     format: ProgramFormat | None = Field(
@@ -337,7 +337,7 @@ class ProgramResult(FromRun):
     moves: int = Field(description="Number of moves of the program.")
     moves_left: int = Field(
         default=0,
-        description="Number of moves left uncorrected because they are uncertain.",
+        description="Number of uncertain moves, which are left uncorrected.",
     )
     corrected: int = Field(description="Number of corrected targets.")
     capped: int = Field(description="Number of targets whose correction is reduced by the limits.")
@@ -368,7 +368,7 @@ class Program(Job):
 
     kind: Literal["program"] = "program"
     request: ProgramRequest
-    result: ProgramResult | None = Field(description="Present if the job has succeeded.")
+    result: ProgramResult | None = Field(description="Result; present if the job has succeeded.")
 
     @property
     def outputs(self) -> list[str]:

@@ -26,7 +26,7 @@ class PageQuery(Message):
         default=50, description="Maximum number of resources per page."
     )
     cursor: Annotated[str, Field(max_length=64)] | None = Field(
-        default=None, description="`next` of the previous page; omit it for the first page."
+        default=None, description="`next` of the previous page; omit `cursor` for the first page."
     )
 
 

@@ -177,7 +177,7 @@ class ChangedJoint(Message):
     """A joint whose stiffness differs from that in the first campaign."""
 
     joint: Name
-    serial_number: str | None = Field(description="Serial number of the arm; null if its sets state none.")
+    serial_number: str | None = Field(description="Serial number of the arm; null if no set states a number.")
     change: Estimate = Field(
         description="Relative change of stiffness: -0.1 for a joint that is 10 % softer."
     )

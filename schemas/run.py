@@ -65,7 +65,7 @@ class JointResult(Message):
     prior_to_data: float | None = Field(
         default=None,
         description="Information of the prior relative to that of the readings; above 1 the prior "
-        "dominates. Null without a prior.",
+        "dominates; null without a prior.",
     )
     reason: str | None = Field(description="Reason why the joint has no number, or is at a bound.")
 
@@ -143,7 +143,7 @@ class Budget(Message):
     """Uncertainty budget of the compliances. The relative uncertainty of a stiffness is the same."""
 
     joints: list[Name] = Field(
-        description="Joints with an estimate; the lists of the budget have their order."
+        description="Joints with an estimate, in the order of all lists of the budget."
     )
     components: list[BudgetComponent]
     standard_uncertainty: Compliance[list[float]] = Field(
@@ -443,7 +443,7 @@ class ModelChoice(Message):
         "`cross_validation`: compared on held-out postures. `options`: other options allow only joints."
     )
     links_p_value: Dimensionless[float | None] = Field(
-        description="p-value of the F test of links; null if it was not made."
+        description="p-value of the F test of links; null if no test was made."
     )
     message: str = Field(description="Explanation of the choice, with numbers.")
     models: list[ScoredModel] = Field(
@@ -474,8 +474,8 @@ class CauseTest(Message):
     )
     least_found: float | None = Field(
         default=None,
-        description="Least mistake that a test finds in 80 % of campaigns, in `unit`. Null with `first`, "
-        "or if a cause or links were found.",
+        description="Least mistake that a test finds in 80 % of campaigns, in `unit`; null if `first` is "
+        "given, or if a cause or links were found.",
     )
     unit: Literal["m", "rad", "N", "1"] | None = Field(default=None, description="Unit of `least_found`.")
     joint: Name | None = Field(default=None, description="Joint whose compliance this mistake changes most.")
@@ -495,8 +495,8 @@ class RunResult(Result):
     assessment: Assessment
     joints: list[JointResult]
     compensation: float | None = Field(
-        description="Fraction of the mean deflection that the model predicts, 1 - mean‖residual‖ / "
-        "mean‖deflection‖; null if nothing moved, or without degrees of freedom."
+        description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; "
+        "null if nothing moved, or without degrees of freedom."
     )
     rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
     sigma: Metres[float | None] = Field(
@@ -519,8 +519,8 @@ class RunResult(Result):
     )
     suspicious: list[SuspiciousReading] = Field(
         default_factory=list,
-        description="Readings to which the Huber loss gives less weight, worst first; about one good "
-        "reading in a thousand is among them.",
+        description="Readings to which the Huber loss gives less weight, worst first; one good reading in "
+        "a thousand is listed by chance.",
     )
     suspicious_count: int = Field(
         default=0, description="Number of suspicious readings; `suspicious` lists at most 100."
@@ -531,7 +531,7 @@ class RunResult(Result):
     links: LinksResult | None = Field(
         default=None,
         description="Elastic links or coupling. Each joint's numbers then include its link's rotation "
-        "about the joint's axis. Their intervals contain all values that fit with 0.3 times the best "
+        "about the joint's axis. The intervals contain all values that fit with 0.3 times the best "
         "penalty; null if `link_penalty` is given.",
     )
     choice: ModelChoice | None = Field(
@@ -553,7 +553,7 @@ class RunResult(Result):
     )
     model: Annotated[IdentifiedModel | None, WithJsonSchema(_NO_PROMISE)] = Field(
         default=None,
-        description="Numbers for predictions, not part of the API. Null if own weight determines no joint.",
+        description="Numbers for predictions, not part of the API; null if own weight determines no joint.",
     )
     budget: Budget | None = Field(
         default=None,
@@ -593,7 +593,7 @@ class Run(Job):
 
     kind: Literal["run"] = "run"
     request: RunRequest
-    result: RunResult | None = Field(description="Present if the run has succeeded.")
+    result: RunResult | None = Field(description="Result; present if the run has succeeded.")
 
     @property
     def elasticity(self) -> Elasticity:

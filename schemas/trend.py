@@ -37,7 +37,9 @@ class TrendQuery(Message):
 class TrendSelection(Message):
     """Options that all runs of a trend share."""
 
-    serial_number: str | None = Field(description="Serial number of the robot; null if the sets state none.")
+    serial_number: str | None = Field(
+        description="Serial number of the robot; null if no set states a number."
+    )
     method: Method
     weighting: Weighting
     positive: StrictBool = Field(description="True if compliances are constrained to be zero or more.")
@@ -79,7 +81,7 @@ class TrendJoint(Message):
     points: list[TrendPoint] = Field(description="Points of the joint, one for each of `campaigns`.")
     change: Estimate | None = Field(
         description="Relative change of stiffness from the first to the latest point without a `reason` "
-        "(-0.1: 10 % softer). Null with fewer than two points."
+        "(-0.1: 10 % softer); null with fewer than two points."
     )
     p_value: Dimensionless[float | None] = Field(description="Two-sided p-value of an unchanged stiffness.")
     changed: StrictBool = Field(

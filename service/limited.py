@@ -175,7 +175,7 @@ class LimitedChild:
             raise HTTPException(
                 413,
                 f"processing the body takes more than {self._seconds:.0f} s or {self._memory >> 20} MiB; "
-                "split it into several requests",
+                "split the body into several requests",
             ) from None
 
     def _ready_connection(self) -> Connection[bytes, bytes]:

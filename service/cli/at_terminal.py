@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class AtTerminal(Person):
-    """Person at the terminal, who is asked there; all questions and messages go to the standard error."""
+    """Dialogue with the person at the terminal; all questions and messages go to the standard error."""
 
     def __init__(self, campaign: LiveMeasurement, *, asks: bool, confirmed: bool) -> None:
         """Begin with a live measurement.

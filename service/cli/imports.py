@@ -93,7 +93,7 @@ _FORMS: Final = {
         "",
         "length=mm,angle=deg,force=N",
         lambda text: dict(_parse_pair(part) for part in text.split(",") if part),
-        text="Units of columns whose header has none; add moment=N.m if there are moments.",
+        text="Units of columns whose header has no unit; add moment=N.m if there are moments.",
     ),
     "columns": Terminal("--column", "HEADER=MEANING", _parse_pair, "dict"),
     "ignore": Terminal("", "HEADER", str, "list"),

@@ -763,8 +763,9 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
             "apply": _make_optional_parameter(
                 typer.Option(
                     metavar="ACTION",
-                    help="Apply an action that a reason of the verdict recommends, such as exchange_columns "
-                    "or convert_units: write the corrected campaign to a new file, and identify it.",
+                    help="Apply an action that a reason of the verdict recommends, such as "
+                    "exchange_columns or convert_units: write the corrected campaign to a new file, and "
+                    "identify this campaign.",
                 ),
                 str,
             ),

@@ -81,7 +81,7 @@ def post(
                 run = client.runs.wait(run, show_progress)
         except KeyboardInterrupt:
             body = """-H 'Content-Type: application/json' -d '{"cancelled": true}'"""
-            cli.warn(f"the run continues; to cancel it: curl -X PATCH {body} {server}/v1/jobs/{run.id}")
+            cli.warn(f"the run continues; to cancel the run: curl -X PATCH {body} {server}/v1/jobs/{run.id}")
             raise
     console().print(lay_out_job(RUN, run, details=details, unit=unit))
     if run.state != "succeeded":

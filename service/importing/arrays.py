@@ -84,7 +84,7 @@ def _ask_library(file: str, content: bytes, kind: ArrayFormat, wanted: list[str]
     if status > 0:  # an error of the library, whose name is in the last line of its traceback
         error = errors.decode(errors="replace").strip().rpartition("\n")[2].partition(":")[0]
         reason = f"the file is {words} that is damaged ({quote(error)})"
-        raise ImportFileError(place, reason, "save it again")
+        raise ImportFileError(place, reason, "save the file again")
     if status < 0:
         reason = f"reading {words} ended without a result: it is damaged, or takes over 384 MiB or 60 s"
         raise ImportFileError(place, reason, "save it again with fewer arrays, or write a CSV file")

@@ -81,7 +81,7 @@ class Grid:
 
 def no_rows_error(file: str) -> ImportFileError:
     """Return the error that a file has no row of data."""
-    return ImportFileError(Place(file), "the file has no row of data", "check that it is the right file")
+    return ImportFileError(Place(file), "the file has no row of data", "check that this is the right file")
 
 
 def too_large_error(file: str, line: int) -> ImportFileError:
@@ -179,7 +179,7 @@ CHARACTERS: Final[Mapping[Delimiter, str]] = MappingProxyType(
 _LINE_END: Final = re.compile(r"\r\n|\n|\r")
 _NUMBERS_IN_A_CELL: Final = re.compile(r"\d\s+[-+.\d]")
 _COMMA_NOT_IN_A_NUMBER: Final = re.compile(r"(?<!\d),|,(?!\d)")
-_LATIN1: Final = "the file is not valid UTF-8 and was read as Latin-1: check names with accents"
+_LATIN1: Final = "the file is not valid UTF-8, so it was read as Latin-1: check names with accents"
 _LINES_SHOWING_DELIMITER: Final = 10
 """Lines at the end of a file that tell its delimiter."""
 _MAX_TITLE_LINES: Final = 20
@@ -229,7 +229,7 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
         len(cells) == width > 1 and looks_like_a_number(cells[-1].strip()) for cells in cells_of_comments
     )
     if row_like_comments:
-        notes.append(f"{row_like_comments} of the comments look like rows of data; they were not read")
+        notes.append(f"{row_like_comments} comments look like rows of data, and were not read")
     preview = FilePreview(file=file, format="text", encoding=encoding, delimiter=delimiter, assumptions=notes)
     last_comment = comments[-1].line if comments else 0
     # A comment below the last row shows, like a line break, that this row is complete.
@@ -360,7 +360,7 @@ def _split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
             raise ImportFileError(place._replace(column=column), reason, remedy)
         if '"' in cell:
             reason = f"a quotation mark occurs within a cell, {quote(cell)}"
-            raise ImportFileError(place._replace(column=column), reason, "remove it")
+            raise ImportFileError(place._replace(column=column), reason, "remove the quotation mark")
     return Row(number, stripped)
 
 
@@ -412,7 +412,7 @@ def decide_decimal_mark(
         raise ImportFileError(place, reason, "use one decimal mark and no thousands separators")
     if "," in first_cells and "," not in sure_marks:
         text, place = first_cells[","]
-        reason = "may have a decimal comma or a thousands separator, and no other number shows which"
+        reason = "may have a decimal comma or a thousands separator, and no other number shows which of both"
         remedy = "give `decimal_mark`, or write a point"
         raise ImportFileError(place, f"{quote(text)} {reason}", remedy, "decimal_mark")
     if "," in first_cells:
@@ -449,7 +449,7 @@ def read_number(text: str, mark: DecimalMark) -> float:
         ImportFileError: the cell is empty, not a number with this decimal mark, or too large.
     """
     if not text:
-        raise ImportFileError(NOWHERE, "the cell is empty, but needs a number", "fill it in")
+        raise ImportFileError(NOWHERE, "the cell is empty, but needs a number", "fill in the cell")
     other_mark = "," if mark == "point" else "."
     with_point = text if mark == "point" else text.replace(",", ".")
     if other_mark in text or len(text) > MAX_NUMBER_LENGTH or not _NUMBER.fullmatch(with_point):

@@ -371,8 +371,8 @@ class PresentedJob(Presented):
         """Return the client or process that did the job; raise ValueError if it is not known."""
         if self._origin is None:
             raise ValueError(
-                f"the {self._job.kind} has no reference to the process or service that computed it: use the "
-                "result that `jointstiff` or a client returned"
+                f"the {self._job.kind} has no reference to the process or service of its computation: use "
+                "the result that `jointstiff` or a client returned"
             )
         return cast("Backend", self._origin)
 
@@ -464,7 +464,7 @@ class TabledRun(PresentedJob, Run):
 
         result = self._require_result()
         if result.budget is None:
-            remedy = "identify joints without links, and state `sigma` or take more readings than joints"
+            remedy = "identify joints without links, and state `sigma` or measure more readings than joints"
             raise RequestError("the run has no uncertainty budget", where="run", remedy=remedy)
         names, budget = [joint.name for joint in result.joints], result.budget
         matrix = np.full((len(names), len(names)), np.nan)

@@ -121,9 +121,10 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
     saved = {part: fields.pop(part) for part in _SavedParts.model_fields if part in fields}
     parts = parse_document(saved, _SavedParts)
     if parts.campaign is not None and isinstance(fields.get("request"), dict):
-        # Options that nobody stated keep their defaults, which other options may change.
-        stated = {"measurement_set_id", "variant_of", *parts.campaign.run.model_fields_set}
-        fields["request"] = {name: value for name, value in fields["request"].items() if name in stated}
+        # The options are those of the campaign: there, options that nobody stated keep their defaults, which
+        # other options may change.
+        ids = {name: fields["request"].get(name) for name in ("measurement_set_id", "variant_of")}
+        fields["request"] = ids | parts.campaign.run.model_dump(mode="json", exclude_unset=True)
     job = parse_document(fields, import_kind(kind).message)
     here = Here(parts.campaign)
     if parts.made_from is not None and parts.made_from.get("kind") == Run.kind_name():

@@ -45,8 +45,8 @@ from jointstiff.solver.text import length_text
 MOST_READINGS: Final = 200
 """Greatest number of observations of a live campaign."""
 _PRIOR_PHRASES: Final[Mapping[Standing, str]] = {
-    "counts": "Prior knowledge counts",
-    "deviates": "Prior knowledge does not count, as the readings disagree with it",
+    "counts": "The prior knowledge is used for",
+    "deviates": "The prior knowledge is not used, as the readings disagree with it, for",
 }
 Change = Literal["observation", "withdrawn", "kept", "skipped", "closed"]
 
@@ -200,7 +200,7 @@ class LiveCampaign:
             return stored_entry
         if len(self.entry_by_label) >= MOST_READINGS:
             raise RequestError(
-                f"a live campaign takes at most {MOST_READINGS} observations",
+                f"a live campaign accepts at most {MOST_READINGS} observations",
                 where="label",
                 remedy="close this campaign, and declare another live campaign",
             )
@@ -370,7 +370,7 @@ class LiveCampaign:
         """
         if not self.observations:
             raise RequestError(
-                "the set has no reading to identify: none was sent, or all were withdrawn",
+                "the set has no reading to identify: no reading was sent, or all readings were withdrawn",
                 where="close",
                 remedy="send observations, or delete the live campaign",
             )

@@ -310,8 +310,9 @@ class CheckedSource:
             measured_distance = float(np.linalg.norm(place - other_place))
             if abs(measured_distance - distance_on_flange) > _LARGEST_DISTANCE_ERROR:
                 raise SourceError(
-                    f"the source has jumped: {name} is {1e3 * measured_distance:.0f} mm from {other}, but "
-                    f"the targets are {1e3 * distance_on_flange:.0f} mm apart on the flange",
+                    f"the source has jumped to another target: {name} is {1e3 * measured_distance:.0f} mm "
+                    f"from {other}, but the targets are {1e3 * distance_on_flange:.0f} mm apart on the "
+                    "flange",
                     remedy="check which target the instrument sees, then read again",
                 )
         if stand.loaded:
@@ -320,8 +321,8 @@ class CheckedSource:
             deflection = 0.0 if unloaded_place is None else float(np.linalg.norm(place - unloaded_place))
             if deflection > _LARGEST_DEFLECTION:
                 raise SourceError(
-                    f"the source has jumped: {name} is {1e3 * deflection:.0f} mm from its position without "
-                    "load",
+                    f"the source has jumped to another target: {name} is {1e3 * deflection:.0f} mm from "
+                    "its position without load",
                     remedy="check that the arm is still in the posture, then read again",
                 )
             return
@@ -330,8 +331,8 @@ class CheckedSource:
         position_error = float(np.linalg.norm(setting.to_base(place) - expected_place))
         if position_error > _LARGEST_POSITION_ERROR:
             raise SourceError(
-                f"the source has jumped: {name} is {position_error:.3g} m from the position that the robot's "
-                "joint values give",
+                f"the source has jumped to another target: {name} is {position_error:.3g} m from the "
+                "position that the robot's joint values give",
                 remedy="check the posture, and the frame and the unit of the readings, then read again",
             )
 
@@ -840,7 +841,7 @@ class RoboDk(Source):
         except ImportError:
             raise SourceError(
                 "the source `robodk` needs RoboDK's Python package, which is not installed",
-                remedy="install it with `pip install robodk`, and start RoboDK",
+                remedy="install the package with `pip install robodk`, and start RoboDK",
             ) from None
         self._link, self._name = robolink.Robolink(), address
 

@@ -40,7 +40,8 @@ _HARMLESS: Final = (
     r"|Weave [\w ]+(?:\[[^\[\]]*\])?|(?:SKIP|(?:TOOL_|V)?OFFSET) CONDITION .+|MONITOR END \w+"
     r"|VISION (?:RUN_FIND|GET_NFOUND|SET_REFERENCE) .*"
     # A search moves to contact by moves that say Search, which are left; a pattern of a pallet is a register.
-    r"|Search (?:Start|End).*|PALLETIZING-\w+|BACKUP=(?:OPEN|CLOSE)"
+    r"|Search (?:Start|End).*|PALLETIZING-\w+"
+    r"|[A-Z]+=(?:ON|OFF|OPEN|CLOSE)"
 )
 # Instructions of words alone that displace targets, or soften the arm, until others end them
 _LASTING_WORDS: Final = (
@@ -300,13 +301,17 @@ def _read_arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
         Misread: the position was not recorded, is incomplete, or is not in mm and degrees.
     """
     if any(text.startswith("*") and not name.startswith("E") for name, (_, text) in fields.items()):
-        raise Misread("the position was not recorded (***)", "record it, or delete it and its moves")
+        raise Misread(
+            "the position was not recorded (***)", "record the position, or delete the position and its moves"
+        )
     if not all(kind in fields and (fields[kind][0] or fields[kind][1] == "F") for kind in ("UF", "UT")):
         raise Misread("the position has no group GP1 with UF and UT", _RECORD_AGAIN)
     for notation, names, units in _FIELDS:
         if all(fields.get(name, ((), ""))[0] for name in names):
             if [fields[name][1] for name in names] != units.split():
-                raise Misread("the position is not in mm and deg", "write it with the controller set to mm")
+                raise Misread(
+                    "the position is not in mm and deg", "write the program with the controller set to mm"
+                )
             axes = (fields[name] for name in sorted(fields) if re.fullmatch(r"E\d", name))
             external = tuple(i for axis_ordinals, _ in axes for i in axis_ordinals)
             turns, config = fields.get("CONFIG", ((), ""))
@@ -362,7 +367,7 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
         machine.refuse(None, "the file lacks the section /MN or /POS", remedy)
     if "END" not in section_ends:
-        machine.refuse(None, "the file lacks /END: it may have been cut", "send the whole program")
+        machine.refuse(None, "the file lacks /END: its end may have been cut off", "send the whole program")
     end = section_ends["END"] - len("/END")
     positions = _find_positions(machine, source, section_ends["POS"], end)
     machine.add_statements(0, *positions, translate=_POSITION_LANGUAGE.translate)

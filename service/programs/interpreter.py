@@ -103,6 +103,14 @@ def _get_structure_name(name: str) -> str:
     return variable.partition(".")[0] + separator + routine
 
 
+def _leave_moves(op: Op) -> list[Op]:
+    """Return an operation of a further file: its moves are not corrected, so that their targets must stay."""
+    if isinstance(op, ir.Move):
+        names = frozenset(each for each in (*op.targets, *op.offset_from) if not isinstance(each, Literal))
+        return [ir.Use(names)] if names else []
+    return [] if isinstance(op, ir.MoveToStored | ir.Note) else [op]
+
+
 class UnmatchedEnd(Misread):
     """Error that a branch, loop, routine or jump lacks an end; `place` is the index of the existing end."""
 
@@ -410,10 +418,9 @@ class Machine:
         ):
             ops = translations.get(masked)
             if ops is None:
-                try:
-                    ops = translate(masked)
-                except Misread as fault:
-                    self.refuse(line, fault.reason, fault.remedy, source)
+                ops = self._translate(translate, masked, line, source)
+                if source and not declares:
+                    ops = [(offset, each) for offset, op in ops for each in _leave_moves(op)]
                 if len(translations) < _MAX_TRANSLATIONS:
                     translations[masked] = ops
             if (
@@ -655,7 +662,7 @@ class Machine:
                 self._update_state(state, i)
             for name, (content, line) in state.items():
                 reason = f"{name} changes while the program runs" if name not in self._lasting else ""
-                cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
+                cause = Cause(line, reason, "give the value once, in numbers", self._places[i].source)
                 self._changed[routine][name] = content if isinstance(content, Cause) else cause
         self._summarise_faults_and_attachments()
         to_visit = [*self._changed]  # routines whose callers may change more names than noted
@@ -791,7 +798,7 @@ class Machine:
                 subject = "whatever an unknown routine may change" if name == UNKNOWN else name
                 reason = f"{subject} changes while the program runs: by a branch, a loop or a call"
                 line = max(first_line, second_line)
-                cause = Cause(line, reason, "set it once, before branches, loops and calls")
+                cause = Cause(line, reason, "set the value once, before branches, loops and calls")
                 joined[name] = second_content if isinstance(second_content, Cause) else cause, line
         return first if joined == first else joined
 
@@ -924,7 +931,7 @@ class Machine:
             return active
         if changes:
             reason = f"{name} changes while the program runs"
-            return Cause(changes[0].line, reason, "give it once, in numbers")
+            return Cause(changes[0].line, reason, "give the value once, in numbers")
         if self._language.is_frame(name):
             return name
         return Cause(0, f"{quote_text(name)} is not given by constant numbers")
@@ -1016,6 +1023,8 @@ class Machine:
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
         cause = self._find_obstacle(place, op, frames, state)
+        for name in op.offset_from:
+            self._note_offset(place, name, frames[0], state)
         is_behind_unknown = UNKNOWN in state or UNKNOWN in self._anytime
         self._needs_assumption |= cause is None and is_behind_unknown and bool(self.unknown_routines)
         repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
@@ -1048,6 +1057,12 @@ class Machine:
         targets = [each for each in contents if isinstance(each, WrittenNumbers)]
         self.columns.add_move(op, place.line, targets, frames, cause)
 
+    def _note_offset(self, place: Place, name: Name, frames: Frames, state: State) -> None:
+        """Note that a move goes to an offset from a target; in other frames, the target is not corrected."""
+        target = self._evaluate_target(place, name, state)
+        if isinstance(target, WrittenNumbers):
+            self.columns.add_offset(target, frames, place.line)
+
     def _find_obstacle(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""
         if op.reason:
@@ -1064,7 +1079,7 @@ class Machine:
             is_initial = content == self._language.active[name]
             if not is_initial and not (isinstance(frame, FrameName) and content == frame.name):
                 reason = f"the target is recorded with another {name} than the active one"
-                return place.make_cause(reason, "activate the frame that it is recorded with")
+                return place.make_cause(reason, "activate the frame with which the target is recorded")
         return None
 
     def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> WrittenNumbers | Cause:

@@ -1,4 +1,4 @@
-"""Programs of KUKA (KRL): .src with .dat and $config.dat, translated."""
+"""Programs of KUKA (KRL): .src with .dat, $config.dat and files of its routines, translated."""
 
 from __future__ import annotations
 
@@ -75,6 +75,7 @@ _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 def _read_value(line: Line, text: str) -> list[Op]:
     """Return the operations of a value, which may be an expression or a structure `{...}`."""
+    text = re.sub(r"\$(?=(?:BASE|TOOL)\b)", "$ACTIVE_", text)  # the active frames are values, too
     return line.read_expression(_SEPARATED.sub(",", text) if text.startswith("{") else text)
 
 
@@ -367,29 +368,45 @@ def _translate_bas(line: Line) -> list[Op]:
     return [*line.read_expression(argument), *_BAS[function]]
 
 
+def _translate_reading(line: Line) -> list[Op]:
+    """Return the operations of a function that reads values from outside into its arguments."""
+    used = [op for op in line.read_expression(line["arguments"]) if isinstance(op, ir.Use)]
+    names = frozenset(each for op in used for each in op.names) | {line["status"] or "_"}
+    return [ir.MakeUnknown(names, "it is read from outside while the program runs", _REMEDY)]
+
+
+_DEFINED: Final = re.compile(rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})")
+_DATA: Final = re.compile(rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?")
+_GLOBAL: Final = re.compile(r"(?i)[^;\r\n]*\bGLOBAL\b")
+
+
 def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Add a .src and the .dat files sent with it to a machine.
+    """Add a .src to a machine, and the files sent with it: .dat, $config.dat, and .src with its routines.
 
     Raises:
         ProgramError: a .dat belongs to another program.
     """
-    main = re.search(
-        rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})", sources[0].text
-    )
+    programs = [_DEFINED.search(each.text) for each in sources if not each.name.lower().endswith(".dat")]
+    main, *others = [match[1].upper() if match else "" for match in programs] or [""]
     for index, source in enumerate(sources):
         is_config = source.name.lower().endswith("config.dat")
-        head = rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?"
-        data = re.search(head, source.text) if index else None
-        if main and data and not is_config and data[1].upper() != main[1].upper():
-            reason, remedy = (
-                f"the file declares data of {data[1]}, not of {main[1]}",
-                "send the .dat file of this .src file",
-            )
-            machine.refuse(source.find_line(data.start()), reason, remedy, index)
+        data = _DATA.search(source.text) if index else None
+        starts, ends = source.starts, source.ends
+        if main and data and not is_config and data[1].upper() != main:
+            if not (data[2] or data[1].upper() in others):
+                reason, remedy = (
+                    f"the file declares data of {data[1]}, not of {programs[0][1] if programs[0] else main}",
+                    "send the .dat file of this .src file",
+                )
+                machine.refuse(source.find_line(data.start()), reason, remedy, index)
+            # Of the data of another program, only those declared as GLOBAL are data of this one.
+            spans = zip(starts.tolist(), ends.tolist(), strict=True)
+            seen = np.array([bool(_GLOBAL.match(source.text, *each)) for each in spans], dtype=np.bool_)
+            starts, ends = starts[seen], ends[seen]
         declares = source.name.lower().endswith(".dat") and len(sources) > 1
         # Only a .dat that is public, and $config.dat, can be changed by other programs.
         kind = "shared" if is_config else "variable" if data and data[2] else "constant"
-        machine.add_statements(index, source.starts, source.ends, declares=kind if declares else "")
+        machine.add_statements(index, starts, ends, declares=kind if declares else "")
 
 
 LANGUAGE: Final = ir.Language(
@@ -404,10 +421,13 @@ LANGUAGE: Final = ir.Language(
     number=rf"{ir.NUMBER}|'B ?[01]{{1,16}}+'",
     operators="AND|OR|EXOR|NOT|B_AND|B_OR|B_EXOR|B_NOT",
     reserved=_RESERVED,
-    # KSS: arithmetic, strings, the state of variables, pulses, and what inline forms set speeds by
+    # KSS: arithmetic, strings, the state of variables, pulses, what inline forms set speeds by, messages,
+    # channels, the number of the program; Ethernet KRL: connections; ArcTech: the arc
     functions=r"ABS|SQRT|SIN|COS|TAN|ACOS|ATAN2|ROUND|TRUNC|INV_POS|VARSTATE|GET_SYSTEM_DATA|PULSE"
     r"|STR(?:ADD|CLEAR|COMP|COPY|DECLLEN|FIND|LEN|TOINT|TOREAL)|S(?:VEL|ACC)_(?:JOINT|CP)|SAPO(?:_PTP)?|SORI_TYP"
-    r"|S(?:GEAR_)?JERK|SLOAD|SIPO_MODE|SCIRC_TYPE|USE_CM_PRO_VALUES",
+    r"|S(?:GEAR_)?JERK|SLOAD|SIPO_MODE|SCIRC_TYPE|USE_CM_PRO_VALUES|(?:SET|CLEAR|EXISTS)_KRL(?:MSG|DLG)"
+    r"|MSG(?:NOTIFY|QUIT|STATE|LOG)|C(?:OPEN|CLOSE)|CAST_(?:TO|FROM)|P00"
+    r"|EKI_(?:INIT|OPEN|CLOSE|CLEAR\w*|CHECK\w*|LOCK|UNLOCK|SEND|SET\w+)|ARC(?:MAINNG|GET\w+)",
     motion=r"\b(?:S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?)(?!\w)",
     remedy=_REMEDY,
     active={"$BASE": "active $BASE", "$TOOL": "active $TOOL"},
@@ -476,6 +496,7 @@ LANGUAGE: Final = ir.Language(
             rf"|(?:E6)?(?:POS|AXIS)|[FPL]DAT|LOAD)) (?P<names>{_NAME}.*)",
             _translate_declaration,
         ),
+        (rf"(?:(?P<status>{_NAME})=)?(?:EKI_GET\w+|CREAD|SREAD)\((?P<arguments>.*)\)", _translate_reading),
         (r"@{name}\(.*\)", lambda line: line.read_expression(line.text)),
         (rf"(?P<name>{_NAME})(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _translate_assignment),
         (

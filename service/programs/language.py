@@ -126,6 +126,8 @@ class Move(NamedTuple):
     matched_frames: tuple[str, ...] = ()
     reason: str = ""
     remedy: str = ""
+    # names of targets near which a move that is not corrected ends: corrections of them shift this move, too
+    offset_from: tuple[Name, ...] = ()
 
     @property
     def differs_only_in_target(self) -> bool:

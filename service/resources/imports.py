@@ -160,7 +160,8 @@ def _list_missing_fields(
     first_observation, states = understood.observations[0], understood.preview.states
     unusual = [] if request.accept_unusual else _describe_unusual_values(understood, request)
     confirmation = (
-        f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
+        "a confirmation (`accept_unusual`) that these values are correct: "
+        f"{'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
     )
     force_is_stated = request.force is not None
     force_unit = None if request.units is None else request.units.force

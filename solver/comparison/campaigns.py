@@ -492,7 +492,7 @@ def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Match
                 f"{figure(ratio, '.3g')} times those of the first, but the deflections "
                 f"{figure(1.0 - share.value, '.3g')} times: probably {other} were read as {unit} in the "
                 f"second campaign, or {unit} as {other} in the first",
-                remedy="correct `units.force` of the campaign that states it wrongly",
+                remedy="correct `units.force` of the campaign whose unit is wrong",
             )
     return None
 

@@ -291,7 +291,7 @@ def report_remaining_deflection(unloading: Unloading) -> Finding:
         weight="use_with_care",
         message=f"{100.0 * share:.2g} % ± {100.0 * u:.2g} % of the deflection remains after unloading: the "
         "stiffnesses refer to the mean of the unloaded positions before and after the load; with only one "
-        f"of these positions they would differ by {50.0 * abs(share):.2g} % from either",
+        f"of these positions they would differ by {50.0 * abs(share):.2g} %",
         remedy="load and unload the arm once before the first reading; check that tool, hook and base are "
         "tight",
     )
@@ -464,7 +464,7 @@ def _report_wrong_postures(
             observation=wrong[0],
             message=f"the readings of {_name_postures(wrong)} disagree with the joint stiffnesses that fit "
             "all other readings (F test)",
-            remedy="check these readings and their loads; repeat them, or identify with loss huber",
+            remedy="check these readings and their loads; repeat the readings, or identify with loss huber",
             action=AdvisedAction.of("use_huber" if measurements.direction is None else "show_posture", wrong),
         )
 
@@ -605,7 +605,7 @@ def _report_outlying(
             message=f"{count} of {len(measurements)} observations disagree with the joint stiffnesses that "
             "fit the other observations. These are too many for single wrong readings: something besides "
             "the joints bends, or angles or loads are wrong",
-            remedy="check these postures; if their readings are right, try elasticity joints_and_links",
+            remedy="check these postures; if the readings are right, try elasticity joints_and_links",
             action=AdvisedAction.of("show_posture", observations),
         )
     elif settings.loss != "huber":
@@ -785,9 +785,9 @@ def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bo
         yield Finding(
             code="sigma_implausible",
             weight="use_with_care",
-            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
-            "reading; laser trackers have 10 to 40 µm, so most of it comes from deflections that the model "
-            "does not explain",
+            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of "
+            "a reading; laser trackers have 10 to 40 µm, so most of this value comes from deflections "
+            "that the model does not explain",
             remedy="state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
             "whether links bend",
         )

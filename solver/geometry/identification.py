@@ -397,8 +397,8 @@ def report_drift(drift: results.Drift, targets: BaseTargets) -> Iterator[Finding
         yield _make_finding(
             "base_target_moved",
             f"{targets.where}.{target}",
-            f"this base target moved relative to the others, by about {length_text(distance)}",
-            "omit this target, and attach it more firmly",
+            f"this base target moved relative to the other base targets by about {length_text(distance)}",
+            "omit this target, or attach the target more firmly and repeat",
         )
 
 

@@ -987,7 +987,7 @@ def _find_mistake_of_the_set(
         "force_sign_suspect",
         f"the work of the load on the joints is {springs.work:.3g} J, but must be positive; the "
         f"targets moved against the force in {int(against_force.sum())} of {len(against_force)} observations",
-        "change the sign of every force (it is the force on the robot); or exchange unloaded and loaded",
+        "change the sign of every force (forces are those on the robot); or exchange unloaded and loaded",
         "do_not_use",
         AdvisedAction.of("exchange_readings"),
     )

@@ -262,7 +262,7 @@ def inspect_stated_noise(view: View) -> Iterator[Finding]:
         yield view.build_finding(
             "sigma_suspect",
             f"the stated standard uncertainty of a reading is {length_text(sigma)}, more than any tracker's",
-            "check the stated noise: it is in `units.length`",
+            "check the stated noise, which is in `units.length`",
             "do_not_use",
         )
 
@@ -422,7 +422,7 @@ def _report_repeated_deflections(view: View, posture: FloatArray) -> Iterator[Fi
             f"{statement}",
             "state a noise that agrees with the repetitions, and find the cause of the scatter between them"
             if exceeds_noise
-            else "keep the repetitions in the set: they are used like all other observations",
+            else "keep the repetitions in the set; the fit uses repetitions like all other observations",
             "use_with_care" if exceeds_noise else "use",
         )
 

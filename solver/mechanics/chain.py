@@ -142,7 +142,7 @@ class KinematicChain:
         if moving == 0:
             raise RobotError(
                 f"a fixed-only chain: there is no moving joint between '{self.base}' and '{self.flange}'",
-                remedy="choose a base and a flange with moving joints between them",
+                remedy="choose a base and a flange with moving joints between base and flange",
                 where="chain",
             )
         for count, most, what in (
@@ -224,7 +224,7 @@ def check_name(name: str, where: str) -> None:
             characters, or spaces at an end.
     """
     if not name:
-        raise RobotError("the name is missing or empty", remedy="give it a name", where=where)
+        raise RobotError("the name is missing or empty", remedy="give a name", where=where)
     if len(name) > MAX_NAME_LENGTH:
         reason = f"the name has {len(name)} characters; it begins {name[:40]!r}"
         raise RobotError(reason, remedy=f"use at most {MAX_NAME_LENGTH} characters", where=where)

@@ -167,7 +167,7 @@ def build_load_scale_term(groups: Collection[Collection[str]]) -> Term:
         suspected=True,
         change_loads=partial(_scale_loads_of_groups, listed),
         words="relative load errors of {}, one for each group of loads,",
-        remedy="weigh the loads, or check the load cell against one of them",
+        remedy="weigh the loads, or check the load cell against a known weight",
     )
 
 

@@ -744,7 +744,9 @@ def identify_weight(
     quantile = student_quantile(0.5 + 0.5 * confidence, degrees_of_freedom if sigma_of_residuals else None)
     joints, width_ratios = compute_joint_results(robot, fit, sigma_of_fit, (sigma_of_fit * quantile) ** 2)
     statuses = [joint.status for joint in joints]
-    missing = report_no_identified_joint(statuses, "read more postures, better masses or a known payload")
+    missing = report_no_identified_joint(
+        statuses, "read more postures, state better masses, or use a known payload"
+    )
     uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
     predicted = fit.state.motion(sagging).points

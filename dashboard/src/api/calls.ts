@@ -251,6 +251,9 @@ export const api = {
   apply: (run_id: string, body: of.AdvisedAction) =>
     read<of.Run>(client.POST("/v1/runs/{run_id}/apply", { params: { path: { run_id }, query: { wait: 1 } }, body })),
   tables: (job: string, view: Query, signal?: AbortSignal) => file<of.ShownTables>(job, "tables.json", view, signal),
+  /** The readings of a run or a plan simulated with known stiffnesses, and identified; nothing is stored. */
+  rehearsal: (job: string, view: Query, signal?: AbortSignal) =>
+    file<Pick<of.ShownTables, "lines" | "tables">>(job, "rehearsal.json", view, signal),
   /** A table of a job, column by column. */
   table: (job: string, name: JobTable, signal?: AbortSignal) => file<Columns>(job, `${name}.json`, {}, signal),
   programFile: (program: string, file: string) => withQuery(jobs.file(program, "program"), { file }),

@@ -25,6 +25,7 @@ import { NoRobots } from "./robots";
 import { fileName, saveJson } from "../components/table";
 import { JobLines, JobPage, JobTables } from "../components/job_page";
 import { posturesOf } from "./run_context";
+import { Rehearsal } from "./rehearsal";
 
 const words = later.plan;
 
@@ -288,11 +289,12 @@ export function PlanView({ id }: { id: string }) {
         actions: job.result && <Download href={api.jobs.file(id, "readings.csv")}>{words.csv}</Download>,
       })}
     >
-      {(result, { robot }) => (
+      {(result, { job, robot }) => (
         <>
           <Postures result={result} robot={robot} />
           <JobLines collection="plans" id={id} />
           <JobTables collection="plans" id={id} to={1} />
+          {job.request.load?.kind !== "own_weight" && <Rehearsal job={id} />}
         </>
       )}
     </JobPage>

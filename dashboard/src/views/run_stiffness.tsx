@@ -1,4 +1,5 @@
 /** The first tab of a result: whether it may be used, what it comes to, each joint, and why the numbers can be trusted. */
+import { api } from "../api/calls";
 import type { Run, RunResult } from "../api/types";
 import {
   Badge,
@@ -8,6 +9,7 @@ import {
   When,
   Term,
   ActionButton,
+  Download,
   LinkButton,
   lazy,
   usePhone,
@@ -29,6 +31,7 @@ import { JointTable, Stiffness } from "./joint_table";
 import { Further } from "../components/findings";
 
 const assessmentWords = text.assessment;
+const Rehearsal = lazy(async () => (await import("./rehearsal")).Rehearsal);
 const Assumed = lazy(async () => (await import("./assumed")).Assumed);
 
 /** What a joint is if it has a number. */
@@ -151,14 +154,24 @@ export function StiffnessPart({ context, result }: PartProps) {
       {(result.links || result.choice?.models.length || result.resampling) && (
         <JobTables collection="runs" id={run.id} from={1} />
       )}
+      {!run.request.weight && <Rehearsal job={run.id} />}
       <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
       <Evidence context={context} result={result} />
     </>
   );
 }
 
+/** What to do next, and the report. */
+export const First = ({ run, set }: Pick<RunContext, "run" | "set">) =>
+  run.result && (
+    <>
+      <Next run={run} set={set} />
+      <Download href={api.jobs.file(run.id, "report.pdf")}>{text.run.pdf}</Download>
+    </>
+  );
+
 /** What to do next, by the verdict: mend what is wrong, measure more, or use the result. */
-export function First({ run, set }: Pick<RunContext, "run" | "set">) {
+function Next({ run, set }: Pick<RunContext, "run" | "set">) {
   const words = text.run.first;
   const { verdict, reasons } = run.result?.assessment ?? { reasons: [] };
   const offered = reasons.flatMap((reason) => reason.action ?? []).filter(({ kind }) => kind !== "show_posture");

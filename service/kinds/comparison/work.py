@@ -338,8 +338,8 @@ def _rebuild_joint_model(run: Run, robot: Robot) -> JointModel:
     model = None if stored is None else build_forward_model(robot, stored)[0]
     if not isinstance(model, JointModel):
         raise RequestError(
-            "two measurement sets can be compared only if nothing but the joints is elastic in their runs, "
-            f"but the run '{run.id}' has elasticity {run.elasticity}",
+            "two measurement sets can be compared only if joints alone are elastic in the runs, but the "
+            f"run '{run.id}' has elasticity {run.elasticity}",
             where="run_ids",
             remedy="identify the measurement set with elasticity `joints`, and give the new run",
         )

@@ -481,7 +481,10 @@ class ProcessWork(ProgramWork):
             start = "bring the arm to the first joints of turns.csv before the program starts: its first "
             remarks.insert(0, f"{start}target states no configuration")
         if edges := self._find_edges():
-            remarks.insert(0, f"the best place is at the edge of the box along {edges}: enlarge the box")
+            remarks.insert(
+                0,
+                f"the best place is at the edge of the box along {edges}: a larger box may have a better one",
+            )
         if self._request.place is not None and not self._as_sent.moves_base[self._used_bases].all():
             place = "targets are written in the new place, in base frames with the numbers of the program"
             remarks.insert(0, place)

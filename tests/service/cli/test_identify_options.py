@@ -8,10 +8,10 @@ from support.documents import campaign
 from support.terminal import terminal
 
 UNSEEN = "joint_1: the load never twists this joint: add loads that twist it"
-PRIOR = "its prior is not returned as a result, because the readings do not determine it"
+PRIOR = "the prior is not returned as a result, because the readings do not determine the joint"
 TO_DO = "To do 1. joint_1: 1500 N along (0.50, 0.87, 0.00) in posture c05"
 TO_DO_OF_OTHER_METHODS = "To do 1. joint_1: 1500 N along (0.34, 0.94, 0.00) in posture c10"
-FIVE = "Use 5 of 6 joints: the others have no number that passed the checks"
+FIVE = "Use 5 of 6 joints: no number of the other joints passed the checks"
 
 
 @pytest.fixture(scope="module")

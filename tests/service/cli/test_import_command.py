@@ -168,9 +168,8 @@ def test_positions_of_targets_and_their_deviations_are_poses_of_a_geometry(folde
         ),
         (
             "KR 500",
-            "the catalogue has no arm 'KR 500' "
-            "remedy: `jointstiff robots` and GET /v1/catalogue list its arms; "
-            "or describe yours by a DH table or URDF",
+            "the catalogue has no arm 'KR 500' remedy: `jointstiff robots` and GET /v1/catalogue list its "
+            "arms; or describe the arm by a DH table or URDF",
         ),
     ],
 )

@@ -138,8 +138,8 @@ def test_an_arm_is_written_as_a_robot_in_metres_and_radians():
     assert [row["alpha"] for row in rows] == pytest.approx([1.570796, 0.0, 0.0, 1.570796, -1.570796, 0.0])
     assert (rows[0]["lower"], rows[0]["upper"]) == pytest.approx((-6.283185, 6.283185))
     assert refused("robots 'no such arm'") == (
-        "ARM: the catalogue has no arm 'no such arm' remedy: `jointstiff robots` and GET /v1/catalogue list "
-        "its arms; or describe yours by a DH table or URDF"
+        "ARM: the catalogue has no arm 'no such arm' remedy: `jointstiff robots` and GET /v1/catalogue "
+        "list its arms; or describe the arm by a DH table or URDF"
     )
 
 
@@ -177,7 +177,7 @@ HELP = {
         "--leave-out NAME,NAME,... Labels of observations to omit; the remaining observations are checked "
         "again.",
         "--apply ACTION Apply an action that a reason of the verdict recommends, such as exchange_columns or "
-        "convert_units: write the corrected campaign to a new file, and identify it.",
+        "convert_units: write the corrected campaign to a new file, and identify this campaign.",
         "-o, --output FILE File to write the corrected campaign to; default: a new file next to the old one.",
         "Unit of stiffness or compliance in the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m). [default: "
         "MNm/rad]",
@@ -205,8 +205,8 @@ HELP = {
     ],
     "map": [
         "Map deflection and compliance over a work area.",
-        "--absolute / --no-absolute True: deflections are relative to a rigid arm, and include the sag by "
-        "own weight. Needs a run with `weight`.",
+        "--absolute / --no-absolute True: deflections are relative to a rigid arm, and include its sag. "
+        "Needs a run with `weight`.",
         "--despite-verdict `do_not_use`: also accept a run with this verdict.",
         "--load-point X,Y,Z[mm] Point where the force acts, flange frame; default: the tool's position.",
         "--turns <int> Number of angles about the tool's axis over a full turn.",
@@ -217,7 +217,7 @@ HELP = {
         "Nothing is written without --output or --save-template, nor while information is missing. At a "
         "terminal the command asks for the missing information. If the inspection finds errors, the "
         "readings are written only with --despite-errors, and the exit status is 1 without it.",
-        "--units length=mm,angle=deg,force=N Units of columns whose header has none; add moment=N.m if "
+        "--units length=mm,angle=deg,force=N Units of columns whose header has no unit; add moment=N.m if "
         "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
         "--encoders <motor|secondary> Encoders that close the position loop; must be stated.",
@@ -275,13 +275,13 @@ HELP = {
     "serve": [
         "Start the service.",
         "--host <str> Address to listen on. [default: 127.0.0.1]",
-        "--port <int range> Port; 0 for any free port. [default: 8000; 0<=x<=65535]",
+        "--port <int range> Port to listen on; 0: any free port. [default: 8000; 0<=x<=65535]",
         "[env var: JOINTSTIFF_DATABASE; default: sqlite:///jointstiff.db]",
-        "--no-access-control Require no keys; only for use behind an authenticating proxy. Needs "
+        "--no-access-control Require no keys; use this option only behind an authenticating proxy. Needs "
         "--allowed-host.",
-        "--metrics-host <str> Address of the metrics port; everyone who reaches it can read the metrics. "
-        "[default: 127.0.0.1]",
-        "--require-key Require a key (`jointstiff keys create`) also from this machine.",
+        "--metrics-host <str> Address of the metrics port; everyone who reaches this address can read the "
+        "metrics. [default: 127.0.0.1]",
+        "--require-key Require a key (`jointstiff keys create`) even for requests from this machine.",
         "--keys-file FILE File of keys, such as a secret of a container; the file has only hashes of the "
         "keys.",
     ],

@@ -35,7 +35,7 @@ def inside(folder, monkeypatch):
 def test_a_joint_that_the_load_never_twists_has_no_number_and_says_what_to_do():
     assert_said(
         typed("identify weight.json --details"),
-        "Use 5 of 6 joints: the others have no number that passed the checks",
+        "Use 5 of 6 joints: no number of the other joints passed the checks",
         "Joint stiffness, partial pose, covariance weights, compliance ≥ 0",
         "┃ joint ┃ stiffness ┃ std. uncertainty ┃ 95 % interval ┃ verdict ┃",
         "│ joint_1 │ — │ — │ — │ not observable │",
@@ -105,8 +105,8 @@ def test_resampled_fits_are_shown_in_the_unit_that_is_asked_for():
         "│ joint_1 │ 1110.2 │ 4.7 │ 0 % │ 0 % │ 0 % │",
         "│ joint_6 │ 27.1 │ 1.5 │ 0 % │ 0 % │ 0 % │",
         "│ compensation │ 98.7 % │ 0.0 % │ — │ — │ — │",
-        "stiffness in N·m/arcmin: mean and standard deviation of one fit; compensation: explained share over "
-        "all configurations",
+        "stiffness in N·m/arcmin: mean and standard deviation of one fit; compensation: explained fraction "
+        "over all configurations",
         "│ Resampling: size │ 8 │ │ Resampling: repetitions │ 200 │ │ Resampling: seed │ 0 │",
     )
 
@@ -268,20 +268,20 @@ def test_two_campaigns_are_compared_joint_by_joint():
         (
             "identify",
             "{",
-            "Invalid JSON: EOF while parsing an object at line 1 column 1 remedy: correct the JSON there; "
-            "to read tables and point lists use `jointstiff import FILE`",
+            "Invalid JSON: EOF while parsing an object at line 1 column 1 remedy: correct the JSON at this "
+            "place; to read tables and point lists use `jointstiff import FILE`",
         ),
         (
             "identify",
             '{"a": 1, }',
-            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON there; to read "
-            "tables and point lists use `jointstiff import FILE`",
+            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON at this place; to "
+            "read tables and point lists use `jointstiff import FILE`",
         ),
         (
             "import",
             '{"a": 1, }',
-            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON there; it must be "
-            "UTF-8",
+            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON at this place; it "
+            "must be UTF-8",
         ),
     ],
 )

@@ -96,8 +96,8 @@ def test_an_exported_model_says_its_origin_verdict_and_intervals():
         "Verdict on the result: use.",
         "Lengths in m, angles in rad, stiffness in N·m/rad. Angles are those of the model, in the frame of "
         "the link base_link.",
-        "Masses and inertias are placeholders of the format, not of the robot, and gravity is off: add "
-        "those of the robot for dynamics or own weight.",
+        "Masses and inertias are placeholders that the format requires, and gravity is off: for dynamics "
+        "or own weight, enter the values of the robot.",
         "joint_1: 3.819 · 10⁶ N·m/rad (95 % interval 3.736 … 3.906); verdict: use",
         "joint_6: 0.0928 · 10⁶ N·m/rad (95 % interval 0.0767 … 0.1174); verdict: use",
         '<compiler angle="radian" eulerseq="XYZ" autolimits="true" boundmass="1" boundinertia="1" />',
@@ -136,7 +136,7 @@ def test_deflections_are_predicted_with_their_uncertainty():
         "U: expanded uncertainty from readings, loads and places; U and model error at 95 %; stiffness along "
         "the force, free to move sideways",
         "own weight is not included, because no masses are given",
-        "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+        "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12",
     )
     first, second = written(Path("p.csv").read_text())
     shifts = [f"displacement {axis} [mm]" for axis in "xyz"]

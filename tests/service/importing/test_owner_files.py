@@ -37,8 +37,9 @@ def test_each_state_may_have_joints_of_its_own_and_the_unloaded_ones_count(files
 def test_joints_that_differ_more_are_told_once_with_the_greatest_difference():
     wrong = UNLOADED.replace("unloaded", "loaded").replace("-35.125", "-35.2").replace("10.5;", "10.55;")
     assert refusals(("u.csv", UNLOADED), ("l.csv", wrong)) == [
-        "l.csv:3: the joint angles of 'c02' differ by 0.075 from those at 'u.csv', line 3; give "
-        "each observation a unique label, correct one of them, or raise `joint_tolerance` [joint_tolerance]"
+        "l.csv:3: the joint angles of 'c02' differ by 0.075 from those at 'u.csv', line 3; give each "
+        "observation a unique label, correct one of the two rows, or raise `joint_tolerance` "
+        "[joint_tolerance]"
     ]
 
 
@@ -73,7 +74,7 @@ def test_rows_of_remarks_and_of_statistics_are_left_out(row, place):
     lines = CAMPAIGN.splitlines()
     answer = answered(("a.csv", "\n".join([*lines[:place], row, *lines[place:]]) + "\n"))
     assert numbers_of(answer) == CAMPAIGN_NUMBERS
-    assert any("were left out: 1, the first" in note for note in answer.files[0].assumptions)
+    assert any("were omitted: 1, the first" in note for note in answer.files[0].assumptions)
 
 
 def test_a_row_with_a_label_and_no_numbers_is_no_remark():

@@ -175,7 +175,7 @@ COLUMNS = {
         "along z [mm]",
         "label;tip along z [mm]\nc01;0.1\nc02;0.25\n",
     ),
-    "unit of a text": mistake("has a unit, but is a column of texts", "label;", "label [mm];"),
+    "unit of a text": mistake("has a unit, but its column has texts", "label;", "label [mm];"),
     "hung mass in newton": mistake("the unit of a hung mass must be kg", "mass [kg]", "mass [N]", HUNG),
     "joint zero": mistake("column joint 3 is missing", "J2 [deg]", "J0 [deg]"),
     "two units by header and option": Case(
@@ -391,9 +391,9 @@ NAMES = {
         stated={"joint_tolerance": 0.05},
     ),
     "name that is none": mistake("is not a valid name", "c02;", "c\u20282;"),
-    "unclear name": mistake("does not show which observation", "c02_P10_loaded", "c02_P10_1_loaded", POINTS),
+    "unclear name": mistake("does not show the observation", "c02_P10_loaded", "c02_P10_1_loaded", POINTS),
     "unclear name, template": option(
-        "does not show which observation",
+        "does not show the observation",
         "".join(f"cell_{line}\n" for line in POINTS.splitlines()),
         point_name="{any}_{label}_{target}_{state}",
     ),
@@ -535,7 +535,7 @@ VALUES = {
         stated={"ignore": ["U95 x [mm]", "U95 y [mm]", "U95 z [mm]"]},
     ),
     "joints of other numbers": Case(
-        "joint angles here, but",
+        "joint angles, but",
         {"j.csv": JOINTS, "k.csv": "label,J1 [deg],Fx [N],Fy [N],Fz [N]\nc03,10.5,0,0,-1471.5\n"},
         {"j.csv": JOINTS},
     ),

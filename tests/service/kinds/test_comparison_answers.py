@@ -234,9 +234,9 @@ class TestTwoCampaigns:
         bent = {"elasticity": "coupled_joints", "link_penalty": 0.1, "loss": "squared"}
         coupled = posted(read, **bent, cross_validation={"folds": 2})["id"]
         assert told(compared(coupled)) == (
-            "422 | run_ids | two measurement sets can be compared only if nothing but the joints is elastic "
-            f"in their runs, but the run '{coupled}' has elasticity coupled_joints | identify the "
-            "measurement set with elasticity `joints`, and give the new run"
+            "422 | run_ids | two measurement sets can be compared only if joints alone are elastic in the "
+            f"runs, but the run '{coupled}' has elasticity coupled_joints | identify the measurement set "
+            "with elasticity `joints`, and give the new run"
         )
 
     def test_a_joint_at_its_bound_takes_its_ratio_from_the_run_without_constraints(self, local, posted):
@@ -364,12 +364,12 @@ class TestMethods:
             (
                 {"run": {"resampling": {"size": 5, "repetitions": 5}}},
                 "run",
-                "must have neither `priors` nor `resampling` here",
+                "must have neither `priors` nor `resampling`",
             ),
             (
                 {"run": {"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}}},
                 "run",
-                "must have neither `priors` nor `resampling` here",
+                "must have neither `priors` nor `resampling`",
             ),
         ],
     )

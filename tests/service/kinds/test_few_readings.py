@@ -161,8 +161,8 @@ def test_what_acts_on_a_robot_is_refused_with_the_reasons_of_the_run(kind, detai
     assert problem["title"] == "The result must not be used"
     assert problem["detail"] == detail.replace("{run}", bad["id"])
     assert problem["remedy"] == (
-        "follow the remedies of its reasons and identify again; "
-        "to continue anyway, give `accept_verdict: do_not_use`"
+        "follow the remedies of the reasons and identify again; to continue anyway, give `accept_verdict: "
+        "do_not_use`"
     )
     assert problem["errors"] == [
         {

@@ -16,7 +16,7 @@ from jointstiff.service.kinds.registry import KINDS
 ALL_SIX = "no fault was found; all 6 joints of its run passed the checks"
 BOUND = [
     "own weight is not included, because no masses are given",
-    "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+    "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12",
 ]
 
 

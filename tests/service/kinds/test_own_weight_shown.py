@@ -24,7 +24,7 @@ def test_the_terminal_says_what_masses_make_up_of_each_interval(tmp_path, own):
     file.write_text(json.dumps(own))
     words = " ".join(terminal("identify", file, "--details", width=100).stdout.split())
     for line in [
-        "Use 5 of 6 joints: the others have no number that passed the checks",
+        "Use 5 of 6 joints: no number of the other joints passed the checks",
         "Joint stiffness, by the robot's own weight, compliance ≥ 0",
         "│ joint_1 │ — │ — │ — │ not observable │",
         "│ joint_2 │ 3.05 │ 0.35 │ 2.34 … 3.59 │ roughly known │",
@@ -33,8 +33,8 @@ def test_the_terminal_says_what_masses_make_up_of_each_interval(tmp_path, own):
         "the joint",
         "explains 98.9 % of the mean deflection, residual 42.5 µm rms (3-D), sigma of a reading "
         "30 µm (given)",
-        "share of uncertain masses in each interval: joint_2 35 %, joint_3 68 %, joint_4 18 %, joint_5 42 %, "
-        "joint_6 27 %",
+        "fraction of each interval's width due to uncertain masses: joint_2 35 %, joint_3 68 %, joint_4 18 "
+        "%, joint_5 42 %, joint_6 27 %",
         "without sag, the best geometry leaves 249 µm rms of a coordinate; with sag, 26.9 µm",
         "warning: the readings do not check the mass of link 2, link 3, link 4, link 5, link 6: twice the "
         "stated mass might not be noticed, and would change a "
@@ -61,7 +61,7 @@ def test_the_report_states_masses_with_their_bounds_and_shares_of_intervals(loca
         "prediction is not valid",
         "joint_2 | 65 % | 35 % |",
         "joint_3 | 32 % | 68 % |",
-        "Shares of each interval's width: from the readings, and from the bounds of the masses.",
+        "Fractions of each interval's width: from the readings, and from the bounds of the masses.",
         "– Deviations: none.",
         "link 1 380 kg (342 to 418); link 2 230 kg (207 to 253); link 3 260 kg (234 to 286); link 4 95 kg "
         "(85.5 to 104.5); link 5 55 kg (49.5 to 60.5); link 6 48 kg (43.2 to 52.8)",
@@ -98,8 +98,8 @@ def test_sag_is_in_a_prediction_that_is_absolute_and_only_there(local, run):
     for found, said in (
         (
             bent,
-            "the predictions are absolute, that is relative to an arm that does not bend: they "
-            "include the sag under own weight",
+            "the predictions are absolute (relative to an arm that does not bend), so they include the sag "
+            "under own weight",
         ),
         (relative, "own weight is not included, because `absolute` is not requested"),
     ):

@@ -223,7 +223,7 @@ class TestElasticLinks:
         assert found["remarks"] == [
             "the predictions are to first order in the load: links and joints bend linearly, own "
             "weight and complementary stiffness are left out",
-            "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+            "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12",
         ]
         (case,) = found["cases"]
         assert case["displacement"] == pytest.approx([9.8153e-5, 0.00012875, -0.00098993], rel=1e-3)

@@ -97,7 +97,7 @@ def test_models_are_refused_with_the_reason_and_tables_say_it_in_each_row(local,
     for name in ("model.csv", "model.xlsx", "model.mjcf"):
         answer = local.get(file_at(run, name))
         assert told(answer) == (
-            f"422 | run_id | the verdict on run '{run['id']}' is: do not use | follow the remedies of its "
+            f"422 | run_id | the verdict on run '{run['id']}' is: do not use | follow the remedies of the "
             "reasons and identify again; to continue anyway, give `accept_verdict: do_not_use`"
         )
         (error,) = answer.json()["errors"]
@@ -125,7 +125,7 @@ def test_models_are_refused_with_the_reason_and_tables_say_it_in_each_row(local,
 
 
 POSTURE = [0, -20, 30, 0, 45, 0]
-FEWER = "no bound of the model error at 95 %: 19 postures are needed, and there are 12"
+FEWER = "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12"
 
 
 @pytest.mark.parametrize(

@@ -165,7 +165,7 @@ def test_a_model_of_mujoco_has_a_slide_and_says_what_it_is_made_of(files, tmp_pa
     for line in [
         "<!-- Method: partial pose, covariance weights, compliances not negative. Intervals at 95 %. -->",
         "<!-- Verdict on the result: use. -->",
-        "<!-- Geometry: as the robot's model states it, not identified. -->",
+        "<!-- Geometry: as in the robot's model, not identified. -->",
         "<!-- Lengths in m, angles in rad, stiffness in N·m/rad, of prismatic joints in N/m. "
         "Angles are those "
         "of the model, in the frame of the link base_link. -->",
@@ -284,13 +284,13 @@ class TestThePlansListIsFilledIn:
         [
             (
                 ("joint_1 [mm]", "joint_1 [deg]"),
-                "joint joint_1 is read as an angle, but in the robot it is prismatic; give its lengths, in "
-                "`units.length`, or check the robot and the order of the joints",
+                "joint joint_1 is read as an angle, but in the robot this joint is prismatic; give its "
+                "lengths, in `units.length`, or check the robot and the order of the joints",
             ),
             (
                 ("joint_2 [deg]", "joint_2 [mm]"),
-                "joint joint_2 is read as a length, but in the robot it is revolute; give its angles, in "
-                "`units.angle`, or check the robot and the order of the joints",
+                "joint joint_2 is read as a length, but in the robot this joint is revolute; give its "
+                "angles, in `units.angle`, or check the robot and the order of the joints",
             ),
         ],
     )
@@ -318,8 +318,8 @@ class TestWhatDoesNotGoWithASlide:
     def test_angles_of_a_spindle(self):
         document = changed(sliding("scara", SI), ("measurement_set.joint_kinds", ["revolute"] * 4))
         assert refused(js.identify, document) == (
-            "measurement_set.joint_kinds | joint joint_3 is read as an angle, but in the robot it is "
-            "prismatic | give its lengths, in `units.length`, or check the robot and the order of the "
+            "measurement_set.joint_kinds | joint joint_3 is read as an angle, but in the robot this joint "
+            "is prismatic | give its lengths, in `units.length`, or check the robot and the order of the "
             "joints"
         )
 

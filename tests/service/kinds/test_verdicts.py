@@ -202,7 +202,9 @@ def test_every_kind_says_first_that_its_run_is_not_to_be_used(kind, local, post_
     first, *rest = shown.getvalue().splitlines()
     assert first.strip() == FIRST[kind]
     accepted = [
-        line for line in rest if "computed despite this verdict, because the request accepts it" in line
+        line
+        for line in rest
+        if "computed despite this verdict, because the request accepts the verdict" in line
     ]
     assert len(accepted) == (kind in REFUSED)
     assert "do not use" in local.get(file_at(job, "report.html")).text.lower()
@@ -307,7 +309,7 @@ HEADS = {
     ),
     "plan, joint without a load": (f"Use this plan with care: 1 reason {OWN}", ["joint_left_out"]),
     "run, joint without a number": (
-        "Use 5 of 6 joints: the others have no number that passed the checks",
+        "Use 5 of 6 joints: no number of the other joints passed the checks",
         [],
     ),
 }
@@ -361,7 +363,7 @@ def test_a_point_where_no_tool_reaches_is_refused(name, where, metres, run):
     problem = refused.value.problem
     assert (problem.where, problem.detail, problem.remedy) == (
         where,
-        f"the point is {metres} m from the flange, where no tool reaches",
+        f"the point is {metres} m from the flange, farther than any tool reaches",
         NO_TOOL,
     )
 

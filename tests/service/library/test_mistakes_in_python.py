@@ -136,7 +136,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
         (
             "stiff_joint",
             [
-                "Use 5 of 6 joints: the others have no number that passed the checks",
+                "Use 5 of 6 joints: no number of the other joints passed the checks",
                 "│ joint_3 │ 4.129 │ 0.093 │ 3.939 … 4.318 │ well determined │",
                 "│ joint_4 │ rigid │ — │ > 8.07 │ at bound │",
                 "joint_4: stiffer than 8.07 · 10⁶ N·m/rad at 95 %: these readings cannot distinguish the "

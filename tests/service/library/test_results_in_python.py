@@ -116,7 +116,7 @@ def test_a_summary_has_the_notes_without_the_tables(results):
         "all 9 places reached",
         "deflection: median 574.8 µm, 90 % of the places 500.9 to 666 µm, greatest 666 µm",
         "own weight is not included, because no masses are given",
-        "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+        "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12",
     ]
     assert "Joint stiffness" not in results["run"].summary()
 
@@ -208,8 +208,8 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         ),
         (
             lambda run, _: run.predict([[0.0] * 6], FORCE, at=(0, 0, 120e3)),
-            "prediction.load_point: the point is 120 m from the flange, where no tool reaches; remedy: "
-            "check its unit; a point on the tool is at most 5 m from the flange",
+            "prediction.load_point: the point is 120 m from the flange, farther than any tool reaches; "
+            "remedy: check its unit; a point on the tool is at most 5 m from the flange",
         ),
         (
             lambda run, _: run.predict([[0] * 5], FORCE, at=(0, 0, 100)),

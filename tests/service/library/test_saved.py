@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.command_lines import refused, typed
+from support.documents import own_weight
 from support.guide_files import EXAMPLES
 
 import jointstiff as js
@@ -24,6 +25,8 @@ AREA = {
 }
 KINDS = [
     "run",
+    "run by own weight",
+    "run of a live campaign",
     "comparison",
     "geometry",
     "plan",
@@ -43,10 +46,20 @@ def document():
     return simulate_campaign(default_arm(), load="pull", configurations=12, seed=3)
 
 
+def measured_live(backend, document):
+    """Return the run of a live campaign, whose readings a simulated tracker gave."""
+    with backend.measure(document, "15 %", "simulated:1") as campaign:
+        campaign.run_source(most=10)
+        campaign.close()
+    return campaign.run
+
+
 def results_of(backend, document):
     run = backend.identify(document)
     return {
         "run": run,
+        "run by own weight": backend.identify(own_weight(30, 1), weight={}),
+        "run of a live campaign": measured_live(backend, document),
         "comparison": backend.compare(run, constraints=["positive"]),
         "geometry": backend.geometry(EXAMPLES / "sweeps.json"),
         "plan": backend.plan(run, readings=2, candidates=200),
@@ -86,6 +99,12 @@ def result(request):
 
 def test_each_kind_of_work_is_a_case():
     assert set(KINDS) >= ROOMS.keys()
+
+
+def test_the_runs_are_those_of_their_names(in_process):
+    assert in_process["run by own weight"].result.weight is not None
+    live = in_process["run of a live campaign"]
+    assert live.campaign.measurement_set.name != in_process["run"].campaign.measurement_set.name
 
 
 def test_a_saved_result_is_the_same_result(result, tmp_path):
@@ -136,11 +155,30 @@ def test_every_verb_accepts_a_saved_run(backend, request, tmp_path, document):
     loaded.report(tmp_path / "report.html")
 
 
-def test_a_client_accepts_a_saved_run(in_process, served_in_process, tmp_path):
-    in_process["run"].save(tmp_path / "run.json")
+@pytest.mark.parametrize("name", ["run", "run by own weight", "run of a live campaign"])
+def test_a_client_accepts_a_saved_run(name, in_process, served_in_process, tmp_path):
+    """Every verb that uses a run gives by a service what it gives in this process."""
+    run, file = in_process[name], tmp_path / "run.json"
+    run.save(file)
+    cut = {"accuracy_option": "off", "force": FORCE}
     with Client(served_in_process.url) as client:
-        assert client.identify(tmp_path / "run.json").result == in_process["run"].result
-        assert client.map(tmp_path / "run.json", **AREA).result.places == in_process["map"].result.places
+        assert client.identify(file).result == run.result
+        for verb, arguments, options, view in (
+            ("map", (), AREA, lambda result: result.places),
+            ("compensate", (EXAMPLES / "pocket.src",), cut, lambda result: result.worst),
+            ("process", (EXAMPLES / "pocket.src",), cut | {"turns": 4}, lambda result: result.turned),
+        ):
+            there, here = (getattr(each, verb)(file, *arguments, **options) for each in (client, js))
+            assert view(there.result) == view(here.result), verb
+        assert client.predict(file, POSTURES, FORCE, at=(0, 0, 120)) == (
+            js.predict(file, POSTURES, FORCE, at=(0, 0, 120))
+        )
+        assert client.fleet(file).result.rows[0].stiffness == js.fleet(file).result.rows[0].stiffness
+        if name != "run by own weight":
+            assert client.plan(file, readings=2, candidates=200).result == (
+                js.plan(file, readings=2, candidates=200).result
+            )
+            assert str(client.compare(file)) == str(js.compare(file))
 
 
 def test_a_run_keeps_the_options_with_which_it_was_identified(document, tmp_path):
@@ -162,14 +200,23 @@ COMMANDS = [
     "report run.json -o report.html",
     "report plan.json -o plan.html",
     "report map.json -o map.html",
+    "process run.json pocket.src --accuracy-option off --force 0,0,-500 --turns 4 -o out.src",
+    "fleet run.json",
+    "rehearse run.json",
+    "rehearse plan.json --robot robot.json",
+    "report comparison.json -o comparison.html",
+    "report process.json -o process.html",
+    "report program.json -o program.html",
+    "report fleet.json -o fleet.html",
 ]
 
 
 @pytest.mark.parametrize("line", COMMANDS)
-def test_every_command_reads_a_saved_result(line, in_process, tmp_path, monkeypatch):
+def test_every_command_reads_a_saved_result(line, in_process, document, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    for name in ("run", "plan", "map"):
+    for name in ("run", "plan", "map", "comparison", "process", "program", "fleet"):
         in_process[name].save(f"{name}.json")
+    Path("robot.json").write_text(json.dumps(document["robot"]))
     area = AREA | {"area": [[1.4, -0.2, 0.6], [1.8, 0.2, 0.6]], "place": (0, 0, 0.25)}  # in SI units
     Path("area.json").write_text(json.dumps(area))
     for name in ("postures.csv", "pocket.src"):

@@ -338,7 +338,6 @@ def test_other_words_are_no_goal(words):
     with pytest.raises(RequestError) as refused:
         read_goal(words)
     assert str(refused.value) == (
-        f'goal: {words!r} is not a goal; write "15 %" for every joint, "6 um" for the deflection in the work '
-        f"area, "
-        'or "below 0.5 mm" for a decision about it'
+        f'goal: {words!r} is not a goal; write "15 %" for every joint, "6 um" for the deflection in the '
+        'work area, or "below 0.5 mm" to decide whether this deflection stays below a limit'
     )

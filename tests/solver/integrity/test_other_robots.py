@@ -49,7 +49,9 @@ def test_the_finding_gives_its_figures_and_the_remedy():
         r"flange, within [12]\.\d+ mm; with the chosen robot, only \d of 40, within 20 mm",
         finding.message,
     ), finding.message
-    assert finding.remedy == "check which robot was measured; if it is 'KUKA KR 6 R900 sixx', choose it"
+    assert finding.remedy == (
+        "check which robot was measured; if 'KUKA KR 6 R900 sixx' was measured, choose this robot"
+    )
     assert (finding.weight, finding.observation) == ("do_not_use", None)
     assert (finding.action.kind, finding.action.robot_id) == ("choose_robot", None)
 

@@ -254,14 +254,13 @@ def test_noise_is_stated_once(document, changes, place, said):
 
 def test_noise_is_of_every_reading_or_of_the_set(document):
     assert refused(prepare, changed(document, *OWN)) == (
-        "noise.sigma | both the readings and noise.sigma give the noise | give only one: omit it "
-        "here, or in every reading"
+        "noise.sigma | both the readings and noise.sigma state the noise | state the noise once: omit "
+        "noise.sigma, or omit the noise in every reading"
     )
     missing = changed(document, (NOISE, None), *OWN, (f"{OBSERVATIONS}.3.readings.1.sigma", None))
     assert refused(prepare, missing) == (
-        "observations[3].readings | some readings give their own noise, but one of this observation "
-        "gives none | give every reading its `sigma` or its covariances, or give only `noise` for "
-        "the set"
+        "observations[3].readings | some readings state their own noise, but a reading of this observation "
+        "states none | give every reading its `sigma` or its covariances, or give only `noise` for the set"
     )
 
 

@@ -186,6 +186,60 @@ def test_a_target_that_is_visited_again_has_one_posture():
     assert same.size <= same.fixed.min()
 
 
+def list_postures(candidates, point):
+    """Yield masks of the candidates if a point, and the last one, have one of the point's postures."""
+    ends = np.isin(candidates.point, [point, candidates.point[-1]])
+    for k in np.flatnonzero(candidates.point == point):
+        yield ~ends | (candidates.joints == candidates.joints[k]).all(axis=1)
+
+
+@pytest.mark.parametrize("greatest", [False, True])
+@pytest.mark.parametrize(("angle", "yaw", "step"), [(45, 0.3, 30), (90, 2.0, 30), (90, 4.0, 20)])
+def test_a_closed_contour_has_the_best_of_all_sequences_that_close(greatest, angle, yaw, step):
+    """Beside the best sequence of each posture in which the contour may begin and end."""
+    p = path("pocket", count=12, angle=np.radians(angle), yaw=yaw)
+    first = np.append(np.arange(11), 0)
+    motion = Motion(np.radians(step), 0.05)
+    angles = TurnTask.free(18, 0.04, motion).angles
+    candidates = list_candidates(MODEL, INVERSE, p, angles, 0.04)
+    trellis = Trellis.link(candidates, angles, p.continuous, motion)
+    value = np.square(candidates.size) / np.square(candidates.size).mean()
+    least = np.inf
+    for kept in list_postures(candidates, 0):
+        part = trellis.restrict(kept)
+        rows = part.find_best(value[kept], greatest=greatest)
+        if rows is not None:
+            least = min(least, part.total(value[kept], rows, greatest=greatest))
+    found = trellis.find_consistent(value, first, greatest=greatest)
+    assert np.isfinite(least)
+    np.testing.assert_array_equal(candidates.joints[found[0]], candidates.joints[found[-1]])
+    assert trellis.total(value, found, greatest=greatest) == pytest.approx(least, rel=1e-12)
+    bound = trellis.least_through(value, greatest=greatest)
+    best = trellis.find_best(value, greatest=greatest)
+    np.testing.assert_allclose(bound[best], bound.min(), rtol=1e-9)
+
+
+def test_many_targets_that_are_visited_again_have_one_posture_each(monkeypatch):
+    """A contour that is milled twice, also where no trials are left."""
+    once = path("pocket", count=10)
+    p = replace(
+        once,
+        **{
+            name: np.concatenate([getattr(once, name)] * 2)
+            for name in ("poses", "spindle", "place", "load_point", "force", "moment", "given")
+        },
+        continuous=np.arange(20) > 0,
+    )
+    first = np.tile(np.arange(10), 2)
+    choice = choose_turns(MODEL, INVERSE, p, TASK, first)
+    np.testing.assert_array_equal(choice.joints[:10], choice.joints[10:])
+    assert choice.size <= choice.fixed.min()
+    monkeypatch.setattr("jointstiff.solver.process.sequence.MOST_TRIALS", 0)
+    again = choose_turns(MODEL, INVERSE, p, TASK, first)
+    np.testing.assert_array_equal(again.joints[:10], again.joints[10:])
+    assert again.size >= choice.size * (1.0 - 1e-9)
+
+
 def test_joints_that_are_given_stay_and_a_free_motion_may_change_the_branch():
     p = path("trim", count=12)
     start = np.radians([0.0, -20.0, 20.0, 0.0, 40.0, 0.0])
