@@ -102,7 +102,7 @@ export const en = {
     dropHint: "Tables and lists of points (CSV, text, Excel), several at once, or a campaign (JSON)",
     choose: "Choose file",
     another: "Choose other files",
-    stored: "Or a stored set",
+    stored: "Stored set",
     storedNone: "Choose a stored set",
     checking: "Checking and storing…",
     understood: "Content of the file",
@@ -229,7 +229,8 @@ export const en = {
     share: "Copy link",
     shared: "Link copied",
     delete: "Delete",
-    download: "Download",
+    download: "JSON",
+    pdf: "PDF report",
     downloadHint: "Download this run as JSON",
     summary: {
       numbered: "joints have a stiffness",

@@ -365,9 +365,8 @@ export const later = {
     },
   },
   runFiles: {
-    title: "Files",
-    pdf: "Report as PDF",
-    html: "Report as HTML",
+    title: "Report and model",
+    html: "HTML report",
     intro:
       "A report to sign, and the model for other programs. A joint without a stiffness has no spring in the model.",
     models: {

@@ -454,7 +454,7 @@ export function RunFiles({ context, result: { assessment } }: PartProps) {
       <h2>{fileWords.title}</h2>
       <p class="soft">{fileWords.intro}</p>
       <div class="actions">
-        <Download href={api.jobs.file(run, "report.pdf")}>{fileWords.pdf}</Download>
+        <Download href={api.jobs.file(run, "report.pdf")}>{text.run.pdf}</Download>
         <LinkButton href={api.jobs.file(run, "report.html")} target="_blank" rel="noreferrer">
           {fileWords.html}
         </LinkButton>
