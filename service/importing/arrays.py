@@ -54,7 +54,7 @@ def read_arrays(file: str, content: bytes, kind: ArrayFormat, names: Sequence[st
 
     Raises:
         ImportFileError: the library is missing; the file is damaged or too large, has no arrays with the same
-            number of rows, or several tables of which none is chosen.
+            number of rows, or several tables without a choice of one.
     """
     library = _LIBRARIES.get(kind)
     if library and find_spec(library) is None:
