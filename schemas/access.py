@@ -75,7 +75,7 @@ class Session(Message):
     """Identity and role of the caller."""
 
     access: Access = Field(
-        description="Who may call the service. `loopback`: programs on its machine; `keys`: holders of a "
+        description="Callers of the service. `loopback`: programs on its machine; `keys`: holders of a "
         "key; `none`: everyone."
     )
     key_id: str | None = Field(description="Id of the caller's key; null without a valid key.")
@@ -125,6 +125,6 @@ class Health(Message):
         description="Quota (`--quota`): a larger database refuses new resources (507); null: no quota."
     )
     access: Access = Field(
-        description="Who may call the service. `loopback`: programs on its machine. `keys`: holders of a "
+        description="Callers of the service. `loopback`: programs on its machine. `keys`: holders of a "
         "key. `none`: everyone (`--no-access-control`); a proxy must authenticate."
     )

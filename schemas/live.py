@@ -66,7 +66,7 @@ class LiveReading(Message):
 
 
 class LiveJoint(Message):
-    """What the readings show of a joint so far."""
+    """Result of the readings so far for a joint."""
 
     name: Name
     kind: StatedKind = "revolute"
@@ -78,7 +78,7 @@ class LiveJoint(Message):
         description="Relative half-width of the compliance's interval, without assumed errors."
     )
     relative_with_assumed: Dimensionless[float | None] = Field(
-        default=None, description="As `relative`, with the assumed errors of load point and force."
+        default=None, description="Like `relative`, with the assumed errors of load point and force."
     )
     reason: str | None = Field(default=None, description="Reason why the joint will have no number.")
     prior: Literal["waits", "counts", "deviates"] | None = Field(

@@ -228,7 +228,7 @@ class Identifiability(Message):
         description="Condition number, the largest of all stages; null if rank-deficient."
     )
     combinations: list[list[Name]] = Field(
-        description="Groups of joints of which only combinations are observable."
+        description="Groups of joints whose combinations alone are observable."
     )
     observability: Dimensionless[dict[ObservabilityIndex, float] | None] = Field(
         default=None,

@@ -455,7 +455,8 @@ class _Merging:
             return True
         if self._worst_joints is None or relative_difference > self._worst_joints[0]:
             reason = (
-                f"the joint angles of {quote(label)} differ by {difference:.4g} from those at {first.place}"
+                f"the joint angles of {quote(label)} differ by {difference:.4g} from those at {first.place}; "
+                f"up to {self._options.joint_tolerance:g} (deg or mm) is believed"
             )
             remedy = (
                 "give each observation a unique label, correct one of the two rows, or raise "
@@ -694,5 +695,8 @@ def _find_unusual_values(observations: list[ObservationRecord]) -> Iterator[str]
             spreads = abs(number - median_value) / spread if spread else 0.0
             # 0.99: a value whose distance is the limit itself is listed despite rounding.
             if spreads > 0.99 * _MAX_SPREADS:
-                distance = f"{spreads:.0f} times the spread of the other values away from the median"
+                distance = (
+                    f"{spreads:.0f} times the spread of the other values away from the median (up to "
+                    f"{_MAX_SPREADS:g} times is believed)"
+                )
                 yield f"{name} {number:g} ({place}) is {distance}"

@@ -41,7 +41,7 @@ _HARMLESS: Final = (
     r"|VISION (?:RUN_FIND|GET_NFOUND|SET_REFERENCE) .*"
     # A search moves to contact by moves that say Search, which are left; a pattern of a pallet is a register.
     r"|Search (?:Start|End).*|PALLETIZING-\w+"
-    r"|[A-Z]+=(?:ON|OFF|OPEN|CLOSE)"
+    r"|(?!TRACK|TOUCH|SOFT|FOLLOW|LINE|FORCE)[A-Z]+=(?:ON|OFF|OPEN|CLOSE)"
 )
 # Instructions of words alone that displace targets, or soften the arm, until others end them
 _LASTING_WORDS: Final = (

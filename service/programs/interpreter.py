@@ -342,6 +342,8 @@ class Machine:
         self._places: list[Place] = []  # place of each operation
         self._scopes = [Scope("")]  # scopes of the routines and blocks whose end was not reached yet
         self._last_scope = Scope("")  # scope of the routine or block that ended last
+        # names of the files' own data: in routines of further files, they are variables of unknown values
+        self.own_names: frozenset[str] = frozenset()
         self._initial: dict[str, Content] = {}  # values of names before the program runs
         # the same for frames that a position states: many positions share one tuple of endings and contents
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
@@ -489,7 +491,7 @@ class Machine:
         """
         for line_offset, op in ops:
             if isinstance(op, ir.Flow):
-                self._enter_scope(op)
+                self._enter_scope(op, self.own_names if source else frozenset())
             scope = self._scopes[-1]
             place = Place(source, line + line_offset, number, self.numerals[source].values, scope)
             if isinstance(op, ir.Use):
@@ -510,10 +512,13 @@ class Machine:
             self._places.append(self._places[-1])
             self._ops.append(ir.MakeUnknown(names, reason, remedy, anytime=True))
 
-    def _enter_scope(self, op: ir.Flow) -> None:
-        """Enter the scope of a routine or block where it begins, and leave the scope where it ends."""
+    def _enter_scope(self, op: ir.Flow, names: Iterable[str]) -> None:
+        """Enter the scope of a routine or block where it begins, and leave the scope where it ends.
+
+        `names` are local names that each routine has.
+        """
         if op.kind in {"routine", "handler"}:  # a handler without a name shares the scope of its routine
-            self._scopes.append(Scope(str(op.name)) if op.name else self._last_scope)
+            self._scopes.append(Scope(str(op.name), set(names)) if op.name else self._last_scope)
         elif op.kind in {"if", "loop", "repeat"}:
             self._scopes.append(self._scopes[-1])
         elif op.kind in {"close", "end", "close_or_end"} and len(self._scopes) > 1:

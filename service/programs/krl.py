@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -378,6 +379,15 @@ def _translate_reading(line: Line) -> list[Op]:
 _DEFINED: Final = re.compile(rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})")
 _DATA: Final = re.compile(rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?")
 _GLOBAL: Final = re.compile(r"(?i)[^;\r\n]*\bGLOBAL\b")
+_NO_DATA: Final = re.compile(r"(?i)\s*+(?:&|DEFDAT\b|EXT)|[^;\r\n]*\bGLOBAL\b")
+
+
+def _find_private_names(text: str) -> Iterator[str]:
+    """Yield the names that a .dat declares without GLOBAL, and words of types."""
+    for line in text.upper().splitlines():
+        if not _NO_DATA.match(line):
+            for part in re.sub(r"\{[^{}]*\}|\"[^\"]*\"|;.*", "", line).split(","):
+                yield from re.findall(_NAME, part.partition("=")[0])
 
 
 def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
@@ -388,6 +398,9 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
     """
     programs = [_DEFINED.search(each.text) for each in sources if not each.name.lower().endswith(".dat")]
     main, *others = [match[1].upper() if match else "" for match in programs] or [""]
+    if others:
+        own = (each.text for each in sources[1:] if _DATA.search(each.text))
+        machine.own_names = frozenset(name for text in own for name in _find_private_names(text))
     for index, source in enumerate(sources):
         is_config = source.name.lower().endswith("config.dat")
         data = _DATA.search(source.text) if index else None

@@ -32,6 +32,10 @@ _HARMLESS: Final = (
     # Corrections of paths act on moves with \Corr only; FCCalib measures the tool's weight.
     r"|FCCALIB|DROPWOBJ|CORR(?:CON|DISCON|CLEAR|WRITE)|(?:START|STOP)MOVE|(?:STORE|RESTO|CLEAR)PATH"
 )
+# Instructions that give values to their arguments
+_CHANGES_ARGUMENTS: Final = re.compile(
+    r"INCR|DECR|ADD|CLEAR|[MS]TOOL\w+CALIB|\w*LOADID\w*|GETDATAVAL|READ\w*BIN|(?:READ|UNPACK)RAWBYTES"
+)
 # Moves of a process, and instructions that shift targets and frames: neither can be corrected
 _PROCESS_MOVE: Final = re.compile(
     r"(?:ARC(?:MOVE)?|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:(?P<letter>[LCJ])|(?P<first>[LC])\w++)|TRIGGLIOS"
@@ -124,7 +128,7 @@ def _translate_instruction(line: Line) -> list[Op]:
     arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])).strip(",")
     found = line.read_expression(arguments)
     names = _find_names(found)
-    if name in {"INCR", "DECR", "ADD", "CLEAR"}:  # they change their first argument
+    if _CHANGES_ARGUMENTS.fullmatch(name):
         return [*found, ir.MakeUnknown(names, f"{name} changes it while the program runs", _REMEDY)]
     if name == "SINGAREA" and "WRIST" in line["arguments"]:
         note = ir.Note("SingArea \\Wrist: near singularities the tool turns away from its stated orientation")

@@ -25,7 +25,7 @@ from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, ModelError
 from jointstiff.solver.process.prior import FACTOR, build_prior_model
-from jointstiff.solver.text import figure
+from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure
 
 
 def find_accepted_run(inputs: Inputs, run_id: str, accept_verdict: str | None) -> MeasuredRun:
@@ -344,8 +344,9 @@ def find_implausible_deflection(greatest: float | None, run: RunResult | None) -
         make_reason(
             "prediction_implausible",
             "do_not_use",
-            f"the greatest deflection is {1e3 * greatest:.4g} mm{comparison}",
-            "check the units of the load and of the points (N or kN, m or mm)",
+            f"the greatest deflection is {1e3 * greatest:.4g} mm{comparison}; up to "
+            f"{1e3 * LARGEST_DEFLECTION:g} mm, and {LARGEST_RATIO:g} times the campaign's, is believed",
+            f"check the units of the load and of the points (N or kN, m or mm); {PAST_DO_NOT_USE}",
         )
     ]
 
@@ -355,12 +356,10 @@ def find_far_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
     greatest_distance = max((hypot(*point) for point in points if point is not None), default=0.0)
     if greatest_distance <= LONGEST_TOOL:
         return []
-    message = f"the load point or the place is {greatest_distance:.3g} m from the flange"
-    return [
-        make_reason(
-            "point_implausible", "use_with_care", message, "check the unit and the frame of this point"
-        )
-    ]
+    distance = f"{greatest_distance:.3g} m from the flange"
+    message = f"the load point or the place is {distance}; up to {LONGEST_TOOL:g} m is believed"
+    remedy = f"check the unit and the frame of this point; {PAST_CARE}"
+    return [make_reason("point_implausible", "use_with_care", message, remedy)]
 
 
 def find_beyond_campaign(count: int, total: int, what: str) -> list[Finding]:

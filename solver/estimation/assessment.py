@@ -50,7 +50,14 @@ from jointstiff.solver.mechanics.measurements import (
     Measurements,
 )
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.text import figure, length_text, stiffness_text, unknowns_text
+from jointstiff.solver.text import (
+    PAST_CARE,
+    PAST_DO_NOT_USE,
+    figure,
+    length_text,
+    stiffness_text,
+    unknowns_text,
+)
 
 SAME_PLACE: Final = 2e-3
 """Distance between load point and target [m] below which they count as the same."""
@@ -777,19 +784,20 @@ def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bo
             code="residuals_vanish",
             weight="use_with_care",
             message=f"the residuals give a standard uncertainty of {length_text(sigma)} per reading, which "
-            "no tracker reaches: these readings are computed, not measured, and the uncertainties are "
-            "meaningless",
-            remedy="state `noise` from the tracker's data sheet",
+            f"no tracker reaches (at least {length_text(LEAST_SIGMA)} is believed): these readings are "
+            "computed, not measured, and the uncertainties are meaningless",
+            remedy=f"state `noise` from the tracker's data sheet; {PAST_CARE}",
         )
     elif sigma is not None and sigma > LARGEST_SIGMA and not known:
         yield Finding(
             code="sigma_implausible",
             weight="use_with_care",
             message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of "
-            "a reading; laser trackers have 10 to 40 µm, so most of this value comes from deflections "
+            "a reading; laser trackers have 10 to 40 µm, and up to "
+            f"{length_text(LARGEST_SIGMA)} is believed, so most of this value comes from deflections "
             "that the model does not explain",
             remedy="state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
-            "whether links bend",
+            f"whether links bend; {PAST_CARE}",
         )
 
 
@@ -927,10 +935,10 @@ def report_implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Fin
         yield Finding(
             code="stiffness_implausible",
             weight="do_not_use",
-            message=f"the stiffness of {name} is {stiffness_text(stiffness, kinds[name])}; joints of "
-            f"industrial robots have {stiffness_text(least, kinds[name])} to "
-            f"{stiffness_text(greatest, kinds[name])}",
-            remedy=remedy,
+            message=f"the stiffness of {name} is {stiffness_text(stiffness, kinds[name])}; of joints "
+            f"of industrial robots {stiffness_text(least, kinds[name])} to "
+            f"{stiffness_text(greatest, kinds[name])} is believed",
+            remedy=f"{remedy}; {PAST_DO_NOT_USE}",
             where=name,
         )
 

@@ -177,8 +177,10 @@ def report_sweep(
             "angle_scale_suspect",
             where,
             f"the joint turned {fit.angle_scale:.4f} times as far as the controller's angles and the "
-            "joint map give",
-            "check the joint map, the unit of the angles, and the order of the rows",
+            f"joint map give; {1.0 - _ANGLE_SCALE_TOLERANCE:g} to {1.0 + _ANGLE_SCALE_TOLERANCE:g} rad/rad "
+            "is believed",
+            "check the joint map, the unit of the angles, and the order of the rows; a gear of another ratio "
+            "belongs to the joint map",
         )
 
 

@@ -38,7 +38,7 @@ from jointstiff.solver.integrity.values import (
 from jointstiff.solver.mechanics.block import RegressorBlock, regressor_blocks, whole_block
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
-from jointstiff.solver.text import figure, length_text
+from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure, length_text
 
 LARGEST_MODEL_ERROR: Final = 0.02
 """Greatest plausible distance of a target from its place [m]: more means a wrong frame, joint map, unit or
@@ -181,8 +181,9 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     # The whole set is mistaken if the correction explains most rows, and clearly more than the posted values.
     if explained_count >= EXPLAINED * len(sample) and explained_count / len(sample) > posted_share + 0.1:
         effect = (
-            f"with the data as given, the targets keep one position on the flange in only {agrees.sum()} "
-            f"of {len(rows)} observations; with {best_hypothesis.change}, they do so in {explained_count} "
+            "with the data as given, the targets keep one position on the flange (up to "
+            f"{length_text(LARGEST_MODEL_ERROR)} apart is believed) in only {agrees.sum()} of {len(rows)} "
+            f"observations; with {best_hypothesis.change}, they do so in {explained_count} "
             f"of {len(is_explained)}, within {length_text(float(corrected_distances[is_explained].max()))}"
         )
         if best_hypothesis.unit is not None:
@@ -266,9 +267,9 @@ def _inspect_disagreeing_rows(
                 "target_off_model",
                 f"target '{view.measurements.targets[farthest]}' is {length_text(distances[farthest])} "
                 "away from its median "
-                "position on the flange",
+                f"position on the flange; up to {length_text(LARGEST_MODEL_ERROR)} is believed",
                 "check that positions are in R0 and in `units.length`, the angles and their order, the "
-                "joint map, and the robot's model",
+                f"joint map, and the robot's model; {PAST_DO_NOT_USE}",
                 "do_not_use",
                 row=i,
             )
@@ -393,12 +394,15 @@ def _report_mistyped_rows(
     with np.errstate(invalid="ignore"):
         nearest_distance = np.fmin.reduce(np.linalg.norm(seen_from_flange - usual_places, axis=2), axis=1)
     typical = median(nearest_distance)
-    for k in np.flatnonzero(nearest_distance > max(OUTLIER * typical, SMALLEST_OUTLIER)):
+    greatest = max(OUTLIER * typical, SMALLEST_OUTLIER)
+    for k in np.flatnonzero(nearest_distance > greatest):
         yield view.build_finding(
             "target_off_model",
             f"all targets are at least {length_text(nearest_distance[k])} away from their median positions "
-            f"on the flange; the typical distance is {length_text(typical)}",
-            "check the angles of this observation for a typing error, and whether the robot stood still",
+            f"on the flange; the typical distance is {length_text(typical)}, and up to "
+            f"{length_text(greatest)} is believed",
+            "check the angles of this observation for a typing error, and whether the robot stood still; "
+            f"{PAST_CARE}",
             row=int(rows[k]),
         )
 
@@ -1199,7 +1203,9 @@ def inspect_encoders(view: View) -> Iterator[Finding]:
         worst = int(size[:, joint].argmax())
         yield view.build_finding(
             "encoder_deflection_implausibly_large",
-            f"the encoder of {joint_names[joint]} shows a deflection of {1e3 * size[worst, joint]:.3g} mrad",
-            "check `units.angle`, and that unloaded and loaded readings are of the same posture",
+            f"the encoder of {joint_names[joint]} shows a deflection of {1e3 * size[worst, joint]:.3g} "
+            f"mrad; up to {1e3 * LARGEST_ENCODER_DEFLECTION:g} mrad is believed",
+            "check `units.angle`, and that unloaded and loaded readings are of the same posture; "
+            f"{PAST_CARE}",
             row=worst,
         )

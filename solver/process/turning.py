@@ -24,6 +24,8 @@ _MOST_CHECKS: Final = 50
 """Sequences whose motions between points are checked."""
 _MOST_LINKS_CHECKED: Final = 50_000
 """Motions between two points that are checked at once."""
+_EQUAL: Final = 1e-12
+"""Relative difference of deflections that is rounding."""
 _DIGITS: Final = 10
 """Decimal places of squares relative to their mean that are compared."""
 
@@ -127,13 +129,15 @@ def choose_turns(
     for k, row in fixed_at.items():
         fixed[k] = sizes[row]
     # The free sequence is the first: it is kept unless a fixed turn is better to all digits.
-    best = int(np.argmin(sizes))
+    best, zero = int(np.argmin(sizes)), int(np.argmin(np.abs(task.angles)))
+    at_zero = fixed_at.get(zero) if abs(task.angles[zero]) < _ZERO else None
+    if at_zero is not None and sizes[at_zero] <= (1.0 + _EQUAL) * sizes[best]:
+        best = at_zero  # a tool that gains nothing is not turned
     chosen = candidates.joints[sequences[best]]
     turn = candidates.turn[sequences[best]]
     joints_of = {k: candidates.joints[sequences[row]] for k, row in fixed_at.items()}
     best_fixed = joints_of[int(np.argmin(fixed))] if fixed_at else None
-    zero = int(np.argmin(np.abs(task.angles)))
-    unturned = joints_of.get(zero) if abs(task.angles[zero]) < _ZERO else None
+    unturned = None if at_zero is None else joints_of[zero]
     angles = np.where(turn < 0, np.nan, task.angles[turn])
     return TurnChoice(chosen, angles, float(sizes[best]), fixed, best_fixed, unturned)
 

@@ -74,6 +74,7 @@ export function RunsTable({ columns, label }: { columns: RunColumn[]; label: str
 }
 
 const words = text.evidence;
+const EXACT = 1e-9; // m: less is rounding of a fit with as many parameters as readings
 const small = (value: number): string => (value === 0 ? "0" : significant(value, 2));
 
 export function Evidence({ context: { run, set }, result }: { context: RunContext; result: RunResult }) {
@@ -245,7 +246,11 @@ function Summary({ result }: { result: RunResult }) {
     <ul class="summary">
       {figure(assessment.joints_identified ?? 0, words.of(result.joints.length), words.numbered)}
       {result.compensation !== null && figure(percent(result.compensation), "", words.compensation)}
-      {figure(significant(result.rms_residual * 1e6, 2), text.units.micrometre, words.rms)}
+      {figure(
+        result.rms_residual < EXACT ? "< 0.001" : significant(result.rms_residual * 1e6, 2),
+        text.units.micrometre,
+        words.rms,
+      )}
       {figure(
         result.sigma === null ? "–" : significant(result.sigma * 1e6, 2),
         `${text.units.micrometre} σ`,

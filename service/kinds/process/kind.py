@@ -23,7 +23,6 @@ from jointstiff.service.tables.table import (
     Line,
     Part,
     Table,
-    interval_formatter,
     number_formatter,
     vector_formatter,
 )
@@ -163,12 +162,21 @@ def _bands_table(result: ProcessResult, title: str, confidence: float) -> Table:
 
 def _band_columns(bands: list[DeflectionBand | None]) -> list[Column]:
     """Return columns of values with their intervals, in µm."""
-    interval = interval_formatter(".4g", 1e6)
     return [
-        Column("value", [each and each.value for each in bands], number_formatter(".4g", 1e6), "µm"),
-        Column("readings and forces", [each and each.readings for each in bands], interval, "µm"),
-        Column("with model error", [each and each.with_model_error for each in bands], interval, "µm"),
+        Column("value", [each and each.value for each in bands], _show_length, "µm"),
+        Column("readings and forces", [each and each.readings for each in bands], _show_interval, "µm"),
+        Column("with model error", [each and each.with_model_error for each in bands], _show_interval, "µm"),
     ]
+
+
+def _show_length(length: float) -> str:
+    """Format a length [m] in µm; a difference below 0.1 nm is rounding, and zero."""
+    return figure(round(1e6 * length, 4) + 0.0, ".4g")
+
+
+def _show_interval(ends: tuple[float, float]) -> str:
+    """Format an interval of a length [m] in µm."""
+    return " to ".join(map(_show_length, ends))
 
 
 def _place_parts(result: ProcessResult) -> list[Part]:

@@ -132,7 +132,8 @@ def test_a_load_point_in_the_wrong_unit_is_blamed_on_itself():
         "length_unit_suspect", "do_not_use", "check the unit of `load_point`"
     )  # fmt: skip
     assert finding.message == (
-        "the load points and targets in the flange frame are up to 120 µm from its origin, "
+        "the load points and targets in the flange frame are up to 120 µm from its origin "
+        "(2 mm to 10 m is believed), "
         "while the targets were read up to 3.52 m from the origin of R0"
     )
     assert answer.measurement_set.load_point == pytest.approx((0.0, 0.0, 0.00012))

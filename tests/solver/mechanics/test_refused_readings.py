@@ -193,16 +193,18 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
             1e-5,
             1e-16,
             "noise.instrument | the standard uncertainties of 1e-05 m along and 1e-16 m across the line "
-            "of sight are implausible for a tracker | check the constants, which are in `units.length`, "
-            "and the terms per distance",
+            "of sight are not those of a tracker: at least 1e-12 m, and a ratio up to 1e+06, is believed | "
+            "check the constants, which are in `units.length`, and the terms per distance; or state "
+            "`noise.sigma` in place of the instrument",
         ),
         (
             (3.5, -2.0, 0.8),
             1e2,
             1e-6,
             "noise.instrument | the standard uncertainties of 100 m along and 1e-06 m across the line of "
-            "sight are implausible for a tracker | check the constants, which are in `units.length`, and "
-            "the terms per distance",
+            "sight are not those of a tracker: at least 1e-12 m, and a ratio up to 1e+06, is believed | "
+            "check the constants, which are in `units.length`, and the terms per distance; or state "
+            "`noise.sigma` in place of the instrument",
         ),
     ],
 )

@@ -142,6 +142,7 @@ def test_limits_and_steps_are_kept_and_no_fixed_turn_is_better(greatest):
 def test_a_spindle_along_the_last_axis_gains_nothing():
     choice = choose_turns(MODEL, INVERSE, path(angle=0.0, offset=(0.0, 0.0, 0.3)), TASK)
     assert not choice.gains
+    np.testing.assert_array_equal(choice.turn, 0.0)  # so the tool is not turned
     assert choice.fixed.max() == pytest.approx(choice.fixed.min(), rel=1e-6)
     assert choose_turns(MODEL, INVERSE, path(), TASK).gains
 
