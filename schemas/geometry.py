@@ -92,11 +92,11 @@ class PoseEvidence(Message):
 
 
 class WristCentre(Message):
-    """The wrist centre by one estimate, or combined from all."""
+    """One estimate of the wrist centre, or all combined."""
 
     way: Literal["sphere", "axes", "trilateration", "combined"]
     weight: Dimensionless[float] = Field(
-        description="Weight in the combined centre, mean of three axes; 1 for `combined`."
+        description="Weight in the combined centre, mean of three coordinates; 1 for `combined`."
     )
     tracker: Metres[Point]
     tracker_covariance: SquareMetres[Square3]

@@ -77,7 +77,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             list[Path],
             cli.file_argument(
                 "PROGRAM",
-                "Robot program, or CSV table of poses; for KUKA, the .src file and its .dat file.",
+                "File of the robot program, or CSV table of poses; for KUKA, the .src file and its .dat "
+                "file.",
             ),
         ]
     },

@@ -351,7 +351,8 @@ def _read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
             try:
                 from_json(file.content.removeprefix(b"\xef\xbb\xbf"))
             except ValueError as error:
-                reason, remedy = f"Invalid JSON: {error}", "correct the JSON there; it must be UTF-8"
+                reason = f"Invalid JSON: {error}"
+                remedy = "correct the JSON at this place; the file must be UTF-8"
                 raise ImportFileError(Place(file.name), reason, remedy) from None
             remedy = "a campaign needs no import: `jointstiff identify` runs it, `jointstiff post` posts it"
         raise ImportFileError(Place(file.name), f"the file is {kind}, not a table", remedy)

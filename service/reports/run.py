@@ -490,7 +490,7 @@ def build_method_section(model: ExportedModel, laboratory: Laboratory | None) ->
     return Section(
         METHOD,
         facts=[
-            ("Method", f"{method}; jointstiff {version}, as its documentation states (docs/method.md)."),
+            ("Method", f"{method}; jointstiff {version}, as documented in docs/method.md."),
             *masses,
             *([("Causes tested, p-value", causes)] if causes else []),
             ("Procedure of the laboratory", (laboratory and laboratory.method) or NOT_STATED),

@@ -447,8 +447,8 @@ def _report_repeated_positions(view: View, posture: FloatArray) -> Iterator[Find
         yield view.build_finding(
             "repeated_readings",
             f"in {repeated_count} repeated postures the unloaded targets scatter by "
-            f"{length_text(np.sqrt(variance))} per coordinate ({degrees_of_freedom} degrees of freedom): "
-            "tracker and robot together",
+            f"{length_text(np.sqrt(variance))} per coordinate ({degrees_of_freedom} degrees of freedom), "
+            "which is the scatter of tracker and robot together",
             "compare this scatter with the stated noise: the excess is the repeatability of the robot",
             "use",
         )

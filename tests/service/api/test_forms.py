@@ -171,7 +171,8 @@ HOSTILE = {
     ),
     "a form in a form": (
         HEAD + HEAD.replace(b"XyZ", b"abc") + b"1\r\n--abc--\r\n--XyZ--",
-        "422 invalid-file | a.csv:2:3 | a quotation mark occurs within a cell, 'name=\"files\";' | remove it",
+        "422 invalid-file | a.csv:2:3 | a quotation mark occurs within a cell, 'name=\"files\";' | remove "
+        "the quotation mark",
     ),
     "gzip": (gzip.compress(HEAD + b"1\r\n--XyZ--"), BROKEN),
     "64 files of one name": (

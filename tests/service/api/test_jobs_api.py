@@ -327,7 +327,7 @@ class TestStore:
         jobs.add(dataclasses.replace(JOB, state=state))
         with pytest.raises(NotEndedError) as caught:
             jobs.delete("u1", TIME)
-        assert caught.value.remedy.startswith("cancel it first")
+        assert caught.value.remedy.startswith("cancel the run first")
         assert [entry.id for entry in jobs.page(limit=9).records] == ["u1"]
 
     def test_purged_after_a_while_with_all_that_names_it(self, store):

@@ -301,7 +301,9 @@ def test_a_run_that_states_no_effect_of_its_load_point_keeps_its_own_error_and_i
     measured = list(campaigns([None, None], source="load_point"))
     trend = compare_campaigns(["joint_1"], measured, same_load_point=True)
     assert trend["joints"] == compare_campaigns(["joint_1"], measured)["joints"]
-    assert trend["note"].startswith("the runs of 'c', 'c' do not state how an error of the load point moves")
+    assert trend["note"].startswith(
+        "the runs of 'c', 'c' do not state how an error of the load point changes"
+    )
 
 
 def test_a_trend_of_one_load_point_is_narrower_and_refuses_sets_of_other_points(client):

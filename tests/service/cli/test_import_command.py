@@ -80,7 +80,7 @@ def test_observations_that_are_held_out_are_left_out_of_the_run(folder):
     table = "\n".join(f"{line};{mark}" for line, mark in zip(lines, marks, strict=True))
     (folder / "held.csv").write_text(f"{table}\n")
     shown = run("import", "held.csv", "--robot", "robot.json", *STATED, "--output", "held.json")
-    assert "  assumed: observations held out from the fit, to check it: c01\n" in shown.stdout
+    assert "  assumed: observations held out from the fit, to check the fit: c01\n" in shown.stdout
     assert identified("held.json")["request"]["leave_out"] == ["c01"]
 
 

@@ -134,7 +134,10 @@ def test_of_two_files_the_one_that_is_broken_is_named(folder, content, said):
         ([], "a campaign or robot, --goal and --source are needed"),
         (["campaign.json", "--goal", "15 %"], "a campaign or robot, --goal and --source are needed"),
         (["--bridge", "simulated:1", "--server", "http://127.0.0.1:9"], "--bridge needs --server and --code"),
-        (["campaign.json", "--bridge", "simulated:1"], "--bridge takes no campaign, --goal or --source"),
+        (
+            ["campaign.json", "--bridge", "simulated:1"],
+            "--bridge cannot be combined with a campaign, --goal or --source",
+        ),
     ],
 )
 def test_measure_says_what_it_lacks(arguments, said):

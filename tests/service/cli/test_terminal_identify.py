@@ -280,8 +280,8 @@ def test_two_campaigns_are_compared_joint_by_joint():
         (
             "import",
             '{"a": 1, }',
-            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON at this place; it "
-            "must be UTF-8",
+            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON at this place; "
+            "the file must be UTF-8",
         ),
     ],
 )

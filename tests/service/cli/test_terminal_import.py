@@ -194,7 +194,7 @@ def test_words_of_states_and_a_far_load_point_are_asked_for():
         "│ 11 │ P10 post x [mm] │ P10 loaded x │ mm │ 1245.6021; 1102.4127 │",
         "Word for readings without load (pre, post) [pre]:",
         "Encoders that close the position loop (motor, secondary) [motor]:",
-        "Is this right: the load point is 6 m from the flange (up to 5 m is believed)? [y/N]:",
+        "Is this value correct: the load point is 6 m from the flange (up to 5 m is believed)? [y/N]:",
         "wrote asked.json, a measurement set; now: add a robot with --robot",
     )
     assert json.loads(Path("asked.json").read_text())["load_point"] == [0.0, 0.0, 6000.0]

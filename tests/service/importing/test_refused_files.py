@@ -124,10 +124,10 @@ def test_a_table_may_have_the_ending_of_json():
     assert answer.first_labels == ["c01", "c02", "d01", "d02"]
     files = ("c.json", '{"a": 1'.encode("utf-16-le")), ("d.json", "[" * 300 + "]" * 300)
     assert refusals(*files) == [
-        "c.json: Invalid JSON: key must be a string at line 1 column 2; correct the JSON at this place; it "
-        "must be UTF-8",
+        "c.json: Invalid JSON: key must be a string at line 1 column 2; correct the JSON at this place; "
+        "the file must be UTF-8",
         "d.json: Invalid JSON: recursion limit exceeded at line 1 column 202; correct the JSON at this "
-        "place; it must be UTF-8",
+        "place; the file must be UTF-8",
     ]
 
 

@@ -177,7 +177,7 @@ def test_corrections_beyond_the_limits_are_refused_unless_that_is_accepted():
         compensated("krl", KRL, **HEAVY)
     assert str(refused.value) == (
         "max_displacement: the verdict on a program whose corrections exceed the limits is: do not use; follow the "
-        "remedies of its reasons and identify again; to continue anyway, give `accept_verdict: do_not_use`"
+        "remedies of the reasons and identify again; to continue anyway, give `accept_verdict: do_not_use`"
     )
     result = compensated("krl", KRL, **HEAVY, accept_verdict="do_not_use")
     assert result.assessment.verdict == "do_not_use"

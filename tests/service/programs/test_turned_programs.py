@@ -480,7 +480,7 @@ def test_each_point_has_its_bands_before_as_chosen_and_corrected():
         ({"step": 91.0}, "a step of 91° is more than 90°"),
         ({"clearance": 10.0}, "too near a singularity"),
         ({"spindle": [0.0, 0.0, 0.0]}, "spindle axis is the zero vector"),
-        ({"place": [[9e4, 0.0, 0.0], [9e4, 0.0, 0.0]], "grid": [1, 1, 1]}, "from none of 8 places"),
+        ({"place": [[9e4, 0.0, 0.0], [9e4, 0.0, 0.0]], "grid": [1, 1, 1]}, "at none of 8 places"),
     ],
 )
 def test_what_cannot_be_chosen_is_refused(stated, reason):

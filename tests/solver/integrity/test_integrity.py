@@ -104,7 +104,9 @@ def test_copies_are_named_unless_chance_makes_few_numbers_equal():
     for measurements, count in ((CAMPAIGN, 1), (first_target(only_deflections(CAMPAIGN)), 0)):
         copy = replace(measurements[order], joints=measurements.joints)
         found = [each.message for each in look(copy) if each.code == "duplicated_observation"]
-        assert [words.startswith("its readings equal") for words in found] == [True] * count
+        assert [words.startswith("the readings of this observation equal") for words in found] == [
+            True
+        ] * count
 
 
 def test_moments_of_one_axis_are_loads():
