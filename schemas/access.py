@@ -26,7 +26,7 @@ class KeyRequest(Message):
     role: Role = Field(description=_ROLE)
     expires_at: AwareDatetime | None = Field(
         default=None,
-        description="Time at which the key ends, with a time zone; null: valid until it is revoked.",
+        description="Time, with its zone, at which the key expires; null: valid until revoked.",
     )
 
     @field_validator("expires_at")
@@ -45,13 +45,13 @@ class Key(Message):
     name: str = Field(description="Holder of the key: a person, a machine or a program.")
     role: Role = Field(description=_ROLE)
     source: Literal["database", "file"] = Field(
-        description="Place where the key is kept: a key of `--keys-file` is revoked in that file."
+        description="Place where the key is stored; revoke a key of `--keys-file` in that file."
     )
     created_at: Timestamp
     expires_at: Timestamp | None
     revoked_at: Timestamp | None
     last_used_at: Timestamp | None = Field(
-        description="Last use, to the minute; null if unused or in a file."
+        description="Time of the last use, to the minute; null if unused or kept in a file."
     )
     key: str | None = Field(
         default=None,
@@ -75,19 +75,19 @@ class Session(Message):
     """Identity and role of the caller."""
 
     access: Access = Field(
-        description="Callers that are answered. `loopback`: programs of its machine; `keys`: holders of a "
+        description="Callers of the service. `loopback`: programs on its machine; `keys`: holders of a "
         "key; `none`: everyone."
     )
     key_id: str | None = Field(description="Id of the caller's key; null without a valid key.")
-    key_name: str | None = Field(description="Name of that key.")
-    role: Role | None = Field(description="Role of that key.")
+    key_name: str | None = Field(description="Name of the caller's key.")
+    role: Role | None = Field(description="Role of the caller's key.")
     ends_at: Timestamp | None = Field(
-        description="End of the session; it ends earlier after 8 h without use."
+        description="Time at which the session ends; 8 h without use end the session earlier."
     )
 
 
 class AuditItem(Message):
-    """An attempt to change something."""
+    """An entry of the audit: a request to change something."""
 
     at: Timestamp
     key_id: str | None = Field(description="Id of the caller's key; null without a valid key.")
@@ -113,17 +113,18 @@ class Health(Message):
 
     status: Literal["ok"]
     version: str = Field(description="Version of Jointstiff.")
-    workers: int = Field(description="Number of workers; without them long jobs wait.")
-    failing_workers: int = Field(description="Number of workers that end soon after each start; see the log.")
+    workers: int = Field(description="Number of workers; without a worker, long jobs wait.")
+    failing_workers: int = Field(
+        description="Number of workers that stop soon after each start; the log states why."
+    )
     database: Literal["sqlite", "postgresql"]
     stored_bytes: int = Field(
         description="Size of the database in bytes, without free pages of a SQLite file."
     )
     quota_bytes: int | None = Field(
-        description="Quota: above this size the service refuses new resources (507); null: no quota "
-        "(`--quota`)."
+        description="Quota (`--quota`): a larger database refuses new resources (507); null: no quota."
     )
     access: Access = Field(
-        description="Callers that are answered. `loopback`: programs of its machine. `keys`: holders of a "
+        description="Callers of the service. `loopback`: programs on its machine. `keys`: holders of a "
         "key. `none`: everyone (`--no-access-control`); a proxy must authenticate."
     )

@@ -29,7 +29,7 @@ class BridgeStand(Message):
     """Posture and load that a page shows, in which the tracker reads."""
 
     number: Annotated[int, Field(strict=True, ge=0, le=10**15)] = Field(
-        description="Number of the stand; positions are of the stand whose number they state."
+        description="Number of this posture and load; positions are sent with the same number."
     )
     label: Name
     joints: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)]]
@@ -38,14 +38,19 @@ class BridgeStand(Message):
 
 
 class BridgePoints(Message):
-    """Positions that a tracker read in a stand, and what prevents others."""
+    """Positions that a tracker read in one posture, or the reason why the tracker read none."""
 
-    number: int | None = Field(default=None, strict=True, ge=0, description="Number of the stand.")
+    number: int | None = Field(
+        default=None,
+        strict=True,
+        ge=0,
+        description="Number of the positions' posture and load.",
+    )
     points: Annotated[dict[Name, Metres[Vector3]], Field(max_length=MAX_TARGETS)] = Field(
         default_factory=dict, description="Last position of each target, in the frame of the readings."
     )
     trouble: Annotated[str, Field(max_length=MAX_TROUBLE_LENGTH)] | None = Field(
-        default=None, description="Reason why the tracker gives no position; null without trouble."
+        default=None, description="Reason why the tracker gives no position; null if the tracker reads."
     )
 
 
@@ -61,18 +66,20 @@ class Bridge(Message):
     id: Identifier
     set_id: Identifier
     code: str | None = Field(default=None, description="Code to type at the terminal; only for the page.")
-    ends_at: Timestamp = Field(description="Time at which the code ends, or the bridge if it was joined.")
+    ends_at: Timestamp = Field(
+        description="Time at which the code expires; after a command has joined, end of the bridge."
+    )
 
 
 class BridgeState(Message):
     """State of a bridge, as the page follows it."""
 
     joined: StrictBool
-    connected: StrictBool = Field(description="True if the command was heard within the last seconds.")
+    connected: StrictBool = Field(description="True if the command sent a message within the last seconds.")
     reading: BridgePoints
 
 
 class BridgeTask(Message):
-    """Stand in which a command reads; null while the page shows none."""
+    """Posture and load in which a command reads; null while the page shows none."""
 
     stand: BridgeStand | None

@@ -54,26 +54,26 @@ class ComparisonOptions(Message):
 
     ordered: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="Also identify two sets in one problem in which no joint is softer in the second one, "
-        "as with secondary encoders switched on.",
+        description="Also identify both sets together, with no joint softer in the second set (as after "
+        "switching on secondary encoders).",
     )
     same_load_point: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="True if the load of both sets hung at the same point of the flange: the error of the "
-        "load point is then common.",
+        description="True if the load of both sets acted at the same point of the flange: both sets then "
+        "share the error of the load point.",
     )
     confidence: Confidence | None = Field(
         default=None,
-        description="Confidence level of ratios; default: that of the first run.",
+        description="Confidence level of the ratios' intervals; default: the first run's.",
     )
 
 
 class ComparisonRequest(ComparisonOptions):
-    """A comparison as it is posted: runs of one or two measurement sets, which are its sides."""
+    """Request of a comparison: runs of one or two measurement sets (the sides)."""
 
     run_ids: Annotated[list[Identifier], Field(min_length=2, max_length=MAX_COMPARED)] = Field(
-        description="Runs to compare. Two sets are compared by the first run of each. If a constraint is "
-        "active, list the run with `positive` false, too: ratios are of these."
+        description="Runs to compare. For two sets, the first run of each set is compared. If a constraint "
+        "is active, also list the run with `positive` false: ratios use its stiffnesses."
     )
 
     @field_validator("run_ids", mode="after")
@@ -85,26 +85,26 @@ class ComparisonRequest(ComparisonOptions):
 
 
 class CampaignComparison(ComparisonOptions):
-    """Runs that are made of one or two campaigns to be compared; the default is the paper's Table II."""
+    """Runs to identify from one or two campaigns, and to compare; default: the paper's Table II."""
 
     methods: Annotated[list[ComparedMethod], Field(max_length=MAX_METHODS)] = Field(
         default=list(PAPER_METHODS), description="Methods, each at most once."
     )
     constraints: Annotated[list[Constraint], Field(min_length=1, max_length=2)] = Field(
         default=["unconstrained", "positive"],
-        description="Constraints to combine with each method: compliances free, or zero or positive.",
+        description="Constraints of each method: `unconstrained`, or compliances zero or `positive`.",
     )
     resampling: Annotated[
         Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_resampling)
     ] = Field(
         default=None,
-        description="Resampling: repeat each fit on configurations drawn at random, the same draws for all. "
-        "The comparison may then take long.",
+        description="Resampling: repeat each fit on configurations drawn at random, with the same draws "
+        "for all methods. The comparison may take long.",
     )
     run: RunOptions | None = Field(
         default=None,
-        description="Options of the runs by which two campaigns are compared, without priors and resampling, "
-        "and without `leave_out`, which each campaign states; default: those of the first campaign.",
+        description="Options of the runs that compare two campaigns, without `priors`, `resampling` and "
+        "`leave_out` (each campaign states its own); default: those of the first campaign.",
     )
 
     @field_validator("run", mode="after")
@@ -112,9 +112,9 @@ class CampaignComparison(ComparisonOptions):
     def _refuse_options_of_one_set(cls, options: RunOptions | None) -> RunOptions | None:
         """Refuse options that cannot be the same for both campaigns of a comparison."""
         if options is not None and (options.priors or options.resampling is not None):
-            raise ValueError("must have neither `priors` nor `resampling` here")
+            raise ValueError("must have neither `priors` nor `resampling`")
         if options is not None and options.leave_out:
-            raise ValueError("must not have `leave_out` here: each campaign states its own")
+            raise ValueError("must not have `leave_out`: each campaign states its own")
         return options
 
     @field_validator("methods", "constraints", mode="after")
@@ -126,24 +126,24 @@ class CampaignComparison(ComparisonOptions):
 
 
 class ComparedRun(Message):
-    """One run of the comparison; it has no numbers if it has failed."""
+    """One run of the comparison; a failed run has no numbers."""
 
     run_id: Identifier
     side: Side = Field(description="Side to which the run's readings belong.")
     method: Method
     weighting: Weighting
     characteristic_length: Metres[float | None] = Field(
-        description="Length that was used, if the weighting needs one."
+        description="Characteristic length, if the weighting needs one."
     )
     positive: StrictBool = Field(description="True if compliances were constrained to be zero or more.")
-    error: Problem | None = Field(description="Reason why there are no numbers.")
+    error: Problem | None = Field(description="Reason why the run has no numbers.")
     joints: list[JointResult] = Field(
-        description="Joints, fitted to all configurations; empty if there is an error."
+        description="Results of the joints from all configurations; empty if the run has failed."
     )
-    assessment: Assessment | None = Field(description="Assessment; null if there is an error.")
+    assessment: Assessment | None = Field(description="Assessment of the run; null if the run has failed.")
     compensation: Dimensionless[float | None] = Field(
-        description="Fraction of the mean deflection that the model predicts, 1 - mean‖residual‖ / "
-        "mean‖deflection‖; null if nothing moved, or without degrees of freedom."
+        description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; "
+        "null if nothing moved, or without degrees of freedom."
     )
     rms_residual: Metres[float | None] = Field(
         description="Root mean square of the residual vectors' lengths."
@@ -152,10 +152,11 @@ class ComparedRun(Message):
         description="Condition number of the weighted regressor with unit columns, the largest of all "
         "stages; null if rank-deficient."
     )
-    draws: Resampling | None = Field(description="Draws of the resampling, if there was one.")
-    resampling: ResamplingResult | None = Field(description="Results of the resampling, if there was one.")
+    draws: Resampling | None = Field(description="Options of the resampling, if requested.")
+    resampling: ResamplingResult | None = Field(description="Results of the resampling, if requested.")
     left: Metres[list[float | None]] = Field(
-        description="Mean length of the residuals in each configuration; null where the run leaves it out."
+        description="Mean length of the residuals in each configuration; null for configurations that the "
+        "run omits."
     )
 
 
@@ -165,15 +166,15 @@ class ComparedSide(Message):
     side: Side
     measurement_set_id: Identifier
     run_id: Identifier = Field(description="Run that represents the side in the comparison.")
-    configurations: list[Name] = Field(description="Labels of its observations.")
+    configurations: list[Name] = Field(description="Labels of the side's observations.")
     deflection: Metres[list[float | None]] = Field(
-        description="Mean length of the measured deflection in each configuration; null where all runs "
-        "leave it out."
+        description="Mean length of the measured deflection in each configuration; null for configurations "
+        "that all runs omit."
     )
 
 
 class JointRatio(Message):
-    """One joint on both sides."""
+    """Stiffness of one joint on both sides."""
 
     name: Name
     ratio: Dimensionless[float | None] = Field(
@@ -198,7 +199,7 @@ class JointRatio(Message):
 
 
 class ConfigurationShare(Message):
-    """The share of the deflection avoided in one observation, over its targets."""
+    """Fraction of the deflection in one observation that the second side avoids."""
 
     observation: Name
     side: Literal["first", "second", "both"] = Field(description="Sides that have this observation.")
@@ -209,10 +210,11 @@ class ConfigurationShare(Message):
 
 
 class AvoidedDeflection(Message):
-    """Share of the deflection that the second side avoids: 1 - mean deflection there / on the first side."""
+    """Fraction of the deflection that the second side avoids: 1 - mean deflection of second / first side."""
 
     matching: int = Field(
-        description="Number of observations with equal label, posture (1 mrad) and load (0.5 %, 1 mm)."
+        description="Number of observations with the same label, posture (± 1 mrad) and load (± 0.5 %, ± 1 "
+        "mm) on both sides."
     )
     measured: Estimate | None = Field(
         description="Measured fraction over the matching observations; null without any."
@@ -222,7 +224,7 @@ class AvoidedDeflection(Message):
 
 
 class OrderedJoint(Message):
-    """One joint in the common fit; numbers are null for a side that does not determine it."""
+    """One joint in the fit of both sides; numbers are null for a side that does not determine the joint."""
 
     name: Name
     kind: StatedKind = "revolute"
@@ -238,36 +240,35 @@ class OrderedJoint(Message):
         description="Profile-likelihood interval under all constraints."
     )
     compliance_interval_second: Compliance[Interval | None]
-    equal: StrictBool = Field(description="True if the order makes both compliances equal.")
+    equal: StrictBool = Field(description="True if the constraint makes both compliances equal.")
 
 
 class OrderedResult(Message):
-    """Both sides in one convex problem: no joint is softer on the second side."""
+    """Fit of both sides together, with no joint softer on the second side."""
 
     joints: list[OrderedJoint]
     chi_square_increase: float = Field(
-        description="Increase of χ² by the order. If far above the number of `equal` joints, the readings "
-        "contradict the order."
+        description="Increase of χ² by the constraint. If far above the number of `equal` joints, the "
+        "readings contradict the constraint."
     )
     certificate: Certificate = Field(description="Proof of optimality.")
 
 
 class ComparisonResult(Result):
-    """Runs side by side; of two measurement sets also the ratios of the stiffnesses."""
+    """Result of a comparison: runs; for two measurement sets also ratios of the stiffnesses."""
 
     assessment: Assessment = Field(
-        description="Worst verdict with its reasons: of all runs of one set, or of the two runs compared."
+        description="Worst verdict, with reasons, of all runs of one set or of the two compared runs."
     )
     confidence: Dimensionless[float] = Field(description="Confidence level of ratios.")
     sides: list[ComparedSide] = Field(description="One or two measurement sets.")
     entries: list[ComparedRun] = Field(description="Runs in the requested order.")
-    joints: list[JointRatio] = Field(description="Ratios of two sides; empty for one.")
+    joints: list[JointRatio] = Field(description="Stiffness ratio of each joint; empty for one side.")
     avoided: AvoidedDeflection | None = Field(
-        description="Share of the deflection that the second side avoids: 1 - mean deflection there / on "
-        "the first side; null for one side."
+        description="Fraction of the deflection that the second side avoids; null for one side."
     )
     ordered: OrderedResult | None = Field(
-        description="Common fit of both sides, if requested: no joint is softer on the second side."
+        description="Fit of both sides together, if requested: no joint is softer on the second side."
     )
     warnings: list[Finding] = Field(
         description="Warnings of the sets, of the fits, then of the comparison; with two sides, `where` "
@@ -308,6 +309,8 @@ class Comparison(Job):
 
     kind: Literal["comparison"] = "comparison"
     measurement_set_id: Identifier = Field(description="Measurement set of the first side.")
-    second_set_id: Identifier | None = Field(description="Measurement set of the second side; null for none.")
+    second_set_id: Identifier | None = Field(
+        description="Measurement set of the second side; null for one side."
+    )
     request: ComparisonRequest
     result: ComparisonResult | None = Field(description="Result; present if the comparison has succeeded.")

@@ -44,7 +44,7 @@ Interval3 = tuple[Interval, Interval, Interval]
 class LoadCase(Message):
     """One posture under one load."""
 
-    label: Name | None = Field(default=None, description="Name of the case; its number if absent.")
+    label: Name | None = Field(default=None, description="Name of the case; default: the number of the case.")
     joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
         description="Joints without the load, as the controller shows them, in units.angle or units.length."
     )
@@ -54,20 +54,22 @@ class LoadCase(Message):
     )
     load_point: Vector3 | None = Field(
         default=None,
-        description="Point where the force acts, flange frame, in units.length; default: that of all cases.",
+        description="Point where the force acts, flange frame, in units.length; default: the common load "
+        "point of all cases.",
     )
     place: Vector3 | None = Field(
         default=None,
-        description="Place that is predicted, flange frame, in units.length; default: the load point.",
+        description="Point whose deflection is predicted, flange frame, in units.length; default: the load "
+        "point.",
     )
     direction: Vector3 | None = Field(
         default=None,
-        description="Direction of the stiffness; default: the force's.",
+        description="Direction along which the stiffness is computed; default: the force's.",
     )
 
 
 class LinkMass(Message):
-    """The mass that a joint carries; tool and payload belong to the last."""
+    """Mass that a joint carries; the last joint also carries tool and payload."""
 
     joint: Name
     mass: Kilograms[Annotated[float, Field(strict=True, ge=0.0, le=1e6)]] = Field(description="Mass in kg.")
@@ -77,12 +79,12 @@ class LinkMass(Message):
 
 
 class SagOptions(Message):
-    """Reference of a deflection."""
+    """Reference of deflections."""
 
     absolute: StrictBool = Field(
         default=False,
-        description="True for deflections relative to an arm that does not bend, with the sag by own "
-        "weight. Needs a run with `weight`.",
+        description="True: deflections are relative to a rigid arm, and include its sag. Needs a run with "
+        "`weight`.",
     )
 
 
@@ -91,7 +93,7 @@ class PredictionOptions(SagOptions):
 
     masses: Annotated[list[LinkMass], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
-        description="Masses for own weight, which acts along −z of R0; empty: no own weight.",
+        description="Masses of the links, whose weight acts along −z of R0; empty: own weight is neglected.",
     )
     confidence: Confidence = 0.95
 
@@ -102,11 +104,12 @@ class DeflectionOptions(PredictionOptions):
     units: Units
     load_point: Vector3 | None = Field(
         default=None,
-        description="Point where forces act, flange frame, in units.length; a case may give its own.",
+        description="Point where forces act, flange frame, in units.length; a case may give another point.",
     )
     place: Vector3 | None = Field(
         default=None,
-        description="Place that is predicted, flange frame, in units.length; default: the load point.",
+        description="Point whose deflection is predicted, flange frame, in units.length; default: the load "
+        "point.",
     )
     cases: Annotated[list[LoadCase], Field(min_length=1, max_length=MAX_CASES), FailFast()]
 
@@ -126,26 +129,26 @@ class ModelErrorInterval(Message):
         "held-out postures."
     )
     load_ratio: Dimensionless[float] = Field(
-        description="Load relative to the campaign's greatest; above 1.01 it is extrapolated."
+        description="Load divided by the campaign's greatest load; above 1.01 the case is extrapolated."
     )
     leverage_ratio: Dimensionless[float] = Field(
-        description="Standard uncertainty per load relative to the campaign's worst target; above 1.01 the "
-        "case is extrapolated."
+        description="Standard uncertainty per load, divided by that of the campaign's worst target; above "
+        "1.01 the case is extrapolated."
     )
 
 
 class DirectionalStiffness(Message):
-    """Stiffness at the place along a direction, by three usual definitions."""
+    """Stiffness of the point along a direction, by three usual definitions."""
 
     direction: Dimensionless[Point] = Field(description="Unit vector, axes of R0.")
     lateral_free: LinearStiffness[float | None] = Field(
-        description="1 / (u' C_tt u): motion across the direction is free. Null if infinite."
+        description="1 / (u' C_tt u): motion across the direction is free; null for an infinite stiffness."
     )
     lateral_blocked: LinearStiffness[float | None] = Field(
-        description="u' inv(C_tt) u: motion across the direction is blocked. Null if infinite."
+        description="u' inv(C_tt) u: motion across the direction is blocked; null for an infinite stiffness."
     )
     rotation_blocked: LinearStiffness[float | None] = Field(
-        description="u' K_tt u, K = inv(C): every motion except along the direction is blocked. Null if "
+        description="u' K_tt u, K = inv(C): every motion except along the direction is blocked; null if "
         "infinite."
     )
     compliance: TranslationalCompliance[float] = Field(description="u' C_tt u.")
@@ -155,7 +158,7 @@ class DirectionalStiffness(Message):
 
 
 class WorstDirection(Message):
-    """Direction of force that moves the place most."""
+    """Direction in which a force moves the point most."""
 
     direction: Dimensionless[Point]
     compliance: TranslationalCompliance[float]
@@ -168,13 +171,15 @@ class WorstDirection(Message):
 
 
 class CartesianCompliance(Message):
-    """Response of the place to a small additional wrench there, in the loaded posture, axes of R0."""
+    """Response of the point to a small additional wrench at this point, in the loaded posture, axes of R0."""
 
     translation_by_force: TranslationalCompliance[Square3]
     translation_by_moment: TranslationPerMoment[Square3]
     rotation_by_force: RotationPerForce[Square3]
     rotation_by_moment: RotationalCompliance[Square3]
-    symmetric: StrictBool = Field(description="True if the matrices are symmetric; not with a moment.")
+    symmetric: StrictBool = Field(
+        description="True if the matrices are symmetric; a moment makes them asymmetric."
+    )
     along: DirectionalStiffness | None = Field(
         description="Stiffness along the direction; null without a force and a direction."
     )
@@ -189,26 +194,26 @@ class DeflectionBudget(Message):
     )
     included: list[str] = Field(description="Sources that `standard_uncertainty` combines.")
     standard_uncertainty: Metres[float]
-    coverage_factor: Dimensionless[float] = Field(description="Factor for the requested confidence.")
+    coverage_factor: Dimensionless[float] = Field(description="Coverage factor for the requested confidence.")
     expanded_uncertainty: Metres[float]
     expanded_with_model_error: Metres[float] = Field(description="Expanded uncertainty of all sources.")
 
 
 class CaseResult(Message):
-    """One case; with a `reason` it has no numbers."""
+    """Result of one case; a case with a `reason` has no numbers."""
 
     label: Name
     displacement: Metres[Point | None] = Field(
-        description="Displacement of the place, loaded minus unloaded, axes of R0."
+        description="Displacement of the point, loaded minus unloaded, axes of R0."
     )
     rotation: Radians[Point | None] = Field(description="Rotation vector of the flange, axes of R0.")
     readings_only: Metres[Interval3 | None] = Field(
-        description="Interval by the errors of the readings and the stated errors of the force; null if "
+        description="Interval from the errors of the readings and the stated errors of the force; null if "
         "unknown."
     )
     rotation_interval: Radians[Interval3 | None] = Field(description="Interval of the rotation.")
     with_model_error: ModelErrorInterval | None = Field(
-        description="Intervals with model error; null without a bound, see `remarks`."
+        description="Intervals that include the model error; null if unknown: see `remarks`."
     )
     compliance: CartesianCompliance | None
     budget: DeflectionBudget | None = Field(
@@ -225,8 +230,10 @@ class DeflectionResult(FromRun):
     """Deflections of all cases, in SI units."""
 
     confidence: Dimensionless[float]
-    model_error_postures: int = Field(description="Number of postures behind the model error's bound.")
-    remarks: list[str] = Field(description="Remarks on all cases.")
+    model_error_postures: int = Field(
+        description="Number of postures that determine the bound of the model error."
+    )
+    remarks: list[str] = Field(description="Remarks that concern all cases.")
     cases: list[CaseResult]
 
 
@@ -245,11 +252,11 @@ class MapOptions(AcceptingOptions, SagOptions):
     name: Name | None = None
     area: Metres[Box]
     grid: tuple[_Count, _Count, _Count] = Field(
-        description="Number of places along x, y and z, with the faces of the box; a single one is in the "
-        "middle."
+        description="Number of places along x, y and z, the faces of the box included; a single place is "
+        "in the middle."
     )
     place: Metres[Vector3] = Field(
-        description="Tool position in the flange frame; this point is brought to each place."
+        description="Position of the tool in the flange frame; the robot moves this point to each place."
     )
     load_point: Metres[Vector3 | None] = Field(
         default=None, description="Point where the force acts, flange frame; default: the tool's position."
@@ -262,8 +269,8 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     turns: Annotated[int, Field(strict=True, ge=1, le=360)] = Field(
         default=1,
-        description="Number of angles about the tool's axis over a full turn. At the first, the flange's x "
-        "axis points along x of R0 (or y if the tool points along x).",
+        description="Number of angles about the tool's axis over a full turn. At the first angle, the "
+        "flange's x axis points along x of R0 (or y if the tool points along x).",
     )
     force: Newtons[Vector3] = Field(description="Force of the process on the robot.")
     moment: Torque[Vector3 | None] = Field(
@@ -274,7 +281,7 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     direction: Dimensionless[Vector3 | None] = Field(
         default=None,
-        description="Direction of compliance along and across; default: the force's.",
+        description="Direction to which the compliances along and across refer; default: the force's.",
     )
     limits: Positions[dict[Name, tuple[Quantity, Quantity]]] = Field(
         default_factory=dict,
@@ -282,14 +289,14 @@ class MapOptions(AcceptingOptions, SagOptions):
     )
     near: Positions[Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] | None] = Field(
         default=None,
-        description="Posture as the controller shows it, to which each place gets the nearest; default: "
-        "the stiffest. Needed for prismatic joints, which keep it.",
+        description="Posture as the controller shows it: each place gets the nearest posture; default: the "
+        "stiffest. Required with prismatic joints, which keep their position.",
     )
     confidence: Dimensionless[Confidence] = 0.95
 
 
 class MapRequest(MapOptions):
-    """A map as it is posted."""
+    """Request of a map."""
 
     run_id: Identifier = Field(description="Id of the run whose model is used.")
 
@@ -298,7 +305,7 @@ PlaceStatus = Literal["reached", "out_of_reach", "joint_limits", "unseen_joint",
 
 
 class MapPlace(Message):
-    """One place."""
+    """One place of a map."""
 
     position: Metres[Point] = Field(description="Position in R0.")
     joints: Positions[list[float]] = Field(
@@ -317,23 +324,23 @@ class MapPlace(Message):
         description="Compliance along the direction; null with joints that are not determined."
     )
     compliance_across: TranslationalCompliance[float | None] = Field(
-        description="Greatest compliance across the direction; null as `compliance_along`."
+        description="Greatest compliance across the direction; null if `compliance_along` is null."
     )
     extrapolation: Dimensionless[float | None] = Field(
-        description="Load, or uncertainty per load, relative to the campaign's greatest; above 1.01 "
-        "extrapolated. Null without a bound."
+        description="Load, or uncertainty per load, divided by the campaign's greatest; above 1.01 the "
+        "place is extrapolated; null without model error."
     )
 
 
 class MapResult(FromRun):
-    """A summary; the places themselves are downloaded as CSV or npz."""
+    """Summary of a map; all places are in its files (CSV, npz)."""
 
     places: int
     counts: dict[PlaceStatus, int] = Field(
-        description="Number of places by status. `reached`: with values. `out_of_reach`: no posture reaches "
-        "it. `joint_limits`: all postures are beyond the limits. `unseen_joint`: the load twists a joint "
-        "that the readings do not determine. `overloaded`: the load halves a joint's stiffness, or turns it "
-        "by 0.25 rad. `not_followed`: too near a singularity for `near`."
+        description="Number of places by status. `reached`: with values. `out_of_reach`: no posture "
+        "reaches it. `joint_limits`: all postures are beyond the limits. `unseen_joint`: the load twists a "
+        "joint that the readings do not determine. `overloaded`: the load halves a joint's stiffness, or "
+        "turns it by 0.25 rad. `not_followed`: too near a singularity to follow `near`."
     )
     percentiles: Metres[dict[str, float]] = Field(
         description="Deflection that this percentage of the reached places does not exceed: `0`, `5`, `25`, "
@@ -341,8 +348,10 @@ class MapResult(FromRun):
     )
     worst: MapPlace | None = Field(description="Place with the largest deflection, if any is reached.")
     stiffest: MapPlace | None = Field(description="Place with the smallest deflection, if any is reached.")
-    extrapolated: int = Field(description="Number of reached places beyond the campaign.")
-    model_error_postures: int = Field(description="Number of postures behind the model error's bound.")
+    extrapolated: int = Field(description="Number of reached places beyond the campaign's loads or postures.")
+    model_error_postures: int = Field(
+        description="Number of postures that determine the bound of the model error."
+    )
     remarks: list[str] = Field(description="Remarks that apply to all places.")
 
 
@@ -353,4 +362,4 @@ class Map(Job):
 
     kind: Literal["map"] = "map"
     request: MapRequest
-    result: MapResult | None = Field(description="Present if the job has succeeded.")
+    result: MapResult | None = Field(description="Result; present if the job has succeeded.")

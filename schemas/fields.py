@@ -135,7 +135,7 @@ Item = TypeVar("Item", bound=Message)
 
 
 class ResourceChange(Message):
-    """Changes of a resource that is no job. Omitted fields remain unchanged."""
+    """Changes of a resource other than a job. Omitted fields remain unchanged."""
 
     name: Name | None = Field(default=None, description="New name; null: unchanged.")
     deleted: StrictBool | None = Field(
@@ -148,8 +148,10 @@ class Page(Message, Generic[Item]):
     """One page of a listing."""
 
     items: list[Item]
-    next: str | None = Field(description="`cursor` of the next page; null on the last.")
-    total: int | None = Field(default=None, description="Number on all pages; null after the first page.")
+    next: str | None = Field(description="`cursor` of the next page; null on the last page.")
+    total: int | None = Field(
+        default=None, description="Number of resources on all pages; null after the first page."
+    )
 
 
 def validate_list(kind: type[Item], documents: Sequence[dict[str, Any]]) -> list[Item]:

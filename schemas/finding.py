@@ -22,18 +22,18 @@ class Problem(Message):
     """Problem details: the fault, its place and its remedy."""
 
     type: str = Field(
-        description="Identifies the kind of problem.",
+        description="Identifier of the kind of problem.",
         examples=["urn:jointstiff:problem:invalid-request"],
     )
     title: str = Field(description="Title of the kind of problem.")
     status: int = Field(description="HTTP status code.")
     detail: str = Field(description="Description of this problem in one sentence.")
-    where: str | None = Field(default=None, description="Path of the field, if there is one.")
+    where: str | None = Field(default=None, description="Path of the field with the fault, if any.")
     remedy: str | None = Field(default=None, description="Recommended correction.")
     request_id: str | None = Field(
         default=None, description="Identifier of the request, as in `X-Request-Id` and in the service's log."
     )
-    errors: list[ProblemItem] = Field(default_factory=list, description="First twenty faults.")
+    errors: list[ProblemItem] = Field(default_factory=list, description="First twenty faults of the request.")
 
 
 Verdict = Literal["use", "use_with_care", "do_not_use"]
@@ -58,7 +58,7 @@ Unit = Literal["m", "mm", "deg", "rad", "N", "kN", "kgf", "lbf"]
 
 
 class NamedCause(Message):
-    """Something that moved the targets, too, such as a load point elsewhere or play in gears."""
+    """Cause other than the joints that moved the targets, such as a wrong load point or play in gears."""
 
     name: Name = Field(
         description="`load_point`, `constant_force` (axes of R0), `load_zero` (a force along the flange's "
@@ -67,7 +67,7 @@ class NamedCause(Message):
     )
     first: Name | None = Field(
         default=None,
-        description="Label of the first observation concerned; null for all.",
+        description="Label of the first affected observation; null: all.",
     )
 
     @property
@@ -240,20 +240,20 @@ class Finding(Message):
     code: FindingCode = Field(description="Kind of the finding.")
     weight: Verdict = Field(
         description="Best verdict that the finding allows. `do_not_use`: almost certainly a mistake. "
-        "`use_with_care`: to be checked. `use`: a remark."
+        "`use_with_care`: check the readings. `use`: a remark."
     )
     where: str | None = Field(
         default=None,
-        description="Observation, reading, sweep or joint; null for the whole set. With two sides it begins "
-        "with the side.",
+        description="Observation, reading, sweep or joint; null: the whole set. With two sides, the text "
+        "begins with the side.",
     )
     observation: Name | None = Field(
         default=None, description="Label of the observation; null if the finding concerns none or several."
     )
-    message: str = Field(description="Observed effect, with its figure and unit.")
+    message: str = Field(description="Observed effect, with number and unit.")
     remedy: str = Field(description="Remedy in words.")
     action: AdvisedAction | None = Field(
-        default=None, description="Remedy that a program can carry out; null if it needs a person."
+        default=None, description="Remedy that a program can carry out; null if only a person can."
     )
 
 
@@ -266,13 +266,13 @@ class Assessment(Message):
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Number of joints that have a stiffness with an upper end; the least of several fits; "
-        "null for geometries.",
+        description="Number of joints whose stiffness has an upper limit; for several fits, the least "
+        "number; null for geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     headline: str | None = Field(
         default=None,
-        description="Verdict in one line with its subject, for what is made from a run. Null for runs and "
+        description="Verdict in one line, for results that are made from a run; null for runs and "
         "geometries.",
     )
     notes: list[str] = Field(
@@ -288,12 +288,12 @@ class AcceptingOptions(Message):
         Literal["do_not_use"] | None, Terminal("--despite-verdict", flag="do_not_use")
     ] = Field(
         default=None,
-        description="`do_not_use` accepts a run with this verdict.",
+        description="`do_not_use`: also accept a run with this verdict.",
     )
 
 
 class ResultSummary(Message):
-    """Summary of a result for listings; all null while there is none."""
+    """Summary of a result for listings; fields are null while there is no result."""
 
     verdict: Verdict | None = Field(
         default=None,
@@ -301,17 +301,17 @@ class ResultSummary(Message):
     )
     compensation: Dimensionless[float | None] = Field(
         default=None,
-        description="Share of the mean deflection that the model predicts; the greatest of a comparison's "
-        "runs, the smaller of two sides.",
+        description="Fraction of the mean deflection that the model predicts; for a comparison, the "
+        "greatest of its runs or the smaller of two sides.",
     )
     joints_identified: int | None = Field(
         default=None,
-        description="Joints with an upper end of the stiffness; the most of a comparison's runs, the fewer "
-        "of two sides; null for geometries.",
+        description="Number of joints whose stiffness has an upper limit; for a comparison, the most of "
+        "its runs or the least of two sides; null for geometries.",
     )
     joint_count: int | None = Field(default=None, description="Number of joints; null for geometries.")
     warning_count: int | None = Field(
-        default=None, description="Number of warnings; of a geometry, of findings except notes."
+        default=None, description="Number of warnings; for a geometry, number of findings except notes."
     )
 
 

@@ -26,12 +26,12 @@ class FleetOptions(Message):
 
 
 class FleetRequest(FleetOptions):
-    """A fleet as it is posted."""
+    """Request of a fleet."""
 
     measurement_set_ids: Annotated[list[Identifier], Field(min_length=1, max_length=MAX_SETS)] | None = Field(
         default=None,
-        description="Sets to identify. Null or absent: of each robot the set with loads that was measured "
-        "last; the job names the sets.",
+        description="Sets to identify. Null or absent: the last measured set with loads of each robot; the "
+        "job then names these sets.",
     )
 
     @field_validator("measurement_set_ids", mode="after")
@@ -43,7 +43,7 @@ class FleetRequest(FleetOptions):
 
 
 class FleetRow(Message):
-    """Outcome of one set; `error` in place of numbers if it could not be identified."""
+    """Result of one set; a set that could not be identified has an `error` instead of numbers."""
 
     measurement_set_id: Identifier
     measurement_set_name: Name
@@ -61,9 +61,11 @@ class FleetRow(Message):
 
 
 class FleetResult(Message):
-    """Outcome of a fleet."""
+    """Result of a fleet."""
 
-    counts: dict[FleetOutcome, int] = Field(description="Number of sets by verdict, and of failed ones.")
+    counts: dict[FleetOutcome, int] = Field(
+        description="Number of sets with each verdict, and of failed sets."
+    )
     rows: list[FleetRow] = Field(description="Row of each set, in the order of the request.")
 
 
@@ -74,7 +76,7 @@ class Fleet(Job):
 
     kind: Literal["fleet"] = "fleet"
     request: FleetRequest
-    result: FleetResult | None = Field(description="Present if the job has succeeded.")
+    result: FleetResult | None = Field(description="Result; present if the job has succeeded.")
 
     @property
     def failed_parts(self) -> int:

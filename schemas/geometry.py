@@ -34,7 +34,7 @@ Square6 = Annotated[
 
 
 class IdentifiedAxis(Message):
-    """One axis of the model in R0, at model angle zero of all joints."""
+    """One joint axis in R0, with all joints at model angle zero."""
 
     name: Name = Field(description="Name of the model's joint.")
     point: Metres[Point] = Field(description="Point on the axis.")
@@ -42,16 +42,17 @@ class IdentifiedAxis(Message):
         description="Unit vector along the axis; positive rotation by the right-hand rule."
     )
     position_uncertainty: Metres[float | None] = Field(
-        description="Largest standard uncertainty across the axis at `point`, without R0's; null if not "
-        "determined."
+        description="Largest standard uncertainty across the axis at `point`, without that of R0; null if "
+        "not determined."
     )
     direction_uncertainty: Radians[float | None] = Field(
-        description="Largest standard uncertainty of the direction, without R0's; null if not determined."
+        description="Largest standard uncertainty of the direction, without that of R0; null if not "
+        "determined."
     )
 
 
 class SweepEvidence(Message):
-    """One sweep, fitted by itself."""
+    """One sweep, fitted separately."""
 
     joint: Name = Field(description="Name of the joint, as posted.")
     turned: list[Name] = Field(description="Names of the model's joints that turn.")
@@ -59,17 +60,17 @@ class SweepEvidence(Message):
     arc: Radians[float] = Field(description="Arc covered by the readings.")
     radial_rms: Metres[dict[Name, float | None]] = Field(
         description="Root mean square of the radial residuals by target; in a sweep that turns two axes, "
-        "across the axis. Null without a reading."
+        "across the axis; null for a target without a reading."
     )
     axial_rms: Metres[dict[Name, float | None]] = Field(
         description="Root mean square of the residuals along the axis by target."
     )
     angle_scale: float = Field(
-        description="Measured rotation of the joint over that of controller and joint map."
+        description="Measured rotation of the joint divided by that of controller and joint map."
     )
     angle_deviation: Radians[float | None] = Field(
-        description="Root mean square difference of these angles from the controller's; null if the latter "
-        "are used."
+        description="Root mean square difference of measured angles from the controller's; null if the fit "
+        "uses the controller's."
     )
     variance_factor: float = Field(description="χ²/dof of this sweep: 1 on average if sigma is right.")
 
@@ -81,7 +82,7 @@ class PoseEvidence(Message):
     unknowns: int = Field(description="Number of unknowns: four per axis and three per target.")
     determined: int = Field(description="Number of independent combinations that the poses determine.")
     only_together: list[list[str]] = Field(
-        description="Unknowns of each combination that is not determined, and stays nominal."
+        description="Unknowns of each combination that is not determined, and keeps its nominal value."
     )
     rms_residual: Metres[float] = Field(description="Root mean square residual of a coordinate.")
     held_out_rms: Metres[float | None] = Field(
@@ -104,12 +105,12 @@ class WristCentre(Message):
 
 
 class WristDistance(Message):
-    """Two estimates side by side."""
+    """Distance between two estimates of the wrist centre."""
 
     first: Literal["sphere", "axes", "trilateration"]
     second: Literal["sphere", "axes", "trilateration"]
     distance: Metres[float]
-    probability: float = Field(description="p-value of a common wrist centre.")
+    probability: float = Field(description="p-value of the hypothesis of equal wrist centres.")
 
 
 class WristResult(Message):
@@ -145,7 +146,7 @@ class LinkComparison(Message):
     quantity: Literal["a", "alpha", "beta", "d", "theta"] = Field(
         description="Denavit-Hartenberg parameter; beta is the second angle of axes meant to be parallel."
     )
-    joint: Name = Field(description="Joint of the axis, or of the first of two neighbours.")
+    joint: Name = Field(description="Joint of the axis, or of the first of two neighbouring axes.")
     unit: Literal["m", "rad"] = Field(description="Unit of the numbers.")
     nominal: StatedUnit[float]
     identified: StatedUnit[float]
@@ -169,7 +170,7 @@ class IdentifiedDh(Message):
 
 
 class Drift(Message):
-    """Motion of tracker and robot against each other between two readings of the base targets."""
+    """Motion of tracker relative to robot between two readings of the base targets."""
 
     transform_after_to_before: Rigid = Field(
         description="Transform that corrects the drift in later readings."
@@ -179,7 +180,7 @@ class Drift(Message):
     )
     displacement_covariance: SquareMetres[Square3]
     rotation: Radians[Point] = Field(description="Rotation vector, tracker's frame.")
-    probability: float = Field(description="p-value of the drift.")
+    probability: float = Field(description="p-value of the hypothesis of no drift.")
     deformation_probability: float = Field(description="p-value of the residuals.")
     significant: StrictBool
     moved_targets: list[Name] = Field(description="Base targets that moved relative to the others.")
@@ -188,17 +189,17 @@ class Drift(Message):
 class GeometryResult(Result):
     """The identified robot."""
 
-    assessment: Assessment = Field(description="Verdict from the findings; notes are no reasons.")
+    assessment: Assessment = Field(description="Assessment of the geometry; notes do not change the verdict.")
     axes: list[IdentifiedAxis]
-    sweeps: list[SweepEvidence] = Field(description="Sweeps; empty for poses.")
+    sweeps: list[SweepEvidence] = Field(description="Fit of each sweep; empty for poses.")
     fit: Literal["one_by_one", "together"] | None = Field(
         description="Fit that gave the axes; one_by_one if the sweeps disagree (finding "
-        "`sweeps_disagree`). Null for poses."
+        "`sweeps_disagree`); null for poses."
     )
     poses: PoseEvidence | None = Field(description="Calibration from poses; null for sweeps.")
     sigma: Metres[float] = Field(
-        description="Standard uncertainty of a coordinate, from which all others follow; for an instrument, "
-        "root mean square over the readings."
+        description="Standard uncertainty of a coordinate of a reading, from which all uncertainties "
+        "follow; for an instrument, root mean square over the readings."
     )
     sigma_source: Literal["stated", "residuals"]
     degrees_of_freedom: int
@@ -206,10 +207,11 @@ class GeometryResult(Result):
         description="χ²/dof: 1 on average if the stated sigma is right; 1 if sigma is estimated."
     )
     agreement_probability: float | None = Field(
-        description="p-value of one model for all sweeps. If it is small, fit them one by one."
+        description="p-value of one model for all sweeps. If the value is small, fit the sweeps one by one."
     )
     controller_probability: float | None = Field(
-        description="p-value of the controller's angles. If it is not small, use `angles` = `controller`."
+        description="p-value of exact angles of the controller. If the value is not small, use `angles` = "
+        "`controller`."
     )
     base: Literal["nominal", "axes"] = Field(description="Definition of R0.")
     transform_tracker_to_base: Rigid
@@ -217,7 +219,7 @@ class GeometryResult(Result):
         description="Covariance of a small motion (δ, φ) in R0, ``y = (1 + [φ]×)(R x + t) + δ``; null if "
         "not determined."
     )
-    wrist: WristResult | None = Field(description="Wrist centre; null if there is none, see `no_wrist`.")
+    wrist: WristResult | None = Field(description="Wrist centre; null if `no_wrist` gives a reason.")
     no_wrist: str | None = Field(description="Reason why there is no wrist centre.")
     targets: list[FlangeTarget]
     flange: Literal["nominal", "axes", "targets"] = Field(description="Definition of the flange frame.")
@@ -225,7 +227,7 @@ class GeometryResult(Result):
     robot: RobotDocument = Field(description="Identified model as a robot document, ready to be posted.")
     dh: list[IdentifiedDh]
     drift: Drift | None = Field(
-        description="Drift of the base targets; null unless they were read before and after."
+        description="Drift of the base targets; null unless the targets were read before and after."
     )
     findings: list[Finding]
 
@@ -257,7 +259,7 @@ class GeometryUnits(Message):
 
 
 class GeometryNoise(Message):
-    """Noise of one reading. Without it sigma is estimated from the residuals."""
+    """Noise of one reading. If absent, sigma is estimated from the residuals."""
 
     sigma: Sigma | None = Field(
         default=None, description="Standard uncertainty of one coordinate of one reading, in units.length."
@@ -282,15 +284,17 @@ class TrackedPosition(Message):
 
 
 class JointSweep(Message):
-    """One joint of the controller turned alone."""
+    """Readings while one joint of the controller turns alone."""
 
     joint: Name = Field(
-        description="Joint that turns: the robot's name of it, or joint_1, joint_2, … without a robot.",
+        description="Name of the joint that turns: as in the robot, or joint_1, joint_2, … without a robot.",
         examples=["joint_1"],
     )
     observations: Annotated[
         list[TrackedPosition], Field(min_length=1, max_length=MAX_SWEEP_POSITIONS), FailFast()
-    ] = Field(description="Positions; at least four, 10 to 20 over 90° or more are good practice.")
+    ] = Field(
+        description="Positions of the sweep: at least four; 10 to 20 over 90° or more are good practice."
+    )
 
 
 _Poses = Annotated[
@@ -304,9 +308,9 @@ class GeometryRequest(Message):
     name: Name = Field(default="geometry", examples=["KR 240 cell 3, sweeps"])
     units: GeometryUnits
     robot_id: Annotated[Identifier | None, Terminal(hidden=True)] = Field(
-        default=None, description="Robot whose stored model is the nominal one; or give `robot`."
+        default=None, description="Id of the robot whose model is the nominal one; or give `robot`."
     )
-    robot: RobotDocument | None = Field(default=None, description="Nominal model; it is not stored.")
+    robot: RobotDocument | None = Field(default=None, description="Nominal model, which is not stored.")
     joint_map: JointMap | None = Field(
         default=None, description="Joint map, if no robot is given; default: identity."
     )
@@ -324,8 +328,8 @@ class GeometryRequest(Message):
     )
     fit: Literal["one_by_one", "together"] = Field(
         default="together",
-        description="Fit of the sweeps: one by one, which needs only the angle of the moving joint, or all "
-        "together, with the other joints at the angles that the controller shows.",
+        description="Fit of the sweeps: one by one (uses only the angle of the moving joint), or all "
+        "together (uses the controller's angles of all joints).",
     )
     angles: Literal["free", "controller"] = Field(
         default="free",
@@ -356,18 +360,21 @@ class GeometryRequest(Message):
     base_targets_before: BasePositions | None = Field(
         default=None,
         description="Targets on the robot's base, read before the other readings; tracker's frame, in "
-        "units.length. They show if tracker or robot moved.",
+        "units.length. These targets show whether tracker or robot moved.",
     )
     base_targets_after: BasePositions | None = Field(
         default=None,
-        description="The same targets after the other readings. Absent: later readings in this frame are "
-        "compared with `base_targets_before`.",
+        description="The same base targets, read after the other readings; if absent, later readings in "
+        "this frame are compared with `base_targets_before`.",
     )
 
     @model_validator(mode="after")
     def _require_base_targets_before(self) -> GeometryRequest:
         if self.base_targets_after is not None and self.base_targets_before is None:
-            raise ValueError("give `base_targets_before`, too: `base_targets_after` are compared with them")
+            raise ValueError(
+                "give `base_targets_before`, too: `base_targets_after` are compared with "
+                "`base_targets_before`"
+            )
         return self
 
     @model_validator(mode="after")
@@ -431,4 +438,4 @@ class Geometry(Job):
     kind: Literal["geometry"] = "geometry"
     name: Name
     request: GeometryRequest
-    result: GeometryResult | None = Field(description="Present if the job has succeeded.")
+    result: GeometryResult | None = Field(description="Result; present if the job has succeeded.")

@@ -20,7 +20,7 @@ MAX_FAULTS = 20
 Delimiter = Literal["comma", "semicolon", "tab", "whitespace"]
 DecimalMark = Literal["point", "comma"]
 State = Literal["unloaded", "loaded", "deflection", "unloaded_after"]
-TableFormat = Literal["text", "xlsx"]
+TableFormat = Literal["text", "xlsx", "mat", "hdf5", "parquet"]
 MissingField = Literal[
     "joints",
     "force",
@@ -39,7 +39,7 @@ Template = Annotated[str, Field(min_length=1, max_length=100)]
 
 
 class ImportUnits(Message):
-    """Units of columns whose header has none, if known."""
+    """Units of columns whose header has no unit."""
 
     length: Literal["m", "mm", "in"] | None = Field(
         default=None, description="Unit of positions and deflections. Inches are converted to mm."
@@ -52,10 +52,10 @@ class ImportUnits(Message):
 
 
 class ImportOptions(Message):
-    """Options for information that is not in the files. Information in the files must agree with them."""
+    """Options for what the files do not state. Information in the files must agree."""
 
     units: ImportUnits | None = Field(
-        default=None, description="Units of columns whose header has none; they are never guessed."
+        default=None, description="Units of columns whose header has no unit; units are never guessed."
     )
     columns: Annotated[dict[HeaderCell, HeaderCell], Field(max_length=MAX_HEADER_CELLS)] = Field(
         default_factory=dict,
@@ -77,13 +77,15 @@ class ImportOptions(Message):
         default=None, description="Decimal mark of text files; detected if absent and unambiguous."
     )
     header: Annotated[list[HeaderCell], Field(min_length=1, max_length=MAX_HEADER_CELLS)] | None = Field(
-        default=None, description="Header for files that have none, one text per column."
+        default=None, description="Header for files without one: one text per column."
     )
     ignore: Annotated[list[HeaderCell], Field(max_length=MAX_HEADER_CELLS)] = Field(
         default_factory=list, description="Headers of columns to ignore; blanks are collapsed."
     )
     sheet: str | None = Field(
-        default=None, max_length=100, description="Sheets of an Excel file, separated by ;."
+        default=None,
+        max_length=100,
+        description="Sheets of an Excel file or groups of an HDF5 file, separated by ;.",
     )
     point_name: Template | None = Field(
         default=None,
@@ -96,16 +98,16 @@ class ImportOptions(Message):
         examples=["{target}_{state}"],
     )
     state_words: Annotated[dict[Name, State], Field(max_length=MAX_TARGETS)] = Field(
-        default_factory=dict, description="Additional words for the states, in names, headers and columns."
+        default_factory=dict,
+        description="Additional words for states such as `unloaded`, in names, headers and columns.",
     )
     state: State | None = Field(
         default=None,
-        description="State of the positions where neither headers, columns nor names say if they are "
-        "unloaded or loaded.",
+        description="State (unloaded or loaded) of positions for which no header, column or name shows it.",
     )
     by_order: StrictBool = Field(
         default=False,
-        description="Number the rows of files without names: each first row is observation 1.",
+        description="Number the rows of files without labels; the first row of each file is observation 1.",
     )
     allow_missing: StrictBool = Field(
         default=False,
@@ -115,7 +117,8 @@ class ImportOptions(Message):
         default=False, description="Use the mean of repeated readings of a point."
     )
     joint_tolerance: Annotated[Quantity, Field(gt=0.0)] = Field(
-        default=0.01, description="Greatest difference of a joint between files, in deg or mm."
+        default=0.01,
+        description="Greatest allowed difference of a joint's position between files, in deg or mm.",
     )
 
 
@@ -128,11 +131,11 @@ class ColumnMeaning(Message):
         description="Meaning, as `columns` accepts it; `unknown` if not understood.",
         examples=["P10 unloaded x", "joint 1", "ignored"],
     )
-    unit: str | None = Field(description="Unit of the numbers; null if there are none.")
+    unit: str | None = Field(description="Unit of the numbers; null for a column without numbers.")
     guessed: StrictBool = Field(
         default=False,
         description="True if the meaning was assumed (from two rows, a comment, a unit without brackets): "
-        "check it.",
+        "check the meaning.",
     )
 
 
@@ -141,7 +144,7 @@ class FilePreview(Message):
 
     file: str = Field(description="Name of the file, as sent.")
     format: TableFormat
-    sheet: str | None = Field(default=None, description="Sheet of an Excel file.")
+    sheet: str | None = Field(default=None, description="Sheet of an Excel file, or group of an HDF5 file.")
     encoding: str | None = Field(default=None, description="Encoding of a text file.", examples=["utf-8"])
     delimiter: Delimiter | None = Field(default=None, description="Delimiter of a text file.")
     decimal_mark: DecimalMark | None = Field(default=None, description="Decimal mark of a text file.")
@@ -190,12 +193,12 @@ class ImportPreview(Message):
     """Preview of all files together, before anything is stored; complete once nothing is unclear."""
 
     files: list[FilePreview] = Field(description="Files in the order in which they were sent.")
-    observation_count: int = Field(default=0, description="Number of different labels.")
+    observation_count: int = Field(default=0, description="Number of different labels of observations.")
     first_labels: list[str] = Field(
         default_factory=list, description=f"First labels, at most {MAX_PREVIEW_ROWS}."
     )
     joint_count: int | None = Field(
-        default=None, description="Number of joint angles per observation; null if there are none."
+        default=None, description="Number of joint angles per observation; null without joint angles."
     )
     joint_kinds: list[JointKind] = Field(
         default_factory=list,
@@ -224,7 +227,7 @@ class ImportRequest(ImportOptions):
         default=None, description="Name of the measurement set; default: the name of the first file."
     )
     encoders: Literal["motor", "secondary"] | None = Field(
-        default=None, description="Encoders that close the position loop; never guessed."
+        default=None, description="Encoders that close the position loop; must be stated."
     )
     noise: Noise | None = Field(default=None, description="Noise of the readings, as in a measurement set.")
     flange_targets: Annotated[dict[Name, Vector3], Field(max_length=MAX_TARGETS)] = Field(
@@ -241,19 +244,20 @@ class ImportRequest(ImportOptions):
     )
     accept_unusual: StrictBool = Field(
         default=False,
-        description="True accepts unusual values: over 100 standard deviations from the column's median, or "
-        "a load point over 5 m from the flange.",
+        description="True: accept values over 100 standard deviations from their column's median, and a "
+        "load point over 5 m from the flange.",
     )
     force: Vector3 | None = Field(
         default=None,
         description="Force on the robot in every observation, axes of R0, in units.force.",
     )
     robot_id: Identifier | None = Field(
-        default=None, description="Id of the measured robot; with it the answer has the integrity findings."
+        default=None, description="Id of the measured robot; if given, the answer has the integrity findings."
     )
     show_faults: StrictBool = Field(
         default=False,
-        description="True for `faults` and the preview, instead of 422, if a file is not understood.",
+        description="True: a file that is not understood gives `faults` and the preview, instead of the "
+        "status 422.",
     )
 
 
@@ -268,11 +272,11 @@ class ImportAnswer(ImportPreview):
     )
     findings: list[Finding] | None = Field(
         default=None,
-        description="Integrity findings with the robot `robot_id`; null without it.",
+        description="Integrity findings with the robot `robot_id`; null without `robot_id`.",
     )
     template: ImportRequest | None = Field(
         default=None,
-        description="Options by which files of this form are read again, and others refused; null if "
+        description="Template: options that read files of this form again, and refuse others; null if "
         "something is missing.",
     )
     missing: list[str] = Field(description="Missing items of a measurement set; empty if complete.")
@@ -285,7 +289,9 @@ class ImportAnswer(ImportPreview):
         description="Unloaded poses, to be posted to /v1/geometries with `robot_id`, if the files have "
         "joint angles and unloaded positions only.",
     )
-    leave_out: list[Name] = Field(description="Labels that a column `validation` holds out from the fit.")
+    leave_out: list[Name] = Field(
+        description="Observations that a column `validation` holds out from the fit."
+    )
     measurement_set: MeasurementSetDocument | None = Field(
         description="Measurement set, to be posted with `robot_id`; null if something is missing. Unloaded "
         "positions make a set for the own weight if robot or files have masses."

@@ -25,16 +25,16 @@ class Provenance(Message):
 
 
 class Progress(Message):
-    """Units of work done."""
+    """Progress of a job, in units of work."""
 
     done: int
     total: int
-    unit: str = Field(description="Unit of both numbers.", examples=["resamples"])
+    unit: str = Field(description="Unit of `done` and `total`.", examples=["resamples"])
     activity: str = Field(description="Current step of the job.", examples=["resampling"])
 
 
 class Result(Message):
-    """Result and assessment: of its own readings, or of the run that gave its model."""
+    """Result with the assessment of its readings, or of the run that gave its model."""
 
     assessment: Assessment | None
     joint_kinds: dict[Name, JointKind] = Field(
@@ -51,7 +51,7 @@ class Result(Message):
 class FromRun(Result):
     """Result that is made from a run."""
 
-    assessment: Assessment = Field(description="Assessment, with the reasons of the run, too.")
+    assessment: Assessment = Field(description="Assessment of the result, with the reasons of the run.")
 
 
 class Job(Message):
@@ -64,8 +64,8 @@ class Job(Message):
     state: JobState = Field(description="While `queued` or `running`, poll its address or follow its events.")
     progress: Progress | None = Field(default=None, description="Progress; null if computed at once.")
     request: Message
-    result: Message | None = Field(description="Present if the job has succeeded.")
-    error: Problem | None = Field(description="Present if the job has failed.")
+    result: Message | None = Field(description="Result; present if the job has succeeded.")
+    error: Problem | None = Field(description="Problem; present if the job has failed.")
     provenance: Provenance
     key_id: str | None = Field(default=None, description="Id of the requester's key; null without a key.")
     key_name: str | None = None
@@ -82,7 +82,7 @@ class Job(Message):
 
 
 class JobSummary(ResultSummary):
-    """A job in a listing. What its kind does not have is null or empty."""
+    """A job in a listing. Fields that its kind does not have are null or empty."""
 
     id: Identifier
     kind: str = Field(description="Kind of the job, such as `run`.", examples=["run"])
@@ -93,26 +93,28 @@ class JobSummary(ResultSummary):
     )
     robot_id: Identifier | None = Field(
         default=None,
-        description="Robot; of a comparison, the first side's; of a geometry, the nominal one.",
+        description="Robot; for a comparison, that of the first side; for a geometry, the nominal robot.",
     )
     measurement_set_id: Identifier | None = Field(
         default=None,
-        description="Set of a run or plan; of a comparison, the first side's.",
+        description="Measurement set of a run, of a plan, or of a comparison's first side.",
     )
-    second_set_id: Identifier | None = Field(default=None, description="Set of a comparison's second side.")
+    second_set_id: Identifier | None = Field(
+        default=None, description="Measurement set of a comparison's second side."
+    )
     robot_name: Name | None = None
     measurement_set_name: Name | None = None
     serial_number: str | None = Field(
         default=None, description="Serial number that the measurement set states."
     )
-    run_id: Identifier | None = Field(default=None, description="Run of a map or a program.")
+    run_id: Identifier | None = Field(default=None, description="Run whose model a map or a program uses.")
     method: Method | None = None
     weighting: Weighting | None = None
     positive: StrictBool | None = Field(
         default=None, description="True if compliances were constrained to be zero or more."
     )
-    elasticity: Elasticity | None = Field(default=None, description="Parts that bend.")
-    leave_out: list[Name] = Field(default_factory=list, description="Omitted observations.")
+    elasticity: Elasticity | None = Field(default=None, description="Parts that bend in the model.")
+    leave_out: list[Name] = Field(default_factory=list, description="Labels of omitted observations.")
     variant_of: Identifier | None = Field(default=None, description="Run that a run tries to improve.")
     outputs: list[str] = Field(
         default_factory=list,
@@ -121,11 +123,11 @@ class JobSummary(ResultSummary):
 
 
 class JobChange(Message):
-    """Changes of a job: its end, its deletion. Omitted fields remain unchanged."""
+    """Changes of a job. Omitted fields remain unchanged."""
 
     # Generators for C# make an enumeration of a constant, which cannot be true: `boolean` is described.
     cancelled: Annotated[Literal[True], WithJsonSchema({"type": "boolean"})] | None = Field(
-        default=None, description="True to cancel the job; a job that has ended stays as it is."
+        default=None, description="True to cancel the job; a job that has ended does not change."
     )
     deleted: StrictBool | None = Field(
         default=None,

@@ -28,10 +28,7 @@ from jointstiff.schemas.run import Residual
 
 
 class LiveOptions(ReadingOptions):
-    """Goal of an open set and equipment to reach it, declared before the first reading.
-
-    Each next reading is chosen as those of a plan are.
-    """
+    """Goal and equipment of a live campaign; readings are chosen as in a plan."""
 
     goal: Goal
     candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
@@ -44,14 +41,14 @@ class LiveOptions(ReadingOptions):
 
 
 class LiveReading(Message):
-    """A reading of an open set in its record."""
+    """A reading in the record of a live campaign."""
 
     label: Name
     state: Literal["counts", "doubtful", "withdrawn"]
     reason: str | None = Field(default=None, description="Reason why the reading was withdrawn.")
     p_value: Dimensionless[float | None] = Field(
-        description="Probability that a good reading deviates at least as far from its prediction by the "
-        "others; null without one."
+        description="Probability that a good reading deviates at least as far from the prediction by the "
+        "other readings; null without a prediction."
     )
     distance: Metres[float | None] = Field(
         description="Greatest distance of a target from its predicted position."
@@ -63,13 +60,13 @@ class LiveReading(Message):
     message: str | None = Field(description="Comparison with the other readings in words.")
     ball_ratio: Dimensionless[float | None] = Field(
         default=None,
-        description="Distance from the prediction over the radius of its 90 % ball; null if the reading "
-        "was not held out.",
+        description="Distance from the prediction, divided by the radius of 90 % of good readings; null if "
+        "not held out.",
     )
 
 
 class LiveJoint(Message):
-    """A joint as far as it is known."""
+    """Result of the readings so far for a joint."""
 
     name: Name
     kind: StatedKind = "revolute"
@@ -78,12 +75,12 @@ class LiveJoint(Message):
         description="95 % interval of the stiffness, with the model error where the postures show it."
     )
     relative: Dimensionless[float | None] = Field(
-        description="Half-width of the compliance's interval, relative, without assumed errors."
+        description="Relative half-width of the compliance's interval, without assumed errors."
     )
     relative_with_assumed: Dimensionless[float | None] = Field(
-        default=None, description="`relative` with the assumed errors of load point and force."
+        default=None, description="Like `relative`, with the assumed errors of load point and force."
     )
-    reason: str | None = Field(default=None, description="Reason for which the joint will have no number.")
+    reason: str | None = Field(default=None, description="Reason why the joint will have no number.")
     prior: Literal["waits", "counts", "deviates"] | None = Field(
         default=None,
         description="Prior of the joint: `waits` until readings determine the joint as well, `counts`, or is "
@@ -92,23 +89,23 @@ class LiveJoint(Message):
 
 
 class LiveState(Message):
-    """State of an open set: its record, what it says so far, and what to do next."""
+    """State of a live campaign: readings, results so far, and next reading."""
 
     revision: int = Field(description="Number of entries in the record; every change adds one.")
     state: Literal["measuring", "reached", "cannot", "closed"] = Field(
-        description="`reached`: the goal is met, and a held-out reading agrees. `cannot`: the goal will not "
-        "be met; see `message`. `closed`: an ordinary set."
+        description="`reached`: the goal is met, and a held-out reading agrees. `cannot`: the goal will "
+        "not be met; see `message`. `closed`: the campaign has ended."
     )
     message: str = Field(description="State in words.")
     goal: str = Field(description="Declared goal in words.")
     share: Dimensionless[float | None] = Field(
-        description="Uncertainty relative to the goal's; null while unknown."
+        description="Present uncertainty / uncertainty of the goal; null while unknown."
     )
     still_needed: int | None = Field(
         description="Number of readings still needed, including the held-out reading; null if unknown."
     )
     readings: list[LiveReading] = Field(description="All readings, in the order in which they came.")
-    joints: list[LiveJoint] = Field(description="Joints so far; empty before any is determined.")
+    joints: list[LiveJoint] = Field(description="Joints so far; empty until the readings determine a joint.")
     residuals: list[Residual] = Field(
         default_factory=list, description="Residuals of the last reading, in the fit of all."
     )
@@ -131,7 +128,7 @@ class LiveState(Message):
 
 
 class MeasurementSetPost(MeasurementSetRequest):
-    """A measurement set as it is posted: whole, or open for readings that are still to be taken."""
+    """Request of a measurement set: complete, or open for readings to come."""
 
     observations: Annotated[list[Observation], Field(max_length=MAX_OBSERVATIONS), FailFast()] = Field(
         default_factory=list,
@@ -146,7 +143,7 @@ class MeasurementSet(StoredMeasurementSet, MeasurementSetDocument):
     """A stored measurement set with its findings; one that is measured live has `open` and `live`."""
 
     observations: list[Observation] = Field(
-        description="Observations; of an open set those that count so far."
+        description="Observations; for an open set, those that count so far."
     )
     open: LiveOptions | None = Field(default=None, description="Goal of an open set; null once it is closed.")
     live: LiveState | None = Field(default=None, description="State of an open set; null once it is closed.")

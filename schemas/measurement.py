@@ -95,8 +95,8 @@ class Instrument(Message):
 class ForceUncertainty(_Uncertain):
     """Standard uncertainties of the load, each common to all observations of the set.
 
-    They belong to the one scale or load cell that every observation used, so no number of readings averages
-    them out. Coverage factor 1: a load cell of class 0.5 has a scale of about 0.005 / √3.
+    More readings do not average these errors out. Coverage factor 1: a load cell of class 0.5 has a `scale`
+    of about 0.005 / √3.
     """
 
     scale: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] | None = Field(
@@ -116,8 +116,8 @@ class ForceUncertainty(_Uncertain):
 class AxisUncertainty(_Uncertain):
     """Standard uncertainties of the joint axes in the robot's model, each axis by itself.
 
-    A geometry states them for each axis (`position_uncertainty`, `direction_uncertainty`); give the typical
-    or the greatest. Each axis has one error for all observations.
+    A geometry states these uncertainties for each axis (`position_uncertainty`, `direction_uncertainty`);
+    give the typical or the greatest. Each axis has one error for all observations.
     """
 
     position: Annotated[float, Field(strict=True, ge=0.0, le=1e3)] = Field(
@@ -134,15 +134,15 @@ class AxisUncertainty(_Uncertain):
 
 
 class Noise(Message):
-    """Uncertainty of one reading of the tracker and of a secondary encoder, of the load and of places.
+    """Uncertainties of tracker, secondary encoders, load and positions.
 
-    Give the tracker's as `sigma` or as `instrument`, or as neither if every reading has its own.
+    State the tracker's as `sigma` or `instrument`; omit both if every reading states its own.
     """
 
     sigma: Sigma | None = Field(
         default=None,
-        description="Standard uncertainty of one coordinate of one position, in units.length; of a "
-        "deflection √2 times that.",
+        description="Standard uncertainty of one coordinate of one position, in units.length; a deflection "
+        "has √2 times as much.",
         examples=[2e-5],
     )
     encoder_sigma: Annotated[float, Field(strict=True, ge=1e-10, le=10.0)] | None = Field(
@@ -166,31 +166,31 @@ class Noise(Message):
     load_point: Place | None = Field(
         default=None,
         description="Standard uncertainty of each coordinate of the load point, in units.length; one error "
-        "for all observations. Absent: 10 mm is assumed, with a note.",
+        "for all observations; if absent, 10 mm is assumed, with a note.",
         examples=[5e-4],
     )
     target_places: Place | None = Field(
         default=None,
         description="Standard uncertainty of each coordinate of each target in the flange frame, in "
-        "units.length; one error for all observations. Absent: exact.",
+        "units.length; one error for all observations; if absent, positions count as exact.",
         examples=[5e-4],
     )
     drift: Place | None = Field(
         default=None,
         description="Standard uncertainty of the drift of loaded against unloaded positions from one "
-        "observation to the next, in units.length. Absent: none; 1 µm in a live campaign.",
+        "observation to the next, in units.length; if absent, no drift (in a live campaign, 1 µm).",
         examples=[2e-6],
     )
 
     axes: AxisUncertainty | None = Field(
         default=None,
-        description="Uncertainty of the robot's geometry; if absent, its model counts as exact.",
+        description="Uncertainty of the robot's geometry; if absent, the geometry counts as exact.",
     )
     refuted: StrictBool = Field(
         default=False,
         strict=True,
-        description="True if the residuals refuted the stated noise of the tracker: sigma is estimated from "
-        "them, and the verdict is at most *use with care*.",
+        description="True if the residuals refuted the stated noise of the tracker: sigma is estimated "
+        "from the residuals, and the verdict is at most *use with care*.",
     )
 
     @model_validator(mode="after")
@@ -241,7 +241,7 @@ class Frame(Message):
     base_targets: Annotated[dict[Name, Vector3], Field(min_length=3, max_length=16)] | None = Field(
         default=None,
         description="Base targets of the geometry (needs `geometry_id`), read with this set, in "
-        "units.length: to correct a motion of tracker or robot, with a warning.",
+        "units.length. They correct a motion of tracker or robot, with a warning.",
     )
     forces: Literal["base", "tracker"] = Field(
         default="base",
@@ -271,13 +271,13 @@ class Rigid(Message):
 
 
 class ResolvedFrame(Message):
-    """Frame as resolved when the set was stored; it remains valid if the geometry is deleted."""
+    """Frame as resolved when the set was stored, valid even if the geometry is deleted."""
 
     rotation: Dimensionless[Rotation] = Field(description="Rotation matrix row by row, tracker to R0.")
     translation: Metres[Vector3] = Field(description="The tracker's origin in R0.")
     flange_targets: Metres[dict[Name, Vector3]] = Field(
-        description="Targets of the geometry in the flange frame, used for deflections of targets that the "
-        "set does not place; empty if the geometry has another flange frame."
+        description="Targets of the geometry in the flange frame, used for deflections of targets whose "
+        "position the set does not state; empty if the geometry has another flange frame."
     )
 
 
@@ -316,7 +316,7 @@ Notes = Annotated[
 
 
 class SetMetadata(Message):
-    """Metadata of a measurement set; all of it is optional."""
+    """Metadata of a measurement set; all fields are optional."""
 
     measured_at: Moment | None = Field(
         default=None,
@@ -341,7 +341,7 @@ class SetMetadata(Message):
         examples=["21 °C, warmed up for 30 min"],
     )
     notes: Notes | None = Field(
-        default=None, description=f"Anything else, at most {MAX_NOTES_LENGTH} characters in lines."
+        default=None, description=f"Further notes, at most {MAX_NOTES_LENGTH} characters in lines."
     )
 
 
@@ -366,7 +366,7 @@ class SetChange(ResourceChange, SetMetadata):
     )
     skipped: Name | None = Field(
         default=None,
-        description="Label of the next reading, to skip a posture that the robot cannot take.",
+        description="Label of the next reading, to skip a posture that the robot cannot reach.",
     )
 
     @property
@@ -383,15 +383,15 @@ MomentUnit = Literal["N.m", "N.mm", "kN.m", "kgf.m", "lbf.m", "lbf.ft", "lbf.in"
 
 
 class Units(Message):
-    """Units of every number in the set; mandatory, because kg instead of N cannot be detected later."""
+    """Units of every number in the set; mandatory, as a confusion of kg and N cannot be detected later."""
 
     length: LengthUnit = Field(
         description="Unit of positions, deflections, load points, sigma and prismatic joints."
     )
     angle: AngleUnit = Field(description="Unit of joint angles, encoder readings and encoder_sigma.")
     force: ForceUnit = Field(
-        description="Unit of forces; 1 kgf = 9.80665 N, 1 lbf = 4.44822 N. `kg`: a load by its hung mass, "
-        "as many kgf: 150 kg pull with `[0, 0, -150]`."
+        description="Unit of forces; 1 kgf = 9.80665 N, 1 lbf = 4.44822 N. `kg`: weight of a hung mass; "
+        "150 kg are `[0, 0, -150]`."
     )
     moment: MomentUnit | None = Field(
         default=None,
@@ -403,24 +403,21 @@ _KINDS_OF_READING = ("unloaded", "loaded", "deflection", "displacement")
 
 
 class Reading(Message):
-    """One target in one observation: two positions, a deflection, its part along a direction, or a position.
-
-    A dial gauge or a laser that measures one distance reads along a direction; a position alone is without a
-    load.
-    """
+    """One target in one observation: positions, a deflection, or a displacement along a direction (gauge)."""
 
     target: Name = Field(description="Name of the target (reflector).", examples=["P10"])
     unloaded: Vector3 | None = Field(
         default=None,
-        description="Position in R0 without load, in units.length; alone only for runs with `weight`.",
+        description="Position in R0 without load, in units.length; without `loaded` only for runs with "
+        "`weight`.",
     )
     loaded: Vector3 | None = Field(default=None, description="Position in R0 under load, in units.length.")
     unloaded_after: Vector3 | None = Field(
-        default=None, description="Position in R0 after the load was removed, with `unloaded` and `loaded`."
+        default=None, description="Position in R0 after unloading; requires `unloaded` and `loaded`."
     )
     deflection: Vector3 | None = Field(
         default=None,
-        description="Loaded minus unloaded, axes of R0, in units.length. Needs the target's position in "
+        description="Loaded minus unloaded, axes of R0, in units.length. Requires the target's position in "
         "`flange_targets`.",
     )
     displacement: Quantity | None = Field(
@@ -440,8 +437,8 @@ class Reading(Message):
     sigma: Sigma | None = Field(
         default=None,
         description="Standard uncertainty of one coordinate of either position, or of the gauge, in "
-        "units.length. All tracker readings state theirs, or `noise` does; a reading along a direction "
-        "always may.",
+        "units.length. Either all tracker readings state `sigma`, or `noise` does; a reading along a "
+        "direction always may.",
     )
     unloaded_covariance: Matrix3 | None = Field(
         default=None,
@@ -478,7 +475,7 @@ class Reading(Message):
             )
         if self.displacement is not None and self.unloaded_covariance is not None:
             raise ValueError(
-                "give `sigma`, not covariances, with a `displacement`: it has a single component"
+                "give `sigma`, not covariances, with a `displacement`, which has a single component"
             )
         return self
 
@@ -486,7 +483,7 @@ class Reading(Message):
 class EncoderReading(Message):
     """A joint's angle behind its gearbox, read by a secondary encoder before and under load.
 
-    The motor's encoder closes the loop meanwhile, so the difference is how far the joint itself bent.
+    Meanwhile the motor's encoder closes the loop, so that the difference is the deflection of the joint.
     """
 
     joint: Name = Field(description="Name of the robot's joint.", examples=["joint_2"])
@@ -501,7 +498,7 @@ _EncoderReadings = Annotated[list[EncoderReading], Field(min_length=1, max_lengt
 
 
 class Observation(Message):
-    """One configuration under one load."""
+    """Readings of one configuration under one load."""
 
     label: Name = Field(description="Label, unique in the set.", examples=["c01"])
     joints: Annotated[list[Quantity], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
@@ -553,7 +550,7 @@ class MeasurementSetHeader(SetMetadata):
     )
     joint_kinds: Annotated[list[JointKind], Field(max_length=MAX_JOINTS)] | None = Field(
         default=None,
-        description="Kinds of the joints by the source of the readings; they must equal the robot's.",
+        description="Kinds of the joints as the readings state; must equal the robot's.",
     )
 
 
@@ -566,7 +563,7 @@ class MeasurementSetDocument(MeasurementSetHeader):
 
 
 class MeasurementSetRequest(MeasurementSetDocument):
-    """A measurement set as it is posted."""
+    """Request of a measurement set."""
 
     robot_id: Identifier
 
@@ -577,7 +574,7 @@ class StoredSet(SetMetadata):
     id: Identifier
     robot_id: Identifier
     content_hash: str | None = Field(
-        description="SHA-256 of the readings with units, noise and frame. Null while the set is open."
+        description="SHA-256 of the readings with units, noise and frame; null while the set is open."
     )
     created_at: Timestamp
 
@@ -589,7 +586,7 @@ class MeasurementSetSummary(StoredSet):
     encoders: Literal["motor", "secondary"]
     observation_count: int
     warning_count: int
-    open: StrictBool = Field(default=False, description="True while it is measured live.")
+    open: StrictBool = Field(default=False, description="True while the set is measured live.")
 
 
 class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
@@ -601,7 +598,8 @@ class StoredMeasurementSet(MeasurementSetHeader, StoredSet):
     )
     geometry_targets: Metres[dict[Name, Vector3]] = Field(
         default_factory=dict,
-        description="Targets of the geometry of `frame` in the flange frame, if the set does not place them.",
+        description="Targets of the geometry of `frame` in the flange frame, if the set does not state "
+        "their positions.",
     )
     warnings: list[Finding]
 

@@ -30,8 +30,8 @@ class ScoreStep(Message):
         "`noise`; null if the other postures do not determine it."
     )
     share: float = Field(
-        description="Share of the readings whose score is at most this score, with equal weights of the P "
-        "postures, multiplied by P/(P + 1). Dimensionless."
+        description="Fraction of the readings whose score is at most this score, with equal weights of the "
+        "P postures, multiplied by P/(P + 1). Dimensionless."
     )
 
 
@@ -39,14 +39,12 @@ class ModelError(Message):
     """Residuals in postures omitted in turn, which calibrate the bound of the model error."""
 
     postures: int = Field(description="Number of postures that were omitted in turn.")
-    steps: list[ScoreStep] = Field(
-        description="Points by ascending score, neighbours merged beyond about 500."
-    )
+    steps: list[ScoreStep] = Field(description="Steps by ascending score, merged to about 500 at most.")
     force: Newtons[float] = Field(
-        description="Unit of a load's size: the greatest load has size 1; zero without loads."
+        description="Reference for the size of loads: the greatest load has size 1; zero without loads."
     )
     moment: Torque[float] = Field(
-        description="Unit of a load's moment: the greatest moment has size 1; zero without moments."
+        description="Reference for moments of loads: the greatest moment has size 1; zero without moments."
     )
     least_load: float = Field(description="Least size of a load. Dimensionless.")
     leverage: Metres[float] = Field(
@@ -104,15 +102,19 @@ class IdentifiedModel(Message):
     seen: list[Name] = Field(description="Joints to which the following rows and columns belong.")
     estimate: Compliance[list[float]] = Field(description="Estimate without constraints.")
     covariance: SquareCompliance[list[list[float]]] = Field(
-        description="Covariance of that estimate, the uncertainty of the force included; empty if sigma is "
-        "unknown."
+        description="Covariance of the unconstrained estimate, the uncertainty of the force included; "
+        "empty if sigma is unknown."
     )
     information_root: list[list[float]] | None = Field(
         description="Matrix R with R'R the inverse of the covariance of the determined combinations, in "
         "N.m/rad; null if the covariance is regular."
     )
-    lower: Compliance[list[float | None]] = Field(description="Lower bound of each joint; null for none.")
-    upper: Compliance[list[float | None]] = Field(description="Upper bound of each joint; null for none.")
+    lower: Compliance[list[float | None]] = Field(
+        description="Lower bound of each joint's compliance; null: no bound."
+    )
+    upper: Compliance[list[float | None]] = Field(
+        description="Upper bound of each joint's compliance; null: no bound."
+    )
     order: list[tuple[int, int]] = Field(
         description="Pairs of joints: the first is no softer than the second."
     )
@@ -167,7 +169,7 @@ class ElasticCompliance(Message):
 
 
 class ElementShare(Message):
-    """Share of the measured deflection that an element explains."""
+    """Fraction of the measured deflection that an element explains."""
 
     kind: Literal["joint", "coupling", "link", "base"]
     joint: Name | None = Field(
@@ -178,7 +180,7 @@ class ElementShare(Message):
         "the rest the sum is 1."
     )
     by_observation: Dimensionless[list[float]] = Field(
-        description="Shares in each observation, in the order of the set."
+        description="Fractions in each observation, in the order of the set."
     )
 
 
@@ -214,8 +216,8 @@ class LinksResult(Message):
     )
     elements: list[ElementShare] = Field(description="Contribution of each joint and link.")
     unexplained: Dimensionless[float] = Field(
-        description="Share of the measured deflection that no element explains, by squares; `compensation` "
-        "compares lengths."
+        description="Fraction of the squared deflection that no element explains; `compensation` compares "
+        "lengths instead."
     )
     effective_freedom: Dimensionless[float] = Field(
         description="Effective number of parameters that the readings determine."

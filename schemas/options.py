@@ -46,10 +46,10 @@ class CrossValidation(Message):
     )
     draws: Annotated[int, Field(strict=True, ge=1, le=20)] = Field(
         default=4,
-        description="Number of assignments to folds; once if `link_penalty` is given.",
+        description="Number of random divisions into folds; 1 if `link_penalty` is given.",
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
-        default=0, description="Random seed of the assignment of configurations to folds."
+        default=0, description="Random seed of the division into folds."
     )
     rule: Literal["best", "one_standard_error"] = Field(
         default="best",
@@ -73,7 +73,7 @@ class Resampling(Message):
         default=1000, description="Number of draws."
     )
     seed: Annotated[int, Field(strict=True, ge=0, le=2**53)] = Field(
-        default=0, description="Random seed, with equal numbers on any machine."
+        default=0, description="Random seed; gives the same numbers on any machine."
     )
     replacement: Annotated[bool, Field(strict=True)] = Field(
         default=False, description="True if a configuration may be drawn more than once (bootstrap)."
@@ -86,10 +86,11 @@ _Bounds = tuple[Annotated[float, Field(strict=True, ge=0.0, le=1e9)], Annotated[
 class Balancer(Message):
     """A spring between the base and a link, pulled from its free length."""
 
-    joint: Name = Field(description="Name of the joint that carries the spring's further end.")
-    on_base: Metres[Vector3] = Field(description="End on the base, in R0.")
+    joint: Name = Field(description="Name of the joint that carries the spring's other end.")
+    on_base: Metres[Vector3] = Field(description="End of the spring on the base, in R0.")
     on_link: Metres[Vector3] = Field(
-        description="Further end in the frame that moves with the joint (as of a body's centre of mass)."
+        description="Other end of the spring, in the frame that moves with the joint (as of a body's "
+        "centre of mass)."
     )
     rate: _Bounds = Field(description="Least and greatest rate of the spring, in N/m.")
     pull: Newtons[_Bounds] = Field(description="Least and greatest rate times free length, in N.")
@@ -102,9 +103,9 @@ class Balancer(Message):
 
 
 class OwnWeight(Message):
-    """Weight of the robot's bodies as the load: positions are read without another load.
+    """Own weight of the robot as the only load.
 
-    A run estimates geometry of the robot and places of the targets, too; a plan knows no balancers.
+    A run also estimates the robot's geometry and the targets' positions; a plan supports no balancers.
     """
 
     kind: Literal["own_weight"] = "own_weight"
@@ -118,7 +119,7 @@ class OwnWeight(Message):
     )
     rigid_base: Annotated[bool, Field(strict=True)] = Field(
         default=False,
-        description="True for a rigid base; else its tilt under the weight is estimated.",
+        description="True: the base is rigid; false: the tilt of the base under the weight is estimated.",
     )
     balancers: Annotated[list[Balancer], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list, description="Spring balancers, whose bounds are stated."
@@ -175,8 +176,8 @@ class MethodOptions(Message):
     method: Method = Field(
         default="partial_pose",
         description="`complete_pose`: six rows per configuration, from three targets or more. "
-        "`partial_pose`: three rows per target. `decoupled_partial_pose`: the arm from the wrist centre, "
-        "then the wrist; needs three targets and a spherical wrist.",
+        "`partial_pose`: three rows per target. `decoupled_partial_pose`: fits the arm by the wrist "
+        "centre, then the wrist; needs three targets and a spherical wrist.",
     )
     weighting: Weighting = Field(
         default="covariance",
@@ -221,7 +222,8 @@ class RunOptions(MethodOptions):
     )
     stiffness_bounds: Stiffness[Annotated[dict[Name, StiffnessBound], Field(max_length=MAX_JOINTS)]] = Field(
         default_factory=dict,
-        description="Minimum and maximum stiffness by joint, null for none. A bounded joint is positive.",
+        description="Minimum and maximum stiffness by joint, null: no limit. Bounds imply a positive "
+        "stiffness.",
         examples=[{"joint_2": [1e6, None]}],
     )
     loss: Annotated[
@@ -229,7 +231,7 @@ class RunOptions(MethodOptions):
     ] = Field(
         default="automatic",
         description="Loss of the norm of each target's whitened residual. `huber`: linear beyond a "
-        "threshold, against bumped targets. `absolute`: the norm; not with elasticity `joints`. "
+        "threshold, so that bumped targets count less. `absolute`: the norm; not with elasticity `joints`. "
         "`automatic`: `squared` for joints alone and with `link_penalty`, else by cross-validation. With "
         "links or coupling, `huber` and `absolute` accept at most 500 targets.",
     )
@@ -263,20 +265,19 @@ class RunOptions(MethodOptions):
         Terminal("", "JOINT,JOINT,...", parse_names, "list"),
     ] = Field(
         default_factory=list,
-        description="Order constraints: chains of joints, each at least as stiff as the next; all "
-        "are positive.",
+        description="Order constraints: chains of joints, each at least as stiff as the next; their "
+        "stiffnesses are positive.",
         examples=[[["joint_2", "joint_4"]]],
     )
     elasticity: Elasticity = Field(
         default="automatic",
         validate_default=True,
-        description="Parts that bend. `coupled_joints`: a full joint compliance. `diagonal_links`: joints, "
-        "six compliances per link. `joints_and_links`: joints, a 6 x 6 compliance per link. "
-        "`joints_and_base`: joints, a 6 x 6 compliance of the base. `links_and_base`: all of them. "
-        "`automatic`: joints only, unless a test shows that more bends; then the simplest model within one "
-        "standard error of the best. All but `joints` need method `partial_pose` and weighting "
-        "`covariance`, without bounds, priors, order, encoder readings or resampling, else `automatic` uses "
-        "joints alone.",
+        description="Parts that bend. `coupled_joints`: a full matrix of the joints. `diagonal_links`: "
+        "joints, six compliances per link. `joints_and_links`: joints, 6 x 6 per link. `joints_and_base`: "
+        "joints, 6 x 6 of the base. `links_and_base`: joints, links, base. `automatic`: joints, unless a "
+        "test shows that other parts bend; then the simplest model within one standard error of the best. "
+        "All but `joints` need method `partial_pose` and weighting `covariance`, without bounds, priors, "
+        "order, encoder readings or resampling; else `automatic` uses joints.",
     )
     links: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
         default_factory=list,
@@ -289,7 +290,8 @@ class RunOptions(MethodOptions):
         "long.",
     )
     cross_validation: CrossValidation = Field(
-        default=CrossValidation(), description="Cross-validation, for all elasticities but `joints`."
+        default=CrossValidation(),
+        description="Settings of the cross-validation, for all elasticities but `joints`.",
     )
     resampling: Annotated[
         Resampling | None, Terminal("--resample", "SIZE[:REPETITIONS[:SEED]]", parse_resampling)
@@ -301,8 +303,8 @@ class RunOptions(MethodOptions):
     confidence: Confidence = 0.95
     weight: OwnWeight | None = Field(
         default=None,
-        description="Robot's own weight as load, with known loads of the set; the geometry is estimated, "
-        "too. Needs `bodies` of the robot, default method, weighting, loss and elasticity; no bounds, "
+        description="Use the robot's own weight as load, with known loads of the set; also estimate the "
+        "geometry. Needs `bodies` of the robot, default method, weighting, loss and elasticity; no bounds, "
         "priors, order or resampling.",
     )
     leave_out: Annotated[list[Name], Field(max_length=MAX_LEFT_OUT)] = Field(

@@ -44,16 +44,16 @@ _Length = Annotated[float, Field(strict=True, ge=1e-9, le=1.0)]
 
 
 class JointsGoal(Message):
-    """Every joint that a load can twist is known to a share of its stiffness."""
+    """Goal for the relative uncertainty of every joint that a load can twist."""
 
     kind: Literal["joints"]
     relative: Dimensionless[_Share] = Field(
-        description="Greatest half-width of a 95 % interval over the compliance: 0.15 for ± 15 %."
+        description="Greatest half-width of a 95 % interval, relative to the compliance: 0.15 for ± 15 %."
     )
 
 
 class DeflectionGoal(Message):
-    """The deflection in a box is known to some micrometres."""
+    """Goal for the uncertainty of the deflection in a box."""
 
     kind: Literal["deflection"]
     uncertainty: Metres[_Length] = Field(
@@ -62,13 +62,13 @@ class DeflectionGoal(Message):
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
-        description="Force in the work area, axes of R0; default: the load's, down if it is a weight, else "
-        "along each axis.",
+        description="Force in the work area, axes of R0; default: that of the load, down for a weight, "
+        "else along each axis.",
     )
 
 
 class DecisionGoal(Message):
-    """A decision: does the deflection in a box stay below a limit?"""
+    """Goal to decide whether the deflection in a box stays below a limit."""
 
     kind: Literal["decision"]
     limit: Metres[_Length] = Field(
@@ -77,17 +77,17 @@ class DecisionGoal(Message):
     )
     force: Newtons[Vector3 | None] = Field(
         default=None,
-        description="Force in the work area, axes of R0; default: the load's, down if it is a weight, else "
-        "along each axis.",
+        description="Force in the work area, axes of R0; default: that of the load, down for a weight, "
+        "else along each axis.",
     )
 
 
 class LoadPointGoal(Message):
-    """A mistake of the load point shows in the readings."""
+    """Goal that a test of the readings detects a wrong load point."""
 
     kind: Literal["load_point"]
     mistake: Metres[_Length] = Field(
-        description="Distance of the load point from its stated place that a test finds in 80 % of cases."
+        description="Error of the load point that a test detects in 80 % of cases."
     )
 
 
@@ -117,8 +117,8 @@ def parse_goal(text: str) -> dict[str, Any]:
     is_length = match is not None and (match["below"] or match["place"])
     if match is None or float(match["number"]) <= 0.0 or (is_relative and is_length):
         raise ValueError(
-            f'\'{text}\' is not a goal: write "15 %" for every joint, "6 um" for the deflection in the work '
-            'area, or "below 0.5 mm" for a decision about it'
+            f'\'{text}\' is not a goal: write "15 %" for every joint, "6 um" for the deflection in the '
+            'work area, or "below 0.5 mm" to decide whether this deflection stays below a limit'
         )
     number = float(match["number"])
     if is_relative:
@@ -143,12 +143,12 @@ Box = TypeAliasType(
 
 
 class DeadWeight(Message):
-    """A weight: it pulls along −z of R0."""
+    """A weight, which pulls along −z of R0."""
 
     kind: Literal["dead_weight"] = "dead_weight"
     force: Newtons[Force | None] = Field(default=None, description="Weight; or give `mass`.")
     mass: Kilograms[Force | None] = Field(
-        default=None, description="Hung mass in place of `force`; it weighs 9.80665 N a kilogram."
+        default=None, description="Hung mass, instead of `force`; 1 kg weighs 9.80665 N."
     )
 
     _stated_once = require_exactly_one("force", "mass")
@@ -160,16 +160,16 @@ class DeadWeight(Message):
 
 
 class AnyDirection(Message):
-    """A force in any direction, up to a size."""
+    """A force of limited size in any direction."""
 
     kind: Literal["any_direction"]
     force: Newtons[Force] = Field(
-        description="Magnitude of the force; less where it would exceed a torque limit."
+        description="Magnitude of the force; reduced where a torque would exceed its limit."
     )
 
 
 class Cable(Message):
-    """A cable from the load point to one of some anchors."""
+    """A cable from the load point to one of several anchors."""
 
     kind: Literal["cable"]
     force: Newtons[Force]
@@ -182,7 +182,7 @@ PlannedLoad = Annotated[DeadWeight | AnyDirection | Cable | OwnWeight, Field(dis
 
 
 class Surroundings(Message):
-    """Obstacles to postures: links are capsules from joint to joint."""
+    """Obstacles that links avoid; each link is a capsule from joint to joint."""
 
     floor: Metres[Quantity | None] = Field(
         default=None, description="Least height of links and targets, in R0."
@@ -192,7 +192,7 @@ class Surroundings(Message):
         default_factory=list, description="Boxes that links and targets avoid."
     )
     link_radius: Metres[Annotated[float, Field(strict=True, ge=0.0, le=10.0)] | None] = Field(
-        default=None, description="Radius of the capsules; default: 4 % of the stretched arm."
+        default=None, description="Radius of the capsules; default: 4 % of the stretched arm's length."
     )
     facing: Dimensionless[dict[Name, Vector3]] = Field(
         default_factory=dict, description="Direction in which each reflector looks, flange frame."
@@ -229,8 +229,8 @@ class ReadingOptions(Message):
         Terminal("--direction", "X,Y,Z", parse_numbers, "list"),
     ] = Field(
         default_factory=list,
-        description="Directions in R0 that a dial gauge or 1-D laser can take, one per reading; empty: all "
-        "three coordinates are read.",
+        description="Directions in R0 that a dial gauge or 1-D laser can measure, one per reading; empty: "
+        "all three coordinates are read.",
     )
     load_point: Metres[Vector3 | None] = Field(
         default=None,
@@ -262,9 +262,9 @@ class ReadingOptions(Message):
         dict[Name, StiffnessPrior],
         Field(max_length=MAX_JOINTS),
         Terminal("--prior", "JOINT=STIFFNESS:UNCERTAINTY", parse_prior, "dict"),
-    ] = Field(default_factory=dict, description="Prior knowledge of joints; it counts like readings.")
+    ] = Field(default_factory=dict, description="Prior knowledge of stiffnesses, which counts like readings.")
     joints: Annotated[list[Name], Field(max_length=MAX_JOINTS)] = Field(
-        default_factory=list, description="Joints to determine; default: all that the loads twist."
+        default_factory=list, description="Joints to determine; default: all joints that the loads twist."
     )
     candidates: Annotated[int, Field(strict=True, ge=10, le=MAX_CANDIDATES)] = Field(
         default=5_000,
@@ -277,13 +277,14 @@ class ReadingOptions(Message):
         ]
     ] = Field(
         default_factory=list,
-        description="Postures to choose from, in place of drawn ones, as the controller shows them.",
+        description="Postures to choose from, with joints as the controller shows, instead of random "
+        "postures.",
     )
     surroundings: Surroundings = Field(default_factory=Surroundings)
     distinct_angle: Radians[_Angle] = Field(
         default=0.17453292519943295,
-        description="Least difference of two postures in a joint's angle, or position in metres; 0 allows "
-        "repeated postures.",
+        description="Least difference of two postures in one joint's angle (or position, in metres); 0 "
+        "allows repeated postures.",
     )
     elastic_links: StrictBool | None = Field(
         default=None,
@@ -311,15 +312,15 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
         ),
     ] = Field(
         default=None,
-        description="Goal in place of `readings`: as few readings as meet it with their noise (95 %). A "
-        "goal for joints is relative to `stiffness`.",
+        description="Goal, instead of `readings`: the plan has the fewest readings that meet the goal (95 "
+        "%). A goal for joints is relative to `stiffness`.",
     )
     criterion: PlanCriterion | None = Field(
         default=None,
         description="Criterion. `work_area`: least mean variance of deflections in the work area, the "
-        "default if one is stated. `relative_a`: least mean variance of the relative compliances, else the "
-        "default. `d`, `e`: volume, longest axis of their ellipsoid. `worst_place`: greatest variance in "
-        "the work area.",
+        "default with a work area. `relative_a`: least mean variance of the relative compliances, the "
+        "default without. `d`, `e`: volume or longest axis of the compliances' ellipsoid. `worst_place`: "
+        "greatest variance in the work area.",
     )
     causes: Causes = Field(
         default_factory=list,
@@ -330,40 +331,40 @@ class PlanOptions(AcceptingOptions, ReadingOptions):
         description="Labels of observations of the campaign to omit.",
     )
     validation: Dimensionless[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
-        default=0.2, description="Share of the readings that are held out from the fit."
+        default=0.2, description="Fraction of the readings that are held out from the fit."
     )
 
 
 class PlanRequest(PlanOptions):
-    """A plan as it is posted: for a robot, or to continue a measurement set."""
+    """Request of a plan: for a robot, or to continue a measurement set."""
 
-    robot_id: Identifier | None = Field(default=None, description="Robot to begin a campaign with.")
+    robot_id: Identifier | None = Field(default=None, description="Robot of a new campaign.")
     measurement_set_id: Identifier | None = Field(default=None, description="Measurement set to continue.")
 
     _one_of_them = require_exactly_one("robot_id", "measurement_set_id")
 
 
 class PlannedReading(Message):
-    """A reading to take: posture and load."""
+    """A planned reading: posture and load."""
 
     label: Name = Field(
         description="Label to send with the reading; v1, v2, … for held-out readings of a plan."
     )
     joints: Positions[list[float]] = Field(description="Joints as the controller shows them.")
     force: Newtons[Point] = Field(description="Force on the robot, axes of R0.")
-    anchor: int | None = Field(default=None, description="Anchor of the cable, counted from 0.")
+    anchor: int | None = Field(default=None, description="Index of the cable's anchor, from 0.")
     direction: Dimensionless[Point | None] = Field(
         default=None, description="Direction in R0 along which to read; null if all coordinates are read."
     )
     held_out: StrictBool = Field(
-        description="True if held out: in a plan from the fit; in a live campaign it is compared with its "
-        "prediction before it counts."
+        description="True if the reading is held out from the fit; a live campaign first compares the "
+        "reading with its prediction."
     )
     block: int = Field(
         default=1,
-        description="Block of a plan, from 1; you may stop after any.",
+        description="Number of the block, from 1; you may stop after any block.",
     )
-    reason: str | None = Field(default=None, description="Reason for the next reading of a live campaign.")
+    reason: str | None = Field(default=None, description="Reason why a live campaign chose this reading.")
 
 
 class PlannedJoint(Message):
@@ -392,7 +393,7 @@ class PlanResult(Result):
     """List of readings with its predicted uncertainties."""
 
     assessment: Assessment | None = Field(
-        description="Assessment of the plan, with the reasons of the campaign so far, by joints alone."
+        description="Assessment of the plan, with the reasons of the campaign so far (joints alone)."
     )
 
     readings: list[PlannedReading] = Field(
@@ -403,7 +404,7 @@ class PlanResult(Result):
     load_point: Metres[Point] = Field(description="Load point of the plan, in the flange frame.")
     joints: list[PlannedJoint]
     left_out: list[Name] = Field(
-        description="Joints that the plan does not determine: no load twists them, and none were named."
+        description="Joints that the plan does not determine: neither twisted by a load nor requested."
     )
     criterion: PlanCriterion
     elastic_links: StrictBool = Field(description="True if elastic links were unknowns, too.")
@@ -414,14 +415,14 @@ class PlanResult(Result):
     efficiencies: Dimensionless[dict[str, float]] = Field(description="Efficiency by other criteria.")
     goal_share: Dimensionless[float | None] = Field(
         default=None,
-        description="Expanded uncertainty relative to the goal's; null without one.",
+        description="Expanded uncertainty divided by the goal's; null without a goal.",
     )
     weights_gap: Dimensionless[float] = Field(description="1 − certified efficiency of the optimal weights.")
     random_efficiency: Dimensionless[float] = Field(
         description="Efficiency of random plans, relative to this plan."
     )
     one_at_a_time_efficiency: Dimensionless[float] = Field(
-        description="Efficiency of taking the best next reading each time, relative to this plan."
+        description="Efficiency of a plan that always takes the best next reading, relative to this plan."
     )
     deflection_uncertainty: Metres[float | None] = Field(
         description="Standard uncertainty of a deflection in the work area under this load, over all "
@@ -442,4 +443,4 @@ class Plan(Job):
 
     kind: Literal["plan"] = "plan"
     request: PlanRequest
-    result: PlanResult | None = Field(description="Present if the job has succeeded.")
+    result: PlanResult | None = Field(description="Result; present if the job has succeeded.")

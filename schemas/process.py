@@ -56,15 +56,15 @@ def parse_counts(text: str) -> list[int]:
 
 
 class ProcessOptions(ProgramOptions):
-    """Options of a process: those of a compensated program, and what may be chosen."""
+    """Options of a process: those of a compensated program, and permitted turns and places."""
 
     turn: Annotated[
         Literal["free", "keep"] | tuple[Quantity, Quantity],
         Terminal("--turn", "free|keep|LEAST,GREATEST[deg]", parse_turn, unit="deg"),
     ] = Field(
         default="free",
-        description="Turn about the spindle: `free`, `keep` (as programmed), or its least and greatest "
-        "value from there, in units.angle.",
+        description="Turn of the tool about the spindle: `free`, `keep` (as programmed), or least and "
+        "greatest turn from the program's, in units.angle.",
     )
     turns: Annotated[int, Field(strict=True, ge=1, le=MAX_TURNS)] = Field(
         default=36, description="Number of turns that are tried in a full turn."
@@ -76,7 +76,8 @@ class ProcessOptions(ProgramOptions):
     )
     step: Annotated[Annotated[Quantity, Field(gt=0.0)] | None, Terminal(unit="deg")] = Field(
         default=None,
-        description="Greatest motion of a joint between two points of a line, in units.angle; default: 30°.",
+        description="Greatest allowed motion of a joint between two points of a line, in units.angle; "
+        "default: 30°.",
     )
     clearance: Annotated[Quantity, Field(ge=0.0)] = Field(
         default=0.04,
@@ -84,7 +85,7 @@ class ProcessOptions(ProgramOptions):
     )
     smoothness: Dimensionless[Annotated[Quantity, Field(ge=0.0)]] = Field(
         default=0.05,
-        description="Cost of a change of the turn by 1 rad, in mean squares of the deflection.",
+        description="Cost of a change of the turn by 1 rad, relative to the mean square deflection.",
     )
     objective: Literal["rms", "greatest"] = Field(
         default="rms",
@@ -92,8 +93,8 @@ class ProcessOptions(ProgramOptions):
     )
     place: Annotated[Box | None, Terminal("--place", "X,Y,Z,X,Y,Z[mm]", parse_box, unit="m")] = Field(
         default=None,
-        description="Box in which the path's centre (the middle of its own box) may be, in units.length; "
-        "default: the workpiece stays.",
+        description="Box in which the path's centre (the middle of its bounding box) may be, in "
+        "units.length; default: the workpiece stays.",
     )
     grid: Annotated[tuple[_Count, _Count, _Count], Terminal("--grid", "N,N,N", parse_counts)] = Field(
         default=(4, 4, 3), description="Number of positions along x, y and z in the box."
@@ -102,7 +103,7 @@ class ProcessOptions(ProgramOptions):
         default=8, description="Number of turns of the workpiece about z, evenly over a full turn."
     )
     correct: StrictBool = Field(
-        default=True, description="True to compensate the deflection that is left, as `compensate` does."
+        default=True, description="True: also compensate the remaining deflection, as `compensate` does."
     )
     force_uncertainty: Dimensionless[Annotated[Quantity, Field(ge=0.0, le=1.0)] | None] = Field(
         default=None,
@@ -124,12 +125,12 @@ class ProcessOptions(ProgramOptions):
 
 
 class ProcessRequest(ProcessOptions):
-    """A process as it is posted: options and files."""
+    """Request of a process: options and files."""
 
     run_id: Identifier | None = Field(default=None, description="Id of the run whose model is used.")
     robot_id: Identifier | None = Field(
         default=None,
-        description="Robot that was not measured, instead of `run_id`: its stiffness is a prior within a "
+        description="Robot that was not measured, instead of `run_id`: its stiffness is assumed within a "
         "factor of two.",
     )
     files: Annotated[list[ProgramFile], Field(max_length=MAX_FILES)] = Field(
@@ -146,25 +147,27 @@ class ProcessRequest(ProcessOptions):
 
 
 class DeflectionBand(Message):
-    """A deflection along a path, or a difference of two, with its intervals."""
+    """A deflection along a path, or a difference of two deflections, with its intervals."""
 
     value: Metres[float]
     readings: Metres[Interval | None] = Field(
-        description="Interval by the errors of readings and forces; null if unknown."
+        description="Interval from the errors of readings and forces; null if unknown."
     )
     with_model_error: Metres[Interval | None] = Field(
-        description="Interval with the model error; null without a bound."
+        description="Interval that includes the model error; null if unknown."
     )
 
 
 class ProcessPlace(Message):
-    """A place of the workpiece."""
+    """A possible place of the workpiece."""
 
     centre: Metres[Point] = Field(description="Centre of the path in R0.")
-    shift: Metres[Point] = Field(description="Displacement of the centre from where it is.")
+    shift: Metres[Point] = Field(description="Displacement of the centre from its present place.")
     turn: Radians[float] = Field(description="Turn of the workpiece about z through its centre.")
     deflection: DeflectionBand
-    behind_best: DeflectionBand | None = Field(description="Difference from the best place; null for it.")
+    behind_best: DeflectionBand | None = Field(
+        description="Deflection minus that of the best place; null for the best place."
+    )
     is_worse: StrictBool = Field(description="True if the interval of the difference excludes zero.")
 
 
@@ -173,16 +176,20 @@ class ProcessResult(ProgramResult):
 
     objective: Literal["rms", "greatest"]
     gain: Literal["less", "no_order", "no_gain"] = Field(
-        description="Order of choice and program: `less`, if the interval of the difference with model error "
-        "excludes zero, else `no_order`; `no_gain`, if no turn makes a difference."
+        description="Comparison of chosen path and program. `less`: the interval of the difference with "
+        "model error excludes zero; else `no_order`. `no_gain`: no turn changes the deflection."
     )
-    before: DeflectionBand = Field(description="Deflection along the path as it was sent.")
-    turned: DeflectionBand = Field(description="Deflection along the path as chosen.")
-    remaining: DeflectionBand = Field(description="Deflection that is left after the correction.")
-    difference: DeflectionBand = Field(description="`turned` minus `before`.")
-    fixed_turns: Radians[list[float]] = Field(description="Turns that were tried along the whole path.")
+    before: DeflectionBand | None = Field(
+        description="Deflection along the path as sent; null if the robot does not follow the path there."
+    )
+    turned: DeflectionBand = Field(description="Deflection with the chosen turns and place.")
+    remaining: DeflectionBand = Field(description="Deflection that remains after the correction.")
+    difference: DeflectionBand | None = Field(description="`turned` minus `before`.")
+    fixed_turns: Radians[list[float]] = Field(
+        description="Constant turns that were tried along the whole path."
+    )
     fixed_deflections: Metres[list[float | None]] = Field(
-        description="Deflection with each of these turns; null where limits or step exclude it."
+        description="Deflection with each constant turn; null if limits or step exclude the turn."
     )
     places: Annotated[list[ProcessPlace], Field(max_length=MAX_BEST_PLACES)] = Field(
         description="Best places of the workpiece, best first."
@@ -190,14 +197,19 @@ class ProcessResult(ProgramResult):
     places_tried: int = Field(description="Number of places that were tried.")
     places_reached: int = Field(description="Number of places from which the robot follows the path.")
     flat_low: Metres[Point | None] = Field(
-        description="Least coordinates of the places within 5 % of the best, if any."
+        description="Least coordinates of places within 5 % of the best, of all tried places."
     )
-    flat_high: Metres[Point | None] = Field(description="Greatest coordinates of these places.")
-    flat_places: int = Field(description="Number of these places.")
+    flat_high: Metres[Point | None] = Field(
+        description="Greatest coordinates of the places within 5 % of the best, if any."
+    )
+    flat_places: int = Field(description="Number of places within 5 % of the best.")
     frames: list[ProgramFrame] = Field(
-        description="Base frames to set in the controller for the best place, as the program has frames."
+        description="Base frames to set in the controller for the best place, in the program's notation. A "
+        "base with numbers in the program stays, and its targets move."
     )
-    choice: ProgramFile = Field(description="Turns and places; null in answers: `turns.csv`, `places.csv`.")
+    choice: ProgramFile = Field(
+        description="Tables of turns and places; null in answers: get `turns.csv` and `places.csv`."
+    )
 
 
 class Process(Job):
@@ -207,7 +219,7 @@ class Process(Job):
 
     kind: Literal["process"] = "process"
     request: ProcessRequest
-    result: ProcessResult | None = Field(description="Present if the job has succeeded.")
+    result: ProcessResult | None = Field(description="Result; present if the job has succeeded.")
 
     @property
     def outputs(self) -> list[str]:

@@ -54,8 +54,8 @@ class ProgramFrame(Message):
 
     name: Name | None = Field(
         default=None,
-        description="Name in the program, such as `BASE_DATA[2]`, `UT 3` or `tMill`; default: all without "
-        "numbers.",
+        description="Name in the program, such as `BASE_DATA[2]`, `UT 3` or `tMill`; default: all frames "
+        "without numbers.",
     )
     values: _FrameNumbers
 
@@ -97,9 +97,11 @@ class Cut(Message):
     )
     pressure: Annotated[
         Annotated[Quantity, Field(gt=0.0)] | None, Field(json_schema_extra={"unit": "Pa"})
-    ] = Field(default=None, description="k_c1.1: force of a chip 1 mm wide and thick, per area.")
+    ] = Field(
+        default=None, description="Specific cutting force k_c1.1: force per area for a chip 1 mm thick."
+    )
     exponent: Dimensionless[Annotated[Quantity, Field(ge=0.0, lt=1.0)] | None] = Field(
-        default=None, description="m_c: exponent of the chip's thickness."
+        default=None, description="Exponent m_c of the chip's thickness."
     )
     diameter: Metres[Annotated[Quantity, Field(gt=0.0)]] = Field(description="Diameter of the tool.")
     teeth: Annotated[int, Field(strict=True, ge=1, le=1_000)] = Field(description="Number of teeth.")
@@ -109,9 +111,11 @@ class Cut(Message):
     feed: Annotated[Quantity, Field(gt=0.0, json_schema_extra={"unit": "m/s"})] = Field(
         description="Speed of the tool along its path."
     )
-    depth: Metres[Annotated[Quantity, Field(gt=0.0)]] = Field(description="Depth along the spindle.")
+    depth: Metres[Annotated[Quantity, Field(gt=0.0)]] = Field(
+        description="Depth of the cut along the spindle."
+    )
     width: Metres[Annotated[Quantity, Field(gt=0.0)]] = Field(
-        description="Width across the feed, at most the diameter."
+        description="Width of the cut across the feed, at most the diameter."
     )
     direction: Literal["climb", "conventional"] = Field(
         default="climb", description="`climb`: the workpiece is on the right of the feed."
@@ -123,9 +127,11 @@ class Cut(Message):
         default=0.0, description="Force from tip to spindle relative to the cutting force."
     )
     first_line: _Line | None = Field(
-        default=None, description="First line of the cut; default: the program's."
+        default=None, description="First line of the cut; default: first line of the program."
     )
-    last_line: _Line | None = Field(default=None, description="Last line of the cut; default: the program's.")
+    last_line: _Line | None = Field(
+        default=None, description="Last line of the cut; default: last line of the program."
+    )
 
     @model_validator(mode="after")
     def _require_material(self) -> Cut:
@@ -143,20 +149,20 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
 
     units: Units = Field(description="Units of the numbers in this request; the program has its own.")
     accuracy_option: Literal["off", "same_as_measured", "compensates_load"] = Field(
-        description="Accuracy option of the controller: `off`; on, `same_as_measured` in the campaign; or "
-        "`compensates_load`, which is refused: the load would be compensated twice."
+        description="Accuracy option of the controller: `off`; `same_as_measured`: on, as in the campaign; "
+        "`compensates_load`: refused, because the load would be compensated twice."
     )
     load: Annotated[ProcessLoad | None, Terminal("--force", "X,Y,Z[N]", parse_force, unit="N")] = Field(
-        default=None, description="One load, for all moves unless it states lines; other moves have no load."
+        default=None, description="Load of all moves, or of the moves in its lines; other moves have no load."
     )
     segments: Annotated[list[ProcessLoad], Field(max_length=MAX_SEGMENTS)] = Field(
         default_factory=list, description="Loads by lines, instead of `load`; other moves have no load."
     )
     loads: Name | None = Field(
         default=None,
-        description="Name of the sent file of loads, instead of `load`: CSV with `point` (as in points.csv), "
-        "`label` (of the target) or `length [mm]` (along lines and arcs, interpolated), `Fx [N]`, `Fy [N]`, "
-        "`Fz [N]`, perhaps `Mx [N.m]` ... Other points have no load.",
+        description="Name of the sent file of loads, instead of `load`: CSV with `point` (as in "
+        "points.csv), `label` (of the target) or `length [mm]` (along lines and arcs, interpolated), `Fx "
+        "[N]`, `Fy [N]`, `Fz [N]`, if needed `Mx [N.m]` ... Other points have no load.",
     )
     cut: Annotated[Cut | None, Terminal(hidden=True)] = Field(
         default=None, description="Milling cut that gives the force, instead of `load`, in SI units."
@@ -224,25 +230,25 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     trust_routines: StrictBool = Field(
         default=False,
-        description="True if no unknown routine moves the robot, frames or points.",
+        description="True: no unknown routine moves the robot, frames or points.",
     )
     leave_others: StrictBool = Field(
         default=False,
-        description="True to leave moves uncorrected whose target, base or tool is not certain; else the "
-        "program is refused.",
+        description="True: leave moves uncorrected whose target, base or tool is uncertain; false: refuse "
+        "such a program.",
     )
     external_axes: Literal["carry_nothing"] | None = Field(
         default=None,
-        description="`carry_nothing` if external axes carry neither arm nor part; else moves with one away "
-        "from zero are not corrected.",
+        description="`carry_nothing`: external axes carry neither arm nor part. If absent, moves with an "
+        "external axis away from zero are not corrected.",
     )
     format: ProgramFormat | None = Field(
         default=None, description="Format of the program; default: by the file's name."
     )
     mark: StrictBool = Field(
         default=True,
-        description="True to write run, verdict and date as a comment; always with the verdict do_not_use. A "
-        "marked program is not corrected again.",
+        description="True: write run, verdict and date as a comment (always for the verdict do_not_use). A "
+        "program with this comment is not corrected again.",
     )
 
     @model_validator(mode="after")
@@ -264,11 +270,11 @@ class ProgramFile(Message):
     name: Name
     bytes: int = Field(description="Size of the file.", json_schema_extra={"unit": "byte"})
     content: str | None = Field(default=None, description="Content; null in answers: get the file.")
-    sha256: str | None = Field(default=None, description="SHA-256 of its bytes, hexadecimal.")
+    sha256: str | None = Field(default=None, description="SHA-256 of the file, hexadecimal.")
 
 
 class ProgramRequest(ProgramOptions):
-    """A compensated program: options and files."""
+    """Request of a compensated program: options and files."""
 
     run_id: Identifier = Field(description="Id of the run whose model is used.")
     files: Annotated[list[ProgramFile], Field(max_length=MAX_FILES)] = Field(
@@ -284,7 +290,7 @@ class ProgramRequest(ProgramOptions):
 
 
 class Spread(Message):
-    """Median, 95 % quantile and maximum under load."""
+    """Median, 95 % quantile and maximum over the points under load."""
 
     median: float
     p95: float
@@ -294,9 +300,9 @@ class Spread(Message):
 class ProgramPoint(Message):
     """One target under load."""
 
-    number: int = Field(description="Number in the order of the path, from 1.")
-    name: str = Field(description="Name as in the program; empty if it has none.")
-    line: int = Field(description="Line of its numbers.")
+    number: int = Field(description="Number of the point along the path, from 1.")
+    name: str = Field(description="Name of the target in the program; may be empty.")
+    line: int = Field(description="Line with the target's numbers.")
     place: Metres[Point] = Field(description="Programmed position of the tool's centre, in R0.")
     deflection: Metres[float] = Field(
         description="Distance by which the load moves the tool without a correction."
@@ -305,9 +311,11 @@ class ProgramPoint(Message):
     correction: Metres[float] = Field(description="Distance from the programmed to the commanded position.")
     correction_rotation: Radians[float]
     standard_uncertainty: Metres[float | None] = Field(
-        description="Standard uncertainty of the length; null if unknown."
+        description="Standard uncertainty of `deflection`; null if unknown."
     )
-    interval: Metres[Interval | None] = Field(description="Interval by the errors of the readings.")
+    interval: Metres[Interval | None] = Field(
+        description="Interval of the deflection from the errors of the readings."
+    )
     interval_with_model_error: Metres[Interval | None] = Field(
         default=None,
         description="Interval of the deflection with model error; null without a bound.",
@@ -322,23 +330,25 @@ class ProgramPoint(Message):
 
 
 class ProgramResult(FromRun):
-    """Counts, spreads and the worst points; the files have all of them."""
+    """Counts, spreads and the worst points; the files have all points."""
 
     format: ProgramFormat
     points: int = Field(description="Number of targets of the program.")
     moves: int = Field(description="Number of moves of the program.")
     moves_left: int = Field(
         default=0,
-        description="Number of moves left uncorrected as not certain.",
+        description="Number of uncertain moves, which are left uncorrected.",
     )
     corrected: int = Field(description="Number of corrected targets.")
     capped: int = Field(description="Number of targets whose correction is reduced by the limits.")
     left_alone: dict[LeftAlone, int] = Field(description="Number of targets without a correction, by reason.")
     deflection: Metres[Spread | None] = Field(
-        description="Distance from target without a correction; null if nothing is loaded."
+        description="Distance of the tool from its target without correction; null if no point is loaded."
     )
     correction: Metres[Spread | None] = Field(description="Displacement of targets by the correction.")
-    residual: Metres[Spread | None] = Field(description="Distance from target with the compensated program.")
+    residual: Metres[Spread | None] = Field(
+        description="Distance of the tool from its target with the compensated program."
+    )
     rounding: Metres[Spread | None] = Field(
         description="Part of `residual` due to the rounding of numbers in the program."
     )
@@ -358,7 +368,7 @@ class Program(Job):
 
     kind: Literal["program"] = "program"
     request: ProgramRequest
-    result: ProgramResult | None = Field(description="Present if the job has succeeded.")
+    result: ProgramResult | None = Field(description="Result; present if the job has succeeded.")
 
     @property
     def outputs(self) -> list[str]:

@@ -26,7 +26,7 @@ class PageQuery(Message):
         default=50, description="Maximum number of resources per page."
     )
     cursor: Annotated[str, Field(max_length=64)] | None = Field(
-        default=None, description="`next` of the previous page; omit it for the first page."
+        default=None, description="`next` of the previous page; omit `cursor` for the first page."
     )
 
 
@@ -35,8 +35,8 @@ class ListQuery(PageQuery):
 
     q: ExactName | None = Field(
         default=None,
-        description="Words, each part of a name (of the resource, its robot or set), or of a set's serial "
-        "number, operator or instrument, in any case.",
+        description="Words to find in names (of the resource, its robot or set) or in a set's serial "
+        "number, operator or instrument; case is ignored.",
     )
     sort: Literal["created_at", "-created_at", "name", "-name"] = Field(
         default="-created_at",
@@ -80,7 +80,7 @@ class JobQuery(ListQuery):
 
 
 class WaitQuery(Message):
-    """Waiting time of a post."""
+    """Time to wait for a posted job."""
 
     wait: Annotated[float, Field(ge=0, le=MAX_WAIT_SECONDS)] = Field(
         default=5, description="Time to wait for a long job to finish, in seconds."
@@ -88,7 +88,7 @@ class WaitQuery(Message):
 
 
 class FileQuery(AcceptingOptions):
-    """Options of the files of jobs; a file uses only those that concern it."""
+    """Options of the files of jobs; a file uses only the options that concern it."""
 
     unit: Literal["MNm/rad", "kNm/deg", "Nm/arcmin", "Nm/rad", "urad/Nm"] = Field(
         default="MNm/rad", description="Unit of stiffness in `tables.json`."

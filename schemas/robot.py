@@ -168,25 +168,27 @@ class Estimate(Message):
     """A dimensionless number with its standard uncertainty."""
 
     value: Dimensionless[float]
-    standard_uncertainty: Dimensionless[float | None] = Field(description="Null if unknown.")
+    standard_uncertainty: Dimensionless[float | None] = Field(
+        description="Standard uncertainty; null if unknown."
+    )
 
 
 class ChangedJoint(Message):
     """A joint whose stiffness differs from that in the first campaign."""
 
     joint: Name
-    serial_number: str | None = Field(description="Serial number of the arm; null if its sets state none.")
+    serial_number: str | None = Field(description="Serial number of the arm; null if no set states a number.")
     change: Estimate = Field(
         description="Relative change of stiffness: -0.1 for a joint that is 10 % softer."
     )
 
 
 class LastCampaign(Message):
-    """The latest campaign of a robot, whatever its verdict and options, and what its trends say."""
+    """The latest campaign of a robot, with any verdict and options, and changes that its trends show."""
 
     run_id: Identifier
-    at: Timestamp = Field(description="Time of the measurement, else of storing.")
-    serial_number: str | None = Field(description="Serial number that its set states.")
+    at: Timestamp = Field(description="Time of the measurement; if not stated, time of storing.")
+    serial_number: str | None = Field(description="Serial number that the campaign's set states.")
     verdict: Verdict = Field(description="Newest verdict.")
     changed: list[ChangedJoint] = Field(
         description="Joints that changed in the trend of any serial number and options, each once for its "
@@ -213,7 +215,7 @@ class RobotSummary(Message):
 
 
 class Robot(RobotDocument, RobotSummary):
-    """A stored robot. A URDF comes back reduced to the chain that is used, and re-serialised."""
+    """A stored robot. A URDF is returned reduced to the chain from base to flange."""
 
     model: Model
     spherical_wrist: StrictBool = Field(
@@ -228,13 +230,14 @@ class Robot(RobotDocument, RobotSummary):
 
 
 class RobotChange(ResourceChange):
-    """Changes of a robot, its kinematics apart. Omitted fields remain unchanged."""
+    """Changes of a robot except its kinematics. Omitted fields remain unchanged."""
 
 
 class JointMapPreset(Message):
     """Joint map of many controllers of a maker.
 
-    It holds for tables whose axes 2, 3 and 5 point the same way, and whose axes 4 and 6 point to the flange.
+    The map is valid for DH tables whose axes 2, 3 and 5 point the same way, and whose axes 4 and 6 point to
+    the flange.
     """
 
     id: Identifier
@@ -298,6 +301,8 @@ class Posture(Message):
         description="Origins of the joints' frames, from base to flange."
     )
     joint_axes: Dimensionless[list[Point]] = Field(description="Unit vectors along the joints' axes.")
-    joint_kinds: list[JointKind] = Field(description="Kinds of the joints: about or along these axes.")
+    joint_kinds: list[JointKind] = Field(
+        description="Kinds of the joints: rotation about, or motion along, their axes."
+    )
     flange_origin: Metres[Point]
     flange_axes: Dimensionless[Square3] = Field(description="Unit vectors of the flange's x, y and z axes.")

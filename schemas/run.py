@@ -59,15 +59,15 @@ class JointResult(Message):
     )
     stiffness_at_least: Stiffness[float | None] = Field(
         default=None,
-        description="One-sided lower bound at the run's confidence, above the lower end of the interval; "
-        "null if the compliance may be negative.",
+        description="One-sided lower bound of the stiffness at the run's confidence; null if the "
+        "compliance may be negative.",
     )
     prior_to_data: float | None = Field(
         default=None,
         description="Information of the prior relative to that of the readings; above 1 the prior "
-        "dominates. Null without a prior.",
+        "dominates; null without a prior.",
     )
-    reason: str | None = Field(description="Reason for no number, or for a joint at its bound.")
+    reason: str | None = Field(description="Reason why the joint has no number, or is at a bound.")
 
 
 class _Joint(Protocol):
@@ -110,7 +110,7 @@ BudgetSource = Annotated[
 BudgetGap = Literal["model_error", "lack_of_fit"]
 Evaluation = Annotated[
     Literal["A", "B"],
-    Field(description="A: by statistics of these readings; B: as stated."),
+    Field(description="Evaluation: A by statistics of these readings, B as stated."),
 ]
 
 
@@ -120,8 +120,8 @@ class BudgetComponent(Message):
     source: BudgetSource
     evaluation: Evaluation
     included: StrictBool = Field(
-        description="True if part of the standard uncertainty: model error only if joints alone do not "
-        "fit; a neglected K_c never."
+        description="True if the standard uncertainty includes this source: model error only if joints "
+        "alone do not fit, a neglected K_c never."
     )
     degrees_of_freedom: Dimensionless[float | None] = Field(
         description="Degrees of freedom of type A; null for infinitely many."
@@ -142,7 +142,9 @@ class BudgetComponent(Message):
 class Budget(Message):
     """Uncertainty budget of the compliances. The relative uncertainty of a stiffness is the same."""
 
-    joints: list[Name] = Field(description="Joints with an estimate, in the order of all numbers here.")
+    joints: list[Name] = Field(
+        description="Joints with an estimate, in the order of all lists of the budget."
+    )
     components: list[BudgetComponent]
     standard_uncertainty: Compliance[list[float]] = Field(
         description="Combined standard uncertainty of the included components."
@@ -152,8 +154,8 @@ class Budget(Message):
     )
     probability: Dimensionless[float] = Field(description="Coverage probability.")
     coverage_factor: Dimensionless[float] = Field(
-        description="Factor for that probability: normal, or Student's if sigma is estimated or the model "
-        "error included."
+        description="Coverage factor: normal, or Student's t if sigma is estimated or the model error "
+        "included."
     )
     expanded_uncertainty: Compliance[list[float]] = Field(
         description="Expanded uncertainty: factor times standard uncertainty."
@@ -162,7 +164,7 @@ class Budget(Message):
         description="Expanded uncertainty of all components."
     )
     missing: list[BudgetGap] = Field(
-        description="Sources without a component. `model_error`: too few postures for a bound. "
+        description="Sources that have no component. `model_error`: too few postures for a bound. "
         "`lack_of_fit`: also a mistake that forbids the numbers."
     )
 
@@ -188,7 +190,7 @@ class StageIdentifiability(Message):
     condition_number: float | None = Field(
         description="Condition number of the weighted regressor with unit columns; null if rank-deficient."
     )
-    singular_values: list[float] = Field(description="Singular values of this matrix, largest first.")
+    singular_values: list[float] = Field(description="Singular values of the regressor, largest first.")
 
 
 ObservabilityIndex = Literal["o1", "o2", "o3", "o4", "o5"]
@@ -213,7 +215,7 @@ class Advice(Message):
     )
     standard_uncertainty: Compliance[float | None] = Field(
         default=None,
-        description="Standard uncertainty after that reading; null if sigma is unknown.",
+        description="Standard uncertainty of the compliance after that reading; null if sigma is unknown.",
     )
 
 
@@ -250,12 +252,12 @@ class Identifiability(Message):
 
 
 class ResampledJoint(Message):
-    """One joint over all draws."""
+    """Statistics of one joint over all draws."""
 
     name: Name
     kind: StatedKind = "revolute"
     compliance_mean: Compliance[float | None]
-    compliance_deviation: Compliance[float | None] = Field(description="Standard deviation of one draw.")
+    compliance_deviation: Compliance[float | None] = Field(description="Standard deviation over the draws.")
     compliance_interval: Compliance[Interval | None] = Field(
         description="Percentile interval at the run's confidence."
     )
@@ -263,12 +265,14 @@ class ResampledJoint(Message):
         description="Mean of the finite stiffnesses; see also `share_infinite`."
     )
     stiffness_deviation: Stiffness[float | None] = Field(
-        description="Standard deviation of one draw, of the finite stiffnesses."
+        description="Standard deviation of the finite stiffnesses over the draws."
     )
-    share_negative: Dimensionless[float] = Field(description="Share of the draws with a negative stiffness.")
-    share_infinite: Dimensionless[float] = Field(description="Share of the draws with compliance zero.")
+    share_negative: Dimensionless[float] = Field(
+        description="Fraction of the draws with a negative stiffness."
+    )
+    share_infinite: Dimensionless[float] = Field(description="Fraction of the draws with compliance zero.")
     share_undetermined: Dimensionless[float] = Field(
-        description="Share of the draws in which the joint is not observable."
+        description="Fraction of the draws in which the joint is not observable."
     )
 
 
@@ -278,13 +282,13 @@ class ResamplingResult(Message):
     repetitions: int
     joints: list[ResampledJoint]
     share_any_negative: Dimensionless[float] = Field(
-        description="Share of the draws with at least one negative stiffness."
+        description="Fraction of the draws with at least one negative stiffness."
     )
     compensation_mean: Dimensionless[float | None] = Field(
         description="Mean compensation on all configurations, drawn or not."
     )
     compensation_deviation: Dimensionless[float | None] = Field(
-        description="Standard deviation of the compensation of one draw."
+        description="Standard deviation of the compensation over the draws."
     )
     compensation_interval: Dimensionless[Interval | None] = Field(
         description="Percentile interval of the compensation."
@@ -300,10 +304,11 @@ class WeightShare(Message):
         description="Greatest sag of the joint; null without a number."
     )
     readings: Dimensionless[float | None] = Field(
-        description="Share of the interval's width that exact masses would leave; null without a number."
+        description="Fraction of the interval's width that would remain with exact masses; null without a "
+        "number."
     )
     masses: Dimensionless[float | None] = Field(
-        description="Share of the interval's width due to the uncertain masses; null without a number."
+        description="Fraction of the interval's width due to the uncertain masses; null without a number."
     )
 
 
@@ -320,7 +325,7 @@ class WeightResult(Message):
 
 
 class RunRequest(RunOptions):
-    """A run as it is posted."""
+    """Request of a run."""
 
     measurement_set_id: Identifier
     variant_of: Identifier | None = Field(
@@ -360,14 +365,15 @@ class Goodness(Message):
         "freedom.",
     )
     test: Literal["consistent", "residuals_too_large", "residuals_too_small"] | None = Field(
-        default=None, description="Result of the test at the level of 1 %."
+        default=None, description="Result of the chi-square test at the level of 1 %."
     )
     repeatability: Radians[float | None] = Field(
         default=None,
-        description="Standard deviation of a joint's angle from posture to posture; null if none shows.",
+        description="Standard deviation of a joint's angle from posture to posture; null if the residuals "
+        "show none.",
     )
     repeatability_at_targets: Metres[float | None] = Field(
-        default=None, description="Root mean square motion of the targets by it."
+        default=None, description="Root mean square motion of the targets by `repeatability`."
     )
     repeatability_source: Literal["given", "residuals"] | None = None
 
@@ -379,13 +385,13 @@ class ComplementaryStiffness(Message):
     iterations: int = Field(description="Number of fits until the iteration converged; 0 if neglected.")
     largest_ratio: float = Field(description="Largest |K_c,ij| / k_i over the set.")
     largest_shift: float | None = Field(
-        description="Largest change of a compliance by including it, in units of its standard uncertainty; "
-        "null if that is unknown."
+        description="Largest change of a compliance by including K_c, divided by its standard uncertainty; "
+        "null if unknown."
     )
 
 
 class SuspiciousReading(Message):
-    """A reading that the robust loss gives less weight; one good reading in a thousand is like it."""
+    """A reading that the robust loss gives less weight, as it does to one good reading in a thousand."""
 
     observation: Name
     target: Name
@@ -394,7 +400,7 @@ class SuspiciousReading(Message):
 
 
 class Residual(Message):
-    """One target in one observation."""
+    """Residual of one target in one observation."""
 
     observation: Name
     target: Name
@@ -404,7 +410,7 @@ class Residual(Message):
 
 
 class Contribution(Message):
-    """Part of one joint in the predicted deflection, projected on that deflection."""
+    """Contribution of one joint to the predicted deflection, projected on it."""
 
     joint: Name
     share: Dimensionless[float] = Field(
@@ -418,7 +424,7 @@ class Contribution(Message):
 
 
 class EncoderResidual(Message):
-    """One secondary encoder in one observation."""
+    """Residual of one secondary encoder in one observation."""
 
     observation: Name
     joint: Name
@@ -437,9 +443,9 @@ class ModelChoice(Message):
         "`cross_validation`: compared on held-out postures. `options`: other options allow only joints."
     )
     links_p_value: Dimensionless[float | None] = Field(
-        description="p-value of the F test of links; null if it was not made."
+        description="p-value of the F test of links; null if no test was made."
     )
-    message: str = Field(description="Choice in a sentence, with its figures.")
+    message: str = Field(description="Explanation of the choice, with numbers.")
     models: list[ScoredModel] = Field(
         default_factory=list,
         description="Scores of each model with each loss, from simple to rich; empty if none were compared.",
@@ -461,21 +467,21 @@ class CauseTest(Message):
     """Test of a cause that may have moved the targets."""
 
     name: Name = Field(description="Name of the cause, as in the `causes` of a run.")
-    first: Name | None = Field(description="Label of the first observation concerned; null for all.")
+    first: Name | None = Field(description="Label of the first affected observation; null: all.")
     p_value: Dimensionless[float] = Field(
         description="p-value of the F test of the cause: the larger of those with stated and with equal "
         "weights."
     )
     least_found: float | None = Field(
         default=None,
-        description="Least mistake found in 80 % of campaigns, in `unit`. Null with `first`, or if a cause "
-        "or links were found.",
+        description="Least mistake that a test finds in 80 % of campaigns, in `unit`; null if `first` is "
+        "given, or if a cause or links were found.",
     )
     unit: Literal["m", "rad", "N", "1"] | None = Field(default=None, description="Unit of `least_found`.")
-    joint: Name | None = Field(default=None, description="Joint that this mistake moves most.")
+    joint: Name | None = Field(default=None, description="Joint whose compliance this mistake changes most.")
     moves: Dimensionless[float | None] = Field(
         default=None,
-        description="Change of this joint's compliance in standard uncertainties.",
+        description="Change of this compliance, in standard uncertainties.",
     )
 
 
@@ -484,13 +490,13 @@ _NO_PROMISE = {"anyOf": [{"type": "object"}, {"type": "null"}]}
 
 
 class RunResult(Result):
-    """Result of the job."""
+    """Result of a run."""
 
     assessment: Assessment
     joints: list[JointResult]
     compensation: float | None = Field(
-        description="Fraction of the mean deflection that the model predicts, 1 - mean‖residual‖ / "
-        "mean‖deflection‖; null if nothing moved, or without degrees of freedom."
+        description="Explained fraction of the mean deflection, 1 - mean‖residual‖ / mean‖deflection‖; "
+        "null if nothing moved, or without degrees of freedom."
     )
     rms_residual: Metres[float] = Field(description="Root mean square of the residual vectors' lengths.")
     sigma: Metres[float | None] = Field(
@@ -503,7 +509,7 @@ class RunResult(Result):
         description="Largest violations of the optimality conditions over the stages."
     )
     characteristic_length: Metres[float | None] = Field(
-        description="Length that was used, if the weighting needs one."
+        description="Characteristic length, if the weighting needs one."
     )
     complementary_stiffness: ComplementaryStiffness | None = Field(
         description="Effect of K_c; null with elastic links or coupling, whose model neglects it."
@@ -513,20 +519,20 @@ class RunResult(Result):
     )
     suspicious: list[SuspiciousReading] = Field(
         default_factory=list,
-        description="Readings to which the Huber loss gives less weight, worst "
-        "first; one good reading in a thousand is like them.",
+        description="Readings to which the Huber loss gives less weight, worst first; one good reading in "
+        "a thousand is listed by chance.",
     )
     suspicious_count: int = Field(
-        default=0, description="Number of such readings; `suspicious` lists at most 100."
+        default=0, description="Number of suspicious readings; `suspicious` lists at most 100."
     )
     resampling: ResamplingResult | None = Field(
         default=None, description="Results of the resampling, if requested."
     )
     links: LinksResult | None = Field(
         default=None,
-        description="Elastic links or coupling. The joints' numbers are then effective: with the link's "
-        "rotation about the joint's axis. Their intervals contain all values that fit with 0.3 times the "
-        "best penalty; null if `link_penalty` is given.",
+        description="Elastic links or coupling. Each joint's numbers then include its link's rotation "
+        "about the joint's axis. The intervals contain all values that fit with 0.3 times the best "
+        "penalty; null if `link_penalty` is given.",
     )
     choice: ModelChoice | None = Field(
         default=None,
@@ -547,7 +553,7 @@ class RunResult(Result):
     )
     model: Annotated[IdentifiedModel | None, WithJsonSchema(_NO_PROMISE)] = Field(
         default=None,
-        description="Numbers for predictions, not part of the API. Null if own weight determines no joint.",
+        description="Numbers for predictions, not part of the API; null if own weight determines no joint.",
     )
     budget: Budget | None = Field(
         default=None,
@@ -587,7 +593,7 @@ class Run(Job):
 
     kind: Literal["run"] = "run"
     request: RunRequest
-    result: RunResult | None = Field(description="Present if the run has succeeded.")
+    result: RunResult | None = Field(description="Result; present if the run has succeeded.")
 
     @property
     def elasticity(self) -> Elasticity:

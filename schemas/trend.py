@@ -30,14 +30,16 @@ class TrendQuery(Message):
     encoders: Encoders | None = Field(default=None, description="Encoders that closed the position loop.")
     same_load_point: bool = Field(
         default=False,
-        description="True if the load of all campaigns hung at the same point of the flange.",
+        description="True if the load of all campaigns acted at the same point of the flange.",
     )
 
 
 class TrendSelection(Message):
-    """Common ground of the runs of a trend."""
+    """Options that all runs of a trend share."""
 
-    serial_number: str | None = Field(description="Serial number of the robot; null if the sets state none.")
+    serial_number: str | None = Field(
+        description="Serial number of the robot; null if no set states a number."
+    )
     method: Method
     weighting: Weighting
     positive: StrictBool = Field(description="True if compliances are constrained to be zero or more.")
@@ -46,40 +48,40 @@ class TrendSelection(Message):
 
 
 class TrendCampaign(Message):
-    """One campaign: a measurement set, by its newest run that is comparable."""
+    """One campaign: a measurement set and its newest comparable run."""
 
     run_id: Identifier
     measurement_set_id: Identifier
     name: Name
     at: Timestamp
     time_source: Literal["measured_at", "created_at"] = Field(
-        description="Source of `at`: time of the measurement, else of storing."
+        description="Source of `at`: time of the measurement, or time of storing."
     )
     assessment: Assessment = Field(description="Assessment of the run.")
 
 
 class TrendPoint(Message):
-    """One joint in one campaign."""
+    """Stiffness of one joint in one campaign."""
 
     stiffness: Stiffness[float | None] = Field(
-        default=None, description="Stiffness of the run; null if it has none."
+        default=None, description="Stiffness of the joint; null if the run has none."
     )
     interval: Stiffness[tuple[float, float | None] | None] = Field(
         default=None,
         description="Interval at the run's confidence; an end of null: no upper limit.",
     )
-    reason: str | None = Field(description="Reason why the point is not compared; null if it is.")
+    reason: str | None = Field(description="Reason why the point is not compared; null if it is compared.")
 
 
 class TrendJoint(Message):
-    """One joint over the campaigns."""
+    """Trend of one joint over the campaigns."""
 
     name: Name
     kind: StatedKind = "revolute"
     points: list[TrendPoint] = Field(description="Points of the joint, one for each of `campaigns`.")
     change: Estimate | None = Field(
         description="Relative change of stiffness from the first to the latest point without a `reason` "
-        "(-0.1: 10 % softer). Null with fewer than two points."
+        "(-0.1: 10 % softer); null with fewer than two points."
     )
     p_value: Dimensionless[float | None] = Field(description="Two-sided p-value of an unchanged stiffness.")
     changed: StrictBool = Field(
@@ -101,8 +103,10 @@ class Trend(Message):
     robot_id: Identifier
     selection: TrendSelection | None = Field(description="Options that the runs share; null without any run.")
     serial_numbers: list[str] = Field(description="Serial numbers that the robot's sets state.")
-    campaigns: list[TrendCampaign] = Field(description="Oldest first.")
+    campaigns: list[TrendCampaign] = Field(description="Campaigns, oldest first.")
     joints: list[TrendJoint]
-    level: Dimensionless[float] = Field(description="Greatest probability of a false report of a change.")
+    level: Dimensionless[float] = Field(
+        description="Greatest probability of reporting a change if there is none."
+    )
     left_out: list[LeftOut] = Field(description="Campaigns that are not compared, with the reason.")
-    note: str | None = Field(description="Remarks on what the test cannot say, or what to check first.")
+    note: str | None = Field(description="Remarks on limits of the test, and on what to check first.")

@@ -30,6 +30,7 @@ from starlette.types import Message, Scope
 
 from jointstiff.service.api.middleware import KNOWN_ID
 from jointstiff.service.app import create_app
+from jointstiff.service.importing.grid import PACKED_SIGNATURES
 from jointstiff.service.process import FORMAT_VARIABLE, REQUEST_ID, LogFormat, set_log_format
 from jointstiff.service.security.access import REQUESTER, Requester, get_requester
 from jointstiff.service.security.admission import AccessPolicy
@@ -37,7 +38,7 @@ from jointstiff.service.store.store import Store
 from jointstiff.service.workers.engine import Queue
 
 LIMITED_BYTES: Final = 256 * 1024
-"""Size above which the child processes a body [bytes]; it processes workbooks and archives of any size."""
+"""Size above which the child processes a body [bytes]; it processes workbooks and arrays of any size."""
 LIMITED_SECONDS: Final = 60.0
 """Time, and also processor time, that the child may take for one body [s]."""
 LIMITED_MEMORY: Final = 512 * 1024 * 1024
@@ -52,8 +53,6 @@ _ALWAYS_IN_CHILD: Final = frozenset({"/v1/geometries", "/v1/programs"})
 
 Programs are texts of any origin; the time of a geometry grows with the cube of the number of positions.
 """
-_ARCHIVE: Final = b"PK\x03\x04"
-"""First bytes of a ZIP archive, such as an Excel workbook."""
 START_SECONDS: Final = 60.0
 """Time that a body waits for the child to start [s]."""
 
@@ -93,7 +92,8 @@ FORWARDED: Final = TypeAdapter(Forwarded)
 def belongs_to_child(path: str, content: bytes) -> bool:
     """Return whether the child must answer a request, given the path and the body of the request."""
     return path in _ALWAYS_IN_CHILD or (
-        path in _PATHS and (len(content) > LIMITED_BYTES or _ARCHIVE in content)
+        path in _PATHS
+        and (len(content) > LIMITED_BYTES or any(first in content for first in PACKED_SIGNATURES))
     )
 
 
@@ -175,7 +175,7 @@ class LimitedChild:
             raise HTTPException(
                 413,
                 f"processing the body takes more than {self._seconds:.0f} s or {self._memory >> 20} MiB; "
-                "split it into several requests",
+                "split the body into several requests",
             ) from None
 
     def _ready_connection(self) -> Connection[bytes, bytes]:

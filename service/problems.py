@@ -116,7 +116,7 @@ class VerdictError(ItemsError):
         return cls(
             f"the verdict on {subject} is: do not use",
             where=where,
-            remedy="follow the remedies of its reasons and identify again; to continue anyway, give "
+            remedy="follow the remedies of the reasons and identify again; to continue anyway, give "
             "`accept_verdict: do_not_use`",
             items=items,
         )
@@ -153,11 +153,13 @@ EXTRAS: Final[Mapping[str, str]] = MappingProxyType(
     )
     | {
         "distributed": "cluster",
+        "h5py": "tables",
         "httpx2": "client",
         "matplotlib": "plot",
         "openpyxl": "excel",
         "pandas": "frames",
         "polars": "frames",
+        "pyarrow": "tables",
     }
 )
 """Optional library → extra of this package that installs it."""
@@ -192,7 +194,7 @@ class ExecutorError(ServiceError):
     def __init__(self, error: Exception) -> None:
         super().__init__(
             f"the executor failed: {type(error).__name__}: {error}",
-            "start the executor again; without `executor` the work is done in this process",
+            "start the executor again; without `executor`, this process does the work",
         )
 
 
@@ -248,7 +250,7 @@ class NotEndedError(StoreError):
         cancel = kind.change_request(identifier, '"cancelled": true')
         super().__init__(
             f"the {kind.name} {_quote(identifier)} has not finished",
-            f"cancel it first with {cancel}, or wait until it has finished",
+            f"cancel the {kind.name} first with {cancel}, or wait until it has finished",
         )
 
 
@@ -288,8 +290,8 @@ class WorkerLostError(StoreError):
     def __init__(self, reason: str) -> None:
         super().__init__(
             reason,
-            "send the job again; if its workers die again, split the job into several or give the workers "
-            "more memory; the logs of the workers have details",
+            "send the job again; if the workers die again, split the job into several jobs or give the "
+            "workers more memory; the logs of the workers have details",
         )
 
 
@@ -385,7 +387,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         CursorError: (422, "invalid-cursor", "Invalid pagination cursor"),
         DeletedError: (404, "deleted", "The resource was deleted"),
         TooManyJobsError: (429, "too-many-jobs", "The queue is full"),
-        ReferencedError: (409, "referenced", "Other resources refer to it"),
+        ReferencedError: (409, "referenced", "Other resources refer to this resource"),
         QuotaError: (507, "quota", "The database is full"),
         ClosedError: (409, "closed", "The measurement set is closed"),
         LabelTakenError: (409, "label-taken", "Another reading has this label"),
@@ -408,7 +410,7 @@ _REMEDIES: Final[Mapping[str, str]] = MappingProxyType(
         "finite_number": "give a finite number",
         "json_invalid": "send valid JSON with finite numbers and at most 200 levels",
         "union_tag_invalid": "use one of these formats",
-        "too_long": "send fewer items, or split them into several resources",
+        "too_long": "send fewer items, or split the items into several resources",
         "literal_error": "use one of these words exactly as written",
         "bool_type": "give true or false, without quotes",
         "float_type": "give a number, without quotes",

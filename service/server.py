@@ -243,11 +243,11 @@ def _open_keyring(store: Store, policy: AccessPolicy, settings: Settings) -> Key
     keyring.read_keys()
     if not (settings.await_key or keyring.has_keys()):
         raise ServerError(
-            "the service will not start: it requires keys, and it has no valid key",
-            'make one: jointstiff keys create "tablet hall 3" --role operator --database '
+            "the service will not start: it requires keys, but no key is valid",
+            'create a key: jointstiff keys create "tablet hall 3" --role operator --database '
             f"{_url_without_password(settings.database)} (or --keys-file FILE); or listen on 127.0.0.1 "
-            "without --require-key; or put an authenticating proxy in front and add --no-access-control and "
-            "--allowed-host NAME",
+            "without --require-key; or put an authenticating proxy in front and add "
+            "--no-access-control and --allowed-host NAME",
         )
     return keyring
 

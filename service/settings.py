@@ -38,7 +38,7 @@ LogLines = Annotated[
     LogFormat,
     typer.Option(
         envvar=FORMAT_VARIABLE,
-        help="Format of the log: text, or JSON lines with one line per request.",
+        help="Format of the log: text, or JSON with one line per request.",
     ),
 ]
 
@@ -48,7 +48,7 @@ class Settings:
     """Settings of `jointstiff serve`."""
 
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1"
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 for any free port.")] = 8000
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on; 0: any free port.")] = 8000
     database: DatabaseUrl = "sqlite:///jointstiff.db"
     workers: Annotated[
         int,
@@ -70,7 +70,8 @@ class Settings:
         bool,
         typer.Option(
             "--no-access-control",
-            help="Require no keys; only for use behind an authenticating proxy. Needs --allowed-host.",
+            help="Require no keys; use this option only behind an authenticating proxy. Needs "
+            "--allowed-host.",
         ),
     ] = False
     quota: Annotated[
@@ -87,13 +88,17 @@ class Settings:
         typer.Option(min=0, max=65535, help="Port for metrics in the format of Prometheus; default: none."),
     ] = None
     metrics_host: Annotated[
-        str, typer.Option(help="Address of the metrics port; everyone who reaches it can read the metrics.")
+        str,
+        typer.Option(
+            help="Address of the metrics port; everyone who reaches this address can read the metrics."
+        ),
     ] = "127.0.0.1"
     log_format: LogLines = LogFormat.TEXT
     require_key: Annotated[
         bool,
         typer.Option(
-            "--require-key", help="Require a key (`jointstiff keys create`) also from this machine."
+            "--require-key",
+            help="Require a key (`jointstiff keys create`) even for requests from this machine.",
         ),
     ] = False
     await_key: Annotated[

@@ -194,15 +194,21 @@ def describe_choice_of_joints(options: RunOptions, screening: Screening, exclude
     loss: Loss = "huber" if options.loss == "huber" else "squared"
     p = f"F test of links added to the joints: p = {screening.links_p_value:.1g}"
     if options.elasticity != "automatic":
-        source, text = "given", f"Joints alone, as requested ({p})."
+        source, text = "given", f"The model has elastic joints alone, as requested ({p})."
     elif excluded is not None:
         source = "options"
-        text = f"Joints alone: elastic links cannot be combined with {excluded.replace('_', ' ')} ({p})."
+        text = (
+            "The model has elastic joints alone: elastic links cannot be combined with the option "
+            f"{excluded.replace('_', ' ')} ({p})."
+        )
     elif screening.links_p_value < LINKS_LEVEL:
         source = "screening"
-        text = f"Joints alone: correct the mistake named in the reasons first ({p})."
+        text = f"The model has elastic joints alone: first correct the mistake that the reasons name ({p})."
     else:
-        source, text = "screening", f"Joints alone: no sign that anything else bends ({p})."
+        source, text = (
+            "screening",
+            f"The model has elastic joints alone: no test shows that other parts bend ({p}).",
+        )
     return ModelChoice(
         elasticity="joints",
         loss=loss,

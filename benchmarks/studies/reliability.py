@@ -30,7 +30,7 @@ STATED = CommonUncertainty(load_point=1e-4, scale=3e-3)
 ASSUMED = CommonUncertainty(load_point=0.01, scale=0.01, assumed=frozenset({"load_point", "force_scale"}))
 BEYOND = 3.0
 """Standard uncertainties beyond which a joint is wrong."""
-_WORDS = "a load point up to"
+_WORDS = "an error of the load point up to"
 
 
 @dataclass(frozen=True)

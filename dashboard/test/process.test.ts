@@ -27,12 +27,16 @@ test("points have the length of the path, and the widest known interval", () => 
       column("turned low, with model error", "mm", [0.2, null, null]),
       column("turned high, with model error", "mm", [0.5, null, null]),
       column("remaining", "mm", [0.01, 0.02, 0]),
+      column("remaining low, readings", "mm", [0, 0, null]),
+      column("remaining high, readings", "mm", [0.03, 0.04, null]),
     ],
   };
   const found = processPointsOf(points, turns);
   expect(found.map(({ along }) => Math.round(along))).toEqual([0, 300, 700]);
-  expect(found[0]?.interval).toEqual([0.2, 0.5]);
-  expect(found[1]?.interval).toEqual([0.39, 0.41]);
+  expect(found[0]?.intervals.turned).toEqual([0.2, 0.5]);
+  expect(found[1]?.intervals.turned).toEqual([0.39, 0.41]);
+  expect(found[0]?.intervals.left).toEqual([0, 0.03]);
+  expect(found[0]?.intervals.before[1]).toBeNaN();
   expect(found[1]?.turn).toBeNaN();
   expect(found[1]?.joints[0]).toBeCloseTo(Math.PI / 2);
 });

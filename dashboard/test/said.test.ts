@@ -28,5 +28,6 @@ it("begins sentences with a capital, names and labels with what they are", () =>
   expect(placeName("observations[4] 'c05'")).toBe("c05");
   expect(placeName("first.observations[4] 'c05'")).toBe("c05 (first)");
   expect(placeName("joint_2")).toBe("joint_2");
+  expect(onPage("check the id; list the existing ids with GET /v1/jobs")).toBe("check the id");
   expect(onPage("state it (on the page: Advanced)")).toBe("state it (Identify: Advanced)");
 });

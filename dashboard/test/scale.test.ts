@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { extent, linear, logarithmic, roundStep } from "../src/lib/format";
+import { extent, linear, logarithmic, namedTicks, roundStep } from "../src/lib/format";
 
 describe("linear axes", () => {
   it("ends at round numbers that hold the values", () => {
@@ -40,4 +40,20 @@ describe("logarithmic axes", () => {
 it("extent leaves out what is not finite", () => {
   expect(extent([3, NaN, -1, Infinity])).toEqual([-1, 3]);
   expect(extent([NaN])).toBeNull();
+});
+
+describe("names of ticks", () => {
+  const widest = (names: { x: number; name: string }[]) =>
+    names.slice(1).map(({ x, name }, i) => x - (names[i]?.x ?? 0) - 4.5 * (name.length + (names[i]?.name.length ?? 0)));
+  it("do not touch in a narrow chart", () => {
+    for (let width = 20; width < 400; width += 7) {
+      const names = namedTicks(logarithmic(7e-3, 40, 10, width, 4), String);
+      expect(names.length).toBeGreaterThan(0);
+      expect(widest(names).every((gap) => gap > 0)).toBe(true);
+    }
+  });
+  it("are all there where there is room", () => {
+    const axis = logarithmic(7e-3, 40, 10, 300, 4);
+    expect(namedTicks(axis, String)).toHaveLength(axis.ticks.length);
+  });
 });

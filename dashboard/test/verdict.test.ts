@@ -3,6 +3,7 @@ import type { JointResult } from "../src/api/types";
 import {
   shownStiffness,
   postureText,
+  isRefuted,
   lowerLimit,
   stiffnessUncertainty,
   verdictOf,
@@ -48,6 +49,11 @@ describe("verdicts", () => {
       expect(shown("use_with_care").limit).toBe("≥ 3.0");
     }
     expect(shownStiffness(joint({ verdict: "do_not_use" }), "MNm").interval).not.toBeNull();
+  });
+  it("does not refute a joint that no reading shows", () => {
+    const unseen = { status: "not_observable", stiffness: null, verdict: "do_not_use" } as const;
+    expect(isRefuted(joint(unseen as Partial<JointResult>))).toBe(false);
+    expect(isRefuted(joint({ ...unseen, status: "at_bound" } as Partial<JointResult>))).toBe(true);
   });
   it("prefers the one-sided limit to the lower end of the interval", () => {
     expect([lowerLimit(joint({ stiffness_at_least: 3e6 })), lowerLimit(joint({}))]).toEqual([3e6, 0.98e6]);

@@ -126,7 +126,7 @@ async def list_keys(gate: InjectedGate) -> list[access.Key]:
 async def revoke_key(gate: InjectedGate, parts: InjectedParts, key_id: KeyId) -> access.Key:
     """Revoke a key, and end its sessions. It stays in the list; revoking it again changes nothing."""
     if gate.keyring.is_in_file(key_id):
-        raise HTTPException(409, "the key is in the file of keys: revoke it there")
+        raise HTTPException(409, "the key is in the file of keys: revoke the key in this file")
     revoked = await run_sync(parts.store.keys.revoke, key_id, datetime.now(UTC))
     # This process refuses the key at once, and other processes when they next read the keys.
     await run_sync(gate.keyring.read_keys)

@@ -131,7 +131,9 @@ def _require_media_type(request: Request, media_type: str, words: str) -> None:
     """Refuse (415) a compressed body or one of another media type; `words` names the type in the error."""
     coding = request.headers.get("content-encoding", "identity").strip().lower()
     if coding != "identity":
-        raise HTTPException(415, f"the body has the Content-Encoding {coding[:40]!r}; send it without one")
+        raise HTTPException(
+            415, f"the body has the Content-Encoding {coding[:40]!r}; send it without that header"
+        )
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != media_type:
         raise HTTPException(415, f"send {words}, with the header Content-Type: {media_type}")
 

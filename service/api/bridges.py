@@ -58,7 +58,7 @@ async def join_bridge(
         raise RequestError(
             "no page shows this code",
             where="code",
-            remedy="type the code that the page shows now: a code can be used once, within ten minutes",
+            remedy="type the code that the page shows now: each code is valid once, for ten minutes",
         )
     return bridge
 

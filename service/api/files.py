@@ -163,7 +163,7 @@ def _make_table_file(file: File, requested: _RequestedFile) -> Content:
     if not sheet.columns:
         file_words = file.description.partition(",")[0]
         reason = f"this {kind.name} has no rows for {file.name}, {file_words}"
-        raise HTTPException(404, f"{reason}; use tables.json, or another of its files")
+        raise HTTPException(404, f"{reason}; use tables.json, or another file of the job")
     body = csv_parts(sheet) if file.suffix == "csv" else write_sheet(sheet, file.suffix)
     return Content(body, file.media_type, _make_attachment_header(f"{kind.name}-{job.id}.{file.suffix}"))
 

@@ -36,7 +36,7 @@ from jointstiff.service.security.keys import hide_secrets
 _LIVENESS_PATH: Final = "/live"
 """Path for liveness probes of containers, which the service answers even before a key exists."""
 _NO_KEY_YET: Final = (
-    "this service has no key yet, so it answers only requests from its own machine",
+    "this service has no key yet, so the service answers only requests from its own machine",
     "create a key with `jointstiff keys create NAME --role ROLE` where the service runs (`docker exec` in a "
     "container); or publish its port on its machine alone (`--publish 127.0.0.1:8000:8000`) and start it "
     "with `serve --host 0.0.0.0 --no-access-control --allowed-host localhost`",

@@ -52,9 +52,8 @@ def create_robot(
 ) -> Response:
     """Store a robot.
 
-    What a kinematics library would silently misread (mimic joints, unexpanded xacro, axes that are no
-    unit vectors, …) is refused with its place. Only the chain of joints from `base` to `flange` is kept;
-    meshes are never opened.
+    Unsupported parts (mimic joints, unexpanded xacro, axes that are no unit vectors, …) are refused with
+    their place. Only the chain of joints from `base` to `flange` is kept; meshes are never opened.
     """
     record = parts.robots.create(body, key)
     return answers.answer_created("robots", record.id, robot_from_record(record).model_dump_json())
@@ -148,9 +147,9 @@ def create_measurement_set(
 ) -> Response:
     """Store a measurement set.
 
-    What cannot be right is refused with place and remedy. What is suspicious (targets that did not move
-    as one body, deflection against the force, …) is stored with a warning, which every run of the set
-    shows. With `open` the set is measured live, one observation after the other.
+    Impossible readings are refused with place and remedy. Suspicious readings (targets that did not move as
+    one body, deflection against the force, …) are stored with a warning, which every run of the set shows.
+    With `open`, the set is measured live.
     """
     if body.open is not None:
         set_id = parts.live.create(body, body.open, key)

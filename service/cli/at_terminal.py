@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class AtTerminal(Person):
-    """Person at the terminal, who is asked there; all questions and messages go to the standard error."""
+    """Dialogue with the person at the terminal; all questions and messages go to the standard error."""
 
     def __init__(self, campaign: LiveMeasurement, *, asks: bool, confirmed: bool) -> None:
         """Begin with a live measurement.
@@ -37,10 +37,10 @@ class AtTerminal(Person):
         cli.warn(profile)
         if self._confirmed:
             return True
-        answer = _choose_answer("are the lines read correctly? y or n", {"y", "n"}, at_end="")
+        answer = _choose_answer("did the program read the lines correctly? y or n", {"y", "n"}, at_end="")
         if not answer:  # the standard input has ended
             raise cli.print_failure(
-                "nobody confirmed how the lines are read",
+                "nobody confirmed that the lines are read correctly",
                 "answer y if the lines are read correctly, or use --yes",
             )
         return answer == "y"
@@ -106,7 +106,7 @@ def format_reading(state: LiveState, reading: LiveReading) -> str:
     """
     parts = [f"{reading.label}:"]
     if state.share is not None:
-        parts.append(f"share of the goal {state.share:.2f},")
+        parts.append(f"uncertainty {state.share:.2f} of the goal's,")
     identified = [joint for joint in state.joints if joint.relative is not None]
     if identified:
         least_certain = max(identified, key=lambda joint: joint.relative or 0.0)
@@ -118,7 +118,7 @@ def format_reading(state: LiveState, reading: LiveReading) -> str:
     if reading.ball_ratio is not None:
         is_near = reading.ball_ratio <= 1.0
         comparison = "as near to its prediction as" if is_near else "further from its prediction than"
-        parts.append(f"held out: {comparison} 90 % of good readings,")
+        parts.append(f"held-out reading: {comparison} 90 % of good readings,")
     parts.append(_format_needed_readings(state.still_needed))
     return " ".join(parts)
 

@@ -48,7 +48,8 @@ def simulate(
     load: Annotated[
         Literal["dead_weight", "pull", "own_weight"],
         typer.Option(
-            help="Load: a weight on the flange, pulls in all directions, or only the arm's own weight."
+            help="Kind of load: a weight on the flange, forces in all directions, or only the arm's own "
+            "weight."
         ),
     ] = "pull",
     configurations: Annotated[int, typer.Option(min=1, max=5_000, help="Number of postures.")] = 19,
@@ -56,7 +57,8 @@ def simulate(
         float, typer.Option(min=0.0, max=1e5, help="Magnitude of the force, in newtons.")
     ] = 1500.0,
     sigma: Annotated[
-        float, typer.Option(min=0.0, max=1e-2, help="Standard deviation of a coordinate, in metres.")
+        float,
+        typer.Option(min=0.0, max=1e-2, help="Standard deviation of the noise of a coordinate, in metres."),
     ] = 2e-5,
     encoders: Annotated[
         Literal["motor", "secondary"], typer.Option(help="Encoders that close the position loop.")
@@ -96,15 +98,21 @@ def simulate(
 def rehearse(
     file: Annotated[
         Path,
-        file_argument("FILE", "Campaign, measured or with empty readings; or a saved run or plan."),
+        file_argument(
+            "FILE", "File of a campaign, measured or with empty readings; or file of a saved run or plan."
+        ),
     ],
     *,
     robot: Annotated[
-        str | None, typer.Option(help="Robot of a plan: a file, or the name of an arm of the catalogue.")
+        str | None,
+        typer.Option(help="Robot, if FILE is a plan: a file, or the name of an arm of the catalogue."),
     ] = None,
     stiffness: Annotated[
         list[str] | None,
-        typer.Option(metavar="JOINT=STIFFNESS", help="Planted stiffness, in N·m/rad. Repeatable."),
+        typer.Option(
+            metavar="JOINT=STIFFNESS",
+            help="Stiffness with which readings are simulated, in N·m/rad. Repeatable.",
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the noise.")] = 1,
     save: Annotated[Path | None, path_option("File to write the whole result to.", "RESULT.json")] = None,
@@ -138,11 +146,16 @@ def demo(
     *,
     once: Annotated[bool, typer.Option("--once", help="Stop after printing the tables.")] = False,
     port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Port; default 8000, or any free port with --once.")
+        int | None,
+        typer.Option(
+            min=0, max=65535, help="Port of the service; default: 8000, or any free port with --once."
+        ),
     ] = None,
     database: Annotated[
         str,
-        typer.Option(metavar="URL", help="Database of the demonstration; that of `serve` is not changed."),
+        typer.Option(
+            metavar="URL", help="Database of the demonstration; the database of `serve` is not changed."
+        ),
     ] = "sqlite:///jointstiff-demo.db",
 ) -> None:
     """Start the service with an example campaign."""
@@ -215,7 +228,7 @@ def _show_example(address: str, *, once: bool) -> int:
     comparison_parts = [part for part in job_parts(COMPARISON, comparison) if part not in run_parts]
     console().print(lay_out_parts([*run_parts, Line(""), *comparison_parts]))
     if once:  # the service ends now, so that the address of a page would be of no use
-        typer.echo(f"\nRun {run.id}\nTo open its page: the same command without --once")
+        typer.echo(f"\nRun {run.id}\nTo open the page of the run, use the same command without --once")
     else:
         typer.echo(f"\nOpen the page: {address}/#/runs/{run.id}")
     return 0

@@ -93,7 +93,7 @@ _FORMS: Final = {
         "",
         "length=mm,angle=deg,force=N",
         lambda text: dict(_parse_pair(part) for part in text.split(",") if part),
-        text="Units of columns whose header has none; add moment=N.m if there are moments.",
+        text="Units of columns whose header has no unit; add moment=N.m if there are moments.",
     ),
     "columns": Terminal("--column", "HEADER=MEANING", _parse_pair, "dict"),
     "ignore": Terminal("", "HEADER", str, "list"),
@@ -114,7 +114,8 @@ _FORMS: Final = {
         "",
         "X,Y,Z[force]",
         cli.parse_vector,
-        text="Force in every observation, axes of R0, in the unit of --units force=…, if no column has it.",
+        text="Force in every observation, axes of R0, in the unit of --units force=…, if no column has "
+        "forces.",
     ),
     "flange_targets": Terminal(
         "--flange-target",
@@ -157,7 +158,8 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
     ),
     "template": (
         Annotated[
-            Path | None, cli.file_option("Template of an earlier import; files of another form are refused.")
+            Path | None,
+            cli.file_option("Template of an earlier import; files with other headers are refused."),
         ],
         None,
     ),
@@ -169,7 +171,9 @@ _OTHER_OPTIONS: Final[Mapping[str, tuple[Any, Any]]] = {
     "despite_errors": (
         Annotated[
             bool,
-            typer.Option("--despite-errors", help="Write readings although their inspection finds errors."),
+            typer.Option(
+                "--despite-errors", help="Write the readings even if the integrity checks find errors."
+            ),
         ],
         False,
     ),
@@ -420,7 +424,8 @@ def _write_template(path: Path, answer: ImportAnswer, *, overwrite: bool) -> Non
             raise cli.print_failure(reason, "import files with fewer columns and shorter headers")
         missing = "; ".join(answer.missing)
         raise cli.print_failure(
-            f"no template was written, because this is missing: {missing}", "add what is missing"
+            f"no template was written, because information is missing: {missing}",
+            "add the missing information",
         )
     cli.refuse_existing(path, overwrite=overwrite)
     template = answer.template.model_dump(mode="json", exclude_defaults=True)
@@ -444,7 +449,9 @@ def _write_campaign(
         missing = "; ".join(answer.missing)
         raise cli.print_problem(
             http_problem(
-                422, f"nothing was written, because this is missing: {missing}", "add what is missing"
+                422,
+                f"nothing was written, because information is missing: {missing}",
+                "add the missing information",
             )
         )
     cli.refuse_existing(path, overwrite=overwrite)
@@ -527,7 +534,7 @@ def _find_questions(option: str, answer: ImportAnswer) -> Iterator[tuple[str, Ca
     elif option == "accept_unusual":
         # The text of the missing item ends with "right: " and the unusual values, about which is asked.
         unusual = answer.missing[answer.missing_fields.index("accept_unusual")].partition("right: ")[2]
-        yield option, partial(typer.confirm, f"Is this right: {unusual}?", default=False, err=True)
+        yield option, partial(typer.confirm, f"Is this value correct: {unusual}?", default=False, err=True)
     elif option == "columns":
         columns = (column for file in answer.files for column in file.columns)
         for header in dict.fromkeys(column.header for column in columns if column.meaning == "unknown"):
@@ -587,7 +594,7 @@ _QUESTIONS: Final[Mapping[str, Callable[[], object]]] = {
     "joint_tolerance": partial(
         typer.prompt, "Greatest difference of a joint between files, deg or mm", type=float, err=True
     ),
-    "sheet": partial(typer.prompt, "Sheet, or several separated by ;", err=True),
+    "sheet": partial(typer.prompt, "Sheet or group, or several separated by ;", err=True),
     "point_name": partial(
         typer.prompt, "Template of point names, such as {label}_{target}_{state}", err=True
     ),
@@ -673,8 +680,10 @@ def _make_finding_lines(answer: ImportAnswer) -> Iterator[Line]:
 def _describe_format(file: FilePreview) -> str:
     """Describe encoding, delimiter, decimal mark and number of rows of a file, or the sheet of a workbook."""
     rows = f"{file.row_count} row{'s' if file.row_count != 1 else ''}"
-    if file.format == "xlsx":
-        return f"Excel, sheet {file.sheet!r}, {rows}"
+    if file.format != "text":
+        kind = {"xlsx": "Excel", "mat": "MATLAB", "hdf5": "HDF5", "parquet": "Parquet"}[file.format]
+        place = f", {'sheet' if file.format == 'xlsx' else 'group'} {file.sheet!r}" if file.sheet else ""
+        return f"{kind}{place}, {rows}"
     return f"{file.encoding}, {file.delimiter} between cells, decimal {file.decimal_mark}, {rows}"
 
 

@@ -36,7 +36,9 @@ KeyId = Annotated[str, typer.Argument(metavar="ID", help="Id of the key; see `jo
 
 @keys.command()
 def create(
-    name: Annotated[str, typer.Argument(help="Who or what holds the key, such as 'tablet hall 3'.")],
+    name: Annotated[
+        str, typer.Argument(help="Person or device that holds the key, such as 'tablet hall 3'.")
+    ],
     *,
     role: Annotated[
         Literal["viewer", "operator", "admin"],
@@ -47,7 +49,8 @@ def create(
     expires: Annotated[
         datetime | None,
         typer.Option(
-            formats=["%Y-%m-%d"], help="First day (UTC) on which the key is no longer valid; default: none."
+            formats=["%Y-%m-%d"],
+            help="First day (UTC) on which the key is no longer valid; default: the key does not expire.",
         ),
     ] = None,
     database: DatabaseUrl = "sqlite:///jointstiff.db",
@@ -72,7 +75,7 @@ def create(
         stored_keys.add(record)
         write_audit(record, "POST", "createKey", 201)
     typer.echo(text)
-    cli.warn(f"the key is not shown again; to revoke it: jointstiff keys revoke {record.id}")
+    cli.warn(f"the key is not shown again; to revoke the key: jointstiff keys revoke {record.id}")
 
 
 @keys.command("list")
@@ -94,7 +97,7 @@ def revoke(
     with _open_keys(database, keys_file) as (stored_keys, write_audit):
         revoked = stored_keys.revoke(key_id, datetime.now(UTC))
         write_audit(revoked, "DELETE", "revokeKey", 200)
-    typer.echo(f"revoked {revoked.id}, {revoked.name}; running services refuse it within a second")
+    typer.echo(f"revoked {revoked.id}, {revoked.name}; running services refuse this key within a second")
 
 
 @keys.command()
@@ -124,7 +127,7 @@ def link(
     segno.make(address, error="l", micro=False).terminal(compact=True)
     typer.echo(address)
     cli.warn(
-        f"the link signs one browser in as {found.name} ({found.role}), once, until "
+        f"the link works once, and signs one browser in as {found.name} ({found.role}), until "
         f"{now + LINK_TIME:%H:%M} UTC"
     )
 

@@ -41,21 +41,23 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             Path | None,
             cli.file_argument(
                 "[SECOND]",
-                "Second campaign, to compare with the first: with secondary encoders, after a change, or of "
-                "a twin robot.",
+                "File of a second campaign, compared with the first: with secondary encoders, after a "
+                "change, or of a robot of the same model.",
             ),
         ],
     },
     "sets": {
-        "files": Annotated[list[Path], cli.file_argument("FILES", "Campaigns, such as one of each robot.")]
+        "files": Annotated[
+            list[Path], cli.file_argument("FILES", "Files of campaigns, such as one campaign of each robot.")
+        ]
     },
     "robot_or_set": {
         "source": Annotated[
             str,
             typer.Argument(
                 metavar="ROBOT_OR_CAMPAIGN",
-                help="To begin: file of a robot, or name of an arm of the catalogue. To continue: file of a "
-                "campaign.",
+                help="To begin a campaign: file of a robot, or name of an arm of the catalogue. To "
+                "continue a campaign: its file.",
             ),
         ]
     },
@@ -64,8 +66,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             str,
             typer.Argument(
                 metavar="CAMPAIGN_OR_ROBOT",
-                help="File of a campaign; or, before one is measured, file of a robot, or name of an arm of "
-                "the catalogue.",
+                help="File of a campaign. If none is measured: file of a robot, or name of an arm of the "
+                "catalogue.",
             ),
         ]
     },
@@ -73,7 +75,10 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
     "files": {
         "program": Annotated[
             list[Path],
-            cli.file_argument("PROGRAM", "Robot program; a KUKA program is a .src file and its .dat file."),
+            cli.file_argument(
+                "PROGRAM",
+                "Robot program, or CSV table of poses; for KUKA, the .src file and its .dat file.",
+            ),
         ]
     },
 }
@@ -598,7 +603,7 @@ def _choose_corrected_path(values: _Values) -> Path | None:
     if values["apply"] is None:
         if output is not None:
             hint = "`jointstiff export` writes tables, `jointstiff report` writes reports"
-            message = f"names the file of the campaign that --apply corrects, so it needs --apply; {hint}"
+            message = f"names the file for the campaign that --apply corrects, so --apply is needed; {hint}"
             raise typer.BadParameter(message, param_hint="--output")
         return None
     if output is not None:
@@ -734,18 +739,16 @@ def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  #
 
 
 def _write_process(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Process
-    """Write the program and the table of turns to the files of --output and --report; return the job."""
-    from jointstiff.service.kinds.process.kind import PROCESS
+    """Write the program, the turns and the places to the files of the options; return the job."""
     from jointstiff.service.kinds.program.work import decompress_file
-    from jointstiff.service.tables.files import csv_text
 
     if values["output"] is not None:
         paths = _choose_program_paths(values, sources)
         for file in job.result.files:
             paths[file.name].write_bytes(decompress_file(file))
-    if values["report"] is not None:
-        sheet = next(file.sheet for file in PROCESS.files if file.name == "turns.csv")
-        cli.write_text(values["report"], csv_text(sheet(job)))
+    for option, table in (("report", "turns.csv"), ("places", "places.csv")):
+        if values[option] is not None:
+            values[option].write_bytes(job.table(table))
     return job
 
 
@@ -760,13 +763,16 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
             "apply": _make_optional_parameter(
                 typer.Option(
                     metavar="ACTION",
-                    help="Apply an action that a reason of the verdict recommends, such as exchange_columns "
-                    "or convert_units: write the corrected campaign to a new file, and identify it.",
+                    help="Apply an action that a reason of the verdict recommends, such as "
+                    "exchange_columns or convert_units: write the corrected campaign to a new file, and "
+                    "identify this campaign.",
                 ),
                 str,
             ),
             "output": _make_optional_parameter(
-                cli.output_option("File to write the corrected campaign to; default: next to the old one.")
+                cli.output_option(
+                    "File to write the corrected campaign to; default: a new file next to the old one."
+                )
             ),
         },
         finish=_apply_action,
@@ -809,28 +815,35 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
         options={
             "output": _make_optional_parameter(
                 cli.output_option(
-                    "File for the program with new orientations; a .dat is written to its folder."
+                    "File for the program with new orientations; a .dat file is written to the same folder."
                 )
             ),
             "report": _make_optional_parameter(cli.path_option("CSV file to write the turns to.")),
+            "places": _make_optional_parameter(
+                cli.path_option("CSV file to write all places to that were tried.")
+            ),
         },
         finish=_write_process,
         list_paths=lambda values, sources: [
             *([] if values["output"] is None else _choose_program_paths(values, sources).values()),
             values["report"],
+            values["places"],
         ],
     ),
     "program": _FileOptions(
         options={
             "output": _make_optional_parameter(
-                cli.output_option("File for the compensated program; a .dat is written to its folder.")
+                cli.output_option(
+                    "File for the compensated program; a .dat file is written to the same folder."
+                )
             ),
             "explain": (
                 Annotated[
                     bool,
                     typer.Option(
                         "--explain",
-                        help="Only print target, base and tool of each move, and why it is not corrected.",
+                        help="Only print target, base and tool of each move, and the reason why a move is "
+                        "not corrected.",
                     ),
                 ],
                 False,

@@ -26,8 +26,8 @@ _FIELDS_WITHOUT_OPTION: Final = {
 }
 """Fields of `LiveOptions` for which the command has no option of the same form."""
 _HELP_TEXTS: Final = {
-    "load": "Load to apply, such as dead_weight:1500, dead_weight:150kg or any_direction:1500; default: the "
-    "strongest force of the campaign, a weight if all of its forces pull down.",
+    "load": "Load to apply, such as dead_weight:1500, dead_weight:150kg or any_direction:1500; default: "
+    "the strongest force of the campaign, as a weight if all forces of the campaign pull down.",
     "targets": "Target in the flange frame, in mm; default: the targets of the campaign. Repeatable.",
     "work_area": "Work area of a goal about deflections: two corners of a box, in R0, in mm; default: the "
     "box around the load points of the campaign.",
@@ -45,9 +45,9 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
             str | None,
             typer.Option(
                 metavar="GOAL",
-                help='Uncertainty to reach: "15 %" of every stiffness that the load tests, or "6 um" of the '
-                'deflection in the work area; or "below 0.5 mm" to decide whether the deflection stays '
-                "below. Required without --bridge.",
+                help='Goal of the measurement: an uncertainty of "15 %" of every stiffness that the load '
+                'tests, or "6 um" of the deflection in the work area; or "below 0.5 mm" to decide whether '
+                "the deflection stays below this limit. Required without --bridge.",
             ),
         ],
         None,
@@ -67,8 +67,8 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         _make_text_option(
             "--bridge",
             "SOURCE",
-            "Source whose positions a page shows: with --server and --code, without campaign, goal and "
-            "--source.",
+            "Source of positions for a page of the service. Needs --server and --code; omit campaign, "
+            "--goal and --source.",
         ),
         None,
     ),
@@ -89,27 +89,32 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
         _make_text_option(
             "--server",
             "ADDRESS",
-            "Service that stores the readings, so that a web page shows them; default: this process.",
+            "Service that stores the readings and shows them on its web page; default: this process stores "
+            "them.",
         ),
         None,
     ),
     "most": (
         Annotated[
-            int, typer.Option(min=1, max=200, help="Number of readings after which the measurement ends.")
+            int, typer.Option(min=1, max=200, help="Greatest number of readings; the measurement then ends.")
         ],
         200,
     ),
     "save": (Annotated[Path | None, cli.path_option("File to write the closed campaign to.")], None),
     "overwrite": (cli.Overwrite, False),
     "yes": (
-        Annotated[bool, typer.Option("--yes", help="Ask nothing: read at once, one after the other.")],
+        Annotated[
+            bool,
+            typer.Option("--yes", help="Ask no questions: take the readings at once, one after the other."),
+        ],
         False,
     ),
     "pattern": (
         _make_text_option(
             "--pattern",
             "REGEX",
-            "Format of the lines of text: a regular expression with groups x, y, z, and maybe target, sigma.",
+            "Format of the lines of text: a regular expression with the groups x, y, z, and optionally "
+            "target and sigma.",
         ),
         None,
     ),
@@ -142,7 +147,10 @@ _OWN_PARAMETERS: Final[cli.Parameters] = {
     ),
     "timeout": (
         Annotated[
-            float, typer.Option(min=0.1, help="Seconds without data after which a source counts as stopped.")
+            float,
+            typer.Option(
+                min=0.1, help="Time without data, in seconds, after which a source counts as stopped."
+            ),
         ],
         30.0,
     ),
@@ -176,7 +184,8 @@ def build_measure_command() -> Callable[..., None]:
         if source_file is None or values["goal"] is None or values["source"] is None:
             raise cli.print_failure(
                 "a campaign or robot, --goal and --source are needed",
-                'write them, such as: jointstiff measure campaign.json --goal "15 %" --source simulated:1',
+                'write the arguments, such as: jointstiff measure campaign.json --goal "15 %" --source '
+                "simulated:1",
             )
         if values["save"] is not None:
             cli.refuse_existing(values["save"], overwrite=values["overwrite"])
@@ -188,8 +197,8 @@ def build_measure_command() -> Callable[..., None]:
         str | None,
         typer.Argument(
             metavar="CAMPAIGN_OR_ROBOT",
-            help="Campaign: its robot, loads, targets and noise are used, not its readings. Or a robot: a "
-            "file, or the name of an arm of the catalogue, with --load and --target.",
+            help="File of a campaign, whose robot, loads, targets and noise are used, but not the "
+            "readings. Or a robot (file, or name of an arm of the catalogue) with --load and --target.",
         ),
     ]
     fields = {name: (annotation, None) for name, annotation in annotations.items()}
@@ -253,8 +262,9 @@ def _run_bridge(source_file: str | None, values: dict[str, Any]) -> None:
 
     if source_file is not None or values["goal"] is not None or values["source"] is not None:
         raise cli.print_failure(
-            "--bridge takes no campaign, --goal or --source: the page has opened the campaign",
-            "omit them, or omit --bridge",
+            "--bridge cannot be combined with a campaign, --goal or --source: the page has opened the "
+            "campaign",
+            "omit these arguments, or omit --bridge",
         )
     if values["server"] is None or values["code"] is None:
         raise cli.print_failure(

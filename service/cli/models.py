@@ -28,7 +28,7 @@ def export(
     run: cli.RunFile = None,
     despite_verdict: Annotated[
         bool,
-        typer.Option("--despite-verdict", help="Continue although the verdict on the run is: do not use."),
+        typer.Option("--despite-verdict", help="Continue even if the verdict on the run is: do not use."),
     ] = False,
     overwrite: cli.Overwrite = False,
 ) -> None:
@@ -44,7 +44,8 @@ def report(
         Path,
         cli.file_argument(
             "FILE",
-            "Campaign; or comparison, plan, map or program, as its command prints it with --json.",
+            "File of a campaign; or of a comparison, plan, map or program, as the command prints it with "
+            "--json.",
         ),
     ],
     *,
@@ -101,7 +102,8 @@ _REACH_POINTS: Final = {
 
 def robots(
     name: Annotated[
-        str | None, typer.Argument(metavar="ARM", help="Name of an arm, or a part of it; default: all arms.")
+        str | None,
+        typer.Argument(metavar="ARM", help="Name of an arm, or a part of the name; default: all arms."),
     ] = None,
     *,
     output: Annotated[Path | None, cli.path_option("File to write the robot ARM to.", "ROBOT.json")] = None,
@@ -144,7 +146,7 @@ def _make_arm_list(catalogue: Catalogue) -> list[Part]:
         ],
         title="Nominal arms",
     )
-    return [table, Line('Use an arm by its name, such as --robot "KUKA KR 210 R2700".')]
+    return [table, Line('Select an arm by its name, such as --robot "KUKA KR 210 R2700".')]
 
 
 def _describe_arm(arm: Arm) -> list[Part]:

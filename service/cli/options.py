@@ -92,15 +92,15 @@ CampaignFile = Annotated[
 RunFile = Annotated[
     Path | None,
     file_option(
-        "File of the campaign's run, as `identify --json` prints it; default: identify the campaign now."
+        "File of the campaign's run, as `identify --json` prints the run; default: identify the campaign now."
     ),
 ]
 NamedRobot = Annotated[
     str | None,
     typer.Option(
         metavar="ROBOT",
-        help="File of a robot, or of a campaign that contains one; or a nominal arm of the catalogue by its "
-        'name, such as "KUKA KR 210 R2700": `jointstiff robots` lists them.',
+        help='File of a robot or of a campaign; or name of a nominal arm, such as "KUKA KR 210 R2700" '
+        "(`jointstiff robots` lists the arms).",
     ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")]
@@ -133,7 +133,7 @@ Unit = Annotated[
         parser=_parse_unit,
         metavar=f"<{'|'.join(get_args(Units))}>",
         autocompletion=lambda: list(get_args(Units)),
-        help="Unit of the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m).",
+        help="Unit of stiffness or compliance in the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m).",
     ),
 ]
 

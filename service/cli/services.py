@@ -30,7 +30,7 @@ def worker(
     database: DatabaseUrl,
     name: Annotated[
         str | None,
-        typer.Option(help="Name of this worker in messages; default: the name of the machine."),
+        typer.Option(help="Name of this worker in log messages; default: name of the machine."),
     ] = None,
     log_format: LogLines = LogFormat.TEXT,
 ) -> None:
@@ -46,7 +46,8 @@ def worker(
 
 def post(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", exists=True, help="Campaign file, or a folder of such files.")
+        Path,
+        typer.Argument(metavar="FILE", exists=True, help="File of a campaign, or folder with such files."),
     ],
     *,
     server: cli.ServerAddress = "http://127.0.0.1:8000",
@@ -80,7 +81,7 @@ def post(
                 run = client.runs.wait(run, show_progress)
         except KeyboardInterrupt:
             body = """-H 'Content-Type: application/json' -d '{"cancelled": true}'"""
-            cli.warn(f"the run continues; to cancel it: curl -X PATCH {body} {server}/v1/jobs/{run.id}")
+            cli.warn(f"the run continues; to cancel the run: curl -X PATCH {body} {server}/v1/jobs/{run.id}")
             raise
     console().print(lay_out_job(RUN, run, details=details, unit=unit))
     if run.state != "succeeded":

@@ -299,10 +299,10 @@ def _refuse_implausible_lengths(
         i = int(np.unravel_index(np.argmax(size), size.shape)[0])
         quantity = "deflection" if are_deflections else "position"
         raise MeasurementError(
-            f"a {quantity} of {size.max():.4g} m is too long for an arm",
+            f"a {quantity} of {size.max():.4g} m is too long for an arm; up to {most:g} m is believed",
             where=f"{name}[{i}]",
             remedy="check the unit of length in `units`: positions, deflections, load point and sigma are in "
-            "this unit",
+            "this unit; a campaign file may have greater lengths",
         )
 
 
@@ -376,7 +376,7 @@ def convert_dh_rows(rows: Any, convention: str | None, units: Mapping[str, str])
         raise RobotError(
             "a table of Denavit and Hartenberg needs its convention",
             where="convention",
-            remedy="say convention='standard' or 'modified' (Craig): js.robot(rows, convention='modified')",
+            remedy="state convention='standard' or 'modified' (Craig): js.robot(rows, convention='modified')",
         )
     if all(isinstance(row, Mapping) or hasattr(row, "model_dump") for row in rows):
         plain = [row if isinstance(row, Mapping) else row.model_dump() for row in rows]
@@ -423,7 +423,7 @@ def convert_urdf(text: str, base: str | None, flange: str | None) -> dict[str, A
             raise RobotError(
                 f"the URDF has {len(ends)} links that may be the {name}: {shown_links}",
                 where=name,
-                remedy=f"name it: js.robot(urdf, {name}='{ends[-1] if ends else '…'}')",
+                remedy=f"name the link: js.robot(urdf, {name}='{ends[-1] if ends else '…'}')",
             )
         frames[name] = ends[0] if stated is None else stated
     return {"format": "urdf", "urdf": text, **frames}

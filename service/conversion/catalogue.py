@@ -72,7 +72,8 @@ def find_arm(name: str, where: str) -> Arm:
         f"the catalogue has no arm '{name}'" + (f"; similar names: {', '.join(near)}" if near else ""),
         where=where,
         remedy=(
-            "`jointstiff robots` and GET /v1/catalogue list its arms; or describe yours by a DH table or URDF"
+            "`jointstiff robots` and GET /v1/catalogue list its arms; or describe the arm by a DH table or "
+            "URDF"
         ),
     )
 

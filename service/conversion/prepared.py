@@ -182,9 +182,9 @@ def to_base_targets(
     common = [name for name in before if name in later]
     if len(common) < 3:
         raise MeasurementError(
-            f"only {len(common)} base targets were read both times; three are needed",
+            f"only {len(common)} base targets were read both before and after; at least three are needed",
             where=where,
-            remedy="read at least three targets both times, with the same names",
+            remedy="read at least three base targets before and after, with the same names",
         )
     length = LENGTH[request.units.length]
     first = length * np.array([before[name] for name in common])
@@ -439,6 +439,6 @@ def leave_out_observations(observations: Sequence[Observation], labels: Collecti
     kept = [observation for observation in observations if observation.label not in labels]
     if not kept:
         raise RequestError(
-            "all observations are left out", where="leave_out", remedy="keep at least one observation"
+            "all observations are omitted", where="leave_out", remedy="keep at least one observation"
         )
     return kept

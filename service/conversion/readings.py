@@ -333,7 +333,7 @@ def _refuse_partly_stated_noise(stated: list[bool], observations: list[int]) -> 
         return
     i = observations[stated.index(False)]
     raise MeasurementError(
-        "some readings give their own noise, but one of this observation gives none",
+        "some readings state their own noise, but a reading of this observation states none",
         where=f"observations[{i}].readings",
         remedy="give every reading its `sigma` or its covariances, or give only `noise` for the set",
     )
@@ -405,9 +405,9 @@ def _refuse_ambiguous_noise(noise: Noise | None, states_noise: BoolArray, measur
     stated_field = next((k for k in ("sigma", "instrument") if getattr(noise, k, None) is not None), None)
     if stated_field is not None and not without_own_noise.any():
         raise MeasurementError(
-            f"both the readings and noise.{stated_field} give the noise",
+            f"both the readings and noise.{stated_field} state the noise",
             where=f"noise.{stated_field}",
-            remedy="give only one: omit it here, or in every reading",
+            remedy=f"state the noise once: omit noise.{stated_field}, or omit the noise in every reading",
         )
     if stated_field == "instrument":  # a tracker's data sheet does not apply to readings along a direction
         without_noise = without_own_noise & (measurements.coordinates == 1)
@@ -416,9 +416,10 @@ def _refuse_ambiguous_noise(noise: Noise | None, states_noise: BoolArray, measur
     if without_noise.any():
         i = int(np.argwhere(without_noise)[0, 0])
         raise MeasurementError(
-            "the noise of a reading is not given, and the noise of the other readings does not apply to it",
+            "the noise of a reading is not stated, and the noise of the other readings does not apply to "
+            "this reading",
             where=f"observations[{i}].readings",
-            remedy="give the reading its `sigma`, or give `noise.sigma` for all readings without `sigma`",
+            remedy="state `sigma` of this reading, or state `noise.sigma` for all readings without `sigma`",
         )
 
 
@@ -651,7 +652,7 @@ def _list_readings(
                 raise MeasurementError(
                     f"target '{reading.target}' has two readings in observation '{observation.label}'",
                     where=f"observations[{i}].readings[{k}].target",
-                    remedy="give each target at most once per observation, or rename it",
+                    remedy="give each target at most once per observation, or rename the target",
                 )
             used.add(cell)
             rows.append(cell[0])
@@ -799,11 +800,12 @@ def _refuse_other_joints(header: MeasurementSetHeader, readings: ReadingArrays, 
         )
         units = JOINT_UNITS[joint_kind or "revolute"]
         raise MeasurementError(
-            f"joint {joint_name} is read as {'an angle' if units.dimension == 'length' else 'a length'}, "
-            f"but in the robot it is {joint_kind}",
+            f"the readings of joint {joint_name} are "
+            f"{'an angle' if units.dimension == 'length' else 'a length'}, but in the robot this joint is "
+            f"{joint_kind}",
             where="joint_kinds",
-            remedy=f"give its {units.dimension}s, in `units.{units.dimension}`, or check the robot and the "
-            "order of the joints",
+            remedy=f"give {units.dimension}s of this joint, in `units.{units.dimension}`, or check the "
+            "robot and the order of the joints",
         )
 
 
@@ -857,13 +859,13 @@ def _to_encoder_readings(
     if header.encoders == "secondary":
         first = int(np.flatnonzero(encoders.present.any(axis=1))[0])
         raise MeasurementError(
-            "the position loop closes on the secondary encoders, so they show no deflection",
+            "the position loop closes on the secondary encoders, so these encoders show no deflection",
             where=f"observations[{first}].encoder_readings",
             remedy="omit `encoder_readings`, or measure with the loop closed on the motors' encoders",
         )
     if header.noise is None or header.noise.encoder_sigma is None:
         raise MeasurementError(
-            "there are encoder readings, but their uncertainty is not given",
+            "there are encoder readings, but the uncertainty of these readings is not stated",
             where="noise" if header.noise is None else "noise.encoder_sigma",
             remedy="give both `noise.sigma` and `noise.encoder_sigma`, which weight angles against lengths",
         )

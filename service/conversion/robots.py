@@ -129,9 +129,10 @@ def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float
     distance = 0.0 if point is None else length * hypot(*point)
     if distance > FAR_POINT:
         raise RequestError(
-            f"the point is {distance:g} m from the flange, where no tool reaches",
+            f"the point is {distance:g} m from the flange, where no tool reaches: up to {FAR_POINT:g} m is "
+            "believed",
             where=where,
-            remedy=f"check its unit; a point on the tool is at most {FAR_POINT:g} m from the flange",
+            remedy="check its unit; a longer tool belongs to the robot, whose flange is then on the tool",
         )
 
 

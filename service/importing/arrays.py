@@ -1,91 +1,178 @@
-"""Files of arrays as tables: MATLAB's .mat files up to version 7.2, by scipy."""
+"""Files of arrays as tables: .mat, HDF5 and Parquet; their libraries run in a process of its own."""
 
 from __future__ import annotations
 
-import io
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from importlib.util import find_spec
+from types import MappingProxyType
 from typing import Any, Final
-
-import numpy as np
 
 from jointstiff.schemas.imports import FilePreview
 from jointstiff.service.importing import grammar, grid
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grid import Grid, Row
+from jointstiff.service.importing.grid import ArrayFormat, CellKind, Grid, Row
 
-_MAX_UNPACKED_BYTES: Final = 64 * 1024 * 1024
-"""Bytes of all arrays of a file together."""
+_WORDS: Final = MappingProxyType(
+    {"mat": "a MATLAB file", "hdf5": "an HDF5 file", "parquet": "a Parquet file"}
+)
+_LIBRARIES: Final = MappingProxyType({"hdf5": "h5py", "parquet": "pyarrow"})
+"""Library of a format that the extra `tables` installs."""
+MOST_SECONDS: Final = 120.0
+"""Time that the reading of one file may take [s]."""
+_EXCEEDED: Final = -9
+"""Status of a process that its limits have ended."""
 _AXES: Final = "xyz"
+_UNITS: Final = frozenset(("deg", "rad", "mm", "m", "N", "kN", "Nm"))
+"""Endings of names of arrays that state a unit."""
+_NO_UNITS: Final = frozenset(("", "-", "1", "none"))
+"""Texts of an attribute `units` that state no unit."""
 _REMEDY: Final = "save vectors and matrices of numbers with one row per observation, or write a CSV file"
+_TOO_LARGE: Final = (
+    "the arrays of the file are larger than 64 MiB, 320,000 rows, 256 columns or 1,000,000 cells"
+)
+
+_Answer = dict[str, Any]
 
 
-def read_matlab(file: str, content: bytes) -> Grid:
-    """Return the variables of a .mat file as a table: each column vector or matrix as columns.
+def read_arrays(file: str, content: bytes, kind: ArrayFormat, names: Sequence[str | None]) -> list[Grid]:
+    """Return the arrays of a file as tables: each vector or matrix as columns.
 
-    The header of a column is the name of its variable; columns of a matrix get the number of the column, or
-    x, y, z if the matrix has three columns. Names of variables that end with a unit, such as `q_deg`, state
-    the unit.
+    The header of a column is the name of its array; columns of a matrix get the number of the column, or
+    x, y, z if the matrix has three columns. An attribute `units` of HDF5, or a name that ends with a unit,
+    such as `q_deg`, states the unit.
+
+    Args:
+        file: name of the file, for messages.
+        content: bytes of the file.
+        kind: format of the file.
+        names: names of the tables, which are groups or arrays of records of an HDF5 file; None for the only
+            one.
 
     Raises:
-        ImportFileError: the file is damaged or too large, or has no arrays with the same number of rows.
+        ImportFileError: the library is missing; the file is damaged or too large, has no arrays with the same
+            number of rows, or several tables without a choice of one.
     """
-    from scipy.io import loadmat, whosmat
+    library = _LIBRARIES.get(kind)
+    if library and find_spec(library) is None:
+        reason = f"{_WORDS[kind]} needs the extra `tables`, which is not installed"
+        remedy = 'pip install "jointstiff[tables]", or write the readings as CSV'
+        raise ImportFileError(Place(file), reason, remedy)
+    wanted = [name for name in names if name is not None] if kind == "hdf5" else []
+    answer = _ask_library(file, content, kind, wanted)
+    return [_build_grid(file, kind, name, arrays) for name, arrays in answer["arrays"].items()]
 
-    place = Place(file)
-    variables: dict[str, Any] = {}
-    stream: Any = io.BytesIO(content)  # scipy's types lack streams
-    try:
-        sizes = [int(np.prod(shape)) for _, shape, _ in whosmat(stream)]
-        if 8 * sum(sizes) <= _MAX_UNPACKED_BYTES:
-            variables = loadmat(stream, squeeze_me=False, mat_dtype=True)
-    except Exception as error:  # scipy raises what its parts raise
-        reason = f"the file is a damaged MATLAB file ({type(error).__name__})"
-        raise ImportFileError(place, reason, "save it again") from error
-    columns: dict[str, list[str]] = {}
+
+def _ask_library(file: str, content: bytes, kind: ArrayFormat, wanted: list[str]) -> _Answer:
+    """Return the answer of the process that reads a file by its library.
+
+    Raises:
+        ImportFileError: the process refuses the file, or has exceeded its limits.
+    """
+    command = [sys.executable, "-m", "jointstiff.service.importing.libraries", kind]
+    place, words = Place(file), _WORDS[kind]
+    status, output, errors = _EXCEEDED, b"", b""
+    with suppress(subprocess.TimeoutExpired):
+        process = subprocess.run(  # noqa: S603 - the names in the command are JSON
+            [*command, json.dumps(wanted or None)],
+            input=content, capture_output=True, check=False, timeout=MOST_SECONDS,
+        )  # fmt: skip
+        status, output, errors = process.returncode, process.stdout, process.stderr
+    if status > 0:  # an error of the library, whose name is in the last line of its traceback
+        error = errors.decode(errors="replace").strip().rpartition("\n")[2].partition(":")[0]
+        reason = f"the file is {words} that is damaged ({quote(error)})"
+        raise ImportFileError(place, reason, "save the file again")
+    if status < 0:
+        reason = f"reading {words} ended without a result: it is damaged, or takes over 384 MiB or 60 s"
+        raise ImportFileError(place, reason, "save it again with fewer arrays, or write a CSV file")
+    answer: _Answer = json.loads(output)
+    if "large" in answer:
+        raise ImportFileError(place, _TOO_LARGE, "save fewer arrays, or split the file")
+    if "reason" in answer:
+        raise ImportFileError(place, answer["reason"], answer["remedy"])
+    if "tables" in answer:
+        _refuse_choice(place, answer["tables"], answer["missing"])
+    return answer
+
+
+def _refuse_choice(place: Place, tables: list[str], missing: list[str]) -> None:
+    """Raise the error that a file has no table, or several, or none of the stated name.
+
+    Raises:
+        ImportFileError: always.
+    """
+    if not tables:
+        raise ImportFileError(place, "the file has no arrays of numbers with rows", _REMEDY)
+    if missing:
+        reason = f"the file has no group or array {quote(missing[0])}"
+        remedy = f"give one of {quote(', '.join(tables))} as `sheet`"
+    else:
+        reason = f"several groups or arrays have data: {quote(', '.join(tables))}"
+        remedy = "give `sheet`, several of them separated by semicolons"
+    raise ImportFileError(place, reason, remedy, "sheet", tuple(tables))
+
+
+def _build_grid(file: str, kind: ArrayFormat, table: str, arrays: Sequence[Any]) -> Grid:
+    """Return arrays with the same number of rows as a table with a header.
+
+    Raises:
+        ImportFileError: there are no such arrays, or too many; or two states of a unit contradict.
+    """
+    columns: dict[str, list[str | None]] = {}
+    kinds: list[CellKind] = []
     skipped = list[str]()
-    arrays = {name: np.asarray(each) for name, each in variables.items() if not name.startswith("__")}
-    count = max((len(each) for each in arrays.values() if each.ndim == 2), default=0)
-    for name, array in arrays.items():
-        values = array.T if array.ndim == 2 and array.shape[0] == 1 != count == array.shape[1] else array
-        cells = _list_cells(values, count)
-        if cells is None:
-            skipped.append(name)
-        else:
-            columns |= _name_columns(name, cells)
+    for array in arrays:
+        if array["columns"] is None:
+            skipped.append(array["name"])
+            continue
+        named = _name_columns(Place(file), array["name"], array["unit"], array["columns"])
+        kinds += ["number" if array["numbers"] else "text"] * len(named)
+        if set(named) & set(columns):
+            reason = f"two arrays make the column {quote(next(iter(set(named) & set(columns))))}"
+            raise ImportFileError(Place(file), reason, "rename one of them")
+        columns |= named
+    count = len(next(iter(columns.values()), ()))
     if not columns or count < 1:
-        size = f"{_MAX_UNPACKED_BYTES // 1024**2} MiB at most"
-        raise ImportFileError(place, f"the file has no arrays of numbers with rows, of {size}", _REMEDY)
+        raise ImportFileError(Place(file), "the file has no arrays of numbers with rows", _REMEDY)
     if len(columns) > grid.MAX_COLUMNS or len(columns) * count > grid.MAX_CELLS or count > grid.MAX_ROWS:
         raise grid.too_large_error(file, 1)
-    notes = [f"variables that are no tables were skipped: {quote(', '.join(skipped))}"] if skipped else []
+    text: CellKind = "text"
+    header = Row(1, tuple(columns), (text,) * len(columns))
     rows = [
-        Row(1, tuple(columns)),
-        *(Row(i, cells) for i, cells in enumerate(zip(*columns.values(), strict=True), 2)),
+        Row(line, tuple(cell or "" for cell in cells), tuple(kinds))
+        for line, cells in enumerate(zip(*columns.values(), strict=True), 2)
     ]
-    return Grid(FilePreview(file=file, format="text", assumptions=notes), tuple(rows))
+    notes = [f"variables that are no tables were skipped: {quote(', '.join(skipped))}"] if skipped else []
+    filled = tuple(row for row in rows if any(row.cells))
+    if not filled:
+        raise grid.no_rows_error(file)
+    preview = FilePreview(file=file, format=kind, sheet=table or None, assumptions=notes)
+    return Grid(preview, (header, *filled))
 
 
-def _list_cells(array: np.ndarray, count: int) -> list[list[str]] | None:
-    """Return the texts of the cells (columns, rows) of an array with `count` rows; None for other arrays."""
-    if array.ndim != 2 or len(array) != count:
-        return None
-    if array.dtype.kind in "fiu":
-        return [[f"{value:.17g}" for value in column] for column in array.T.astype(float).tolist()]
-    if array.dtype.kind == "O" and array.shape[1] == 1:  # a cell array of texts
-        texts = [np.asarray(each).ravel() for each in array[:, 0]]
-        if all(each.dtype.kind == "U" and each.size == 1 for each in texts):
-            return [[str(each[0]) for each in texts]]
-    return [[str(each).strip() for each in array[:, 0]]] if array.dtype.kind == "U" else None
+def _name_columns(
+    place: Place, name: str, stated_unit: str | None, columns: list[list[str | None]]
+) -> dict[str, list[str | None]]:
+    """Return columns by their headers: a name alone, with x, y, z, or with numbers from 1, as joints have.
 
-
-def _name_columns(name: str, cells: list[list[str]]) -> dict[str, list[str]]:
-    """Return columns by their headers: a name alone, with x, y, z, or with numbers from 1, as joints have."""
-    base, _, unit = name.rpartition("_")
-    is_unit = unit in {"deg", "rad", "mm", "m", "N", "kN", "Nm"} and base
-    stem, ending = (base, f" [{unit}]") if is_unit else (name, "")
+    Raises:
+        ImportFileError: the name and an attribute state different units.
+    """
+    base, _, ending = name.rpartition("_")
+    stem, unit = (base, ending) if base and ending in _UNITS else grammar.split_unit(name)
+    stated_unit = None if (stated_unit or "").lower() in _NO_UNITS else stated_unit
+    if unit and stated_unit and grammar.find_any_unit(unit) != grammar.find_any_unit(stated_unit):
+        reason = f"the array {quote(name)} has the unit {quote(stated_unit)} in its attribute"
+        raise ImportFileError(place, reason, "correct the name or the attribute")
+    unit = stated_unit or unit
+    in_brackets = f" [{unit}]" if unit else ""
     is_joint = grammar.is_joint(stem)
-    if len(cells) == 1 and not is_joint:
-        return {f"{stem}{ending}": cells[0]}
-    is_vector = len(cells) == len(_AXES) and not is_joint
-    numbers = _AXES if is_vector else [str(i) for i in range(1, len(cells) + 1)]
+    if len(columns) == 1 and not is_joint:
+        return {f"{stem}{in_brackets}" if stated_unit else name: columns[0]}
+    is_vector = len(columns) == len(_AXES) and not is_joint
+    numbers = _AXES if is_vector else [str(i) for i in range(1, len(columns) + 1)]
     gap = " " if is_vector else ""
-    return {f"{stem}{gap}{number}{ending}": column for number, column in zip(numbers, cells, strict=True)}
+    return {f"{stem}{gap}{number}{in_brackets}": each for number, each in zip(numbers, columns, strict=True)}

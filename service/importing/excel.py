@@ -413,7 +413,7 @@ class Archive:
 
     def build_error(self, reason: str, line: int | None = None, column: int | None = None) -> ImportFileError:
         """Return the error that this file cannot be read, for a reason and at a cell."""
-        remedy = "open it in Excel and save it again as .xlsx, or save the sheet as CSV"
+        remedy = "open the file in Excel and save it again as .xlsx, or save the sheet as CSV"
         return ImportFileError(Place(self._file, line, column), reason, remedy)
 
     def _damaged_error(self, error: BaseException) -> ImportFileError:

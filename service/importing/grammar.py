@@ -272,7 +272,7 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
     key = _TEXT_KIND_OF.get(fold_word(base))
     if key is not None:
         if unit is not None and key not in _MAY_HAVE_UNITS:
-            reason = f"{quote(header)} has a unit, but is a column of texts"
+            reason = f"the header {quote(header)} has a unit, but its column has texts"
             raise ImportFileError(NOWHERE, reason, "check the header")
         return Meaning(Quantity(key))
     if fold_word(base) in _WORD_LISTS["hung"]:
@@ -367,8 +367,8 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
             NOWHERE,
             f"unknown column header {quote(header)}",
             "use headers such as `label`, `J1 [deg]`, `Fx [N]`, `P10 unloaded x [mm]`, `P10 loaded x "
-            "[mm]`, `P10 dx [mm]`, `tip along z [mm]` of a gauge, `x [mm]`; give its meaning in `columns`, "
-            "or skip it with `ignore`",
+            "[mm]`, `P10 dx [mm]`, `tip along z [mm]` of a gauge, `x [mm]`; give the meaning of this "
+            "header in `columns`, or skip its column with `ignore`",
             UNKNOWN,
         )
     state = next(iter(states), None)

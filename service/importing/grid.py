@@ -44,7 +44,7 @@ class Row:
 
     line: int  # line of a text file or row of a sheet, from 1
     cells: tuple[str, ...]  # without blanks at the ends
-    # what each cell of a sheet is; None in a text file, where all is text
+    # what each cell of a sheet or of an array is; None in a text file, where all is text
     kinds: tuple[CellKind, ...] | None = None
 
 
@@ -81,7 +81,7 @@ class Grid:
 
 def no_rows_error(file: str) -> ImportFileError:
     """Return the error that a file has no row of data."""
-    return ImportFileError(Place(file), "the file has no row of data", "check that it is the right file")
+    return ImportFileError(Place(file), "the file has no row of data", "check that this is the right file")
 
 
 def too_large_error(file: str, line: int) -> ImportFileError:
@@ -123,20 +123,28 @@ _TYPES_BY_PART: Final = (
 )
 
 
-MATLAB: Final = "a MATLAB file"
-"""Type of a file of arrays that MATLAB wrote up to version 7.2."""
+ArrayFormat = Literal["mat", "hdf5", "parquet"]
+ARRAYS: Final[Mapping[str, ArrayFormat]] = MappingProxyType(
+    {"a MATLAB file": "mat", "an HDF5 file": "hdf5", "a Parquet file": "parquet"}
+)
+"""Type of a file of arrays → format; MATLAB writes HDF5 since version 7.3."""
+_SIGNATURES_OF_ARRAYS: Final = (
+    (b"MATLAB 5.0 MAT-file", "a MATLAB file"),
+    (b"MATLAB 7.3 MAT-file", "an HDF5 file"),
+    (b"\x89HDF\r\n\x1a\n", "an HDF5 file"),
+    (b"PAR1", "a Parquet file"),
+)
+PACKED_SIGNATURES: Final = (_ZIP, *(signature for signature, _ in _SIGNATURES_OF_ARRAYS))
+"""First bytes of files whose content may be many times as large as the file."""
 
 
 def file_type(content: bytes, name: str = "") -> str | None:
     """Return the type of a file in words, such as `a PDF document`; None for text and unknown types."""
     if content.startswith(_ZIP):
         return _archive_type(content)
-    if content.startswith(b"MATLAB 5.0 MAT-file"):
-        return MATLAB
-    if content.startswith((b"MATLAB 7.3 MAT-file", b"\x89HDF\r\n\x1a\n")):
-        return "an HDF5 file"
-    if content.startswith(b"PAR1"):
-        return "a Parquet file"
+    for signature, words in _SIGNATURES_OF_ARRAYS:
+        if content.startswith(signature):
+            return words
     if content[4:8] == b"ftyp":
         return "a picture (HEIC) or a film"
     # White space, or a byte order mark of UTF-8 or UTF-16, may come before the first sign of the content.
@@ -171,7 +179,7 @@ CHARACTERS: Final[Mapping[Delimiter, str]] = MappingProxyType(
 _LINE_END: Final = re.compile(r"\r\n|\n|\r")
 _NUMBERS_IN_A_CELL: Final = re.compile(r"\d\s+[-+.\d]")
 _COMMA_NOT_IN_A_NUMBER: Final = re.compile(r"(?<!\d),|,(?!\d)")
-_LATIN1: Final = "the file is not valid UTF-8 and was read as Latin-1: check names with accents"
+_LATIN1: Final = "the file is not valid UTF-8, so it was read as Latin-1: check names with accents"
 _LINES_SHOWING_DELIMITER: Final = 10
 """Lines at the end of a file that tell its delimiter."""
 _MAX_TITLE_LINES: Final = 20
@@ -221,7 +229,7 @@ def read_text(file: str, content: bytes, delimiter: Delimiter | None) -> Grid:
         len(cells) == width > 1 and looks_like_a_number(cells[-1].strip()) for cells in cells_of_comments
     )
     if row_like_comments:
-        notes.append(f"{row_like_comments} of the comments look like rows of data; they were not read")
+        notes.append(f"{row_like_comments} comments look like rows of data, and were not read")
     preview = FilePreview(file=file, format="text", encoding=encoding, delimiter=delimiter, assumptions=notes)
     last_comment = comments[-1].line if comments else 0
     # A comment below the last row shows, like a line break, that this row is complete.
@@ -352,7 +360,7 @@ def _split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
             raise ImportFileError(place._replace(column=column), reason, remedy)
         if '"' in cell:
             reason = f"a quotation mark occurs within a cell, {quote(cell)}"
-            raise ImportFileError(place._replace(column=column), reason, "remove it")
+            raise ImportFileError(place._replace(column=column), reason, "remove the quotation mark")
     return Row(number, stripped)
 
 
@@ -382,12 +390,12 @@ def decide_decimal_mark(
     """Return the decimal mark of a file, and a note for the user if the mark was assumed, else None.
 
     `1,234` alone may be 1.234 or 1234. It is read as 1.234 if another number of the file has a comma that
-    cannot separate thousands, such as `12,5` or `0,125`. Numbers in sheets have a point.
+    cannot separate thousands, such as `12,5` or `0,125`. Numbers in sheets and arrays have a point.
 
     Raises:
         ImportFileError: the file has decimal points and decimal commas, or the mark is ambiguous.
     """
-    if grid.preview.format == "xlsx":
+    if grid.preview.format != "text":
         return _decide_mark_of_texts(grid, rows, columns, stated_mark), None
     if stated_mark is not None:
         return stated_mark, None
@@ -404,7 +412,7 @@ def decide_decimal_mark(
         raise ImportFileError(place, reason, "use one decimal mark and no thousands separators")
     if "," in first_cells and "," not in sure_marks:
         text, place = first_cells[","]
-        reason = "may have a decimal comma or a thousands separator, and no other number shows which"
+        reason = "may have a decimal comma or a thousands separator, and no other number shows which of both"
         remedy = "give `decimal_mark`, or write a point"
         raise ImportFileError(place, f"{quote(text)} {reason}", remedy, "decimal_mark")
     if "," in first_cells:
@@ -415,10 +423,10 @@ def decide_decimal_mark(
 def _decide_mark_of_texts(
     grid: Grid, rows: Iterable[Row], columns: Collection[int], stated_mark: DecimalMark | None
 ) -> DecimalMark:
-    """Return the decimal mark of numbers that a sheet has as texts; the point if there are none.
+    """Return the decimal mark of numbers that a sheet or an array has as texts; the point if there are none.
 
     Raises:
-        ImportFileError: the sheet has numbers as texts, and their decimal mark is not stated.
+        ImportFileError: there are numbers as texts, and their decimal mark is not stated.
     """
     texts = [
         (row, column)
@@ -441,7 +449,7 @@ def read_number(text: str, mark: DecimalMark) -> float:
         ImportFileError: the cell is empty, not a number with this decimal mark, or too large.
     """
     if not text:
-        raise ImportFileError(NOWHERE, "the cell is empty, but needs a number", "fill it in")
+        raise ImportFileError(NOWHERE, "the cell is empty, but needs a number", "fill in the cell")
     other_mark = "," if mark == "point" else "."
     with_point = text if mark == "point" else text.replace(",", ".")
     if other_mark in text or len(text) > MAX_NUMBER_LENGTH or not _NUMBER.fullmatch(with_point):

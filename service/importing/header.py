@@ -129,7 +129,7 @@ def _find_header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Headi
             reason = (
                 f"the comment {quote(text)} looks like a header, but is not understood as the header of the "
             )
-            remedy = "correct or remove it, or give `header`"
+            remedy = "correct or remove the comment, or give `header`"
             raise ImportFileError(Place(grid.file, line), f"{reason}{width} columns", remedy, "header")
     return None
 
@@ -218,7 +218,7 @@ def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
         # A title has at most one number, and few filled cells.
         if count_numbers(row) > 1 or sum(map(bool, row.cells)) > max(2, len(texts) // 2):
             reason = f"the row is above the header in line {lines[0]}, but looks like data"
-            raise ImportFileError(grid.place(row), reason, "move it below the header, or remove it")
+            raise ImportFileError(grid.place(row), reason, "move the row below the header, or remove the row")
     notes = [f"rows above the header were read as titles: {first_header_row}"] if first_header_row else []
     if header_row_count > 1:
         notes.append(f"the header was combined from rows {', '.join(map(str, lines))}")
@@ -473,7 +473,7 @@ class ColumnReader:
                 meanings_before = [(other.quantity, other.axis) for other in meanings]
                 if meaning.kind not in _MAY_REPEAT and (meaning.quantity, meaning.axis) in meanings_before:
                     reason = f"{quote(header)} is a second column for {meaning}"
-                    remedy = "correct one of them, or skip it with `ignore`"
+                    remedy = "correct one of the two headers, or skip one column with `ignore`"
                     raise ImportFileError(self._heading.place(column), reason, remedy)
             meanings.append(meaning)
         self._report_faults(header_faults.found)
@@ -598,7 +598,7 @@ class ColumnReader:
             self._faults.report(place, reason, remedy, grammar.UNKNOWN)
         if missing_axes:
             reason = f"column {Meaning(quantity, missing_axes[0])} is missing"
-            self._faults.report(place, reason, "add it, or correct the header of the column that holds it")
+            self._faults.report(place, reason, "add the column, or correct its header")
         elif count > MAX_JOINTS:
             self._faults.report(place, f"there are more than {MAX_JOINTS} joints", "check the headers")
 
@@ -621,7 +621,9 @@ class ColumnReader:
             if force_columns:
                 header = quote(self._headers[mass_columns[0]])
                 reason = f"{header} states the load, but columns of forces state the load, too"
-                report(self._heading.place(mass_columns[0]), reason, "skip one of them with `ignore`")
+                report(
+                    self._heading.place(mass_columns[0]), reason, "skip one of these columns with `ignore`"
+                )
 
     def _check_points(
         self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
@@ -634,15 +636,19 @@ class ColumnReader:
                 column = quantities[quantity][0]
                 header = quote(self._headers[column])
                 reason = f"{header} belongs to a position, but the table has no columns of this position"
-                report(self._heading.place(column), reason, "correct its header, or use `ignore`")
+                report(self._heading.place(column), reason, "correct the header, or use `ignore`")
         for kind in _TARGET_AND_STATE:
             is_named = {getattr(quantity, kind) is not None for quantity in points}
             if len(is_named) > 1:
-                reason = f"some columns of positions name their {kind}, others do not"
-                report(place, reason, f"name the {kind} in all of them")
+                reason = f"some columns of positions name their {kind}, and other columns do not"
+                report(place, reason, f"name the {kind} in all columns of positions")
             if kind in texts and True in is_named:
-                reason = f"there is a column `{kind}`, but the headers of positions name it, too"
-                report(self._heading.place(texts[kind]), reason, "keep one of them")
+                reason = f"there is a column `{kind}`, but the headers of positions name the {kind}, too"
+                report(
+                    self._heading.place(texts[kind]),
+                    reason,
+                    "keep either the column or the names in the headers",
+                )
 
     def _resolve_units(self, meanings: Sequence[Meaning], axes_unit: str | None) -> list[Meaning]:
         """Return the meanings with the units of all numbers; report a fault for two units of one dimension.
@@ -715,10 +721,10 @@ class ColumnReader:
         header, others = self._headers[columns[0]], len(columns) - 1
         others_text = f", nor {'has 1 other' if others == 1 else f'have {others} others'}" if others else ""
         example = f"{header or meaning} [{_EXAMPLE_UNITS[dimension]}]"
-        remedy = f"write it in the header, such as `{example}`, or give `units`"
+        remedy = f"write the unit in the header, such as `{example}`, or give `units`"
         column_text = str(meaning)
         if meaning.quantity.target is not None:  # the target's name may be a word with another meaning
             column_text = f"{quote(header)}, read as {meaning},"
-            remedy += f"; if it means something else, give `columns`, such as {header}=x"
+            remedy += f"; if the column means something else, give `columns`, such as {header}=x"
         place = self._heading.place(columns[0])
         self._faults.report(place, f"{column_text} has no unit{others_text}", remedy, f"units.{dimension}")

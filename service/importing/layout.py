@@ -67,7 +67,7 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
         notes.append("rows were numbered, the first as observation 1, as `by_order` requires")
     kept = _drop_deleted_rows(grid, rows, columns, faults, numbered=rows_are_numbered)
     if len(kept) < len(rows):
-        notes.append(f"rows marked as deleted were left out: {len(rows) - len(kept)}")
+        notes.append(f"rows marked as deleted were omitted: {len(rows) - len(kept)}")
     rows = kept
     if frame is not None:
         notes.append(f"positions are in the frame {quote(frame)}, as the file states")
@@ -124,7 +124,7 @@ def _check_template(options: ImportOptions, headers: Sequence[str], place: Place
     }
     listed = [f"{what}: {quote(', '.join(found))}" for what, found in differences.items() if found]
     reason = "; ".join(listed) or "the columns have another order or number"
-    remedy = "import it without the template (`layouts`), or correct it"
+    remedy = "import the file without the template (`layouts`), or correct the file"
     faults.report(place, f"the file does not fit the template; {reason}", remedy)
 
 
@@ -200,7 +200,7 @@ def _check_units(file: str, remarks: Sequence[Remark], columns: Columns, faults:
             unit_words = []  # the words are a sentence, not a list of units
         elif len(words) == 1 and not unit_words and words[0].isalpha():
             reason = f"the unit {quote(words[0])} is not known"
-            faults.report(Place(file, line), reason, "correct the remark, or remove it")
+            faults.report(Place(file, line), reason, "correct or remove the remark")
         for word in (*unit_words, *map("".join, _UNIT.findall(text))):
             dimension, unit = grammar.find_any_unit(word) or (None, "")
             column_unit = columns.units.get(dimension) if dimension else None
@@ -267,7 +267,7 @@ def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, lis
         else:
             kept.append(row)
     notes = [
-        f"rows of {what} were left out: {len(found)}, the first {quote(found[0])}"
+        f"rows of {what} were omitted: {len(found)}, the first {quote(found[0])}"
         for what, found in (("statistics", statistics), ("remarks", remarks))
         if found
     ]
@@ -316,7 +316,7 @@ def _check_end_of_file(grid: Grid, rows: Sequence[Row], faults: Faults) -> str |
     lacks_decimals = is_number and has_fewer_characters and last_decimal_count == 0 < min(decimal_counts)
     if has_fewer_decimals or is_beginning or lacks_decimals:
         reason = f"its last line has no line break, and {quote(last_cell)} is shorter than the cells above"
-        remedy = "export or copy the file again; if it is complete, end its last line"
+        remedy = "export or copy the file again; if the file is complete, end its last line with a line break"
         faults.report(place, f"the file is cut off: {reason}", remedy)
     # A number that is not shorter than all others may lack digits nevertheless: the user has to confirm it.
     is_complete = (

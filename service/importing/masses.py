@@ -96,13 +96,15 @@ def _read_mass_header(grid: Grid, header: Row, *, has_rows: bool) -> tuple[dict[
             raise ImportFileError(place, reason, remedy)
         if kind in _UNITS and unit not in _UNITS[kind]:
             reason = f"the unit of {quote(text)} is not one of {', '.join(_UNITS[kind])}"
-            raise ImportFileError(place, reason, f"write it as in `{base} [{next(iter(_UNITS[kind]))}]`")
+            raise ImportFileError(
+                place, reason, f"write the unit as in `{base} [{next(iter(_UNITS[kind]))}]`"
+            )
         columns[kind] = column
         units[kind] = unit or ""
     absent = [kind for kind in _NEEDED_COLUMNS if kind not in columns]
     if absent or not has_rows:
         reason = f"the table of masses has no {'row' if not absent else 'column ' + ', '.join(absent)}"
-        raise ImportFileError(Place(grid.file, header.line), reason, "add it")
+        raise ImportFileError(Place(grid.file, header.line), reason, "add the missing row or column")
     return columns, units
 
 
@@ -146,4 +148,4 @@ def _read_body(
         first_error = error.errors(include_url=False, include_context=False, include_input=False)[0]
         invalid = f"{'.'.join(map(str, first_error['loc']))}: {first_error['msg'].lower()}"
         reason = f"the row does not describe a body: {invalid}"
-        raise ImportFileError(grid.place(row), reason, "correct its numbers") from error
+        raise ImportFileError(grid.place(row), reason, "correct the numbers of the row") from error

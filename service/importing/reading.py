@@ -26,6 +26,7 @@ from jointstiff.schemas.joints import JointKind
 from jointstiff.schemas.measurement import MAX_OBSERVATIONS, MAX_TARGETS
 from jointstiff.schemas.robot import Body
 from jointstiff.service.importing import grid
+from jointstiff.service.importing.arrays import read_arrays
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.excel import read_workbook, split_sheets
 from jointstiff.service.importing.grammar import (
@@ -228,7 +229,7 @@ class _Reader:
         notes += self._times_and_roundings.notes
         held_out = [observation.label for observation in observations if observation.held_out]
         if held_out:
-            notes.append(f"observations held out from the fit, to check it: {', '.join(held_out)}")
+            notes.append(f"observations held out from the fit, to check the fit: {', '.join(held_out)}")
         joints = observations[0].vector("joint") if observations else None
         preview = self.build_answer().preview.model_copy(
             update={
@@ -290,7 +291,7 @@ class _Reader:
             if text and (kinds_given_elsewhere or not tables_needing_names):
                 kind_words = " and ".join(kinds_given_elsewhere or ["target", "state"])
                 reason = f"the template {quote(text)} is not needed: headers or columns give the {kind_words}"
-                self._faults.report(NOWHERE, reason, f"correct it, or omit `{option}`", option)
+                self._faults.report(NOWHERE, reason, f"correct the template, or omit `{option}`", option)
         if self._options.state and not any("state" in table.needed for table in tables_needing_names):
             reason = "the state of all positions is given by headers or columns"
             self._faults.report(NOWHERE, reason, "omit `state`", "state")
@@ -303,7 +304,9 @@ class _Reader:
             for header in getattr(self._options, option):
                 if collapse_blanks(header) not in known_headers:
                     reason = f"no file has the header {quote(header)}, which `{option}` names"
-                    self._faults.report(NOWHERE, reason, f"write it in `{option}` as the file does", option)
+                    self._faults.report(
+                        NOWHERE, reason, f"write the header in `{option}` exactly as in the file", option
+                    )
 
     def _compare_with_others(self, layout: Layout) -> None:
         """Report a file whose units or frame differ from those of the files that were read before."""
@@ -340,10 +343,8 @@ def _read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
     if kind == grid.WORKBOOK:
         sheets = split_sheets(options.sheet)
         return [read_workbook(file.name, file.content, sheet) for sheet in sheets]
-    if kind == grid.MATLAB:
-        from jointstiff.service.importing.arrays import read_matlab  # with numpy and scipy
-
-        return [read_matlab(file.name, file.content)]
+    if kind is not None and kind in grid.ARRAYS:
+        return read_arrays(file.name, file.content, grid.ARRAYS[kind], split_sheets(options.sheet))
     if kind is not None:
         remedy = "export the readings as CSV, text or .xlsx"
         if kind == grid.JSON:
@@ -436,7 +437,7 @@ class _Merging:
                     f"the {quantity.kind} of {quote(record.label)} differs from the value at "
                     f"{first_value.place}"
                 )
-                remedy = "give each observation a unique label, or correct one of them"
+                remedy = "give each observation a unique label, or correct one of the two values"
                 self._faults.report(record.place, reason, remedy)
 
     def _are_equal_joints(self, label: str, first: Value, second: Value) -> bool:
@@ -453,9 +454,13 @@ class _Merging:
             return True
         if self._worst_joints is None or relative_difference > self._worst_joints[0]:
             reason = (
-                f"the joint angles of {quote(label)} differ by {difference:.4g} from those at {first.place}"
+                f"the joint angles of {quote(label)} differ by {difference:.4g} from those at {first.place}; "
+                f"up to {self._options.joint_tolerance:g} (deg or mm) is believed"
             )
-            remedy = "give each observation a unique label, correct one of them, or raise `joint_tolerance`"
+            remedy = (
+                "give each observation a unique label, correct one of the two rows, or raise "
+                "`joint_tolerance`"
+            )
             fault = ImportFileError(second.place, reason, remedy, "joint_tolerance")
             self._worst_joints = relative_difference, fault
         return False
@@ -479,7 +484,9 @@ class _Merging:
             reading_text = f"{quantity.target} {quantity.state} of {quote(label)}"
             if not self._options.mean_of_repeats or len(vectors) < len(values):
                 reason = f"{reading_text} occurs twice, first at {values[0].place}"
-                remedy = "rename or remove one of them, or use `mean_of_repeats` for repeated readings"
+                remedy = (
+                    "rename or remove one of the two readings, or use `mean_of_repeats` for repeated readings"
+                )
                 self._faults.report(values[1].place, reason, remedy, "mean_of_repeats")
                 continue
             mean = tuple(fmean(numbers) for numbers in zip(*vectors, strict=True))
@@ -514,7 +521,9 @@ def _report_duplicate(what: str, place: Place, first_place: Place, faults: Fault
 
     `what` is its name in words.
     """
-    faults.report(place, f"{what} occurs twice, first at {first_place}", "rename or remove one of them")
+    faults.report(
+        place, f"{what} occurs twice, first at {first_place}", "rename or remove one of the two rows"
+    )
 
 
 def _list_targets(observations: Iterable[ObservationRecord]) -> list[str]:
@@ -562,8 +571,11 @@ def _check_same_quantities(observations: list[ObservationRecord], faults: Faults
         count = len(with_kind[0].vector(kind) or ())
         for value in (observation.values[Quantity(kind)] for observation in with_kind):
             if len(value.vector or ()) != count:
-                counts = f"{len(value.vector or ())} joint angles here, but {count} in other observations"
-                faults.report(value.place, f"there are {counts}", "check the columns of joints")
+                counts = (
+                    f"this observation has {len(value.vector or ())} joint angles, but other "
+                    f"observations have {count}"
+                )
+                faults.report(value.place, f"{counts}", "check the columns of joints")
 
 
 def _list_labels(observations: list[ObservationRecord]) -> str:
@@ -622,7 +634,7 @@ def _describe_gap(observation: ObservationRecord, target: str, states: dict[Stat
     present = {state for state, point in states.items() if point.vector is not None}
     if "deflection" in present and len(present) > 1:
         reason = f"{quote(observation.label)}: target {target} has both positions and a deflection"
-        remedy = "omit one of them, for instance with `ignore`"
+        remedy = "omit the positions or the deflection, for instance with `ignore`"
         raise ImportFileError(states["deflection"].place, reason, remedy)
     if present - {"unloaded_after"} in ({"deflection"}, {"unloaded", "loaded"}):
         return None
@@ -649,7 +661,11 @@ def _check_sigmas(observations: list[ObservationRecord], faults: Faults) -> dict
             places_without.append(value.place)
     if counts and places_without:
         reason = "the point has no uncertainty, but other points have one"
-        faults.report(places_without[0], reason, "add it, or skip the columns of U(95) with `ignore`")
+        faults.report(
+            places_without[0],
+            reason,
+            "add the uncertainty of this point, or skip the columns of U(95) with `ignore`",
+        )
     return dict(sorted(counts.items()))
 
 
@@ -678,5 +694,8 @@ def _find_unusual_values(observations: list[ObservationRecord]) -> Iterator[str]
             spreads = abs(number - median_value) / spread if spread else 0.0
             # 0.99: a value whose distance is the limit itself is listed despite rounding.
             if spreads > 0.99 * _MAX_SPREADS:
-                distance = f"{spreads:.0f} times the spread of the other values away from the median"
+                distance = (
+                    f"{spreads:.0f} times the spread of the other values away from the median (up to "
+                    f"{_MAX_SPREADS:g} times is believed)"
+                )
                 yield f"{name} {number:g} ({place}) is {distance}"

@@ -205,7 +205,7 @@ class NameReader:
         parts = [self._read_text(row, kind) for kind in _POINT_NAME_COLUMNS if kind in self._text_columns]
         name = "::".join(parts)
         if len(parts) > 1 and any("::" in part for part in parts):
-            raise ImportFileError(NOWHERE, f"the name {quote(name)} contains ::", "rename it")
+            raise ImportFileError(NOWHERE, f"the name {quote(name)} contains ::", "rename the point")
         if "name" not in self._text_columns:
             return NameParts()
         if self._point_template is not None:
@@ -222,7 +222,9 @@ class NameReader:
                 if state_words is not self._state_words:
                     self._note_once("0 and 1 in names were read as `unloaded` and `loaded`")
                 return NameParts(parts[0], parts[1] if len(parts) > 1 else None, state)
-        reason = f"the name {quote(name)} does not show which observation, target and state it is"
+        reason = (
+            f"the name {quote(name)} does not show the observation, the target and the state of the point"
+        )
         remedy = "give a template `point_name`, such as {label}_{target}_{state}"
         raise ImportFileError(NOWHERE, reason, remedy, "point_name")
 
@@ -294,9 +296,9 @@ class NameReader:
         place = self._grid.place(row, index)
         if row.kinds is not None and row.kinds[index] not in ("text", "number"):
             reason = f"the {kind} is in a cell of type {row.kinds[index]}"
-            raise ImportFileError(place, reason, "enter it as text")
+            raise ImportFileError(place, reason, f"enter the {kind} as text")
         if not row.cells[index]:
-            raise ImportFileError(place, f"the {kind} is empty", "fill it in, in every row")
+            raise ImportFileError(place, f"the {kind} is empty", "fill in this cell in every row")
         return row.cells[index]
 
 
@@ -411,7 +413,9 @@ class TimesAndRoundings:
             notes.append(f"time of the first reading, in UTC if the file names no time zone: {time}")
         if self.unclear:
             example = f"such as {quote(self.unclear[0])} ({len(self.unclear)} rows)"
-            notes.append(f"times were not understood and not used, {example}: give them with `measured_at`")
+            notes.append(
+                f"times were not understood and not used, {example}: give the time with `measured_at`"
+            )
         if self.rounded:
             notes.append(
                 f"an uncertainty U(95) of 0, rounded to 1 µm, was read as 0.5 µm ({self.rounded} cells)"
@@ -456,7 +460,7 @@ class RowReader:
         for remedy, first in first_faults.items():
             # A fault without a line concerns the name of the file, not names of points.
             if fault_counts[remedy] > 1 and first.place.line:
-                first.reason += f", and {fault_counts[remedy] - 1} other names are not clear either"
+                first.reason += f", and {fault_counts[remedy] - 1} other names are also unclear"
             faults.add(first)
 
     def _read_record(self, row: Row, name_parts: NameParts, label: str, faults: Faults) -> ObservationRecord:
@@ -550,7 +554,7 @@ class RowReader:
         added = self._read_vector(row, indices, faults)
         if added is None:
             place = self._grid.place(row, indices[0])
-            faults.report(place, "the deviation to be added is empty", "fill it in")
+            faults.report(place, "the deviation to be added is empty", "fill in the cell")
         return tuple(map(sum, zip(vector, added or (), strict=False)))
 
     def _read_sigma(
@@ -573,12 +577,14 @@ class RowReader:
             return None, False
         reason = ""
         if state == "deflection":
-            reason = "an uncertainty of a deflection cannot be used: give those of its two positions"
+            reason = (
+                "an uncertainty of a deflection cannot be used: give the uncertainties of its two positions"
+            )
         elif expanded is None or min(expanded, default=0.0) < 0.0:
             reason = "an uncertainty must be positive"
         if reason:
             place = self._grid.place(row, columns[0])
-            faults.report(place, reason, "correct it, or skip the column with `ignore`")
+            faults.report(place, reason, "correct the uncertainty, or skip the column with `ignore`")
         if not expanded:
             return None, False
         self._times_and_roundings.rounded += sum(value == 0.0 for value in expanded)

@@ -68,7 +68,7 @@ def list_table_files(
         sheet: makes the table.
         made_of: argument of `sheet`, as in `File`.
     """
-    by_column = "the table, column by column, with units"
+    by_column = "the same by columns"
     return (
         File(f"{name}.csv", description, sheet, made_of),
         File(f"{name}.json", by_column, sheet, made_of),

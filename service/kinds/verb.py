@@ -1,4 +1,4 @@
-"""Common code of the verbs, such as `identify`, and `Backend`, the interface of what does their work.
+"""Common code of the verbs, such as `identify`, and `Backend`, the interface of process and service.
 
 The verb of each kind of work is a function whose first argument is a backend: `Here` (this process) or
 `Client` (a service). Both have the function as a method.

@@ -360,7 +360,7 @@ class Client(Verbs):
             raise
 
     def prepare_robot(self, robot: RobotDocument | Mapping[str, Any]) -> str:
-        """Return the id of a robot in the service; a robot that is not stored there yet is posted."""
+        """Return the id of a robot in the service; post the robot if the service has not stored it."""
         if isinstance(robot, Robot):
             return robot.id
         text = parse_document(to_json_object(robot), RobotDocument).model_dump_json()
@@ -497,7 +497,7 @@ class Client(Verbs):
         try:
             response = self._http.request(verb, path, **request)
         except httpx2.DecodingError as error:
-            raise _foreign_answer_error("it cannot be decoded") from error
+            raise _foreign_answer_error("the answer cannot be decoded") from error
         except httpx2.InvalidURL as error:
             raise RefusedError(_no_answer_problem(self._http.base_url, error)) from error
         except httpx2.TransportError as error:
@@ -649,7 +649,7 @@ def parse_resource(response: httpx2.Response, kind: type[Resource]) -> Resource:
     try:
         return kind.model_validate(_replace_unprintable(json.loads(response.content)))
     except (ValidationError, ValueError, RecursionError) as error:
-        raise _foreign_answer_error(f"it is not a {kind.__name__}") from error
+        raise _foreign_answer_error(f"the answer is not a {kind.__name__}") from error
 
 
 def parse_problem(response: httpx2.Response) -> Problem:
@@ -657,7 +657,7 @@ def parse_problem(response: httpx2.Response) -> Problem:
     try:
         return parse_resource(response, Problem)
     except RefusedError:
-        return _foreign_answer_error(f"it has the status {response.status_code}").problem
+        return _foreign_answer_error(f"the answer has the status {response.status_code}").problem
 
 
 def _foreign_answer_error(what: str) -> RefusedError:

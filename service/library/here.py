@@ -100,8 +100,8 @@ class Here(Verbs):
                 raise RequestError(
                     f"the run '{run.id}' was made from another robot or from other readings",
                     where="run_id",
-                    remedy="give a run that this version made from this campaign; or omit the run, and the "
-                    "campaign is identified now",
+                    remedy="give a run that this version made from this campaign; or omit the run: the "
+                    "campaign is then identified now",
                 )
         self.source = run
         return self.inputs.add_run(run, set_id)

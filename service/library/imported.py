@@ -1,4 +1,4 @@
-"""Readings from files: what they were understood as, with the robot that was measured."""
+"""Readings from files: the meaning of the files, with the measured robot."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class ImportFields(TypedDict, total=False):
 
 
 class ImportedReadings(Presented, ImportAnswer):
-    """Readings from files, which a campaign is made of; shown in one line."""
+    """Readings from files, from which a campaign is made; shown in one line."""
 
     _robot: Any = PrivateAttr(default=None)  # document of the measured robot
 
@@ -93,11 +93,11 @@ class ImportedReadings(Presented, ImportAnswer):
 
     def _draw_figure(self, style: PlotStyle) -> Figure:  # noqa: ARG002 - nothing is drawn
         """Refuse: readings have no plot before they are identified."""
-        raise ValueError("readings have no plot: identify them, and plot the run")
+        raise ValueError("readings have no plot: identify the readings, and plot the run")
 
     @property
     def robot(self) -> RobotDocument | None:
-        """Measured robot, with the masses of a table of masses; None if `import_files` was called without."""
+        """Measured robot, with the masses of a table of masses; None if `import_files` got no robot."""
         return cast("RobotDocument | None", self._robot)
 
     def with_robot(self, robot: RobotDocument | Mapping[str, Any]) -> ImportedReadings:
@@ -123,9 +123,9 @@ class ImportedReadings(Presented, ImportAnswer):
             )
         if self.measurement_set is None:
             raise RequestError(
-                f"the files are no campaign: {', '.join(self.missing) or 'they have no loads'}",
+                f"the files are no campaign: {', '.join(self.missing) or 'the files have no loads'}",
                 where="files",
-                remedy="state what is missing by the options of `import_files`",
+                remedy="give the missing information as options of `import_files`",
             )
         robot = self._robot.model_copy(update={"bodies": self.bodies}) if self.bodies else self._robot
         run = RunOptions(leave_out=self.leave_out) if self.leave_out else RunOptions()

@@ -75,7 +75,7 @@ def identify_many(
         raise TypeError("identify_many() takes several campaigns: give a list, or call identify()")
     if unknown := sorted(set(fields) - _OPTIONS):
         raise TypeError(
-            f"identify_many() has no option '{unknown[0]}'; `help(jointstiff.identify)` lists them"
+            f"identify_many() has no option '{unknown[0]}'; `help(jointstiff.identify)` lists the options"
         )
     make_monitor = partial(JobMonitor, on_progress, cancel)
     shared = _SharedOptions(options, cast("dict[str, Any]", fields))

@@ -307,7 +307,7 @@ class LiveMeasurement:
         force: Any = None,  # noqa: ANN401 - anything that numpy understands
         sigma: Mapping[str, float] | None = None,
     ) -> LiveState:
-        """Add a reading, compare it with the others, and return the state that follows from all readings.
+        """Add a reading, compare the reading with all others, and return the resulting state.
 
         Args:
             unloaded: positions without load, by target or (T, 3) in the order of the targets; in R0, or in
@@ -593,7 +593,7 @@ class LiveMeasurement:
         )
         if profile is not None and not person.confirms(profile):
             raise RequestError(
-                "nobody confirmed how the lines are read",
+                "nobody confirmed that the lines are read correctly",
                 where="source",
                 remedy="state the form of the lines with `columns` or `pattern`, and the unit with "
                 "`source_unit`",

@@ -313,19 +313,23 @@ class PresentedJob(Presented):
         return draw_figure(list(kind.make_charts(job.result)), area_maps, style)
 
     def table(self, suffix: str) -> bytes:
-        """Return the content of the job's main table as a file: `csv`, and for maps also `npz` and `json`.
+        """Return the content of a table of the job as a file.
+
+        Args:
+            suffix: ending of the main table: `csv`, and for maps also `npz` and `json`; or the name of a
+                table, such as `turns.csv` of a process.
 
         Raises:
             ValueError: the kind of job has no such file, or the origin of the job is not known.
         """
         kind = import_kind(self._job.kind)
-        file = next((file for file in kind.files if file.suffix == suffix), None)
+        file = next((file for file in kind.files if suffix in {file.suffix, file.name}), None)
         if file is None:
-            endings = ", ".join(f".{file.suffix}" for file in kind.files) or "none"
-            raise ValueError(f"a {kind.name} has tables of these endings: {endings}")
+            names = ", ".join(file.name for file in kind.files) or "none"
+            raise ValueError(f"a {kind.name} has these tables: {names}")
         if self._origin is not None and self._job.result is not None:
             return self._require_origin().file(self._job, file.name)
-        return write_sheet(self._make_sheet(file), suffix)
+        return write_sheet(self._make_sheet(file), file.suffix)
 
     def report(self, path: str | Path, laboratory: str | Path | None = None) -> None:
         """Write the report of the job to a file.
@@ -367,8 +371,8 @@ class PresentedJob(Presented):
         """Return the client or process that did the job; raise ValueError if it is not known."""
         if self._origin is None:
             raise ValueError(
-                f"the {self._job.kind} has no reference to the process or service that computed it: use the "
-                "result that `jointstiff` or a client returned"
+                f"the {self._job.kind} has no reference to the process or service of its computation: use "
+                "the result that `jointstiff` or a client returned"
             )
         return cast("Backend", self._origin)
 
@@ -460,7 +464,7 @@ class TabledRun(PresentedJob, Run):
 
         result = self._require_result()
         if result.budget is None:
-            remedy = "identify joints without links, and state `sigma` or take more readings than joints"
+            remedy = "identify joints without links, and state `sigma` or measure more readings than joints"
             raise RequestError("the run has no uncertainty budget", where="run", remedy=remedy)
         names, budget = [joint.name for joint in result.joints], result.budget
         matrix = np.full((len(names), len(names)), np.nan)

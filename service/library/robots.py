@@ -150,13 +150,15 @@ def _expand_xacro(path: Path) -> str:
             raise RobotError(
                 "a xacro file needs the package xacro, which is not installed",
                 where="robot",
-                remedy="pip install xacro, or expand it first: xacro robot.urdf.xacro > robot.urdf",
+                remedy="pip install xacro, or expand the file first: xacro robot.urdf.xacro > robot.urdf",
             ) from None
         try:
             return str(xacro.process_file(str(path)).toxml())
         except Exception as error:
             reason = f"the xacro file cannot be expanded: {error}"
-            remedy = "check it with the program xacro, which needs the packages that it includes"
+            remedy = (
+                "check the file with the program xacro; the packages that the file includes must be installed"
+            )
             raise RobotError(reason, where="robot", remedy=remedy) from error
 
 

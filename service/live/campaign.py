@@ -45,8 +45,8 @@ from jointstiff.solver.text import length_text
 MOST_READINGS: Final = 200
 """Greatest number of observations of a live campaign."""
 _PRIOR_PHRASES: Final[Mapping[Standing, str]] = {
-    "counts": "Prior knowledge counts",
-    "deviates": "Prior knowledge does not count, as the readings disagree with it",
+    "counts": "The prior knowledge is used for",
+    "deviates": "The prior knowledge is not used, as the readings disagree with it, for",
 }
 Change = Literal["observation", "withdrawn", "kept", "skipped", "closed"]
 
@@ -91,7 +91,7 @@ class Declaration:
         options, header = self.options, self.header
         if isinstance(options.goal, DeflectionGoal | DecisionGoal) and options.work_area is None:
             raise RequestError(
-                "the goal is about deflections, and the work area is missing",
+                "the goal is about deflections, but the request has no work area",
                 where="open.work_area",
                 remedy="give two corners of the box in which deflections matter (frame R0), or "
                 "the goal `joints`",
@@ -200,7 +200,7 @@ class LiveCampaign:
             return stored_entry
         if len(self.entry_by_label) >= MOST_READINGS:
             raise RequestError(
-                f"a live campaign takes at most {MOST_READINGS} observations",
+                f"a live campaign accepts at most {MOST_READINGS} observations",
                 where="label",
                 remedy="close this campaign, and declare another live campaign",
             )
@@ -370,7 +370,7 @@ class LiveCampaign:
         """
         if not self.observations:
             raise RequestError(
-                "the set has no reading to identify: none was sent, or all were withdrawn",
+                "the set has no reading to identify: no reading was sent, or all readings were withdrawn",
                 where="close",
                 remedy="send observations, or delete the live campaign",
             )

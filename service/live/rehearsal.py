@@ -101,7 +101,10 @@ def describe_verdict(rehearsal: RehearsalResult) -> Iterator[str]:
         f"({rehearsal.postures} postures, noise {figure(1e6 * rehearsal.sigma, '.3g')} µm)"
     )
     if undetermined := [joint.name for joint in rehearsal.joints if _has_no_upper_limit(joint)]:
-        yield f"without a number or an upper limit: {', '.join(undetermined)}; add loads that twist them"
+        yield (
+            f"these joints have no stiffness or no upper limit: {', '.join(undetermined)}; add loads "
+            "that twist these joints"
+        )
     wide_joints = [
         joint
         for joint in rehearsal.joints
@@ -109,12 +112,15 @@ def describe_verdict(rehearsal: RehearsalResult) -> Iterator[str]:
     ]
     if wide_joints:
         names = ", ".join(f"{joint.name} ± {100 * (joint.half_width or 0.0):.0f} %" for joint in wide_joints)
-        yield f"wider than ± {100 * _WIDE:.0f} %: {names}; read more postures or use a larger load"
+        yield (
+            f"the intervals of these joints are wider than ± {100 * _WIDE:.0f} %: {names}; read more "
+            "postures or use a larger load"
+        )
     if not_contained := [joint.name for joint in rehearsal.joints if joint.contained is False]:
         chance = 100 * (1 - rehearsal.confidence)
         yield (
-            f"planted stiffness outside the interval: {', '.join(not_contained)}; chance puts "
-            f"{chance:.0f} % of joints outside: rehearse with another seed"
+            f"the planted stiffness is outside the interval: {', '.join(not_contained)}; this happens "
+            f"by chance for {chance:.0f} % of joints: rehearse with another seed"
         )
 
 
@@ -300,7 +306,7 @@ class _Simulation:
         if readings.frame is not None:
             if readings.frame.rotation is None:
                 raise RequestError(
-                    "the frame of a stored geometry is not known here",
+                    "this process does not know the frame of a stored geometry",
                     where="measurement_set.frame",
                     remedy="give `rotation` and `translation`",
                 )
@@ -324,7 +330,7 @@ class _Simulation:
             return self._length * float(np.median(stated))
         if run is not None and run.sigma:
             return run.sigma
-        self._remarks.append(f"no noise is stated: {1e6 * _USUAL_SIGMA:.0f} µm is assumed")
+        self._remarks.append(f"no noise of the readings is stated: {1e6 * _USUAL_SIGMA:.0f} µm is assumed")
         return _USUAL_SIGMA
 
     def _find_places(self) -> dict[str, FloatArray]:
@@ -347,7 +353,9 @@ class _Simulation:
         if missing:
             usual_places = (np.array(place) for place in _USUAL_TARGETS * len(missing))
             places |= dict(zip(missing, usual_places, strict=False))
-            self._remarks.append(f"places of {', '.join(missing)} on the flange are not stated: assumed")
+            self._remarks.append(
+                f"the places of {', '.join(missing)} on the flange are not stated: usual places are assumed"
+            )
         return places
 
     def measure(self) -> MeasurementSetDocument:

@@ -37,6 +37,8 @@ from jointstiff.solver.predict.models import JointModel
 Place = tuple[float, float, float]
 Point = tuple[Place, float | None]
 """Position of a target [m] and its standard uncertainty [m]; None for that of the campaign."""
+_PAST: Final = "`jointstiff import` takes such readings from a file"
+"""How to go past a limit of plausibility: the end of a remedy."""
 GROUP: Final = "jointstiff.sources"
 """Group of the entry points that name sources of other packages and their classes."""
 PATIENCE: Final = 30.0
@@ -279,8 +281,9 @@ class CheckedSource:
         is_plausible = all(abs(part) <= _FARTHEST for part in (x, y, z))  # False also for NaN
         if not is_plausible or (sigma is not None and not 0.0 < sigma < 1.0):
             raise SourceError(
-                f"{name}: ({x:g}, {y:g}, {z:g}) m cannot be the position of a target",
-                remedy="check the unit and the columns of the source",
+                f"{name}: ({x:g}, {y:g}, {z:g}) m cannot be the position of a target: up to {_FARTHEST:g} m, "
+                "and a standard uncertainty below 1 m, is believed",
+                remedy=f"check the unit and the columns of the source; {_PAST}",
             )
         return (x, y, z), sigma
 
@@ -310,9 +313,10 @@ class CheckedSource:
             measured_distance = float(np.linalg.norm(place - other_place))
             if abs(measured_distance - distance_on_flange) > _LARGEST_DISTANCE_ERROR:
                 raise SourceError(
-                    f"the source has jumped: {name} is {1e3 * measured_distance:.0f} mm from {other}, but "
-                    f"the targets are {1e3 * distance_on_flange:.0f} mm apart on the flange",
-                    remedy="check which target the instrument sees, then read again",
+                    f"the source has jumped to another target: {name} is {1e3 * measured_distance:.0f} mm "
+                    f"from {other}, but the targets are {1e3 * distance_on_flange:.0f} mm apart on the "
+                    f"flange; a difference up to {1e3 * _LARGEST_DISTANCE_ERROR:g} mm is believed",
+                    remedy=f"check which target the instrument sees, then read again; {_PAST}",
                 )
         if stand.loaded:
             is_same_posture = stand.joints == self._unloaded_joints
@@ -320,9 +324,9 @@ class CheckedSource:
             deflection = 0.0 if unloaded_place is None else float(np.linalg.norm(place - unloaded_place))
             if deflection > _LARGEST_DEFLECTION:
                 raise SourceError(
-                    f"the source has jumped: {name} is {1e3 * deflection:.0f} mm from its position without "
-                    "load",
-                    remedy="check that the arm is still in the posture, then read again",
+                    f"the source has jumped to another target: {name} is {1e3 * deflection:.0f} mm from "
+                    f"its position without load; up to {1e3 * _LARGEST_DEFLECTION:g} mm is believed",
+                    remedy=f"check that the arm is still in the posture, then read again; {_PAST}",
                 )
             return
         angles = setting.robot.joint_map.model_angles(np.array([stand.joints]))
@@ -330,9 +334,11 @@ class CheckedSource:
         position_error = float(np.linalg.norm(setting.to_base(place) - expected_place))
         if position_error > _LARGEST_POSITION_ERROR:
             raise SourceError(
-                f"the source has jumped: {name} is {position_error:.3g} m from the position that the robot's "
-                "joint values give",
-                remedy="check the posture, and the frame and the unit of the readings, then read again",
+                f"the source has jumped to another target: {name} is {position_error:.3g} m from the "
+                "position that the robot's joint values give; up to "
+                f"{_LARGEST_POSITION_ERROR:g} m is believed",
+                remedy="check the posture, and the frame and the unit of the readings, then read again; "
+                f"{_PAST}",
             )
 
 
@@ -840,7 +846,7 @@ class RoboDk(Source):
         except ImportError:
             raise SourceError(
                 "the source `robodk` needs RoboDK's Python package, which is not installed",
-                remedy="install it with `pip install robodk`, and start RoboDK",
+                remedy="install the package with `pip install robodk`, and start RoboDK",
             ) from None
         self._link, self._name = robolink.Robolink(), address
 

@@ -224,7 +224,7 @@ class OpenSets:
             raise RequestError(
                 "the declaration of a live campaign cannot be changed",
                 where=min(declared_fields),
-                remedy="close the campaign first, or delete it and declare another live campaign",
+                remedy="first close the campaign; or delete the campaign, and declare another live campaign",
             )
         if change.deleted is False:
             self._store.open_sets.restore(set_id)

@@ -183,6 +183,20 @@ class Columns:
             if target.label:
                 self._target_causes.setdefault(self._index_target(target, None, line), cause)
 
+    def add_offset(self, target: WrittenNumbers, frames: Frames, line: int) -> None:
+        """Note a move to an offset from a target, which shifts with the correction of the target.
+
+        The target is not corrected if base or tool of the move are unknown, or differ from its own.
+        """
+        unknown = next((each for each in frames if isinstance(each, Cause)), None)
+        index = self._index_target(target, None if unknown else frames, line)
+        if unknown:
+            self._target_causes.setdefault(index, unknown)
+            return
+        name = quote_text(target.label.partition(OF_ROUTINE)[0])
+        text = f"the move ends at an offset from {name}, and shifts with its correction"
+        self.add_remark(line, self.restore_spelling(text, 0, line))
+
     def add_moves(self, op: Move, source: int, lines: IndexArray, first: IndexArray, frames: Frames) -> None:
         """Add k moves that differ only in the numbers of their single target.
 

@@ -31,7 +31,7 @@ _FIELDS: Final = (
 # takes the active one. Registers, signals, timers, messages, speeds, collision detection: no position and no
 # frame changes by them.
 _HARMLESS: Final = (
-    r"(?:R|SR|F|DO|RO|GO|AO|WO|UO|SO|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
+    r"(?!(?:P|UFRAME|UTOOL)\[)[A-Z][A-Z_]*\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
     r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$WAITTMOUT=|\$[\w$.\[\]\0]*OVERRIDE=) ?(.+?)(?:\(sec\)| ?%)?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|TC_ONLINE|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+)"
     r"|(?:PAYLOAD|UALM|DIAG_REC)\[(.*)\]|COL GUARD ADJUST ?(.+)"
@@ -39,12 +39,17 @@ _HARMLESS: Final = (
     # A weave swings about the path. Conditions act on moves that say Skip or Offset, which are left.
     r"|Weave [\w ]+(?:\[[^\[\]]*\])?|(?:SKIP|(?:TOOL_|V)?OFFSET) CONDITION .+|MONITOR END \w+"
     r"|VISION (?:RUN_FIND|GET_NFOUND|SET_REFERENCE) .*"
+    # A search moves to contact by moves that say Search, which are left; a pattern of a pallet is a register.
+    r"|Search (?:Start|End).*|PALLETIZING-\w+"
+    r"|(?!TRACK|TOUCH|SOFT|FOLLOW|LINE|FORCE)[A-Z]+=(?:ON|OFF|OPEN|CLOSE)"
 )
 # Instructions of words alone that displace targets, or soften the arm, until others end them
 _LASTING_WORDS: Final = (
     r"(?i:[JLCAS]|P|PR|TOUCH|TRACK|MP|RPM|SEARCH|SOFTFLOAT|FOLLOW|DEF\w*|LINE|(?:TOOL_|V)?OFFSET"
     r"|UFRAME|UTOOL|INDEPENDENT|SIMULTANEOUS|FORCE|CALIB|GROUP|IF|FOR|SELECT|JMP|LBL|RUN|CALL|WAIT|END\w*)\b"
 )
+# Instructions that displace targets, or soften the arm, until their own end
+_KINDS: Final = r"(?P<kind>Track|Touch Offset|SOFTFLOAT)"
 # Text behind a target that does not move the target: termination, acceleration, configuration, spots, signals
 _TAIL: Final = re.compile(
     r"(?:\0|R\[[^\[\]]*\])?(?: ?(?:%|(?:mm|cm|inch|deg)/(?:sec|min)|sec|msec|max_speed|WELD_SPEED))?"
@@ -56,14 +61,21 @@ _TAIL: Final = re.compile(
 )
 # Text behind a target that ends the move before it, and the label where the program continues otherwise
 _SKIP: Final = re.compile(r" ?Skip,LBL ?\[(?P<label>[^\[\]]*)\](?:,PR\[[^\[\]]*\]=\w+)?")
-# Text behind a target that moves this target: an increment, an offset, coordinated motion, a remote tool
+# Text behind a target that moves this target: an increment, an offset, coordinated motion, a remote tool, a
+# search
 _OFFSETS: Final = (
-    r"(?:INC|RTCP|COORD(?:\[[^\[\]]*\])?|(?:Tool_)?Offset(?:,PR\[[^\[\]]*\])?|VOFFSET,VR\[[^\[\]]*\])"
+    r"(?:INC|RTCP|Search ?\[[^\[\]]*\]|COORD(?:\[[^\[\]]*\])?|(?:Tool_)?Offset(?:,PR\[[^\[\]]*\])?"
+    r"|VOFFSET,VR\[[^\[\]]*\])"
 )
 _OFFSET: Final = re.compile(rf"(?:^| ){_OFFSETS}(?= |$)")
 _REMEDY: Final = (
     "write positions in numbers in /POS: no PR[], no P[R[]]; choose frames by numbers, line by line"
 )
+_UNKNOWN_TAIL: Final = (
+    "the text after the target moves it, or is unknown; the position in /POS alone does not give the target"
+)
+# In such a text: jumps, assignments and what lasts, which act behind the move
+_MAY_ACT: Final = re.compile(r"=|LBL|JMP|CALL(?! ?\w)|(?i:track|touch|soft|follow|force)")
 _RECORD_AGAIN: Final = "record the position again"
 _LOGIC: Final = r"(?P<action>JMP LBL ?\[.*\]|CALL .+|(?:DO|RO|GO|AO|R|F|WO)\[[^=]*\]=.+)"
 
@@ -123,32 +135,53 @@ def _translate_move(line: Line) -> list[Op]:
     has_second = bool(line["second"])  # an arc has a second position, on the next line
     if has_second != (letter == "C"):
         raise Misread("an arc needs two positions, the second on the next line; any other move needs one")
-    offset = _OFFSET.search(tail)
-    if not _is_known_tail(tail):
-        reason = "the text after the target moves it, or is unknown"
-        raise Misread(f"{reason}; the position in /POS alone does not give the target")
+    offset, is_known = _OFFSET.search(tail), _is_known_tail(tail)
+    if not is_known and _MAY_ACT.search(re.sub(r"\[[^\[\]]*\]", "", tail)):
+        raise Misread(_UNKNOWN_TAIL)
     ordinals = line.ordinals[: 1 + has_second]  # numbers n of the positions P[n]
     names = tuple(("P[%s]", ordinal) for ordinal in ordinals)
     bases, tools = (
         tuple(ir.Copy((f"P[%s].{kind}", ordinal), through=True) for ordinal in ordinals)
         for kind in ("UF", "UT")
     )
-    reason = ""
-    if offset:
+    reason = "" if is_known else f"{ir.quote_statement(line.text, line.ordinals)}: {_UNKNOWN_TAIL}"
+    if offset and is_known:
         place = line.span("tail")[0] + line["tail"].index(offset[0].strip())
         quoted = ir.quote_statement(offset[0], line.ordinals_in(place, len(line.text)))
         reason = f"{quoted} moves the target"
-    elif skip:
+    elif skip and is_known:
         reason = "Skip may end the move before its target"
     matched_frames = ("UFRAME_NUM", "UTOOL_NUM")
     move = ir.Move(_MOTIONS[letter], names, bases, tools, matched_frames, reason=reason, remedy=_REMEDY)
-    calls = [ir.Call(name, anytime=True, event=name) for name in re.findall(r",CALL ?(\w++)", tail)]
+    calls = [ir.Call(name, anytime=True, event=name) for name in re.findall(r"\bCALL ?(\w++)", tail)]
     if skip is None:
         return [*calls, move]
     place = line.span("tail")[0]
     ordinals = line.ordinals_in(place + skip.start("label"), place + skip.end("label"))
     label: ir.Name = ("%s", ordinals[0]) if skip["label"] == "\0" else "\0"
     return [*calls, move, ir.Flow("if"), ir.Flow("jump", label), ir.Flow("close")]
+
+
+def _translate_copy_to_register(line: Line) -> list[Op]:
+    """Return the use of a position whose numbers a register gets: a correction would change both."""
+    return [ir.Use(frozenset({("P[%s]", line.first_ordinal("place"))}))]
+
+
+def _translate_pallet_move(line: Line) -> list[Op]:
+    """Return the operations of a move to a place of a pallet, which is not corrected.
+
+    Raises:
+        Misread: the text after the place calls a routine.
+    """
+    if re.search(r"LBL|JMP|CALL", line["tail"]):
+        raise Misread(_UNKNOWN_TAIL)
+    return ir.make_uncorrected_move([], "the target is a place of a pallet, not a position in /POS", _REMEDY)
+
+
+def _translate_lasting(line: Line) -> list[Op]:
+    """Return the operation of an instruction that displaces targets until its own end."""
+    statement = ir.quote_statement(line.text, line.ordinals)
+    return [ir.begin_lasting(line["kind"], f"{statement} moves targets", "omit it")]
 
 
 def _translate_macro(line: Line) -> list[Op]:
@@ -268,13 +301,17 @@ def _read_arm_position(fields: _Fields, others: tuple[int, ...]) -> Literal:
         Misread: the position was not recorded, is incomplete, or is not in mm and degrees.
     """
     if any(text.startswith("*") and not name.startswith("E") for name, (_, text) in fields.items()):
-        raise Misread("the position was not recorded (***)", "record it, or delete it and its moves")
+        raise Misread(
+            "the position was not recorded (***)", "record the position, or delete the position and its moves"
+        )
     if not all(kind in fields and (fields[kind][0] or fields[kind][1] == "F") for kind in ("UF", "UT")):
         raise Misread("the position has no group GP1 with UF and UT", _RECORD_AGAIN)
     for notation, names, units in _FIELDS:
         if all(fields.get(name, ((), ""))[0] for name in names):
             if [fields[name][1] for name in names] != units.split():
-                raise Misread("the position is not in mm and deg", "write it with the controller set to mm")
+                raise Misread(
+                    "the position is not in mm and deg", "write the program with the controller set to mm"
+                )
             axes = (fields[name] for name in sorted(fields) if re.fullmatch(r"E\d", name))
             external = tuple(i for axis_ordinals, _ in axes for i in axis_ordinals)
             turns, config = fields.get("CONFIG", ((), ""))
@@ -294,6 +331,7 @@ _POSITION_LANGUAGE: Final = ir.Language(
 _SECTION_ORDER: Final = ("PROG", "ATTR", "APPL", "MN", "POS", "END")
 _SECTION: Final = re.compile(r"/(PROG|ATTR|APPL|MN|POS|END)\b.*+")
 _LINE: Final = re.compile(r"\s*+(\d*+)\s*+:")
+_FOLLOWS_CONVEYOR: Final = re.compile(r"LINE_TRACK_SCHEDULE_NUMBER\s*+:\s*+0*+[1-9]")
 _POSITION: Final = re.compile(r"(P.*?\};)|\S[^P]*+", re.DOTALL)
 _SECOND_POSITION: Final = re.compile(r"\s*+P\s*+\[")
 
@@ -329,11 +367,19 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
         machine.refuse(None, "the file lacks the section /MN or /POS", remedy)
     if "END" not in section_ends:
-        machine.refuse(None, "the file lacks /END: it may have been cut", "send the whole program")
+        machine.refuse(None, "the file lacks /END: its end may have been cut off", "send the whole program")
     end = section_ends["END"] - len("/END")
     positions = _find_positions(machine, source, section_ends["POS"], end)
     machine.add_statements(0, *positions, translate=_POSITION_LANGUAGE.translate)
     machine.add_statements(0, *_spans_to_arrays(spans))
+    _note_conveyor(machine, source.text, section_ends["MN"])
+
+
+def _note_conveyor(machine: Machine, text: str, end: int) -> None:
+    """Leave all moves of a program whose head, up to an index of the text, lets it follow a conveyor."""
+    if _FOLLOWS_CONVEYOR.search(text, 0, end):
+        reason = "the program follows a conveyor: its targets move with the conveyor's frame"
+        machine.forget_anytime(frozenset({ir.MODE}), reason, "set LINE_TRACK_SCHEDULE_NUMBER to 0")
 
 
 def _spans_to_arrays(spans: array[int]) -> tuple[IndexArray, IndexArray]:
@@ -407,6 +453,10 @@ LANGUAGE: Final = ir.Language(
     lasting="",  # offsets, tracking, soft float: what is not understood may last
     rules=(
         (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _translate_move),
+        (r"[JL] PAL_\w+\[\w+\] ?(?P<tail>.*)", _translate_pallet_move),
+        (rf"{_KINDS} (?:End|END)", lambda line: [ir.end_lasting(line["kind"])]),
+        (rf"{_KINDS}(?! ?(?:End|END)\b)[ \[].*", _translate_lasting),
+        (r"PR\[[^\]]*\]=P\[#{place}\]", _translate_copy_to_register),
         (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[\0\]) ?(?P<tail>.*)", _translate_register_move),
         (r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM|NUM\[\0\])=#{number}", _translate_frame_choice),
         (
@@ -428,7 +478,7 @@ LANGUAGE: Final = ir.Language(
         (_HARMLESS, _translate_harmless_instruction),
         (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _translate_frame_change),
         (r".*(?:UFRAME|UTOOL).*", _refuse_computed_frame),
-        (rf"(?!{_LASTING_WORDS})[A-Za-z]\w*(?: \w+)*(?: ?\0)?", _translate_macro),
+        (rf"(?!{_LASTING_WORDS})[A-Za-z]\w*(?: \w+)*(?: ?\0)?(?: ?\[[^\[\]]*\])?", _translate_macro),
         (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*(?<!\w)P\[[^=]*=.*", _translate_position_change),
     ),
 )

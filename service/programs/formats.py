@@ -23,6 +23,8 @@ MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
 MAX_LINES: Final = 2_000_000
 MAX_LINE: Final = 4096
 """Characters of a line."""
+_MOST_FILES: Final = {"krl": 12, "rapid": 12}
+"""Most files of a program, by its format; one in other formats."""
 _UNSUPPORTED_SUFFIXES: Final = {".nc", ".cnc", ".mpf", ".apt", ".cls", ".aptsource", ".gcode"}
 MARK: Final = "Jointstiff run "
 """Beginning of the mark: a comment that keeps a compensated program from being corrected again."""
@@ -46,7 +48,8 @@ def read_program(
     """Read a program: its targets, and its moves that can be corrected or are left.
 
     Args:
-        files: names and bytes of the files: one file, or a .src with its .dat and $config.dat.
+        files: names and bytes of the files, first the one whose moves are corrected: for KUKA a .src, its
+            .dat, $config.dat and files with its routines and points; for ABB the modules of a task.
         name: name of the format, one of FORMATS; if None, the first file's name decides.
         leave_alone: names of routines that neither move the robot nor change its frames.
         leave_others: whether moves that are not certain are left; if not, such moves raise an error.
@@ -68,8 +71,10 @@ def read_program(
     if chosen not in FORMATS:
         reason = "the file's name does not show the format"
         _refuse(files[0][0], None, reason, f"give `format`: one of {', '.join(FORMATS)}")
-    if len(files) > (3 if chosen == "krl" else 1):
-        remedy = "send one program; with KUKA's .src its .dat and $config.dat"
+    if len(files) > _MOST_FILES.get(chosen, 1):
+        remedy = (
+            "send one program; with KUKA's .src its .dat and $config.dat, with ABB's module those of its task"
+        )
         _refuse(files[-1][0], None, "more files were sent than one program has", remedy)
     if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
         _refuse(
@@ -140,7 +145,7 @@ def _read_source(name: str, content: bytes) -> Source:
     """
     if b"\0" in content:
         reason = "the file is not text with one byte per character"
-        _refuse(name, None, reason, "save it as plain text, not as UTF-16 or binary")
+        _refuse(name, None, reason, "save the file as plain text, not as UTF-16 or binary")
     if content.count(b"\n") + content.count(b"\r") > MAX_LINES:
         _refuse(name, None, f"the file has more than {MAX_LINES:,} lines", "split the program")
     source = Source.from_bytes(name, content)
@@ -151,7 +156,7 @@ def _read_source(name: str, content: bytes) -> Source:
     for i in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
         if len(source.text[source.starts[i] : source.ends[i]].rstrip("\r\n")) > MAX_LINE:
             reason = f"a line has more than {MAX_LINE} characters"
-            _refuse(name, i + 1, reason, "break it into several lines")
+            _refuse(name, i + 1, reason, "break the line into several lines")
     return source
 
 

@@ -103,6 +103,14 @@ def _get_structure_name(name: str) -> str:
     return variable.partition(".")[0] + separator + routine
 
 
+def _leave_moves(op: Op) -> list[Op]:
+    """Return an operation of a further file: its moves are not corrected, so that their targets must stay."""
+    if isinstance(op, ir.Move):
+        names = frozenset(each for each in (*op.targets, *op.offset_from) if not isinstance(each, Literal))
+        return [ir.Use(names)] if names else []
+    return [] if isinstance(op, ir.MoveToStored | ir.Note) else [op]
+
+
 class UnmatchedEnd(Misread):
     """Error that a branch, loop, routine or jump lacks an end; `place` is the index of the existing end."""
 
@@ -334,6 +342,8 @@ class Machine:
         self._places: list[Place] = []  # place of each operation
         self._scopes = [Scope("")]  # scopes of the routines and blocks whose end was not reached yet
         self._last_scope = Scope("")  # scope of the routine or block that ended last
+        # names of the files' own data: in routines of further files, they are variables of unknown values
+        self.own_names: frozenset[str] = frozenset()
         self._initial: dict[str, Content] = {}  # values of names before the program runs
         # the same for frames that a position states: many positions share one tuple of endings and contents
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
@@ -344,7 +354,8 @@ class Machine:
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
         self._causes: list[Cause] = []  # causes of all statements that are not understood
-        self._until_ended: set[Cause] = set()  # causes of what lasts until a statement ends it
+        # names of all that may last, the first one of what no statement ends
+        self._lasting: dict[str, None] = {ir.MODE: None}
         self._anytime: dict[str, Cause] = {}  # names that routines change which may run at any time
         self._changed: dict[str, dict[str, Cause]] = defaultdict(dict)  # names that each routine may change
         self._callers: dict[str, set[str]] = defaultdict(set)  # callers of each routine
@@ -409,10 +420,9 @@ class Machine:
         ):
             ops = translations.get(masked)
             if ops is None:
-                try:
-                    ops = translate(masked)
-                except Misread as fault:
-                    self.refuse(line, fault.reason, fault.remedy, source)
+                ops = self._translate(translate, masked, line, source)
+                if source and not declares:
+                    ops = [(offset, each) for offset, op in ops for each in _leave_moves(op)]
                 if len(translations) < _MAX_TRANSLATIONS:
                     translations[masked] = ops
             if (
@@ -481,13 +491,13 @@ class Machine:
         """
         for line_offset, op in ops:
             if isinstance(op, ir.Flow):
-                self._enter_scope(op)
+                self._enter_scope(op, self.own_names if source else frozenset())
             scope = self._scopes[-1]
             place = Place(source, line + line_offset, number, self.numerals[source].values, scope)
             if isinstance(op, ir.Use):
-                self._used.update((scope.qualify(name), place.line) for name in op.names)
+                self._used.update((place.qualify(name), place.line) for name in op.names)
             elif isinstance(op, ir.Note):
-                self.columns.add_remark(place.line, op.text)
+                self.columns.add_remark(place.line, place.make_cause(op.text).reason)
             elif isinstance(op, ir.Local):
                 scope.names.update(op.names if scope.routine else ())
             elif isinstance(op, ir.Assign) and (declares or op.declares):
@@ -502,10 +512,13 @@ class Machine:
             self._places.append(self._places[-1])
             self._ops.append(ir.MakeUnknown(names, reason, remedy, anytime=True))
 
-    def _enter_scope(self, op: ir.Flow) -> None:
-        """Enter the scope of a routine or block where it begins, and leave the scope where it ends."""
+    def _enter_scope(self, op: ir.Flow, names: Iterable[str]) -> None:
+        """Enter the scope of a routine or block where it begins, and leave the scope where it ends.
+
+        `names` are local names that each routine has.
+        """
         if op.kind in {"routine", "handler"}:  # a handler without a name shares the scope of its routine
-            self._scopes.append(Scope(str(op.name)) if op.name else self._last_scope)
+            self._scopes.append(Scope(str(op.name), set(names)) if op.name else self._last_scope)
         elif op.kind in {"if", "loop", "repeat"}:
             self._scopes.append(self._scopes[-1])
         elif op.kind in {"close", "end", "close_or_end"} and len(self._scopes) > 1:
@@ -544,8 +557,14 @@ class Machine:
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.MakeUnknown):
                 self._collect_unknown_values(place, op)
-            elif isinstance(op, ir.Call) and not (op.harmless and op.name not in self._flow.begins):
-                self._collect_call(place, op)
+        calls = [
+            (place, op)
+            for place, op in zip(self._places, self._ops, strict=True)
+            if isinstance(op, ir.Call) and not (op.harmless and op.name not in self._flow.begins)
+        ]
+        passed = {place.qualify(name) for place, op in calls for name in op.passed}
+        for place, op in calls:
+            self._collect_call(place, op, passed)
         self._summarise_routines()
         for name in self._flow.anytime_routines:
             # An unknown routine that an attached routine calls counts as called where this one is attached.
@@ -561,21 +580,25 @@ class Machine:
         """Note why values become unknown at a statement, for each name that the statement changes."""
         cause = place.make_cause(op.reason, op.remedy)
         self._causes.append(cause)
-        self._until_ended |= {cause} if op.until_ended else set()
         names = [place.qualify(name) for name in op.names]
+        self._lasting |= dict.fromkeys(name for name in names if name.startswith(ir.MODE))
         if op.anytime:
             fields = [each for name in names for each in self._list_name_and_fields(name)]
             self._anytime |= dict.fromkeys(fields or [UNKNOWN], cause)
         for name in names:
             self._changes[name].append(cause)
 
-    def _collect_call(self, place: Place, op: ir.Call) -> None:
-        """Note what a call may change: the arguments of the routine, and for an unknown routine all names."""
+    def _collect_call(self, place: Place, op: ir.Call, passed: Collection[str]) -> None:
+        """Note what a call may change: the arguments of the routine, and for an unknown routine all names.
+
+        `passed` are the names that any call of the program passes as arguments.
+        """
         is_own, unknown = op.name in self._flow.begins, self._explain_unknown_call(place, op)
         cause = place.make_cause(f"{quote_text(str(op.name))} gets it as an argument, and may change it")
-        for passed in map(place.scope.qualify, op.passed if is_own or unknown else ()):
-            self._changes[passed].append(cause)
-            self._anytime.update(dict.fromkeys(self._list_name_and_fields(passed), cause))
+        changes = self._changes_parameters(str(op.name), passed) if is_own else unknown is not None
+        for name in map(place.scope.qualify, op.passed if changes else ()):
+            self._changes[name].append(cause)
+            self._anytime.update(dict.fromkeys(self._list_name_and_fields(name), cause))
         if is_own:
             self._flow.anytime_routines |= {str(op.name)} if op.anytime else set()
             self._attached_routines |= {str(op.name)} if op.event else set()
@@ -586,6 +609,21 @@ class Machine:
         elif place.qualify(op.name) not in self._attached:
             permission = "the request states that it neither moves the robot nor changes frames"
             self.columns.add_remark(place.line, f"{op.name} is called; {permission}")
+
+    def _changes_parameters(self, routine: str, passed: Collection[str]) -> bool:
+        """Return whether a routine of the program may change its parameters, or passes them to others.
+
+        `passed` are the names that any call of the program passes as arguments.
+        """
+        begin = self._flow.begins[routine]
+        op, place = self._ops[begin + 1], self._places[begin]
+        if not (isinstance(op, ir.MakeUnknown) and op.reason == ir.IS_PARAMETER):
+            return True  # arguments without parameters
+        names = set(map(place.qualify, op.names))
+        fields = {field for name in names for field in self._list_name_and_fields(name)}
+        # the beginning of the routine itself makes each parameter unknown, once
+        changes = sum(len(self._changes.get(each, ())) for each in fields) - len(names)
+        return changes > 0 or not names.isdisjoint(passed)
 
     def _explain_unknown_call(self, place: Place, op: ir.Call) -> Cause | None:
         """Return the cause why values are unknown after a call; None if the called routine is allowed.
@@ -628,8 +666,8 @@ class Machine:
             else:
                 self._update_state(state, i)
             for name, (content, line) in state.items():
-                reason = f"{name} changes while the program runs" if name != ir.MODE else ""
-                cause = Cause(line, reason, "give it once, in numbers", self._places[i].source)
+                reason = f"{name} changes while the program runs" if name not in self._lasting else ""
+                cause = Cause(line, reason, "give the value once, in numbers", self._places[i].source)
                 self._changed[routine][name] = content if isinstance(content, Cause) else cause
         self._summarise_faults_and_attachments()
         to_visit = [*self._changed]  # routines whose callers may change more names than noted
@@ -761,13 +799,11 @@ class Machine:
                 name, first_content, second_content
             ):
                 continue
-            if name == ir.MODE and first_content in self._until_ended and isinstance(second_content, Cause):
-                joined[name] = second_content, second_line
-            elif not isinstance(first_content, Cause):
+            if not isinstance(first_content, Cause):
                 subject = "whatever an unknown routine may change" if name == UNKNOWN else name
                 reason = f"{subject} changes while the program runs: by a branch, a loop or a call"
                 line = max(first_line, second_line)
-                cause = Cause(line, reason, "set it once, before branches, loops and calls")
+                cause = Cause(line, reason, "set the value once, before branches, loops and calls")
                 joined[name] = second_content if isinstance(second_content, Cause) else cause, line
         return first if joined == first else joined
 
@@ -798,8 +834,6 @@ class Machine:
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)
-            if name == ir.MODE and not self._can_be_ended(state):
-                return
             state[name] = self._evaluate(place, name, op.value, state), place.line
         elif isinstance(op, ir.MakeUnknown):
             self._make_unknown(state, op, place)
@@ -816,18 +850,8 @@ class Machine:
         cause = place.make_cause(op.reason, op.remedy)
         if not op.names:
             self._forget_names(state, cause)
-        if op.until_ended and not self._can_be_ended(state):
-            return
         for name in map(place.qualify, op.names):
             state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
-
-    def _can_be_ended(self, state: State) -> bool:
-        """Return whether what lasts in a state, and may move targets, lasts only until a statement ends it.
-
-        A statement that is not understood lasts longer, and so does a fault of the text.
-        """
-        content, _ = state.get(ir.MODE, ("", 0))
-        return not isinstance(content, Cause) or content in self._until_ended
 
     def _forget_names(self, state: State, cause: Cause) -> None:
         """Remove names that an unknown routine may change from a state; set `UNKNOWN` to the cause."""
@@ -841,7 +865,7 @@ class Machine:
         Routines of other files change names of their own, and the active frames. A table of the controller,
         or data that other programs share, are safe if no file of the program writes them.
         """
-        if name in self._constants or name == ir.MODE or OF_ROUTINE in name:
+        if name in self._constants or name in self._lasting or OF_ROUTINE in name:
             return True
         if self._language.is_own(name) and "." in name:  # frames that a position states
             return True
@@ -878,7 +902,7 @@ class Machine:
         """Return the content of a name in a state, and the line of the statement that set this content."""
         if name == UNKNOWN:  # without an unknown call, there is no cause
             return state.get(name, ("", 0))
-        if name == ir.MODE:  # nothing lasts that may move targets, unless a statement says so
+        if name in self._lasting:  # nothing lasts that may move targets, unless a statement says so
             lasting = self._anytime.get(name)
             return (lasting, lasting.line) if lasting else state.get(name, ("", 0))
         if _get_structure_name(name) in self._language.constants:
@@ -912,7 +936,7 @@ class Machine:
             return active
         if changes:
             reason = f"{name} changes while the program runs"
-            return Cause(changes[0].line, reason, "give it once, in numbers")
+            return Cause(changes[0].line, reason, "give the value once, in numbers")
         if self._language.is_frame(name):
             return name
         return Cause(0, f"{quote_text(name)} is not given by constant numbers")
@@ -975,10 +999,10 @@ class Machine:
 
     def _find_what_outlasts_routines(self) -> None:
         """Let what lasts when a routine ends last at any time: the next one may be called from outside."""
-        if self._language.callable_from_outside and self._until_ended:
-            ends = [state.get(ir.MODE, ("", 0))[0] for state in self._exits.values() if state]
-            for cause in (each for each in ends if isinstance(each, Cause)):
-                self._anytime[ir.MODE] = cause
+        ended = [*self._lasting][1:] if self._language.callable_from_outside else []
+        for name in ended:
+            ends = [state.get(name, ("", 0))[0] for state in self._exits.values() if state]
+            self._anytime.update((name, cause) for cause in ends if isinstance(cause, Cause))
 
     def _note_assumption(self) -> None:
         """Add a remark on what routines of other files are assumed to leave, if moves behind them need it."""
@@ -1004,6 +1028,8 @@ class Machine:
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
         cause = self._find_obstacle(place, op, frames, state)
+        for name in op.offset_from:
+            self._note_offset(place, name, frames[0], state)
         is_behind_unknown = UNKNOWN in state or UNKNOWN in self._anytime
         self._needs_assumption |= cause is None and is_behind_unknown and bool(self.unknown_routines)
         repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
@@ -1036,11 +1062,18 @@ class Machine:
         targets = [each for each in contents if isinstance(each, WrittenNumbers)]
         self.columns.add_move(op, place.line, targets, frames, cause)
 
+    def _note_offset(self, place: Place, name: Name, frames: Frames, state: State) -> None:
+        """Note that a move goes to an offset from a target; in other frames, the target is not corrected."""
+        target = self._evaluate_target(place, name, state)
+        if isinstance(target, WrittenNumbers):
+            self.columns.add_offset(target, frames, place.line)
+
     def _find_obstacle(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""
         if op.reason:
             return place.make_cause(op.reason, op.remedy)
-        for each in (self._look_up(state, ir.MODE)[0], *(each for pair in frames for each in pair)):
+        lasting = (self._look_up(state, name)[0] for name in self._lasting)
+        for each in (*lasting, *(each for pair in frames for each in pair)):
             if isinstance(each, Cause):
                 return each
         for name, frame in zip(op.matched_frames, frames[0], strict=False):
@@ -1051,7 +1084,7 @@ class Machine:
             is_initial = content == self._language.active[name]
             if not is_initial and not (isinstance(frame, FrameName) and content == frame.name):
                 reason = f"the target is recorded with another {name} than the active one"
-                return place.make_cause(reason, "activate the frame that it is recorded with")
+                return place.make_cause(reason, "activate the frame with which the target is recorded")
         return None
 
     def _evaluate_target(self, place: Place, target: Literal | Name, state: State) -> WrittenNumbers | Cause:

@@ -1,8 +1,9 @@
-"""Programs of KUKA (KRL): .src with .dat and $config.dat, translated."""
+"""Programs of KUKA (KRL): .src with .dat, $config.dat and files of its routines, translated."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -75,6 +76,7 @@ _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 def _read_value(line: Line, text: str) -> list[Op]:
     """Return the operations of a value, which may be an expression or a structure `{...}`."""
+    text = re.sub(r"\$(?=(?:BASE|TOOL)\b)", "$ACTIVE_", text)  # the active frames are values, too
     return line.read_expression(_SEPARATED.sub(",", text) if text.startswith("{") else text)
 
 
@@ -367,29 +369,57 @@ def _translate_bas(line: Line) -> list[Op]:
     return [*line.read_expression(argument), *_BAS[function]]
 
 
+def _translate_reading(line: Line) -> list[Op]:
+    """Return the operations of a function that reads values from outside into its arguments."""
+    used = [op for op in line.read_expression(line["arguments"]) if isinstance(op, ir.Use)]
+    names = frozenset(each for op in used for each in op.names) | {line["status"] or "_"}
+    return [ir.MakeUnknown(names, "it is read from outside while the program runs", _REMEDY)]
+
+
+_DEFINED: Final = re.compile(rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})")
+_DATA: Final = re.compile(rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?")
+_GLOBAL: Final = re.compile(r"(?i)[^;\r\n]*\bGLOBAL\b")
+_NO_DATA: Final = re.compile(r"(?i)\s*+(?:&|DEFDAT\b|EXT)|[^;\r\n]*\bGLOBAL\b")
+
+
+def _find_private_names(text: str) -> Iterator[str]:
+    """Yield the names that a .dat declares without GLOBAL, and words of types."""
+    for line in text.upper().splitlines():
+        if not _NO_DATA.match(line):
+            for part in re.sub(r"\{[^{}]*\}|\"[^\"]*\"|;.*", "", line).split(","):
+                yield from re.findall(_NAME, part.partition("=")[0])
+
+
 def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Add a .src and the .dat files sent with it to a machine.
+    """Add a .src to a machine, and the files sent with it: .dat, $config.dat, and .src with its routines.
 
     Raises:
         ProgramError: a .dat belongs to another program.
     """
-    main = re.search(
-        rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})", sources[0].text
-    )
+    programs = [_DEFINED.search(each.text) for each in sources if not each.name.lower().endswith(".dat")]
+    main, *others = [match[1].upper() if match else "" for match in programs] or [""]
+    if others:
+        own = (each.text for each in sources[1:] if _DATA.search(each.text))
+        machine.own_names = frozenset(name for text in own for name in _find_private_names(text))
     for index, source in enumerate(sources):
         is_config = source.name.lower().endswith("config.dat")
-        head = rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?"
-        data = re.search(head, source.text) if index else None
-        if main and data and not is_config and data[1].upper() != main[1].upper():
-            reason, remedy = (
-                f"the file declares data of {data[1]}, not of {main[1]}",
-                "send the .dat file of this .src file",
-            )
-            machine.refuse(source.find_line(data.start()), reason, remedy, index)
+        data = _DATA.search(source.text) if index else None
+        starts, ends = source.starts, source.ends
+        if main and data and not is_config and data[1].upper() != main:
+            if not (data[2] or data[1].upper() in others):
+                reason, remedy = (
+                    f"the file declares data of {data[1]}, not of {programs[0][1] if programs[0] else main}",
+                    "send the .dat file of this .src file",
+                )
+                machine.refuse(source.find_line(data.start()), reason, remedy, index)
+            # Of the data of another program, only those declared as GLOBAL are data of this one.
+            spans = zip(starts.tolist(), ends.tolist(), strict=True)
+            seen = np.array([bool(_GLOBAL.match(source.text, *each)) for each in spans], dtype=np.bool_)
+            starts, ends = starts[seen], ends[seen]
         declares = source.name.lower().endswith(".dat") and len(sources) > 1
         # Only a .dat that is public, and $config.dat, can be changed by other programs.
         kind = "shared" if is_config else "variable" if data and data[2] else "constant"
-        machine.add_statements(index, source.starts, source.ends, declares=kind if declares else "")
+        machine.add_statements(index, starts, ends, declares=kind if declares else "")
 
 
 LANGUAGE: Final = ir.Language(
@@ -404,10 +434,13 @@ LANGUAGE: Final = ir.Language(
     number=rf"{ir.NUMBER}|'B ?[01]{{1,16}}+'",
     operators="AND|OR|EXOR|NOT|B_AND|B_OR|B_EXOR|B_NOT",
     reserved=_RESERVED,
-    # KSS: arithmetic, strings, the state of variables, pulses, and what inline forms set speeds by
+    # KSS: arithmetic, strings, the state of variables, pulses, what inline forms set speeds by, messages,
+    # channels, the number of the program; Ethernet KRL: connections; ArcTech: the arc
     functions=r"ABS|SQRT|SIN|COS|TAN|ACOS|ATAN2|ROUND|TRUNC|INV_POS|VARSTATE|GET_SYSTEM_DATA|PULSE"
     r"|STR(?:ADD|CLEAR|COMP|COPY|DECLLEN|FIND|LEN|TOINT|TOREAL)|S(?:VEL|ACC)_(?:JOINT|CP)|SAPO(?:_PTP)?|SORI_TYP"
-    r"|S(?:GEAR_)?JERK|SLOAD|SIPO_MODE|SCIRC_TYPE|USE_CM_PRO_VALUES",
+    r"|S(?:GEAR_)?JERK|SLOAD|SIPO_MODE|SCIRC_TYPE|USE_CM_PRO_VALUES|(?:SET|CLEAR|EXISTS)_KRL(?:MSG|DLG)"
+    r"|MSG(?:NOTIFY|QUIT|STATE|LOG)|C(?:OPEN|CLOSE)|CAST_(?:TO|FROM)|P00"
+    r"|EKI_(?:INIT|OPEN|CLOSE|CLEAR\w*|CHECK\w*|LOCK|UNLOCK|SEND|SET\w+)|ARC(?:MAINNG|GET\w+)",
     motion=r"\b(?:S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?)(?!\w)",
     remedy=_REMEDY,
     active={"$BASE": "active $BASE", "$TOOL": "active $TOOL"},
@@ -417,13 +450,17 @@ LANGUAGE: Final = ir.Language(
     # KSS: frames, and the data of inline forms, are active for all programs
     is_reached=lambda name: name.startswith(("$", "FDAT_ACT")),
     lasting=rf"(?:^|\bDO ){_MAY_MOVE_TARGETS.pattern}[^=]*=(?!=)",
+    # frames and their data, asynchronous axes, and words of branches, loops and routines
+    forgets=r"BASE|TOOL|FRAME|FDAT|\bBAS\b|\bASY"
+    r"|\b(?:IF|THEN|ELSE\w*|SWITCH|CASE|DEFAULT|FOR|WHILE|LOOP|REPEAT|UNTIL|GOTO|EXIT|RETURN|DEF\w*|END\w*)\b",
     rules=(
         (
             rf"(?:GLOBAL )?DEF(?:FCT {_NAME}(?:\[\])?)? @{{name}}(?:\((?P<parameters>.*)\))?(?: ?PUBLIC)?",
             _translate_routine,
         ),
         (
-            r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)|INTERRUPT OFF \0",
+            r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)|INTERRUPT OFF \0"
+            r"|TIME_BLOCK (?:START|(?:PART|END)=.+)|CONST_VEL (?:START|END).*",
             "",
         ),
         (r"(?:EXT(?:FCT)?P?|ENUM|STRUC|IMPORT|(?:DECL )?(?:GLOBAL )?SIGNAL) [\w ,()\[\]:$.\0\"#]*", ""),
@@ -472,6 +509,7 @@ LANGUAGE: Final = ir.Language(
             rf"|(?:E6)?(?:POS|AXIS)|[FPL]DAT|LOAD)) (?P<names>{_NAME}.*)",
             _translate_declaration,
         ),
+        (rf"(?:(?P<status>{_NAME})=)?(?:EKI_GET\w+|CREAD|SREAD)\((?P<arguments>.*)\)", _translate_reading),
         (r"@{name}\(.*\)", lambda line: line.read_expression(line.text)),
         (rf"(?P<name>{_NAME})(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _translate_assignment),
         (

@@ -74,7 +74,8 @@ class Local(NamedTuple):
 MODE: Final = "\0mode"
 """Name of all that lasts in a controller and may move targets, such as offsets, tracking or force control.
 
-Its value is unknown behind a statement that may change it, and then no target is certain."""
+Its value is unknown behind a statement that may change it, and then no target is certain. What another
+statement can end has a name of its own, which begins with this one: `begin_lasting`, `end_lasting`."""
 
 
 class MakeUnknown(NamedTuple):
@@ -84,8 +85,6 @@ class MakeUnknown(NamedTuple):
     reason: str
     remedy: str
     anytime: bool = False  # whether the values may change at any time, also before this statement
-    # whether another statement may end what this one lets last: the value of `MODE` is then "" again
-    until_ended: bool = False
 
 
 class Note(NamedTuple):
@@ -113,7 +112,7 @@ class Call(NamedTuple):
 class Use(NamedTuple):
     """Use of the numbers of variables for something else than the target of a move."""
 
-    names: frozenset[str]
+    names: frozenset[Name]
 
 
 class Move(NamedTuple):
@@ -127,6 +126,8 @@ class Move(NamedTuple):
     matched_frames: tuple[str, ...] = ()
     reason: str = ""
     remedy: str = ""
+    # names of targets near which a move that is not corrected ends: corrections of them shift this move, too
+    offset_from: tuple[Name, ...] = ()
 
     @property
     def differs_only_in_target(self) -> bool:
@@ -252,6 +253,9 @@ class Language:
     is_own: Callable[[str], bool] = lambda _: False
     # pattern in statements that are not understood: such a statement may change what lasts (`MODE`)
     lasting: str = r"(?!)"
+    # pattern in statements that are not understood: behind such a statement all values are unknown; any other
+    # one changes only names that it states, and may call only routines that it states
+    forgets: str = ""
     # endings such as `.BASE`, with which the name of a structure becomes the name of one of its fields
     field_endings: tuple[str, ...] = ()
     callable_from_outside: bool = False  # whether other programs may call each of the routines
@@ -334,7 +338,7 @@ class Language:
         """Return the operations of a statement, each with its number of lines below the first line.
 
         `masked` is the statement with NUL in place of each number. After a statement that is not understood,
-        all values are unknown.
+        the values that it may change are unknown.
 
         Raises:
             Misread: braces are nested too deep.
@@ -382,7 +386,7 @@ class Language:
         return [*used, *([Flow(kind, name)] if kind else [])]
 
     def _translate_unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
-        """Return the operations of a statement that is not understood, and may therefore change all values.
+        """Return the operations of a statement that is not understood, and may therefore change values.
 
         Each word of a motion in the statement becomes a move that is not corrected. Each operation has its
         number of lines below the first line of the statement's text.
@@ -397,12 +401,18 @@ class Language:
                 names.add((f"{self.positions}[%s]", ordinals[0]) if ordinals else self.positions)
         # Without names, `MakeUnknown` makes all values unknown. The names of the statement are listed as
         # well, because their values change while the program runs; `_` keeps the list from being empty.
-        ops: list[tuple[int, Op]] = [
-            (line.line_offset, MakeUnknown(frozenset(), reason, remedy)),
-            (line.line_offset, MakeUnknown(frozenset([*names, "_"]), reason, remedy)),
-        ]
-        if re.search(self.lasting, line.text):
+        ops: list[tuple[int, Op]] = []
+        if re.search(self.forgets, text):
+            ops.append((line.line_offset, MakeUnknown(frozenset(), reason, remedy)))
+        ops.append((line.line_offset, MakeUnknown(frozenset([*names, "_"]), reason, remedy)))
+        is_lasting = re.search(self.lasting, line.text) is not None
+        if is_lasting:
             ops.append((line.line_offset, MakeUnknown(frozenset({MODE}), reason, remedy)))
+        if not re.search(self.forgets, text):
+            ops += [(line.line_offset, op) for op in self._find_calls(text)]
+            if not (is_lasting or self._motion.search(text)):
+                note = Note(f"{reason}; it is assumed to change only what it names")
+                ops.append((line.line_offset, note))
         # Blanks replace comments and texts, in which words of motions mean nothing; line breaks remain.
         plain = self._token.sub(
             lambda match: (
@@ -416,6 +426,13 @@ class Language:
             place = match.start()
             ops.append((line_offset, Move(Motion.LINEAR, (), reason=reason, remedy=remedy)))
         return ops
+
+    def _find_calls(self, text: str) -> Iterator[Op]:
+        """Yield the operations of the calls in a statement that is not understood; each may be skipped."""
+        for name in dict.fromkeys(match[1] for match in _CALLED.finditer(text)):
+            if not self._motion.fullmatch(name):
+                call = Call(name, harmless=self._words[2].fullmatch(name) is not None)
+                yield from (Flow("if"), call, Flow("close"))
 
     def read_expression(self, text: str) -> list[Op]:
         """Return the operations of an expression: names that it uses, and routines that it calls.
@@ -463,6 +480,16 @@ def mark_anytime(ops: list[Op], event: Name = "") -> list[Op]:
     return [op._replace(anytime=True, event=event) if isinstance(op, Call) else op for op in ops]
 
 
+def begin_lasting(kind: str, reason: str, remedy: str) -> MakeUnknown:
+    """Return the operation by which something of a kind lasts until a statement ends it."""
+    return MakeUnknown(frozenset({f"{MODE} {kind}"}), reason, remedy)
+
+
+def end_lasting(kind: str) -> Assign:
+    """Return the operation that ends what lasts of a kind, and nothing of another kind."""
+    return Assign(f"{MODE} {kind}", Named(""))
+
+
 def make_uncorrected_move(
     expressions: list[Op], reason: str, remedy: str, motion: Motion = Motion.LINEAR
 ) -> list[Op]:
@@ -478,6 +505,10 @@ def begin_counted_loop(name: str, remedy: str) -> list[Op]:
     return [Flow("loop"), MakeUnknown(frozenset({name}), f"{name} counts a loop", remedy)]
 
 
+IS_PARAMETER: Final = "its value is a parameter of the routine"
+"""Reason why the value of a parameter is unknown."""
+
+
 def begin_routine(
     name: str, parameters: Iterable[str], remedy: str, *, handler: bool = False, shared: bool = False
 ) -> list[Op]:
@@ -487,9 +518,7 @@ def begin_routine(
     `remedy` is the advice in messages on the parameters.
     """
     names = frozenset(parameters)
-    unknown: list[Op] = (
-        [Local(names), MakeUnknown(names, "its value is a parameter of the routine", remedy)] if names else []
-    )
+    unknown: list[Op] = [Local(names), MakeUnknown(names, IS_PARAMETER, remedy)] if names else []
     return [Flow("handler" if handler else "routine", name, shared=shared), *unknown]
 
 

@@ -165,6 +165,13 @@ class Moves:
         """Mask (v,) of the visits of targets that belong to a joint move."""
         return np.asarray(self.motion == _MOTIONS.index(Motion.JOINT))[self.move_of_visit]
 
+    @property
+    def is_middle_of_arc(self) -> BoolArray:
+        """Mask (v,) of the visits of targets between start and end of a circular move."""
+        circular = np.asarray(self.motion == _MOTIONS.index(Motion.CIRCULAR))[self.move_of_visit]
+        is_end = np.isin(np.arange(len(self.visits)), self.ends - 1)
+        return circular & ~is_end
+
     def __len__(self) -> int:
         return len(self.line)
 

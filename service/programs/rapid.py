@@ -1,4 +1,4 @@
-"""Programs of ABB (RAPID, .mod), translated."""
+"""Programs of ABB (RAPID, .mod and .sys), translated."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import UNKNOWN_STATEMENT, Line, Misread, Op, split_outside_brackets
 from jointstiff.service.programs.notation import Notation, Orientation
 from jointstiff.service.programs.program import Literal, Motion, Source
+from jointstiff.solver.arrays import IndexArray
 
 POSE: Final = Notation(Orientation.QUATERNION, angle=1, length_decimals=4, angle_decimals=8)
 JOINTS: Final = Notation(Orientation.JOINTS, length_decimals=5)
@@ -28,16 +29,32 @@ _HARMLESS: Final = (
     r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT"
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
     r"|WRITE\w*|OPEN|CLOSE|REWIND|SOCKET\w+|TPREAD\w+|UI\w+|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
-    # Corrections of paths act on moves with \Corr only.
-    r"|CORR(?:CON|DISCON|CLEAR|WRITE)|(?:START|STOP)MOVE|(?:STORE|RESTO|CLEAR)PATH"
+    # Corrections of paths act on moves with \Corr only; FCCalib measures the tool's weight.
+    r"|FCCALIB|DROPWOBJ|CORR(?:CON|DISCON|CLEAR|WRITE)|(?:START|STOP)MOVE|(?:STORE|RESTO|CLEAR)PATH"
+)
+# Instructions that give values to their arguments
+_CHANGES_ARGUMENTS: Final = re.compile(
+    r"INCR|DECR|ADD|CLEAR|[MS]TOOL\w+CALIB|\w*LOADID\w*|GETDATAVAL|READ\w*BIN|(?:READ|UNPACK)RAWBYTES"
 )
 # Moves of a process, and instructions that shift targets and frames: neither can be corrected
-_PROCESS_MOVE: Final = re.compile(r"(?:ARC|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:[LCJ]|[LC]\w++)")
+_PROCESS_MOVE: Final = re.compile(
+    r"(?:ARC(?:MOVE)?|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:(?P<letter>[LCJ])|(?P<first>[LC])\w++)|TRIGGLIOS"
+)
+# Optional arguments of such moves that do not move the target, as \Track would
+_PROCESS_OPTIONS: Final = re.compile(
+    rf"{_OPTIONS.pattern}|ON|OFF|WEAVE|SEAMNAME|TIME|TRIGGDATA\d|(?:OPEN|CLOSE|WAIT|IN|OUT)\w*"
+)
 _SEARCH: Final = re.compile(r"SEARCH[LCJ]|SEARCHEXTJ")
-_SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CORR|WAITWOBJ|DROPWOBJ|IND")
-_END_OF_SHIFT: Final = re.compile(r"PDISPOFF|EOFFSOFF|SOFTDEACT")
-# Force control, moves of several robots, guidance from outside, and data that are written by their names
-_LASTING: Final = re.compile(r"FC\w+|SYNCMOVE\w+|EGM\w+|SET(?:ALL)?DATAVAL")
+_SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CORR|WAITWOBJ|IND")
+_END_OF_LASTING: Final = {
+    "PDISPOFF": "PDISP", "EOFFSOFF": "EOFFS", "SOFTDEACT": "SOFT", "FCDEACT": "FC", "FCPRESSEND": "FC",
+    "SYNCMOVEOFF": "SYNCMOVE", "EGMRESET": "EGM",
+}  # fmt: skip
+"""Kinds of what lasts, by the instructions that end it."""
+# Force control, moves of several robots, and guidance from outside
+_LASTING: Final = re.compile(r"(FC|SYNCMOVE|EGM)\w+")
+_FORCE_MOVE: Final = re.compile(r"FCPRESS(?!END)\w*")
+_WRITES_DATA: Final = re.compile(r"SET(?:ALL)?DATAVAL")
 _RESERVED: Final = (
     r"(?:END)?(?:MODULE|PROC|FUNC|TRAP|RECORD)|LOCAL|TASK|CONST|PERS|VAR|IF|THEN|ELSE|ELSEIF|ENDIF|FOR|FROM|TO"
     r"|STEP|DO|ENDFOR|WHILE|ENDWHILE|TEST|CASE|DEFAULT|GOTO|ERROR|UNDO|BACKWARD|CONNECT|WITH|RETURN|RAISE|RETRY"
@@ -110,20 +127,60 @@ def _translate_instruction(line: Line) -> list[Op]:
     # Options such as \WObj:=frame become arguments of their own, so that all are one expression.
     arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])).strip(",")
     found = line.read_expression(arguments)
-    names = frozenset(each for op in found if isinstance(op, ir.Use) for each in op.names)
-    if name in {"INCR", "DECR", "ADD", "CLEAR"}:  # they change their first argument
+    names = _find_names(found)
+    if _CHANGES_ARGUMENTS.fullmatch(name):
         return [*found, ir.MakeUnknown(names, f"{name} changes it while the program runs", _REMEDY)]
     if name == "SINGAREA" and "WRIST" in line["arguments"]:
         note = ir.Note("SingArea \\Wrist: near singularities the tool turns away from its stated orientation")
         return [*found, note]
     if re.fullmatch(_HARMLESS, name):
         return [*found, ir.Call(name, harmless=True)]
-    if _PROCESS_MOVE.fullmatch(name):
-        reason, remedy = f"{name} is a move of a process such as welding", "write it as MoveL, MoveJ or MoveC"
-        return ir.make_uncorrected_move(found, reason, remedy)
+    if match := _PROCESS_MOVE.fullmatch(name):
+        return _translate_process_move(line, match["letter"] or match["first"] or "L", found)
     if _SEARCH.fullmatch(name):
         return _translate_search(line, found, names)
     return [*found, *(_translate_lasting(name, names) or [ir.Call(name, names)])]
+
+
+def _find_names(found: list[Op]) -> frozenset[str]:
+    """Return the names that operations of expressions use."""
+    used = (each for op in found if isinstance(op, ir.Use) for each in op.names)
+    return frozenset(each for each in used if isinstance(each, str))
+
+
+def _translate_late_call(line: Line) -> list[Op]:
+    """Return the operations of a call of a routine whose name is computed while the program runs."""
+    found = [op for each in (line["routine"], line["arguments"]) if each for op in line.read_expression(each)]
+    names = _find_names(found)
+    return [*found, ir.Call(line["routine"].replace("\0", "n"), names)]
+
+
+def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op]:
+    """Return the operations of a move of a process such as welding, whose last argument is the tool.
+
+    The move is not corrected if it has an option that may move the target, such as the one of tracking.
+    `found` are the operations of its arguments.
+    """
+    name, count = line["name"], 1 + (letter == "C")
+    remedy = "write it as MoveL, MoveJ or MoveC"
+    try:
+        spans, work_object, _ = _split_arguments(line, line.span("arguments")[0], _PROCESS_OPTIONS)
+    except Misread as fault:
+        return ir.make_uncorrected_move(found, f"{name}: {fault.reason}", remedy)
+    arguments = [line.text[slice(*each)] for each in spans]
+    targets = [
+        each if re.fullmatch(_WORD, each) else _read_target(line, *span)
+        for each, span in zip(arguments[:count], spans, strict=False)
+    ]
+    known = tuple(each for each in targets if each is not None)
+    # behind the targets come at least speed, data of the process or zone, and the tool
+    if len(arguments) < count + 3 or len(known) < count or not re.fullmatch(_WORD, arguments[-1]):
+        return ir.make_uncorrected_move(found, f"{name}: target or tool is not given by numbers", remedy)
+    others = [op for each in arguments[count:] for op in line.read_expression(each)]
+    if ir.calls_routine(found):
+        return ir.make_uncorrected_move(found, f"{name}: an argument of the move is computed", remedy)
+    base, tool = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(arguments[-1], "TOOLDATA")
+    return [*others, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count)]
 
 
 def _translate_search(line: Line, found: list[Op], names: frozenset[str]) -> list[Op]:
@@ -140,16 +197,21 @@ def _translate_search(line: Line, found: list[Op], names: frozenset[str]) -> lis
 
 def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
     """Return the operations of an instruction that begins or ends what lasts; [] for any other one."""
-    mode = frozenset({ir.MODE})
-    if _END_OF_SHIFT.fullmatch(name):
-        return [ir.Assign(ir.MODE, ir.Named(""))]
-    if _LASTING.fullmatch(name):
+    if name in _END_OF_LASTING:
+        return [ir.end_lasting(_END_OF_LASTING[name])]
+    if _WRITES_DATA.fullmatch(name):
+        return [ir.MakeUnknown(each, f"{name} may move targets or frames", "omit it")
+                for each in (names, frozenset({ir.MODE}))]  # fmt: skip
+    if match := _LASTING.fullmatch(name):
         reason = f"{name} may move targets or frames"
-        return [ir.MakeUnknown(each, reason, "omit it") for each in (names, mode)]
-    if _SHIFT.match(name):
+        begin = ir.begin_lasting(match[1], reason, "omit it")
+        is_move = _FORCE_MOVE.fullmatch(name) is not None
+        return ir.make_uncorrected_move([begin], reason, "omit it") if is_move else [begin]
+    if match := _SHIFT.match(name):
         reason = f"{name} moves targets or frames"
-        conveyed = [ir.MakeUnknown(names, reason, "omit it", anytime=True)] if "WOBJ" in name else []
-        return [*conveyed, ir.MakeUnknown(mode, reason, "omit it", until_ended=True)]
+        if match[0] == "WAITWOBJ":  # a conveyor moves this work object, and no other one
+            return [ir.MakeUnknown(names, reason, "omit it", anytime=True)]
+        return [ir.begin_lasting(match[0], reason, "omit it")]
     return []
 
 
@@ -246,8 +308,7 @@ def _translate_move(line: Line) -> list[Op]:
     ]
     known = tuple(each for each in targets if each is not None)
     if len(known) < count:
-        uses = [op for each in arguments[:count] for op in line.read_expression(each)]
-        return ir.make_uncorrected_move([*found, *uses], "the target is not given by numbers", _REMEDY)
+        return _leave_offset_move(line, _MOTIONS[letter], arguments, count, work_object, found)
     others = arguments[count:tool_index] + arguments[tool_index + 1 :]
     found += [op for each in others for op in line.read_expression(each)]
     if ir.calls_routine(found):
@@ -261,8 +322,36 @@ def _translate_move(line: Line) -> list[Op]:
     return [*found, *routine, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count)]
 
 
-def _split_arguments(line: Line, start: int) -> tuple[list[tuple[int, int]], str, list[Op]]:
+_OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\(({_WORD}),(.+)\)")
+
+
+def _leave_offset_move(
+    line: Line, motion: Motion, arguments: list[str], count: int, work_object: str, found: list[Op]
+) -> list[Op]:
+    """Return the operations of a move to computed targets, which is not corrected.
+
+    A target may be an offset from a target in numbers, whose correction then shifts this move, too.
+    """
+    offsets = [_OFFSET.fullmatch(each) for each in arguments[:count]]
+    texts = [offset[2] if offset else each for offset, each in zip(offsets, arguments, strict=False)]
+    uses = [op for each in texts for op in line.read_expression(each)]
+    *ops, move = ir.make_uncorrected_move(
+        [*found, *uses], "the target is not given by numbers", _REMEDY, motion
+    )
+    names = tuple(offset[1] for offset in offsets if offset)
+    tool = arguments[min(count + 2 + bool(line["trigger"]), len(arguments) - 1)]
+    if not (names and isinstance(move, ir.Move) and re.fullmatch(_WORD, tool)):
+        return [*ops, *([ir.Use(frozenset(names))] if names else []), move]
+    frames = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(tool, "TOOLDATA")
+    return [*ops, move._replace(offset_from=names, bases=frames[:1], tools=frames[1:])]
+
+
+def _split_arguments(
+    line: Line, start: int, known_options: re.Pattern[str] = _OPTIONS
+) -> tuple[list[tuple[int, int]], str, list[Op]]:
     """Return the spans of a move's arguments, the name of its work object, and its options' operations.
+
+    `known_options` is the pattern of options that do not move the target.
 
     Raises:
         Misread: an option may move the target, or the work object is computed.
@@ -276,7 +365,7 @@ def _split_arguments(line: Line, start: int) -> tuple[list[tuple[int, int]], str
             spans.append((begin + (text[begin : begin + 1] == " "), end))
         for option in options:
             name, _, value = text[slice(*option)].partition(":=")
-            if not _OPTIONS.fullmatch(name):
+            if not known_options.fullmatch(name):
                 raise Misread(f"the argument \\{name} moves the target, or is not known", "omit it")
             found += line.read_expression(value)
             if name == "WOBJ":
@@ -296,35 +385,43 @@ _ENDS: Final = re.compile(
 
 
 def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Add the statements of a module to a machine.
+    """Add the statements of a module to a machine, and those of the other modules of its task.
 
-    Further modules of the file are parts of the same program.
+    Further modules, in the same file or in further files, are parts of the same program; moves of further
+    files are not corrected.
 
     Raises:
         ProgramError: a routine is LOCAL in one module, and another module uses its name.
     """
-    text, place = sources[0].text, 0
-    starts, ends = [], []
+    machine.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
+    modules, places = list[str](), list[tuple[int, int]]()
+    for index, source in enumerate(sources):
+        machine.add_statements(index, *_find_statements(source.text))
+        begins = [match.start() for match in re.finditer(r"(?im)^[ \t]*+MODULE\b", source.text)] or [0]
+        ends = [*begins[1:], len(source.text)]
+        modules += [source.text[start:end].upper() for start, end in zip(begins, ends, strict=True)]
+        places += [(index, source.find_line(begin)) for begin in begins]
+    if len(modules) > 1:
+        if routines := _find_ambiguous_names(modules, _LOCAL_ROUTINE):
+            reason = (
+                f"{quote_text(min(routines))} is LOCAL in one of the modules, and another one uses its name"
+            )
+            index, line = places[1]
+            machine.refuse(line, reason, _ONE_MODULE, index)
+        reason = "it is LOCAL in one of the modules"
+        machine.forget_anytime(_find_ambiguous_names(modules, _LOCAL_DATA), reason, _ONE_MODULE)
+
+
+def _find_statements(text: str) -> tuple[IndexArray, IndexArray]:
+    """Return the first and the last + 1 character of each statement of a file."""
+    starts, ends, place = list[int](), list[int](), 0
     for end in (*(match.end() for match in _ENDS.finditer(text) if match[1]), len(text)):
         start = end - len(text[place:end].lstrip())
         if start < end:
             starts.append(start)
             ends.append(end)
         place = end
-    machine.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
-    machine.add_statements(0, np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp))
-    begins = [match.start() for match in re.finditer(r"(?im)^[ \t]*+MODULE\b", text)]
-    if len(begins) > 1:
-        modules = [
-            text[start:end].upper() for start, end in zip(begins, [*begins[1:], len(text)], strict=True)
-        ]
-        if routines := _find_ambiguous_names(modules, _LOCAL_ROUTINE):
-            reason = (
-                f"{quote_text(min(routines))} is LOCAL in one of the modules, and another one uses its name"
-            )
-            machine.refuse(sources[0].find_line(begins[1]), reason, _ONE_MODULE)
-        reason = "it is LOCAL in one of the modules"
-        machine.forget_anytime(_find_ambiguous_names(modules, _LOCAL_DATA), reason, _ONE_MODULE)
+    return np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp)
 
 
 _LOCAL_ROUTINE: Final = rf"\bLOCAL\s++(?:PROC|TRAP|FUNC\s++\w++)\s++({_WORD})"
@@ -332,7 +429,7 @@ _LOCAL_DATA: Final = rf"\bLOCAL\s++(?:CONST|PERS|VAR)\s++\w++\s++({_WORD})"
 
 
 def _find_ambiguous_names(modules: list[str], declaration: str) -> frozenset[str]:
-    """Return the names that a module declares as LOCAL, by a pattern, and another module of the file uses."""
+    """Return the names that a module declares as LOCAL, by a pattern, and another module uses."""
     local = [set(re.findall(declaration, each)) for each in modules]
     used = [set(re.findall(_WORD, each)) for each in modules]
     return frozenset(
@@ -344,7 +441,7 @@ def _find_ambiguous_names(modules: list[str], declaration: str) -> frozenset[str
 
 
 LANGUAGE: Final = ir.Language(
-    suffixes=".mod .prg .modx",
+    suffixes=".mod .prg .modx .sys .sysx",
     pose=POSE,
     remark="!",
     head=r"[ \t]*+(?i:MODULE\b)",
@@ -406,6 +503,7 @@ LANGUAGE: Final = ir.Language(
             lambda line: [ir.Call(line["name"], anytime=True, event="\0trap")],
         ),
         (r"IF ?(?P<rest>.*)", _translate_compact_if),
+        (r"%(?P<routine>[^%]+)%(?P<arguments>[^%]*)", _translate_late_call),
         (r"@{name} ?(?P<arguments>.*)", _translate_instruction),
     ),
 )

@@ -120,7 +120,9 @@ def _parse_header(machine: Machine, line: int, header: str, first: str) -> _Tabl
         machine.refuse(line, "two columns have the same name", _REMEDY)
     fitting = [each for each in _TARGET_COLUMNS if column_of_name.keys() >= set(each.split())]
     if len({_TARGET_COLUMNS[each][0] is Orientation.JOINTS for each in fitting}) > 1:
-        machine.refuse(line, "the table has both poses and joint angles", "omit one of them")
+        machine.refuse(
+            line, "the table has both poses and joint angles", "omit the poses or the joint angles"
+        )
     if not fitting:
         reason = f"the header {quote_text(header)} does not name the coordinates of the targets"
         machine.refuse(line, reason, _REMEDY)

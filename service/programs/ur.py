@@ -22,11 +22,13 @@ _MOTIONS: Final = {
 # Facts. Source: Universal Robots, The URScript programming language 5.11.
 # Routines that move the robot to a place that no target in numbers gives.
 _MOVES_WITHOUT_TARGET: Final = re.compile(
-    r"(?:servo|speed)[jlc]|\w*(?:force|freedrive|teach)_mode|tool_contact|optimove[jl]|\w*(?:conveyor|path_offset)\w*"
+    r"(?:servo|speed)[jlc]|\w*(?:force|freedrive|teach)_mode|tool_contact|optimove[jl]|\w*(?:conveyor(?!_tick)|path_offset)\w*"
     r"|screw_driving|move_until_contact|position_deviation_warning|reset_revolution_counter|set_pos"
 )
 # Those of them that last, and so move what later moves reach, until another one ends them
 _LASTING: Final = re.compile(r"(?!servo|speed|tool_contact|optimove|move_until_contact).*")
+_KINDS: Final = re.compile(r"force_mode|freedrive|teach|path_offset|conveyor|screw_driving")
+"""Kinds of what lasts, in the name of the routine that begins it and of the one that ends it."""
 _END_OF_LASTING: Final = re.compile(
     r"end_(?:force|freedrive|teach)_mode|path_offset_disable|stop_conveyor_tracking|end_screw_driving"
 )
@@ -38,7 +40,7 @@ _HARMLESS: Final = (
     r"|[sg]et_\w*(?:digital|analog|euromap|runstate)_?\w*"
     r"|get_(?:inverse_kin|forward_kin|tcp_offset|tcp_force|tool_current|joint_t\w+|controller_temp|steptime"
     r"|freedrive_status|(?:actual|target)_(?:tcp|joint|payload|waypoint)\w*|conveyor_tick_count)"
-    r"|(?:read|write)_(?:in|out)put_\w+|(?:read|write)_port_\w+|(?:modbus|socket|rtde)_\w+|rpc_factory"
+    r"|set_conveyor_tick_count|encoder_\w+|(?:read|write)_(?:in|out)put_\w+|(?:read|write)_port_\w+|(?:modbus|socket|rtde)_\w+|rpc_factory"
     r"|pose_\w+|tool_pose|point_dist|interpolate_pose|rpy2rotvec|rotvec2rpy|wrench_trans|to_(?:str|num)|str_\w+|norm|normalize|length"
     r"|floor|ceil|sqrt|pow|log|a?(?:sin|cos|tan)|atan2|d2r|r2d|abs|\w*binary_list\w*|make_list"
 )
@@ -77,14 +79,20 @@ def _translate_call(line: Line) -> list[Op]:
     name = line["name"]
     found = line.read_expression(line.text)
     if _END_OF_LASTING.fullmatch(name):
-        return [*(op for op in found if not _is_call_of(name, op)), ir.Assign(ir.MODE, ir.Named(""))]
+        return [*(op for op in found if not _is_call_of(name, op)), ir.end_lasting(_find_kind(name))]
     if not _MOVES_WITHOUT_TARGET.fullmatch(name):
         return found
     found = [op for op in found if not _is_call_of(name, op)]  # no function of the controller sets the tool
     reason, remedy = f"{name} moves the robot without a target", "use movej, movel, movep or movec"
     if _LASTING.fullmatch(name):
-        found.append(ir.MakeUnknown(frozenset({ir.MODE}), reason, remedy, until_ended=True))
+        found.append(ir.begin_lasting(_find_kind(name), reason, remedy))
     return ir.make_uncorrected_move(found, reason, remedy)
+
+
+def _find_kind(name: str) -> str:
+    """Return the kind of what lasts behind a routine; the routine's own name if nothing ends it."""
+    kind = _KINDS.search(name)
+    return kind[0] if kind else name
 
 
 def _is_call_of(name: str, op: Op) -> bool:
@@ -193,6 +201,8 @@ LANGUAGE: Final = ir.Language(
     remedy=_REMEDY,
     active={_ACTIVE: "active TCP"},
     is_reached=lambda name: name == _ACTIVE,
+    # the tool, and words of branches, loops and routines
+    forgets=r"tcp|\b(?:def|sec|thread|end|if|elif|else|while|for|switch|case|default|return|break|run)\b",
     constants={"robot base": np.eye(4)},
     rules=(
         (r"\$ ?\0(?: ?\"[^\"]*\")*", ""),  # PolyScope numbers its nodes: $ 3 "Waypoint_1"
@@ -210,6 +220,10 @@ LANGUAGE: Final = ir.Language(
             lambda line: [ir.Assign(_ACTIVE, Literal(POSE, line.ordinals[:6]))],
         ),
         (rf"(run {_WORD}\(.*\))", ""),
+        (
+            rf"set_tcp\((?:pose=)?(?P<frame>{_WORD})(?:,.*)?\)",
+            lambda line: [ir.Use(frozenset({line["frame"]})), ir.Assign(_ACTIVE, ir.Copy(line["frame"]))],
+        ),
         (r"set_tcp\(.*", _refuse_unknown_tool),
         (r"(?P<motion>move[jlpc])\((?P<arguments>.*)\)", _translate_move),
         (r"@{name}\(.*\)", _translate_call),

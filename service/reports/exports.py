@@ -22,8 +22,8 @@ from jointstiff.solver.text import round_down, stiffness_text
 
 _UNIT = UNITS["MNm/rad"]
 PLACEHOLDERS = (
-    "Masses and inertias are placeholders of the format, not of the robot, and gravity is off: add those of "
-    "the robot for dynamics or own weight."
+    "Masses and inertias are placeholders that the format requires, and gravity is off: for dynamics or own "
+    "weight, enter the values of the robot."
 )
 
 
@@ -69,7 +69,7 @@ class ExportedModel:
             f"Method: {METHOD_NAMES[request.method]}, {request.weighting} weights, {constraint}. "
             f"Intervals at {100 * request.confidence:g} %.",
             f"Verdict on the result: {VERDICTS[self.result.assessment.verdict]}.",
-            "Geometry: as the robot's model states it, not identified."
+            "Geometry: as in the robot's model, not identified."
             if self.geometry_id is None
             else f"Geometry: as identified, geometry {self.geometry_id}.",
             f"Lengths in m, angles in rad, stiffness in {self._stiffness_units()}. Angles are those of the "
@@ -122,7 +122,7 @@ def explain_missing_stiffness(joint: JointResult) -> str:
         return "the estimate is negative: identify again with non-negative compliances"
     least, bound = lower_limit(joint), ""
     if least is not None:
-        bound = f"; it is at least {stiffness_text(round_down(least), joint.kind)}"
+        bound = f"; the stiffness is at least {stiffness_text(round_down(least), joint.kind)}"
     return f"the readings cannot distinguish the joint from rigid{bound}"
 
 

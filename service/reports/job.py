@@ -43,7 +43,9 @@ if TYPE_CHECKING:
     from jointstiff.service.kinds.work import Work
 
 _DEFAULT: Final = View()
-_ACCEPTED_VERDICT: Final = Line("  computed despite this verdict, because the request accepts it", "bad")
+_ACCEPTED_VERDICT: Final = Line(
+    "  computed despite this verdict, because the request accepts the verdict", "bad"
+)
 
 
 def lay_out_job(

@@ -65,7 +65,7 @@ def draw_figure(charts: Sequence[Chart], areas: Sequence[Area] = (), style: Plot
     charts = [_choose_joints(chart, style.joints) for chart in charts]
     count = len(charts) + len(areas)
     if not count:
-        raise ValueError("the result has no numbers to draw: print it")
+        raise ValueError("the result has no numbers to draw: print the result")
     # Fonts of a paper, whatever the user's settings are; the axes of the user keep theirs.
     fonts = (
         {} if style.axes is not None else {"font.size": 7.0, "axes.linewidth": 0.6, "hatch.linewidth": 0.5}

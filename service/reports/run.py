@@ -55,8 +55,8 @@ STATEMENTS: Final = (
     NOT_ISO_9283,
     "This report may be reproduced only in full, except with the laboratory's approval.",
     "No statement of conformity with a specification is made. The verdicts are opinions by the rules of the "
-    "software, which are published with it; they say whether a number may be used, not whether the item is "
-    "good.",
+    "software, which are published with it; the verdicts state whether a number may be used, not "
+    "whether the item is good.",
     "Sampling: none. All observations of the measurement set were used, except those named under deviations.",
     "Results from external providers: none, except the readings if the laboratory did not take them; the "
     "operator is named above.",
@@ -244,7 +244,7 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
             if joint.stiffness is None
         ],
         facts=[
-            ("Share of the mean deflection that the model explains", format_percent(result.compensation)),
+            ("Fraction of the mean deflection that the model explains", format_percent(result.compensation)),
             ("Root mean square of the residuals' lengths", length_text(result.rms_residual)),
             ("Standard uncertainty of a coordinate of a reading", sigma),
             *_repeatability_facts(result.goodness),
@@ -355,13 +355,13 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
         return Section(
             UNCERTAINTY,
             paragraphs=[
-                "The run has no budget: it was made without one, or links or a coupling of "
-                "joints bend. The intervals in the results include what is known."
+                "The run has no uncertainty budget, because links or a coupling of joints bend, or because "
+                "an older version made the run. The intervals in the results include the known sources."
             ],
         )
     factor = _coverage_factor(budget)
     rows = _make_budget_rows(budget, model.result)
-    missing = "".join(f"It is partial: {_MISSING[source]}. " for source in budget.missing)
+    missing = "".join(f"The budget is partial: {_MISSING[source]}. " for source in budget.missing)
     caption = "Contributions to the standard uncertainty of each compliance [% of the compliance]"
     return Section(
         UNCERTAINTY,
@@ -372,9 +372,9 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
             f"corresponds to a coverage probability of approximately {format_percent(budget.probability)} "
             "(JCGM 100:2008, EA-4/02). The relative uncertainty of a stiffness is that of its compliance. "
             f"{missing}{_describe_correlation(budget)}",
-            "The interval of a joint differs from y ± U: it has all stiffnesses that the likelihood of the "
-            "readings does not exclude, can be asymmetric, and omits the sources that are not included "
-            "above.",
+            "The interval of a joint differs from y ± U: the interval contains all stiffnesses that the "
+            "likelihood of the readings does not exclude, can be asymmetric, and omits the sources that "
+            "are not included above.",
         ],
     )
 
@@ -393,7 +393,9 @@ def _build_weight_uncertainty_section(weight: WeightResult) -> Section:
     ]
     return Section(
         UNCERTAINTY,
-        paragraphs=["Shares of each interval's width: from the readings, and from the bounds of the masses."],
+        paragraphs=[
+            "Fractions of each interval's width: from the readings, and from the bounds of the masses."
+        ],
         tables=[text_table(["joint", "readings", "uncertain masses"], rows, left_aligned=[0])],
     )
 
@@ -464,7 +466,10 @@ def build_method_section(model: ExportedModel, laboratory: Laboratory | None) ->
     deviations = (
         (request.leave_out, f"observations left out: {', '.join(request.leave_out)}."),
         (not request.positive, "negative compliances were allowed."),
-        (request.loss not in {"automatic", "squared"}, f"loss {request.loss}: large residuals count less."),
+        (
+            request.loss not in {"automatic", "squared"},
+            f"loss {request.loss}: large residuals have less weight.",
+        ),
         (
             request.causes,
             "fitted with the joints, and taken out of the deflections: "
@@ -506,14 +511,14 @@ def _build_adjustment_section(model: ExportedModel) -> Section:
                 "Mean deflection, after compensation by the model, computed",
                 f"{format_rounded(compensated_mm)} mm",
             ),
-            ("Share that the model compensates", format_percent(model.result.compensation)),
+            ("Fraction that the model compensates", format_percent(model.result.compensation)),
         ]
     return Section(
         ADJUSTMENT,
         facts=facts,
         paragraphs=[
-            "No adjustment or repair between the readings is stated: all results are as found. The second "
-            "number is computed from the same readings and is no measurement."
+            "No adjustment or repair between the readings is stated: all results are as found. The mean "
+            "deflection after compensation is computed from the same readings; it is not measured."
         ],
     )
 
@@ -576,9 +581,9 @@ def _describe_noise(readings: MeasurementSetDocument) -> Iterator[str]:
 def _describe_assumed_uncertainties(noise: Noise | None) -> Iterator[str]:
     """Yield sentences on uncertainties of the load that are assumed because they are not stated."""
     if noise is None or noise.force is None or noise.force.scale is None:
-        yield f"Size of the force: none stated; ±{100 * ASSUMED_FORCE_SCALE:g} % assumed."
+        yield f"Size of the force: no uncertainty is stated; ±{100 * ASSUMED_FORCE_SCALE:g} % is assumed."
     if noise is None or noise.load_point is None:
-        yield f"Load point: none stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed."
+        yield f"Load point: no uncertainty is stated; ±{1e3 * ASSUMED_LOAD_POINT:g} mm is assumed."
 
 
 def _describe_shared_uncertainties(noise: Noise, millimetres: float) -> Iterator[str]:

@@ -69,7 +69,9 @@ def read_content(path: Path) -> bytes:
         content = file.read(MAX_SET_BYTES + 1)
     if len(content) > MAX_SET_BYTES:
         limit = f"{MAX_SET_BYTES // 1024**2} MiB"
-        raise CampaignError(http_problem(413, f"{path} exceeds {limit}", "split it into several sets"))
+        raise CampaignError(
+            http_problem(413, f"{path} exceeds {limit}", "split the campaign into several sets")
+        )
     if not content.strip():
         raise CampaignError(http_problem(422, f"{path} is empty", "give a file that was saved completely"))
     return content
@@ -191,14 +193,16 @@ def _explain_other_document(
     import_hint = "to read tables and point lists use `jointstiff import FILE`"
     if error.keys is NOT_JSON:
         if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
-            return http_problem(422, f"{name} is a text in UTF-16, not a JSON document", "save it as UTF-8")
+            return http_problem(
+                422, f"{name} is a text in UTF-16, not a JSON document", "save the file as UTF-8"
+            )
         from jointstiff.service.importing.grid import file_type  # imported only for such a file
 
         if content.lstrip()[:1] not in (b"{", b"["):
             type_of_file = file_type(content) or "a text"
             return http_problem(422, f"{name} is {type_of_file}, not a JSON document", import_hint)
         return http_problem(
-            422, f"{name}: {error.faults[0]['msg']}", f"correct the JSON there; {import_hint}"
+            422, f"{name}: {error.faults[0]['msg']}", f"correct the JSON at this place; {import_hint}"
         )
     for keys, kind, remedy in _OTHER_DOCUMENTS:
         if keys <= error.keys and not keys <= set(message_class.model_fields):

@@ -160,7 +160,8 @@ def _list_missing_fields(
     first_observation, states = understood.observations[0], understood.preview.states
     unusual = [] if request.accept_unusual else _describe_unusual_values(understood, request)
     confirmation = (
-        f"a confirmation (`accept_unusual`) that this is right: {'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
+        "a confirmation (`accept_unusual`) that these values are correct: "
+        f"{'; '.join(unusual[:MAX_PREVIEW_ROWS])}"
     )
     force_is_stated = request.force is not None
     force_unit = None if request.units is None else request.units.force
@@ -211,7 +212,11 @@ def _describe_unusual_values(understood: Understood, request: ImportRequest) -> 
     if request.load_point is not None:
         distances.append(hypot(*_convert_lengths(request.load_point, unit_of_request, "m", "load_point")))
     greatest = max(distances, default=0.0)  # [m]
-    far_point = [f"the load point is {greatest:g} m from the flange"] if greatest > FAR_POINT else []
+    far_point = (
+        [f"the load point is {greatest:g} m from the flange (up to {FAR_POINT:g} m is believed)"]
+        if greatest > FAR_POINT
+        else []
+    )
     return [*far_point, *understood.unusual]
 
 

@@ -566,8 +566,10 @@ def _estimate_drift(
         finding.model_copy(
             update={
                 "weight": "use",
-                "remedy": "the drift is corrected in this set; let the tracker warm up, and mount it more "
-                "rigidly",
+                "remedy": (
+                    "the drift is corrected in this set; let the tracker warm up, and mount the "
+                    "tracker more rigidly"
+                ),
             }
         )
         if finding.code == "base_drifted"  # no reason against the set, as its transform corrects the drift

@@ -219,7 +219,7 @@ def read_load_cases(text: str, joints: Mapping[str, JointKind], **options: Any) 
         raise RequestError(
             f"the table has {len(cases):,} load cases",
             where="cases",
-            remedy=f"split it into tables of at most {MAX_CASES:,} cases",
+            remedy=f"split the table into tables of at most {MAX_CASES:,} cases",
         )
     return _validate_message(DeflectionOptions, {**options, "units": units, "cases": cases})
 
@@ -235,7 +235,7 @@ def _validate_message(message_class: type[AnyMessage], fields: object, *path: st
     except ValidationError as error:
         fault = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(map(str, (*path, *fault["loc"])))
-        raise RequestError(str(fault["msg"]), where=place, remedy="correct it") from None
+        raise RequestError(str(fault["msg"]), where=place, remedy="correct the value") from None
 
 
 def _parse_header(header: str, joints: Mapping[str, JointKind], units: Units) -> _Column:
@@ -362,7 +362,9 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
             value = factor * float(text.replace(",", ".") if decimal_comma else text)
         except ValueError:
             raise RequestError(
-                f"'{text[:40]}' is not a number", where=f"line {line}, column {number}", remedy="correct it"
+                f"'{text[:40]}' is not a number",
+                where=f"line {line}, column {number}",
+                remedy="correct the value",
             ) from None
         case.setdefault(field, {})[index] = value
     return {

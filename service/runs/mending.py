@@ -143,7 +143,7 @@ def _exchange_load_point_and_target(measurement_set: _Set, action: AdvisedAction
         raise RequestError(
             f"the set does not state where target '{target}' is on the flange",
             where="measurement_set.flange_targets",
-            remedy="check the load point, and correct it in the set",
+            remedy="check and correct the load point in the set",
         )
     # Observations without a load point of their own use the load point of the set.
     set_load_point = measurement_set.load_point or (0.0, 0.0, 0.0)
@@ -155,7 +155,7 @@ def _exchange_load_point_and_target(measurement_set: _Set, action: AdvisedAction
             f"the set has {1 + len(other_points)} different load points; "
             "only one can be exchanged with a target",
             where="measurement_set.observations",
-            remedy="check the load points, and correct them in the set",
+            remedy="check and correct the load points in the set",
         )
     return measurement_set.model_copy(
         update={

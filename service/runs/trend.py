@@ -309,7 +309,7 @@ def _summarise_point(campaign: Campaign, name: str) -> messages.TrendPoint:
     if joint.status != "identified":
         reason = joint.reason or f"the joint is {joint.status.replace('_', ' ')}"
     elif joint.verdict == "do_not_use":
-        reason = joint.reason or "its verdict is: do not use"
+        reason = joint.reason or "the verdict on the joint is: do not use"
     return messages.TrendPoint(stiffness=joint.stiffness, interval=joint.stiffness_interval, reason=reason)
 
 
@@ -343,8 +343,8 @@ def _write_note(
         if without:
             return (
                 f"the runs of {', '.join(map(repr, without))} do not state how an error of the load point "
-                "moves their stiffnesses, so each of these campaigns keeps an error of its own: identify "
-                "these sets again with an uncertainty of the load point"
+                "changes their stiffnesses, so each of these campaigns has its own error: identify these "
+                "sets again with an uncertainty of the load point"
             )
     return None
 
@@ -402,18 +402,18 @@ def _explain_unfit_for_any_trend(campaign: Campaign) -> str | None:
     assessment = result.assessment
     if assessment.verdict == "do_not_use":
         first_reason = f" ({assessment.reasons[0].message})" if assessment.reasons else ""
-        return f"its assessment is: do not use{first_reason}"
+        return f"the verdict on its run is: do not use{first_reason}"
     if result.links:
-        return "it has elastic links or coupling, so its joint stiffnesses are effective values"
+        return "its run has elastic links or coupling, so the joint stiffnesses include the bending of links"
     if request.weight:
-        return "it was identified by own weight, so that an error of the masses shifts all stiffnesses"
+        return "its run uses the own weight, so an error of the masses shifts all stiffnesses"
     for name, is_used in (
         ("priors", request.priors),
         ("bounds of the stiffness", request.stiffness_bounds),
         ("an order of the joints", request.stiffness_order),
     ):
         if is_used:
-            return f"it was identified with {name}, which shift the stiffnesses"
+            return f"its run uses {name}, which shift the stiffnesses"
     return None
 
 
@@ -443,7 +443,7 @@ def split_by_comparability(
             reason = (
                 _explain_unfit_for_selection(candidates[0], selection)
                 if candidates
-                else "it has no run with stiffnesses"
+                else "the campaign has no run with stiffnesses"
             )
             left_out.append(
                 messages.LeftOut(

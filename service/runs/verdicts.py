@@ -25,7 +25,7 @@ from jointstiff.solver.predict.answers import build_forward_model
 from jointstiff.solver.predict.forward import ForwardModel
 from jointstiff.solver.predict.models import IdentifiedWeight, JointModel, ModelError
 from jointstiff.solver.process.prior import FACTOR, build_prior_model
-from jointstiff.solver.text import figure
+from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure
 
 
 def find_accepted_run(inputs: Inputs, run_id: str, accept_verdict: str | None) -> MeasuredRun:
@@ -166,8 +166,8 @@ class RunModel:
                 remarks.append(f"own weight is not included, because {explanation}")
             elif self.model.weight.absolute:
                 remarks.append(
-                    "the predictions are absolute, that is relative to an arm that does not bend: they "
-                    "include the sag under own weight"
+                    "the predictions are absolute (relative to an arm that does not bend), so they include "
+                    "the sag under own weight"
                 )
             if self.run.request.complementary_stiffness == "neglected" and self.run.request.weight is None:
                 remarks.append(
@@ -179,7 +179,9 @@ class RunModel:
             reason = self.result.model.no_error if self.result.model else None
             remarks.append(f"no bound of the model error: {reason or 'no posture could be omitted'}")
         elif self.error.postures < (needed := self.error.count_needed_postures(confidence)):
-            remarks.append(f"{prefix}: {needed} postures are needed, and there are {self.error.postures}")
+            remarks.append(
+                f"{prefix}: {needed} postures are needed, but the campaign has only {self.error.postures}"
+            )
         elif np.isinf(self.error.quantile(confidence)):
             remarks.append(f"{prefix}: too many postures are needed to determine a joint")
         return remarks
@@ -215,7 +217,9 @@ class PriorModel:
             "no stiffness was measured: by the prior from payload and reach, deflections are right within a "
             f"factor of {FACTOR:g}"
         )
-        remedy = "measure a campaign: it tells how many micrometres are left, and what a correction is worth"
+        remedy = (
+            "measure a campaign, which shows the remaining deflection in µm and the benefit of a correction"
+        )
         reason = make_reason("prior_stiffness", "use_with_care", message, remedy)
         return cls(build_prior_model(robot), Assessment(verdict="use_with_care", reasons=[reason]))
 
@@ -340,8 +344,9 @@ def find_implausible_deflection(greatest: float | None, run: RunResult | None) -
         make_reason(
             "prediction_implausible",
             "do_not_use",
-            f"the greatest deflection is {1e3 * greatest:.4g} mm{comparison}",
-            "check the units of the load and of the points (N or kN, m or mm)",
+            f"the greatest deflection is {1e3 * greatest:.4g} mm{comparison}; up to "
+            f"{1e3 * LARGEST_DEFLECTION:g} mm, and {LARGEST_RATIO:g} times the campaign's, is believed",
+            f"check the units of the load and of the points (N or kN, m or mm); {PAST_DO_NOT_USE}",
         )
     ]
 
@@ -351,8 +356,10 @@ def find_far_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
     greatest_distance = max((hypot(*point) for point in points if point is not None), default=0.0)
     if greatest_distance <= LONGEST_TOOL:
         return []
-    message = f"the load point or the place is {greatest_distance:.3g} m from the flange"
-    return [make_reason("point_implausible", "use_with_care", message, "check its unit and its frame")]
+    distance = f"{greatest_distance:.3g} m from the flange"
+    message = f"the load point or the place is {distance}; up to {LONGEST_TOOL:g} m is believed"
+    remedy = f"check the unit and the frame of this point; {PAST_CARE}"
+    return [make_reason("point_implausible", "use_with_care", message, remedy)]
 
 
 def find_beyond_campaign(count: int, total: int, what: str) -> list[Finding]:
@@ -382,5 +389,5 @@ def find_missing_numbers(count: int, total: int, what: str, *, unseen: bool = Tr
     subject = f"none of the {total}" if count == total else f"{total - count} of {total}"
     message = f"{subject} {what} {'have' if total != 1 else 'has'} a number"
     measuring_advice = "measure with loads that twist the undetermined joints, or " if unseen else ""
-    remedy = f"read the reason why each of them has no number; {measuring_advice}move the places"
+    remedy = f"read the reason why each case has no number; {measuring_advice}move the places"
     return [make_reason("numbers_missing", weight, message, remedy)]

@@ -69,8 +69,8 @@ class UndeclaredRoleError(TypeError):
 
 _BEARER: Final = HTTPBearer(
     scheme_name="key",
-    description="A key (`jointstiff keys create`), where the service requires one. Browsers sign in with it "
-    "(`POST /v1/session`) and send a cookie in its place.",
+    description="A key (`jointstiff keys create`), where the service requires one. Browsers sign in with "
+    "the key (`POST /v1/session`) and send a cookie in its place.",
     auto_error=False,
 )
 
@@ -325,7 +325,7 @@ class Gate:
         """
         if self.is_open:
             raise RequestError(
-                "signing in is not needed: this service requires no key",
+                "sign-in is not needed: this service requires no key",
                 remedy="open the page; the link stays valid for a service that requires keys",
             )
         await self._await_recent_keys()

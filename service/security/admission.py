@@ -192,8 +192,8 @@ def refuse_structure(content: bytes) -> None:
         if content.count(character) > greatest_count:
             raise HTTPException(
                 413,
-                f"the body has more than {greatest_count} '{character.decode()}'; split it into several "
-                "requests",
+                f"the body has more than {greatest_count} '{character.decode()}'; split the body into "
+                "several requests",
             )
     if content.count(b":") <= MAX_KEYS:
         return
@@ -210,4 +210,4 @@ def refuse_structure(content: bytes) -> None:
 
 def _make_size_error(limit: int) -> HTTPException:
     """Return the error (413) that refuses a body larger than a limit in bytes."""
-    return HTTPException(413, f"the body exceeds {limit // 1024} KiB; split it into several requests")
+    return HTTPException(413, f"the body exceeds {limit // 1024} KiB; split the body into several requests")

@@ -43,7 +43,9 @@ _LENGTH: Final = 43
 """Number of random characters in a key: 62^43 > 2^256."""
 _KEY_FORM: Final = re.compile(r"(jst_([0-9a-f]{10})_[A-Za-z0-9]{43})_([0-9a-f]{8})", re.ASCII)
 _SECRETS: Final = re.compile(r"(jst|jsl)_[A-Za-z0-9_%-]*", re.ASCII)
-_REMEDY: Final = "copy the whole key, from jst_ to its last character; it was shown once, when it was created"
+_REMEDY: Final = (
+    "copy the whole key, from jst_ to the last character; the key was shown once, when it was created"
+)
 MAX_FILE_BYTES: Final = 1024 * 1024
 _FIELDS_IN_FILE: Final = tuple(field.name for field in fields(AccessKey) if field.name != "last_used_at")
 _OTHER_KEY: Final = "use another key; create one with `jointstiff keys create NAME --role ROLE`"
@@ -131,7 +133,7 @@ class KeysFileError(ServiceError):
     def __init__(self, path: Path, reason: object) -> None:
         super().__init__(
             f"the file of keys {path} cannot be used: {reason}",
-            "write it with `jointstiff keys create NAME --role ROLE --keys-file FILE`",
+            "write the file with `jointstiff keys create NAME --role ROLE --keys-file FILE`",
         )
 
 
@@ -170,15 +172,17 @@ class KeysFile:
         try:
             with self._path.open("rb") as file:
                 if os.fstat(file.fileno()).st_mode & stat.S_IWOTH:
-                    raise KeysFileError(self._path, "every user can write to it; correct this with chmod o-w")
+                    raise KeysFileError(
+                        self._path, "every user can write to the file; correct this with chmod o-w"
+                    )
                 content = file.read(MAX_FILE_BYTES + 1)
             if len(content) > MAX_FILE_BYTES:
-                raise KeysFileError(self._path, f"it exceeds {MAX_FILE_BYTES // 1024} KiB")
+                raise KeysFileError(self._path, f"the file exceeds {MAX_FILE_BYTES // 1024} KiB")
             document = _Document.model_validate_json(content)
         except OSError as error:
             raise KeysFileError(self._path, error.strerror) from error
         except ValidationError as error:
-            raise KeysFileError(self._path, "its content is not a file of keys") from error
+            raise KeysFileError(self._path, "the content is not a file of keys") from error
         if len({entry.id for entry in document.keys}) < len(document.keys):
             raise KeysFileError(self._path, "two keys have the same id")
         return [AccessKey(**entry.model_dump(), last_used_at=None) for entry in document.keys]
@@ -332,7 +336,7 @@ class Keyring:
         stored_hash = _HASH_OF_NO_KEY if key is None else key.key_hash
         is_right = hmac.compare_digest(hash_secret(text), stored_hash)  # takes the same time for any text
         if key is None or not is_right:
-            raise KeyRefusedError("the key is not one of this service", _OTHER_KEY)
+            raise KeyRefusedError("the key does not belong to this service", _OTHER_KEY)
         if key.revoked_at is not None:
             raise KeyRefusedError("the key was revoked", _OTHER_KEY)
         if not key.is_live(datetime.now(UTC)):

@@ -196,7 +196,7 @@ class Database:
         """
         if time.monotonic() < self._away_until:  # set only for a PostgreSQL server
             raise StoreUnavailableError(
-                "the postgresql database does not answer", "check that the server runs, and its address"
+                "the postgresql database does not answer", "check that the server runs, and check its address"
             )
         try:
             yield
@@ -214,7 +214,7 @@ class Database:
                 f"the {self.dialect} database failed ({lines[0][:200]})",
                 "check that the file is writable and its disk is not full"
                 if self.dialect == "sqlite"
-                else "check that the server runs, and its address, user and privileges",
+                else "check that the server runs, and check its address, user and privileges",
                 # Clients get this text, as the text of a PostgreSQL server names machines.
                 None if self.dialect == "sqlite" else "the postgresql database does not answer",
             ) from error

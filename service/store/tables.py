@@ -654,7 +654,7 @@ def _lock_creation(connection: sa.Connection) -> None:
         if time.monotonic() > deadline:
             raise StoreUnavailableError(
                 f"another process has been creating the tables for {_LOCK_SECONDS:.0f} s",
-                "end the other process if it hangs, and start again",
+                "end the other process if that process hangs, and start again",
             )
         time.sleep(0.05)
 
@@ -672,8 +672,8 @@ def has_tables(connection: sa.Connection) -> bool:
         save_command = _SAVE_COMMANDS[connection.dialect.name]
         raise StoreError(
             f"the database has tables of another version of Jointstiff: layout {found}, not {LAYOUT}",
-            f"save it with `{save_command}` and open it with the version that wrote it, or give a new "
-            "database and post the campaigns again",
+            f"save the database with `{save_command}` and open it with the version that wrote it, or give "
+            "a new database and post the campaigns again",
         )
     return found is not None
 

@@ -84,7 +84,7 @@ def verdict_line(assessment: Assessment) -> Line:
     verdict, count = assessment.verdict, len(assessment.reasons)
     identified, joints = assessment.joints_identified, assessment.joint_count
     if not count and identified is not None and identified != joints:
-        rest_words = "the others have no number that passed the checks"
+        rest_words = "no number of the other joints passed the checks"
         return Line(f"Use {identified} of {joints} joints: {rest_words}", _HEAD_STYLES[verdict])
     explanation = format_count(count, "reason") if count else describe_passed_checks(assessment)
     return Line(f"{VERDICTS[verdict].capitalize()}: {explanation}", _HEAD_STYLES[verdict])

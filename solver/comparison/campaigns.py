@@ -232,7 +232,8 @@ def _compute_pair_covariance(sides: Sequence[Side], *, same_load_point: bool) ->
         return PairCovariance(own, np.zeros((n, n)))
     if not all(side.free.load_point.any() for side in sides):
         raise RequestError(
-            "one of the runs has no uncertainty of its load point, so there is no error to share",
+            "one of the runs states no uncertainty of its load point, so the sets cannot share an error of "
+            "the load point",
             where=_SAME_LOAD_POINT,
             remedy="omit `same_load_point`, or identify both sets again with an uncertainty "
             "`noise.load_point` above zero and without a fitted load point",
@@ -408,7 +409,8 @@ def fit_ordered(
     noise = [each.readings for each in free if each.readings is not None]
     if len(noise) < len(sides):
         raise RequestError(
-            "sigma is neither given nor determined by the residuals, so the two sets cannot be weighted",
+            "sigma is neither stated nor determined by the residuals, so the two sets cannot be weighted "
+            "against each other",
             where="ordered",
             remedy="state `noise.sigma`, or add observations",
         )
@@ -490,7 +492,7 @@ def find_force_unit_mistake(one: Measurements, two: Measurements, matches: Match
                 f"{figure(ratio, '.3g')} times those of the first, but the deflections "
                 f"{figure(1.0 - share.value, '.3g')} times: probably {other} were read as {unit} in the "
                 f"second campaign, or {unit} as {other} in the first",
-                remedy="correct `units.force` of the campaign that states it wrongly",
+                remedy="correct `units.force` of the campaign whose unit is wrong",
             )
     return None
 

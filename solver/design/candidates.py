@@ -533,10 +533,9 @@ def choose_parameters(
     if len(not_excited):
         joints = ", ".join(names[j] for j in not_excited)
         raise RequestError(
-            f"no candidate load twists {joints}, or no target moves with it",
+            f"no candidate load twists {joints}, or no target moves when these joints turn",
             where="joints",
-            remedy="allow loads in other directions, "
-            "or list the joints to be determined without these joints",
+            remedy="allow loads in other directions, or omit these joints from `joints`",
         )
     is_known = np.isfinite(nominal) & (np.nan_to_num(nominal) > 0.0)
     # A joint of unknown compliance is assumed to move the targets as much as a typical joint (the median).
@@ -705,9 +704,9 @@ def _select_feasible_readings(
     if not is_feasible.any():
         counts = ", ".join(f"{name} {count}" for name, count in excluded_counts.items())
         raise RequestError(
-            f"none of {len(joints)} readings is feasible: {counts}",
+            f"none of {len(joints)} candidate readings is feasible: {counts}",
             where="candidates",
-            remedy="relax the condition that excludes most of them, or give other postures or loads",
+            remedy="relax the condition that excludes most readings, or give other postures or loads",
         )
     joints = joints[is_feasible]
     anchor = anchor[is_feasible] if loads.kind == "cable" else np.full(len(joints), -1)
@@ -722,7 +721,8 @@ def _select_feasible_readings(
         in_work_area = ((load_points >= low) & (load_points <= high)).all(axis=1)
         if in_work_area.sum() < _FEWEST_PLACES:
             raise RequestError(
-                f"{in_work_area.sum()} of {len(joints)} candidates have their load point in the work area",
+                f"only {in_work_area.sum()} of {len(joints)} candidate postures have their load point in "
+                "the work area",
                 where="work_area",
                 remedy="give a larger work area, in R0 and in metres, or more candidates",
             )

@@ -459,7 +459,7 @@ class Candidates:
                 block_information[:, k] = 0.5 * (K + K.transpose(0, 2, 1))
             if not np.isfinite(block_information).all():
                 raise RequestError(
-                    "a candidate has a number that is not finite",
+                    "a number of a candidate posture or load is not finite",
                     where="candidates",
                     remedy="give postures and loads of plausible size",
                 )
@@ -586,8 +586,8 @@ class DesignProblem:
         if values[0] < _NO_INFORMATION * values[-1]:
             unaffected = np.flatnonzero(diagonal <= 0.0).tolist()
             raise RequestError(
-                f"all candidates together determine {int((values > _NO_INFORMATION * values[-1]).sum())} of "
-                f"{len(values)} parameters"
+                "all candidates together determine only "
+                f"{int((values > _NO_INFORMATION * values[-1]).sum())} of {len(values)} parameters"
                 + (f"; no load changes parameter {unaffected}" if unaffected else ""),
                 where="candidates",
                 remedy="add loads or postures that change the missing parameters, "
@@ -797,7 +797,8 @@ def _compute_newton_step(slope: Slope, w: FloatArray) -> FloatArray:
         root = np.linalg.cholesky(slope.hessian + ridge).T
     except np.linalg.LinAlgError:
         raise SolverError(
-            "the readings of the plan determine some parameters so badly that rounding hides them",
+            "the readings of the plan determine some parameters so poorly that rounding errors hide these "
+            "parameters",
             remedy="give loads and postures of plausible size, or name the joints to be determined",
             where="candidates",
         ) from None

@@ -159,9 +159,9 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     coordinates = (3 if request.directions is None else 1) * len(request.equipment.targets) * fitted
     if fitted < 1 or (request.so_far is None and coordinates < s):
         raise RequestError(
-            f"{fitted} readings without those held out do not determine {s} joints",
+            f"{fitted} readings, after those for validation are held out, do not determine {s} joints",
             where="readings",
-            remedy="request more readings, or a smaller share for validation",
+            remedy="request more readings, or a smaller fraction for validation",
         )
     problem = DesignProblem(pool.candidates, criteria[request.criterion], fitted, pool.base)
     design = optimise_design(problem, _LINKS_GAP if request.links else None)
@@ -270,7 +270,7 @@ def compute_goal_share(robot: Robot, pool: Pool, request: PlanRequest, exact: Ex
         return _COVERAGE * float(compute_uncertainties(M, len(pool.parameters.joints)).max()) / goal.relative
     if pool.places is None:
         raise RequestError(
-            "the goal is about deflections, and the work area is missing",
+            "the goal is about deflections, but the request has no work area",
             where="work_area",
             remedy='give the corners of the work area, or a goal for the joints, such as "15 %"',
         )
@@ -350,7 +350,7 @@ def find_least_readings(
             what = "the least mistake of the load point that shows" if of_load_point else "the uncertainty"
             greater = "mistake" if of_load_point else "uncertainty"
             raise RequestError(
-                f"with {MAX_READINGS} readings, the most of a plan, {what} is "
+                f"with {MAX_READINGS} readings, the maximum of a plan, {what} is still "
                 f"{figure(reached, '.3g')} times that of the goal",
                 where="goal",
                 remedy=f"choose a goal with a greater {greater}, a greater load, more targets, or less noise",
@@ -617,8 +617,8 @@ def _complete_list(
     while len(atoms) < problem.readings:
         if not allowed.any():
             raise RequestError(
-                f"only {len(atoms)} candidates are in postures {np.degrees(distinct.angle):.3g}° "
-                f"apart, but {problem.readings} readings are requested",
+                f"only {len(atoms)} candidates are in postures that differ by "
+                f"{np.degrees(distinct.angle):.3g}°, but {problem.readings} readings are requested",
                 where="distinct_angle",
                 remedy="request fewer readings, a smaller angle, or more candidates",
             )

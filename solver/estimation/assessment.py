@@ -50,7 +50,14 @@ from jointstiff.solver.mechanics.measurements import (
     Measurements,
 )
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.text import figure, length_text, stiffness_text, unknowns_text
+from jointstiff.solver.text import (
+    PAST_CARE,
+    PAST_DO_NOT_USE,
+    figure,
+    length_text,
+    stiffness_text,
+    unknowns_text,
+)
 
 SAME_PLACE: Final = 2e-3
 """Distance between load point and target [m] below which they count as the same."""
@@ -105,10 +112,12 @@ _BY_STATUS: Final[dict[str, Verdict]] = {
 _NOT_LINEAR: Final = frozenset({"play", "curved_springs"})
 """Causes that readings at one size of the load may not distinguish."""
 _READ_HALF: Final = (
-    "not linear: read two postures at half the load; play stays, and a spring that hardens bends by more "
-    "than half"
+    "not linear: read two postures again at half the load; the play stays the same, and a hardening spring "
+    "deflects by more than half"
 )
-_FIT_CAUSES_FIRST: Final = "fit the causes that are named first; the residuals show the noise afterwards"
+_FIT_CAUSES_FIRST: Final = (
+    "first fit the named causes with the joints; the remaining residuals then show the noise"
+)
 _CHECK_NOISE: Final = (
     "check frames, joint map, units and noise; if all are correct, something besides the joints deflects: "
     "omit `noise` so that sigma is estimated from the residuals"
@@ -238,26 +247,27 @@ def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloa
         kgf = float(np.linalg.norm(STANDARD_GRAVITY))
         yield (
             f"Forces up to {figure(force)} N ({figure(force / kgf, '.3g')} kgf), deflections up to "
-            f"{deflection}. If N and kgf are confused, every stiffness is wrong by {kgf:.3g}, and no "
-            "reading shows it."
+            f"{deflection}. If N and kgf were confused, every stiffness would be wrong by a factor of "
+            f"{kgf:.3g}, and no reading would show it."
         )
     if estimate.common is not None and estimate.common.responses_to("assumed_load_point").any():
         yield (
-            f"Load point: ±{1e3 * ASSUMED_LOAD_POINT:g} mm assumed. Measure where the force acts on the "
-            "flange, and enter its uncertainty (`noise.load_point`; on the page: Advanced, Uncertainty of "
-            "the load point)."
+            f"The load point is assumed to be known to ±{1e3 * ASSUMED_LOAD_POINT:g} mm. Measure where the "
+            "force acts on the flange, and enter the uncertainty of this point (`noise.load_point`; on "
+            "the page: Advanced, Uncertainty of the load point)."
         )
     if estimate.common is not None and estimate.common.responses_to("assumed_force_scale").any():
         yield (
-            f"Forces: ±{100 * ASSUMED_FORCE_SCALE:g} % assumed. Enter the uncertainty of the load cell or of "
-            "the weight (`noise.force.scale`; on the page: Advanced, Scale of the force)."
+            f"The forces are assumed to be known to ±{100 * ASSUMED_FORCE_SCALE:g} %. Enter the "
+            "uncertainty of the load cell or of the weight (`noise.force.scale`; on the page: Advanced, "
+            "Scale of the force)."
         )
     if unloading is not None:
         yield describe_unloading(unloading)
     elif not measurements.in_flange[measurements.present].all():
         yield (
-            "Each posture was read once without load: a set that remains after unloading is not seen. Read "
-            "again after unloading (`unloaded_after`)."
+            "Each posture was read only once without load, so a deflection that remains after unloading is "
+            "not detected. Read each posture again after unloading (`unloaded_after`)."
         )
     if measurements.in_flange[measurements.present].all():
         yield (
@@ -270,7 +280,10 @@ def describe_unloading(unloading: Unloading) -> str:
     """Return a sentence on the positions after the load was removed."""
     count = unloading.postures
     where = f"{count} posture{'s' if count > 1 else ''} read again after unloading"
-    text = f"Targets come back to {length_text(unloading.distance)} (root mean square, {where})"
+    text = (
+        f"After unloading, the targets return to within {length_text(unloading.distance)} (root mean square, "
+        f"{where})"
+    )
     if unloading.share is None or unloading.standard_uncertainty is None:
         return f"{text}."
     share = f"{100.0 * unloading.share:.2g} % ± {100.0 * unloading.standard_uncertainty:.2g} %"
@@ -283,9 +296,9 @@ def report_remaining_deflection(unloading: Unloading) -> Finding:
     return Finding(
         code="deflection_remains",
         weight="use_with_care",
-        message=f"{100.0 * share:.2g} % ± {100.0 * u:.2g} % of the deflection remains after unloading: "
-        "stiffnesses count from the mean of both unloaded positions, and differ by "
-        f"{50.0 * abs(share):.2g} % from either",
+        message=f"{100.0 * share:.2g} % ± {100.0 * u:.2g} % of the deflection remains after unloading: the "
+        "stiffnesses refer to the mean of the unloaded positions before and after the load; with only one "
+        f"of these positions they would differ by {50.0 * abs(share):.2g} %",
         remedy="load and unload the arm once before the first reading; check that tool, hook and base are "
         "tight",
     )
@@ -456,9 +469,9 @@ def _report_wrong_postures(
             code="residual_outlier",
             weight="use_with_care",
             observation=wrong[0],
-            message=f"the readings of {_name_postures(wrong)} disagree with the joint springs that fit all "
-            "others (F test)",
-            remedy="check these readings and their loads; repeat them, or identify with loss huber",
+            message=f"the readings of {_name_postures(wrong)} disagree with the joint stiffnesses that fit "
+            "all other readings (F test)",
+            remedy="check these readings and their loads; repeat the readings, or identify with loss huber",
             action=AdvisedAction.of("use_huber" if measurements.direction is None else "show_posture", wrong),
         )
 
@@ -596,10 +609,10 @@ def _report_outlying(
         yield Finding(
             code="deflection_unexplained",
             weight="use_with_care",
-            message=f"{count} of {len(measurements)} observations disagree with the joint springs that fit "
-            "the others: too many for single wrong readings, so something besides the joints bends, or "
-            "angles or loads are wrong",
-            remedy="check these postures; if their readings are right, try elasticity joints_and_links",
+            message=f"{count} of {len(measurements)} observations disagree with the joint stiffnesses that "
+            "fit the other observations. These are too many for single wrong readings: something besides "
+            "the joints bends, or angles or loads are wrong",
+            remedy="check these postures; if the readings are right, try elasticity joints_and_links",
             action=AdvisedAction.of("show_posture", observations),
         )
     elif settings.loss != "huber":
@@ -654,7 +667,7 @@ def find_fit_problems(
     if set(statuses) - {"not_observable"} == {"at_bound"}:  # all observable joints seem rigid
         remedy = (
             "choose another robot, or check its joint map and the frame of the forces: the targets do not "
-            "move as the joints of this one would move them"
+            "move as the joints of the chosen robot would move them"
         )
         # If the negated deflections fit, unloaded and loaded readings, or all forces, are reversed.
         d = estimate.triangles.all_readings.rhs
@@ -734,10 +747,10 @@ def report_unexplained_motion(pure_error: PureError) -> Finding:
     return Finding(
         code="sigma_implausible",
         weight="use_with_care",
-        message=f"the tracker reads to {length_text(pure_error.sigma)}, as targets of the same posture show; "
-        f"the model leaves {length_text(pure_error.left)} of the flange's motion (F test, p = "
-        f"{pure_error.p_value:.1g}). Something besides springs and noise moves the flange, and counts as "
-        "noise here",
+        message="targets of the same posture show that the tracker reads to within "
+        f"{length_text(pure_error.sigma)}, but the model does not explain {length_text(pure_error.left)} "
+        f"of the flange's motion (F test, p = {pure_error.p_value:.1g}). This unexplained motion is "
+        "counted as noise",
         remedy="check loads, angles and geometry, and read one posture again without the load; "
         "state `noise.repeatability` if the robot returns less exactly",
     )
@@ -771,19 +784,20 @@ def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bo
             code="residuals_vanish",
             weight="use_with_care",
             message=f"the residuals give a standard uncertainty of {length_text(sigma)} per reading, which "
-            "no tracker reaches: these readings are computed, not measured, and the uncertainties are "
-            "meaningless",
-            remedy="state `noise` from the tracker's data sheet",
+            f"no tracker reaches (at least {length_text(LEAST_SIGMA)} is believed): these readings are "
+            "computed, not measured, and the uncertainties are meaningless",
+            remedy=f"state `noise` from the tracker's data sheet; {PAST_CARE}",
         )
     elif sigma is not None and sigma > LARGEST_SIGMA and not known:
         yield Finding(
             code="sigma_implausible",
             weight="use_with_care",
-            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
-            "reading; laser trackers have 10 to 40 µm, so most of it comes from deflections that the model "
-            "does not explain",
+            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of "
+            "a reading; laser trackers have 10 to 40 µm, and up to "
+            f"{length_text(LARGEST_SIGMA)} is believed, so most of this value comes from deflections "
+            "that the model does not explain",
             remedy="state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
-            "whether links bend",
+            f"whether links bend; {PAST_CARE}",
         )
 
 
@@ -836,8 +850,8 @@ def _report_residuals(
         agreement = ""
         if pure_error is not None and pure_error.shows_motion:
             agreement = (
-                f". Targets of one posture agree to {length_text(pure_error.sigma)}: the flange moves "
-                "otherwise than the model says"
+                f". Targets of one posture agree to within {length_text(pure_error.sigma)}, so the flange "
+                "moves differently from the model"
             )
         yield Finding(
             code="residuals_exceed_sigma",
@@ -887,8 +901,8 @@ def report_implausible_results(estimate: Estimate) -> Iterator[Finding]:
                 weight="use_with_care",
                 message=f"the prior of {joint.name} {description}: the estimate mainly repeats "
                 "the data sheet",
-                remedy="add loads and postures with more torque about its axis, or omit the prior to see "
-                "what was measured",
+                remedy="add loads and postures with more torque about the joint's axis, or omit the prior "
+                "to see the result of the readings alone",
                 where=joint.name,
             )
     yield from report_implausible_joints(estimate.joints)
@@ -921,10 +935,10 @@ def report_implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Fin
         yield Finding(
             code="stiffness_implausible",
             weight="do_not_use",
-            message=f"the stiffness of {name} is {stiffness_text(stiffness, kinds[name])}; joints of "
-            f"industrial robots have {stiffness_text(least, kinds[name])} to "
-            f"{stiffness_text(greatest, kinds[name])}",
-            remedy=remedy,
+            message=f"the stiffness of {name} is {stiffness_text(stiffness, kinds[name])}; of joints "
+            f"of industrial robots {stiffness_text(least, kinds[name])} to "
+            f"{stiffness_text(greatest, kinds[name])} is believed",
+            remedy=f"{remedy}; {PAST_DO_NOT_USE}",
             where=name,
         )
 
@@ -984,10 +998,10 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
             code="base_bends",
             weight="use_with_care",
             message=f"{evidence}The base below the first joint bends under the load. Readings cannot "
-            "distinguish its rotation about the first axis from a rotation of joint 1; the stiffnesses of "
-            "the other joints do not include the base",
+            "distinguish a rotation of the base about the first axis from a rotation of joint 1; the "
+            "stiffnesses of the other joints do not include the base",
             remedy="tighten and stiffen the base, or use joints and base together: a target on the base "
-            "plate shows directly how it moves",
+            "plate shows directly how the base moves",
         )
     elif prediction.bending == "links":
         yield Finding(

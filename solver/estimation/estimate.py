@@ -528,8 +528,8 @@ class Estimate:
 
 
 _NO_UNCERTAINTY = (
-    "its uncertainty is unknown: sigma is not given, and there are no more readings than "
-    "joints to estimate it; state `noise`, or add observations"
+    "the uncertainty of the stiffness is unknown: sigma is not stated, and there are too few readings to "
+    "estimate sigma; state `noise`, or add observations"
 )
 
 
@@ -603,7 +603,7 @@ class Evidence:
             consequence = (
                 "exceeds the compliance itself"
                 if uncertainty >= abs(value)
-                else "leaves its stiffness without an upper limit"
+                else "leaves the stiffness without an upper limit"
             )
             reason = (
                 f"{self.describe_lower_limit(j, intervals)}the standard uncertainty of its compliance, "
@@ -613,8 +613,8 @@ class Evidence:
         reasons = [] if reason is None else [reason]
         if np.isinf(prior_to_data):
             reasons.append(
-                f"the readings show {name} only in combination with other joints: only its prior separates "
-                "them"
+                f"the readings show {name} only in combination with other joints: only the prior separates "
+                f"{name} from these joints"
             )
         two_sided, one_sided = (None, None) if intervals is None else intervals.tolist()
         return JointCompliance(
@@ -646,8 +646,8 @@ class Evidence:
         """
         compliance, active = self.fit.compliance, int(self.fit.active[j])
         if active and compliance[j] == 0.0:
-            limit = self.describe_lower_limit(j, intervals) or "its compliance is zero: "
-            return f"{limit}these readings cannot distinguish it from a rigid joint"
+            limit = self.describe_lower_limit(j, intervals) or "the estimated compliance is zero: "
+            return f"{limit}these readings cannot distinguish the joint from a rigid one"
         if self.fit.tied[j] or active:
             visible = np.flatnonzero(~self.observability.null)
             pairs = [
@@ -660,9 +660,12 @@ class Evidence:
             ]
             if tied_joints:
                 partners = ", ".join(self.names[second] for second in tied_joints)
-                return f"`stiffness_order` makes its stiffness equal to that of {partners}"
+                return f"`stiffness_order` makes the stiffness of this joint equal to that of {partners}"
         if active:
-            return f"it is at the {'maximum' if active < 0 else 'minimum'} stiffness of `stiffness_bounds`"
+            return (
+                f"the joint is at the {'maximum' if active < 0 else 'minimum'} stiffness of "
+                "`stiffness_bounds`"
+            )
         return None
 
     def describe_lower_limit(self, j: int, intervals: FloatArray | None) -> str:
@@ -683,8 +686,8 @@ class Evidence:
             if np.isnan(self.prior_to_data[j]):
                 return observability.reasons[j]
             return (
-                f"{observability.reasons[j]}; its prior is not returned as a result, because the readings do "
-                "not determine it"
+                f"{observability.reasons[j]}; the prior is not returned as a result, because the readings "
+                "do not determine the joint"
             )
         for group in self.fit.undetermined:
             if j in group.joints:
@@ -698,7 +701,8 @@ class Evidence:
 _LEAST_POSTURES: Final = 2
 """Number of postures, beyond the number of joints, needed to separate model error from noise."""
 _NO_UPPER_END = (
-    "its stiffness has no upper limit if single postures are left out: something besides the joints bends"
+    "the stiffness of this joint has no upper limit if single postures are left out: something besides the "
+    "joints bends"
 )
 
 

@@ -270,8 +270,8 @@ def fit_method(
             combined = sorted(j for group in fitted.undetermined for j in group.joints)
             raise UnsupportedMethodError(
                 "the displacement of the wrist centre determines only a combination of "
-                f"{', '.join(method.joint_names[j] for j in combined)}, so the arm's share of the deflection "
-                "is unknown",
+                f"{', '.join(method.joint_names[j] for j in combined)}, so the arm's part of the "
+                "deflection is unknown",
                 where="method",
                 remedy="use method partial_pose, or add postures and load directions",
             )

@@ -563,7 +563,7 @@ def factorise_displacement(block: RegressorBlock) -> tuple[FloatArray, FloatArra
     collinear = np.flatnonzero(singular_values[:, 1] <= _COLLINEAR * singular_values[:, 0])
     if len(collinear):
         raise UnsupportedMethodError(
-            "the targets lie on a line, so the flange's rotation about it is not observable "
+            "the targets lie on a line, so the flange's rotation about this line is not observable "
             f"({len(collinear)} observations)",
             where="readings",
             remedy="use method partial_pose, or place the three targets so that they form a triangle",

@@ -257,8 +257,8 @@ class Excitation:
         largest_torques = self._squared_largest_torque
         squared_limit = NULL_COLUMN**2 * max(largest_torques[joint], 1e-6 * largest_torques.max())
         if self._squared_torque[joint] <= squared_limit:
-            return f"the load never {words.loads} it: add loads that {words.load_verb} it"
-        return f"no target moves when it {words.moves}: place a target away from its axis"
+            return f"the load never {words.loads} this joint: add loads that {words.load_verb} it"
+        return f"no target moves when this joint {words.moves}: place a target away from the joint's axis"
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,11 +371,11 @@ def explain_noise(
         else f", and {names[most_loaded]} with up to {greatest} {units_of_most.effort}"
     )
     return (
-        f"hidden by noise: its standard uncertainty of {figure(uncertainty, '.2g')} "
-        f"{units.compliance} exceeds {figure(observability.reference_compliance[joint], '.2g')} "
-        f"{units.compliance}, the compliance with which it alone would explain all deflections; the load "
-        f"{units.loads} it with at most {least} {units.effort}{most_loaded_joint}: add loads that "
-        f"{units.load_verb} it more"
+        f"hidden by noise: the standard uncertainty of this joint's compliance, {figure(uncertainty, '.2g')} "
+        f"{units.compliance}, exceeds {figure(observability.reference_compliance[joint], '.2g')} "
+        f"{units.compliance}, the compliance with which the joint alone would explain all deflections; "
+        f"the load {units.loads} the joint with at most {least} {units.effort}{most_loaded_joint}: add "
+        f"loads that {units.load_verb} it more"
     )
 
 

@@ -43,6 +43,7 @@ MEASURED_ARMS: Final = (
     MeasuredArm("FANUC R-2000iC", 240.0, 2.687, (2.743e6, 2.070e6, 0.3592e6, 0.4442e6, 0.1380e6)),
 )
 """Arms from which the plausible ratios are derived. There are only two."""
+_PAST: Final = "omit a `payload` that is not known"
 PLAUSIBLE_RATIOS: Final = (25.0, 400.0)
 """Plausible geometric mean of k2 to k6 over payload · g · reach [rad⁻¹]: a quarter and four times that of
 the measured arms."""
@@ -95,11 +96,11 @@ def inspect_force_unit(
     arms = [
         f"{figure(mean, '.3g')} ({arm.name})" for arm, mean in zip(MEASURED_ARMS, ratios_of_arms, strict=True)
     ]
+    range_text = f"{figure(least, '.2g')} to {figure(greatest, '.2g')} rad⁻¹"
     message = (
         f"the geometric mean of the stiffnesses of {joints_text} over payload · g · reach "
         f"({figure(robot.payload)} kg, {figure(reach, '.3g')} m) is {figure(ratio, '.3g')} rad⁻¹; the only "
-        f"two arms in our comparison have {' and '.join(arms)}, and {figure(least, '.2g')} to "
-        f"{figure(greatest, '.2g')} is plausible"
+        f"two arms in our comparison have {' and '.join(arms)}, and {range_text} is believed"
     )
     declared = measurements.force_unit
     newtons_of_declared = FORCE_UNITS["kgf" if declared == "kg" else declared]
@@ -114,10 +115,11 @@ def inspect_force_unit(
         yield Finding(
             code="stiffness_against_payload",
             weight="use_with_care",
-            message=f"{comparison_text}, which is plausible, too"
+            message=f"{comparison_text}; {range_text} is believed"
             if number
             else f"{message}; {comparison_text}",
-            remedy=f"check in which unit the forces were read; if in {unit}, set `units.force` to {unit}",
+            remedy=f"check in which unit the forces were read; if in {unit}, set `units.force` to {unit}; "
+            f"{_PAST}",
             action=AdvisedAction.of("convert_units", unit=unit),
         )
     if not plausible_units:
@@ -125,7 +127,7 @@ def inspect_force_unit(
             code="stiffness_against_payload",
             weight="use_with_care",
             message=f"{message}; no other unit of force would give that",
-            remedy="check `units.force`, and the robot's `payload`",
+            remedy=f"check `units.force`, and the robot's `payload`; {_PAST}",
         )
 
 

@@ -309,12 +309,15 @@ _SIZES: Final[dict[str, tuple[float, str]]] = {
 }
 _MISTAKES: Final[dict[str, tuple[str, str]]] = {
     "load_point": (
-        "a load point up to {} off",
-        "check the load point to {}, or hang the load on a second point in four postures",
+        "an error of the load point up to {}",
+        "check the load point to within {}, or hang the load on a second point in four postures",
     ),
-    "constant_force": ("a constant force of up to {} (axes of R0)", "read the load cell without load"),
-    "load_zero": ("a load cell's zero up to {} off", "read the load cell without load in two postures"),
-    "load_scale": ("loads that disagree by up to {}", "weigh the loads to {}"),
+    "constant_force": ("a constant force up to {} (axes of R0)", "read the load cell without load"),
+    "load_zero": (
+        "a zero error of the load cell up to {}",
+        "read the load cell without load in two postures",
+    ),
+    "load_scale": ("loads that disagree by up to {}", "weigh the loads to within {}"),
     "play": ("play of up to {} in the gears", "read three postures again at half the load"),
     "shift": (
         "a shift of up to {} of all readings under load",
@@ -348,8 +351,8 @@ def describe_unseen_mistakes(mistakes: Sequence[LeastMistake]) -> str | None:
         if each.is_assumed:
             remedy = _REMEDY_OF_ASSUMED
         effects.append(
-            f"{words.format(_format_size(each.size, each.unit))}, which would move {each.joint} by "
-            f"{figure(each.moves, '.2g')} times its standard uncertainty"
+            f"{words.format(_format_size(each.size, each.unit))}, which would change the compliance of "
+            f"{each.joint} by {figure(each.moves, '.2g')} times its standard uncertainty"
         )
         remedies.append(remedy.format(_format_size(each.size / each.moves, each.unit)))
     more = len(harmful) - _MOST_NAMED

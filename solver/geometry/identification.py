@@ -177,8 +177,10 @@ def report_sweep(
             "angle_scale_suspect",
             where,
             f"the joint turned {fit.angle_scale:.4f} times as far as the controller's angles and the "
-            "joint map give",
-            "check the joint map, the unit of the angles, and the order of the rows",
+            f"joint map give; {1.0 - _ANGLE_SCALE_TOLERANCE:g} to {1.0 + _ANGLE_SCALE_TOLERANCE:g} rad/rad "
+            "is believed",
+            "check the joint map, the unit of the angles, and the order of the rows; a gear of another ratio "
+            "belongs to the joint map",
         )
 
 
@@ -333,10 +335,11 @@ def report_disagreement(probability: float | None) -> Iterator[Finding]:
         yield _make_finding(
             "sweeps_disagree",
             "sweeps",
-            "joints at rest were not where the controller shows them, or the arm sagged: no single robot "
-            f"fits all sweeps (p = {probability:.1g}), so the axes are those of the sweeps fitted one by one",
-            "use the result with its larger uncertainties; for smaller ones, rest all joints at the same "
-            "angles in all sweeps, approached from the same side",
+            f"no single robot model fits all sweeps (p = {probability:.1g}), because joints at rest "
+            "deviated from the controller's angles, or the arm sagged: the axes are those of the sweeps "
+            "fitted one by one",
+            "use the result with its larger uncertainties; for smaller uncertainties, rest all joints at "
+            "the same angles in all sweeps, approached from the same side",
         )
 
 
@@ -348,7 +351,7 @@ def report_calibration(calibrated: CalibratedAxes) -> Iterator[Finding]:
             "poses",
             f"the residuals give sigma = {length_text(calibrated.sigma)}, but "
             f"{length_text(calibrated.exceeded_sigma)} was stated: gear errors and sag, which no geometry "
-            "explains, are part of it; the uncertainties include the part that changes from pose to pose",
+            "explains, enlarge sigma; the uncertainties include the part that changes from pose to pose",
             "sweep single joints, which shows gear errors separately, or correct sigma",
         )
     for names in calibrated.evidence.only_together:
@@ -396,8 +399,8 @@ def report_drift(drift: results.Drift, targets: BaseTargets) -> Iterator[Finding
         yield _make_finding(
             "base_target_moved",
             f"{targets.where}.{target}",
-            f"this base target moved relative to the others, by about {length_text(distance)}",
-            "omit this target, and attach it more firmly",
+            f"this base target moved relative to the other base targets by about {length_text(distance)}",
+            "omit this target, or attach the target more firmly and repeat",
         )
 
 

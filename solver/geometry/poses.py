@@ -547,9 +547,11 @@ def refuse_wrong_units(sigma: float | None, reach: float) -> None:
     reach_text = f"{reach:,.0f} m" if reach > 1.0 else f"{1e3 * reach:.2g} mm"
     declared_unit, likely_unit = ("m", "mm") if reach > 1.0 else ("mm", "m")
     raise MeasurementError(
-        f"no target moves farther than {reach_text}" if reach < 1.0 else f"a target moves by {reach_text}",
+        (f"no target moves farther than {reach_text}" if reach < 1.0 else f"a target moves by {reach_text}")
+        + f"; {1e3 * LEAST_REACH:g} mm to {MOST_REACH:g} m is believed",
         where="units.length",
-        remedy=f"check units.length: positions in {likely_unit} seem to be declared in {declared_unit}",
+        remedy=f"check units.length: positions in {likely_unit} seem to be declared in {declared_unit}; "
+        "for a machine of another size give the robot as a URDF or table",
     )
 
 

@@ -38,7 +38,7 @@ from jointstiff.solver.integrity.values import (
 from jointstiff.solver.mechanics.block import RegressorBlock, regressor_blocks, whole_block
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
-from jointstiff.solver.text import figure, length_text
+from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure, length_text
 
 LARGEST_MODEL_ERROR: Final = 0.02
 """Greatest plausible distance of a target from its place [m]: more means a wrong frame, joint map, unit or
@@ -131,7 +131,7 @@ def propose_angle_mistakes(
     angles, all_rows = joints[rows], np.arange(len(rows))
     for j, name in enumerate(names):
         signs = np.where(np.arange(len(names)) == j, -1.0, 1.0)
-        change = f"the angle of {name} with the other sign"
+        change = f"the sign of the angle of {name} reversed"
         remedy = f"change the sign of {name} in every observation, or in the joint map"
         yield Hypothesis("joint_sign_suspect", angles * signs, change, remedy, all_rows)
     for j, k in combinations(range(len(names)), 2):
@@ -181,9 +181,10 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     # The whole set is mistaken if the correction explains most rows, and clearly more than the posted values.
     if explained_count >= EXPLAINED * len(sample) and explained_count / len(sample) > posted_share + 0.1:
         effect = (
-            f"as given, the targets keep one position on the flange in {agrees.sum()} of {len(rows)} "
-            f"observations; with {best_hypothesis.change}, in {explained_count} of {len(is_explained)}, "
-            f"within {length_text(float(corrected_distances[is_explained].max()))}"
+            "with the data as given, the targets keep one position on the flange (up to "
+            f"{length_text(LARGEST_MODEL_ERROR)} apart is believed) in only {agrees.sum()} of {len(rows)} "
+            f"observations; with {best_hypothesis.change}, they do so in {explained_count} "
+            f"of {len(is_explained)}, within {length_text(float(corrected_distances[is_explained].max()))}"
         )
         if best_hypothesis.unit is not None:
             return [
@@ -266,9 +267,9 @@ def _inspect_disagreeing_rows(
                 "target_off_model",
                 f"target '{view.measurements.targets[farthest]}' is {length_text(distances[farthest])} "
                 "away from its median "
-                "position on the flange",
+                f"position on the flange; up to {length_text(LARGEST_MODEL_ERROR)} is believed",
                 "check that positions are in R0 and in `units.length`, the angles and their order, the "
-                "joint map, and the robot's model",
+                f"joint map, and the robot's model; {PAST_DO_NOT_USE}",
                 "do_not_use",
                 row=i,
             )
@@ -290,7 +291,7 @@ def _inspect_disagreeing_rows(
     for i, j in true_rows.items():
         yield view.build_finding(
             "observations_out_of_order",
-            f"its readings match the angles of observations[{j}]",
+            f"the readings of this observation match the angles of observations[{j}]",
             "match readings and angles again; check the order of both",
             "do_not_use",
             row=i,
@@ -393,12 +394,15 @@ def _report_mistyped_rows(
     with np.errstate(invalid="ignore"):
         nearest_distance = np.fmin.reduce(np.linalg.norm(seen_from_flange - usual_places, axis=2), axis=1)
     typical = median(nearest_distance)
-    for k in np.flatnonzero(nearest_distance > max(OUTLIER * typical, SMALLEST_OUTLIER)):
+    greatest = max(OUTLIER * typical, SMALLEST_OUTLIER)
+    for k in np.flatnonzero(nearest_distance > greatest):
         yield view.build_finding(
             "target_off_model",
             f"all targets are at least {length_text(nearest_distance[k])} away from their median positions "
-            f"on the flange; typical is {length_text(typical)}",
-            "check the angles of this observation for a typing error, and whether the robot stood still",
+            f"on the flange; the typical distance is {length_text(typical)}, and up to "
+            f"{length_text(greatest)} is believed",
+            "check the angles of this observation for a typing error, and whether the robot stood still; "
+            f"{PAST_CARE}",
             row=int(rows[k]),
         )
 
@@ -520,11 +524,11 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
     if step is not None:
         yield view.build_finding(
             "target_moved",
-            f"from here on, '{view.measurements.targets[step.target]}' is displaced by "
+            f"from this observation on, target '{view.measurements.targets[step.target]}' is displaced by "
             f"{length_text(step.size)} on the flange, relative to the other targets: "
-            f"{figure(step.ratio, '.3g')} times as far as chance allows",
-            "check that the target is attached firmly; treat it as another target from here on "
-            "(another name), or repeat",
+            f"{figure(step.ratio, '.3g')} times as far as the limit for chance",
+            "check that the target is attached firmly; give the target another name from this observation "
+            "on, or repeat the observations",
             "do_not_use",
             row=step.row,
         )
@@ -936,9 +940,10 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     for position in np.flatnonzero(is_against_load):
         yield view.build_finding(
             "deflection_against_force",
-            f"under {figure(float(np.linalg.norm(checked.force[position])))} N the targets moved opposite "
-            f"to the prediction from the other observations, by {length_text(predicted[position])}; with the "
-            f"load reversed only {length_text(reversed_residual[position])} remain unexplained",
+            f"under {figure(float(np.linalg.norm(checked.force[position])))} N the targets moved in the "
+            "direction opposite to the prediction from the other observations, by "
+            f"{length_text(predicted[position])}; with the load reversed, only "
+            f"{length_text(reversed_residual[position])} remains unexplained",
             "change the sign of this force, or exchange unloaded and loaded",
             "do_not_use",
             row=int(rows[position]),
@@ -986,7 +991,7 @@ def _find_mistake_of_the_set(
         "force_sign_suspect",
         f"the work of the load on the joints is {springs.work:.3g} J, but must be positive; the "
         f"targets moved against the force in {int(against_force.sum())} of {len(against_force)} observations",
-        "change the sign of every force (it is the force on the robot); or exchange unloaded and loaded",
+        "change the sign of every force (forces are those on the robot); or exchange unloaded and loaded",
         "do_not_use",
         AdvisedAction.of("exchange_readings"),
     )
@@ -1106,8 +1111,8 @@ def _report_residual_outliers(
         yield view.build_finding(
             "residual_outlier",
             f"the deflection of target '{targets[worst_target]}' differs by "
-            f"{length_text(residual_norm[position, worst_target])} from "
-            f"the fit to all observations; typical is {length_text(typical_residual)}",
+            f"{length_text(residual_norm[position, worst_target])} from the fit to all observations; "
+            f"the typical difference is {length_text(typical_residual)}",
             "check this reading and its load; repeat the reading"
             + (", or identify with loss huber" if coordinate_count == 3 else ""),
             row=int(rows[position]),
@@ -1198,7 +1203,9 @@ def inspect_encoders(view: View) -> Iterator[Finding]:
         worst = int(size[:, joint].argmax())
         yield view.build_finding(
             "encoder_deflection_implausibly_large",
-            f"the encoder of {joint_names[joint]} shows a deflection of {1e3 * size[worst, joint]:.3g} mrad",
-            "check `units.angle`, and that unloaded and loaded readings are of the same posture",
+            f"the encoder of {joint_names[joint]} shows a deflection of {1e3 * size[worst, joint]:.3g} "
+            f"mrad; up to {1e3 * LARGEST_ENCODER_DEFLECTION:g} mrad is believed",
+            "check `units.angle`, and that unloaded and loaded readings are of the same posture; "
+            f"{PAST_CARE}",
             row=worst,
         )

@@ -92,9 +92,9 @@ def inspect_other_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[F
         yield view.build_finding(
             "another_robot_fits",
             f"with the robot '{name}', {fit.explained} of {len(rows)} observations keep the targets on one "
-            f"place of the flange, within {length_text(fit.greatest_distance)}; with the chosen robot "
-            f"{explained_by_chosen} of {len(rows)}, within {length_text(LARGEST_MODEL_ERROR)}{tie}",
-            f"check which robot was measured; if it is '{name}', choose it",
+            f"place of the flange, within {length_text(fit.greatest_distance)}; with the chosen robot, "
+            f"only {explained_by_chosen} of {len(rows)}, within {length_text(LARGEST_MODEL_ERROR)}{tie}",
+            f"check which robot was measured; if '{name}' was measured, choose this robot",
             "do_not_use",
             AdvisedAction.of("choose_robot", robot=name, robot_id=fit.known.identifier),
         )

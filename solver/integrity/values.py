@@ -22,7 +22,7 @@ from jointstiff.solver.mechanics.block import unloaded_postures
 from jointstiff.solver.mechanics.measurements import NOISE_SIGMAS, Measurements, find_first_equal
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.text import figure, length_text
+from jointstiff.solver.text import PAST_DO_NOT_USE, figure, length_text
 
 OTHER_UNITS: Final[dict[Unit, tuple[str, Unit, FindingCode]]] = {
     "mm": ("length", "m", "length_unit_suspect"),
@@ -115,7 +115,7 @@ class View:
         return self.build_finding(
             code,
             f"the {quantity}s seem to be in {unit}, not in {declared} as declared: {effect}",
-            f"set `units.{quantity}` to {unit}",
+            f"set `units.{quantity}` to {unit}; {PAST_DO_NOT_USE}",
             "do_not_use",
             AdvisedAction.of("convert_units", unit=unit),
         )
@@ -219,11 +219,16 @@ def inspect_angles(view: View) -> Iterator[Finding]:
     joints, is_revolute = view.measurements.joints, ~view.robot.prismatic
     largest = float(np.abs(joints[:, is_revolute]).max(initial=0.0))
     if not view.degrees and largest > _MANY_TURNS:
-        yield view.suspect_other_unit("deg", f"the largest angle is {largest:.4g} rad, more than two turns")
+        effect = (
+            f"the largest angle is {largest:.4g} rad; up to {_MANY_TURNS:.3g} rad, two turns, is believed"
+        )
+        yield view.suspect_other_unit("deg", effect)
     largest_degrees = float(np.rad2deg(largest))
     if view.degrees and 0 < largest_degrees <= _SMALL_DEGREES and len(joints) > 1:
         yield view.suspect_other_unit(
-            "rad", f"no joint turns by more than {largest_degrees:.3g}° in {len(joints)} observations"
+            "rad",
+            f"no joint turns by more than {largest_degrees:.3g}° in {len(joints)} observations; over "
+            f"{_SMALL_DEGREES:.3g}° is believed",
         )
     model_angles = view.robot.joint_map.model_angles(joints)
     lower, upper = view.robot.limits.T
@@ -235,7 +240,8 @@ def inspect_angles(view: View) -> Iterator[Finding]:
             f"the model {units.dimension} of {view.robot.joint_names[joint]} is "
             f"{model_angles[row, joint]:.4g} {units.position}, "
             f"outside its limits [{lower[joint]:.4g}, {upper[joint]:.4g}] {units.position}",
-            f"check `units.{units.dimension}`, the joint map, and the order of the joints",
+            f"check `units.{units.dimension}`, the joint map, and the order of the joints; if the joint "
+            "moves that far, correct the limits of the robot",
             row=row,
         )
 
@@ -261,8 +267,9 @@ def inspect_stated_noise(view: View) -> Iterator[Finding]:
     if sigma is not None and sigma > LARGEST_SIGMA:
         yield view.build_finding(
             "sigma_suspect",
-            f"the stated standard uncertainty of a reading is {length_text(sigma)}, more than any tracker's",
-            "check the stated noise: it is in `units.length`",
+            f"the stated standard uncertainty of a reading is {length_text(sigma)}; up to "
+            f"{length_text(LARGEST_SIGMA)} is believed of a tracker",
+            f"check the stated noise, which is in `units.length`; {PAST_DO_NOT_USE}",
             "do_not_use",
         )
 
@@ -285,9 +292,9 @@ def inspect_loads(view: View) -> Iterator[Finding]:
     if median_force > greatest or (median_force < least and not view.measurements.moment.any()):
         yield view.build_finding(
             "force_unit_suspect",
-            f"the median force is {figure(median_force, '.3g')} N, outside the plausible {least:g} N "
-            f"to {greatest:g} N",
-            "check `units.force`: kN may have been read as N, or N as kN (kgf read as N is not detected)",
+            f"the median force is {figure(median_force, '.3g')} N; {least:g} N to {greatest:g} N is believed",
+            "check `units.force`: kN may have been read as N, or N as kN (kgf read as N is not detected); "
+            f"{PAST_DO_NOT_USE}",
             "do_not_use",
             AdvisedAction.of("convert_units", unit="N" if median_force > greatest else "kN"),
         )
@@ -306,7 +313,8 @@ def inspect_flange_lengths(view: View) -> Iterator[Finding]:
     if near <= largest <= far or not largest:
         return
     effect = (
-        f"the load points and targets in the flange frame are up to {length_text(largest)} from its origin"
+        f"the load points and targets in the flange frame are up to {length_text(largest)} from its origin "
+        f"({length_text(near)} to {length_text(far)} is believed)"
     )
     farthest = float(np.linalg.norm(measurements.position[view.measured], axis=1).max(initial=0.0))
     # Plausible positions in R0 have the declared unit, so only the lengths in the flange frame are wrong.
@@ -314,7 +322,7 @@ def inspect_flange_lengths(view: View) -> Iterator[Finding]:
         yield view.build_finding(
             "length_unit_suspect",
             f"{effect}, while the targets were read up to {length_text(farthest)} from the origin of R0",
-            "state `load_point` and positions in the flange frame in `units.length`",
+            f"state `load_point` and positions in the flange frame in `units.length`; {PAST_DO_NOT_USE}",
             "do_not_use",
         )
     else:
@@ -329,16 +337,19 @@ def inspect_deflections(view: View) -> Iterator[Finding]:
     for row in np.flatnonzero(largest > LARGEST_DEFLECTION).tolist():
         yield view.build_finding(
             "deflection_implausibly_large",
-            f"target '{measurements.targets[length[row].argmax()]}' moved by {length_text(largest[row])}",
-            "check `units.length`, and that unloaded and loaded readings belong together",
+            f"target '{measurements.targets[length[row].argmax()]}' moved by {length_text(largest[row])}; "
+            f"up to {length_text(LARGEST_DEFLECTION)} is believed",
+            f"check `units.length`, and that unloaded and loaded readings belong together; {PAST_DO_NOT_USE}",
             "do_not_use",
             row=row,
         )
     if largest.max() < SMALLEST_DEFLECTION and view.loaded.any():
         yield view.build_finding(
             "deflection_implausibly_small",
-            f"no target moved by more than {length_text(float(largest.max()))}",
-            "check `units.length`, and that the loaded readings were taken with the load applied",
+            f"no target moved by more than {length_text(float(largest.max()))}; at least "
+            f"{length_text(SMALLEST_DEFLECTION)} is believed",
+            "check `units.length`, and that the loaded readings were taken with the load applied; "
+            f"{PAST_DO_NOT_USE}",
             "do_not_use",
         )
     noise = np.sqrt(2.0) * (measurements.sigma or 0.0)
@@ -371,9 +382,8 @@ def inspect_duplicates(view: View) -> Iterator[Finding]:
             continue
         yield view.build_finding(
             "duplicated_observation",
-            f"its {'joint angles and ' if has_same_angles else ''}readings equal those of "
-            f"observations[{first_equal_row}] "
-            "to the last digit",
+            f"the {'joint angles and ' if has_same_angles else ''}readings of this observation equal those "
+            f"of observations[{first_equal_row}] to the last digit",
             "remove one of the two observations, or give this observation its own readings",
             "do_not_use",
             row=row,
@@ -418,11 +428,12 @@ def _report_repeated_deflections(view: View, posture: FloatArray) -> Iterator[Fi
             exceeds_noise = special.chdtrc(degrees_of_freedom, chi_square) < FALSE_ALARM
         yield view.build_finding(
             "repeated_readings",
-            f"{repeated_count} observations repeat the posture and load of others; their deflections give "
-            f"sigma = {length_text(sigma)} ({degrees_of_freedom} degrees of freedom), and {statement}",
+            f"{repeated_count} observations repeat the posture and load of other observations; their "
+            f"deflections give sigma = {length_text(sigma)} ({degrees_of_freedom} degrees of freedom), and "
+            f"{statement}",
             "state a noise that agrees with the repetitions, and find the cause of the scatter between them"
             if exceeds_noise
-            else "keep the repetitions in the set: they are used like all other observations",
+            else "keep the repetitions in the set; the fit uses repetitions like all other observations",
             "use_with_care" if exceeds_noise else "use",
         )
 

@@ -139,7 +139,7 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
     for is_refused, where, remedy in refused:
         if is_refused:
             raise UnsupportedMethodError(
-                f"an elasticity other than joints does not support the given {where.replace('_', ' ')}",
+                f"only elasticity joints supports the given {where.replace('_', ' ')}",
                 where=where,
                 remedy=f"{remedy}, or use elasticity joints",
             )

@@ -144,7 +144,8 @@ class CandidateReadings:
             raise RequestError(
                 f"the loads do not twist {names}, but forces in the work area do",
                 where="open.load",
-                remedy="apply forces in other directions, or give the goal a `force` that does not twist it",
+                remedy="apply forces in other directions, or give the goal a `force` that does not twist "
+                "these joints",
             )
         return cls(robot, request, pool, deflections)
 

@@ -42,7 +42,7 @@ class Innovation:
     message: str | None = None  #: result of the comparison as a sentence; None without a comparison
 
 
-_NOT_COMPARABLE: Final = Innovation(message="too few other readings to compare this one with")
+_NOT_COMPARABLE: Final = Innovation(message="too few other readings to compare this reading with")
 
 DOUBTFUL: Final = (1e-5, 1e-4)
 """p-values below which a reading is doubtful: of its distance from the prediction, and of the part of the
@@ -285,21 +285,21 @@ def compare_last_reading(robot: Robot, measurements: Measurements, compliance: F
     except SolverError:  # Other findings report a load without equilibrium.
         return _NOT_COMPARABLE
     if not doubtful and not is_misplaced:
-        return Innovation(p_value, distance, message="as expected")
+        return Innovation(p_value, distance, message="the reading agrees with the other readings")
     if not causes and is_misplaced:
         causes = [_describe_wrong_angles(reading, other_readings)]
     place_text = (
-        f"{length_text(distance)} from where the other readings predict it"
+        f"the reading is {length_text(distance)} away from the prediction by the other readings"
         if doubtful
         else "the unloaded targets are misplaced"
     )
-    cause_text = " or ".join(causes) + "?" if causes else "no single mistake explains it"
+    cause_text = " or ".join(causes) + "?" if causes else "no single mistake explains this difference"
     return Innovation(
         p_value=p_value,
         distance=distance,
         doubtful=True,
         causes=causes,
-        message=f"{place_text}: {cause_text} Read it again before the load is taken off.",
+        message=f"{place_text}: {cause_text} Read the posture again before the load is taken off.",
     )
 
 

@@ -304,13 +304,13 @@ class Progress:
         """Reason why this reading is next, in words."""
         joint = self.share.joint
         if self.awaits_held_out:
-            return "it is held out, to check its prediction from the other readings"
+            return "the reading is held out, to check its prediction from the other readings"
         if joint is not None:
             name = self.candidates.robot.joint_names[joint]
-            return f"it helps {name} most, the joint that is farthest from the goal"
+            return f"the reading most improves {name}, the joint that is farthest from the goal"
         if isinstance(self.goal, JointsGoal):
-            return "it reduces the uncertainty of the joints most"
-        return "it reduces the uncertainty of the deflection in the work area most"
+            return "the reading most reduces the uncertainty of the joints"
+        return "the reading most reduces the uncertainty of the deflection in the work area"
 
     def describe_state(self) -> tuple[Literal["measuring", "reached", "cannot"], str]:
         """Return the state of the campaign, and a sentence that explains the state."""
@@ -383,9 +383,9 @@ class Progress:
         parts = {part.joint: part for part in result.contributions} if isinstance(result, RunResult) else {}
         contribution = parts.get(names[share.joint])
         carries = (
-            "" if contribution is None else f" carries {100 * contribution.mean:.1f} % of the deflection, and"
+            "" if contribution is None else f" causes {100 * contribution.mean:.1f} % of the deflection, and"
         )
-        return f"{names[share.joint]}{carries} will not be known well enough"
+        return f"{names[share.joint]}{carries} will not be known accurately enough"
 
     def list_joints(self) -> list[LiveJoint]:
         """Return stiffness, interval and uncertainty of each joint.
@@ -403,7 +403,7 @@ class Progress:
             if not np.isfinite(c):
                 unknown_joint = LiveJoint(name=name, kind=kind, stiffness=None, interval=None, relative=None)
                 is_twisted = j in self.candidates.twisted_joints
-                reason = None if is_twisted else f"the load never {JOINT_UNITS[kind].loads} it"
+                reason = None if is_twisted else f"the load never {JOINT_UNITS[kind].loads} this joint"
                 joints.append(unknown_joint.model_copy(update={"prior": prior, "reason": reason}))
                 continue
             joints.append(

@@ -142,7 +142,7 @@ class KinematicChain:
         if moving == 0:
             raise RobotError(
                 f"a fixed-only chain: there is no moving joint between '{self.base}' and '{self.flange}'",
-                remedy="choose a base and a flange with moving joints between them",
+                remedy="choose a base and a flange with moving joints between base and flange",
                 where="chain",
             )
         for count, most, what in (
@@ -224,7 +224,7 @@ def check_name(name: str, where: str) -> None:
             characters, or spaces at an end.
     """
     if not name:
-        raise RobotError("the name is missing or empty", remedy="give it a name", where=where)
+        raise RobotError("the name is missing or empty", remedy="give a name", where=where)
     if len(name) > MAX_NAME_LENGTH:
         reason = f"the name has {len(name)} characters; it begins {name[:40]!r}"
         raise RobotError(reason, remedy=f"use at most {MAX_NAME_LENGTH} characters", where=where)
@@ -281,9 +281,10 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
     reach = float(np.linalg.norm(reduce(mul, (joint.placement for joint in joints)).translation))
     if reach > LARGEST_LENGTH and any(abs(row.d) > LARGEST_LENGTH for row in rows):
         raise RobotError(
-            f"the flange is {reach:g} m from the base if all joints are at zero",
+            f"the flange is {reach:g} m from the base if all joints are at zero; up to {LARGEST_LENGTH:g} m "
+            "is believed",
             remedy=f"check d and its unit: offsets above {LARGEST_LENGTH:g} m are believed only if they "
-            f"cancel to {LARGEST_LENGTH:g} m",
+            f"cancel to {LARGEST_LENGTH:g} m; a longer machine can be given as a URDF",
             where="model.rows",
         )
     return KinematicChain(name=name, base="base", flange="flange", joints=tuple(joints))

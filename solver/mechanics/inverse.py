@@ -98,7 +98,7 @@ class InverseKinematics:
         except ImportError:
             raise RobotError(
                 "inverse kinematics needs EAIK, which is not installed",
-                remedy="use a version of Python that EAIK has wheels for, 3.11 to 3.13",
+                remedy="use Python 3.11 to 3.13, for which EAIK has wheels",
                 where="robot",
             ) from None
         robot = self.arm

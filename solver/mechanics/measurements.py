@@ -86,9 +86,11 @@ class Instrument:
             raise MeasurementError(
                 f"the standard uncertainties of {sigma_along.max():.3g} m along and "
                 f"{sigma_across.max():.3g} m across "
-                "the line of sight are implausible for a tracker",
+                f"the line of sight are not those of a tracker: at least {LEAST_SIGMA:g} m, and a ratio "
+                f"up to {LARGEST_CONDITION**0.5:g}, is believed",
                 where="noise.instrument",
-                remedy="check the constants, which are in `units.length`, and the terms per distance",
+                remedy="check the constants, which are in `units.length`, and the terms per distance; or "
+                "state `noise.sigma` in place of the instrument",
             )
         unit_vector = line_of_sight / distance[..., None]
         difference_along = (
@@ -465,7 +467,7 @@ class Measurements:
             raise MeasurementError(
                 f"sigma must be positive, but is {self.sigma} m",
                 where="noise.sigma",
-                remedy="give a positive length; omit `noise` to estimate it from the residuals",
+                remedy="give a positive length; omit `noise` to estimate sigma from the residuals",
             )
         if self.repeatability is not None and not (
             np.isfinite(self.repeatability) and self.repeatability >= 0.0
@@ -473,7 +475,8 @@ class Measurements:
             raise MeasurementError(
                 f"the repeatability must be zero or positive, but is {self.repeatability} rad",
                 where="noise.repeatability",
-                remedy="give an angle that is zero or positive; omit it to estimate it from the residuals",
+                remedy="give an angle that is zero or positive; omit the repeatability to estimate it from "
+                "the residuals",
             )
         if self.encoders is not None and self.sigma is None:
             raise MeasurementError(
@@ -549,7 +552,7 @@ class Measurements:
             raise RequestError(
                 "the set has only positions without load, which show no deflection",
                 where="measurement_set_id",
-                remedy=f"identify it by the robot's own weight: {by_weight}",
+                remedy=f"identify the set by the robot's own weight: {by_weight}",
             )
         i, t = np.argwhere(self.unloaded_only)[0].tolist()
         missing, present = int(self.unloaded_only.sum()), int(self.present.sum())

@@ -55,7 +55,7 @@ class JointMap:
         n = self.offset.size
         if not 1 <= n <= MAX_MOVING_JOINTS or self.offset.ndim != 1 or self.matrix.shape != (n, n):
             raise RobotError(
-                f"the matrix has shape {self.matrix.shape}, the offset {n} numbers",
+                f"the matrix has shape {self.matrix.shape}, and the offset has {n} numbers",
                 remedy="give an n × n matrix and n offsets; n is the number of moving joints, at most "
                 f"{MAX_MOVING_JOINTS}",
                 where="joint_map.matrix",
@@ -178,7 +178,7 @@ class Robot:
             raise RobotError(
                 "the kinematic model branches",
                 where="robot",
-                remedy="reduce it to the arm: pinocchio.buildReducedModel",
+                remedy="reduce the model to the arm: pinocchio.buildReducedModel",
             )
         n = self.n = model.njoints - 1
         if not 1 <= n <= MAX_MOVING_JOINTS:
@@ -282,7 +282,7 @@ def _read_kind_and_axis(model: pin.Model, index: int) -> tuple[JointKind, FloatA
         raise RobotError(
             f"the joint '{model.names[index]}' is a {joint.shortname()}",
             where="robot",
-            remedy="only joints about or along one axis are supported: fix the others",
+            remedy="only joints about or along one axis are supported: fix all other joints",
         )
     kind, axis = axes_of_motion[0]
     return kind, axis / np.linalg.norm(axis)

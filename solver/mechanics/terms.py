@@ -167,7 +167,7 @@ def build_load_scale_term(groups: Collection[Collection[str]]) -> Term:
         suspected=True,
         change_loads=partial(_scale_loads_of_groups, listed),
         words="relative load errors of {}, one for each group of loads,",
-        remedy="weigh the loads, or check the load cell against one of them",
+        remedy="weigh the loads, or check the load cell against a known weight",
     )
 
 
@@ -291,7 +291,7 @@ def build_curve_term(largest: FloatArray) -> Term:
         suspected=True,
         doubt=partial(_doubt_curve, nonzero_torques),
         words="compliances that change by {} up to the largest torque of each joint",
-        remedy="read the same posture at half the load: a spring that hardens bends by more than half",
+        remedy="read the same posture at half the load: a hardening spring deflects by more than half",
     )
 
 
@@ -368,7 +368,7 @@ PLAY = Term(
     nonnegative=True,
     doubt=_doubt_settling,
     words="play of {} in the gears",
-    remedy="read the same posture at half the load: play stays, and a spring bends by half",
+    remedy="read the same posture at half the load: the play stays the same, and a spring deflects by half",
 )
 SHIFT = Term(
     "shift",

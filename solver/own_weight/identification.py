@@ -377,9 +377,9 @@ def extract_identified_weight(
 _BASE_UNCHECKED: Final = Finding(
     code="base_unchecked",
     weight="use_with_care",
-    message="the readings do not determine how the base below the first joint tilts: the base is taken as "
-    "rigid, so any tilt of it counts as compliance of the joints",
-    remedy="read more postures; or state `rigid_base` if nothing below the first joint gives way",
+    message="the readings do not determine how the base below the first joint tilts: the base is assumed "
+    "to be rigid, so a tilt of the base counts as compliance of the joints",
+    remedy="read more postures; or state `rigid_base` if nothing below the first joint yields",
 )
 
 
@@ -487,7 +487,8 @@ def fit_with_proved_corrections(
                 weight="use_with_care",
                 message=f"the base below the first joint tilts under the weight (F test, p = {p_value:.1g}), "
                 f"by {tilts} nrad/(N·m) about x and y; the joints' stiffnesses do not include this tilt",
-                remedy="tighten and stiffen the base; a target on the base plate shows directly how it tilts",
+                remedy="tighten and stiffen the base; a target on the base plate shows directly how the "
+                "base tilts",
             )
         )
     freed = fit_freed_masses(fit.reduced, burden, fit.estimate_noise(load_coordinates, least_square))
@@ -560,12 +561,14 @@ def _make_results_without_weight(robot: Robot, fit: WeightFit) -> list[JointComp
     joints = []
     for name, kind, torque in zip(robot.joint_names, robot.joint_kinds, weight_torques.T, strict=True):
         reason = (
-            f"its weight torque hardly varies over the postures ({torque.min():.3g} to {torque.max():.3g} "
-            "N·m): hang a known payload off its axis, or apply a known force that twists it"
+            "the torque of the weight about this joint hardly varies over the postures "
+            f"({torque.min():.3g} to {torque.max():.3g} N·m): hang a known payload away from the joint's "
+            "axis, or apply a known force that twists the joint"
         )
         if np.abs(torque).max() <= negligible:
             reason = (
-                "gravity does not load the joint in any of the postures: apply a known force that twists it"
+                "gravity does not load the joint in any of the postures: apply a known force that "
+                "twists the joint"
             )
         joints.append(JointCompliance(name, kind, "not_observable", reason=reason))
     return joints
@@ -741,7 +744,9 @@ def identify_weight(
     quantile = student_quantile(0.5 + 0.5 * confidence, degrees_of_freedom if sigma_of_residuals else None)
     joints, width_ratios = compute_joint_results(robot, fit, sigma_of_fit, (sigma_of_fit * quantile) ** 2)
     statuses = [joint.status for joint in joints]
-    missing = report_no_identified_joint(statuses, "read more postures, better masses or a known payload")
+    missing = report_no_identified_joint(
+        statuses, "read more postures, state better masses, or use a known payload"
+    )
     uncertainty = np.array([joint.standard_uncertainty or 0.0 for joint in joints])
     sagging = replace(whitened, angles=whitened.angles + fit.sag)
     predicted = fit.state.motion(sagging).points

@@ -174,7 +174,7 @@ def _collect_positions(
 
     if not robot.bodies:
         raise RequestError(
-            "the robot has no masses, so its own weight is unknown",
+            "the robot has no masses, so the own weight is unknown",
             where="weight",
             remedy="give `bodies` of the robot, or a URDF with inertials",
         )

@@ -588,15 +588,15 @@ def _list_extrapolation_remarks(bound: ModelErrorBound, case: int) -> list[str]:
     leverage_ratio = float(bound.leverage_ratio[case])
     remarks = []
     if np.isinf(load_ratio):
-        remarks.append(f"extrapolated: no {bound.unmeasured} was measured, so the model error is unknown")
+        remarks.append(f"extrapolated: the campaign has no {bound.unmeasured}, so the model error is unknown")
     elif load_ratio > EXTRAPOLATED:
         remarks.append(
-            f"extrapolated: the load is {figure(load_ratio, '.3g')} times the greatest that was measured"
+            f"extrapolated: the load is {figure(load_ratio, '.3g')} times the greatest measured load"
         )
     if np.isfinite(load_ratio) and leverage_ratio > EXTRAPOLATED:
         remarks.append(
-            f"extrapolated: the prediction here is {figure(leverage_ratio, '.3g')} times as uncertain as "
-            "at the worst measured target"
+            f"extrapolated: the prediction is {figure(leverage_ratio, '.3g')} times as uncertain as that "
+            "of the worst measured target"
         )
     return remarks
 

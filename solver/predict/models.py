@@ -570,7 +570,7 @@ class ElasticPredictor(ForwardModel):
                 angles + (jacobian.transpose(0, 2, 1) @ np.linalg.solve(normal, deviation[..., None]))[..., 0]
             )
         raise RequestError(
-            "no posture near this one brings the loaded tool to its place",
+            "no posture near the given posture brings the loaded tool to its target",
             where=f"cases[{int(np.argmax(np.abs(deviation).max(axis=1)))}]",
             remedy="move the part away from the singularity, or state no load in this posture",
         )

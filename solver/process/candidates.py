@@ -203,12 +203,15 @@ def _refuse_unreached(found: Candidates, path: ProcessPath, solved: IndexArray, 
     if counts.all():
         return
     point = int(np.argmin(counts))
-    reason, remedy = "the robot does not reach it at any turn", "check tool, base and place of the workpiece"
+    reason, remedy = (
+        "the robot does not reach the point at any turn of the tool",
+        "check tool, base and place of the workpiece",
+    )
     if (solved == point).any():
-        reason, remedy = "all its postures exceed the joints' limits", "move the workpiece"
+        reason, remedy = "all postures at this point exceed the joints' limits", "move the workpiece"
         if (within == point).any():
             reason, remedy = (
-                "all its postures are too near a singularity, or on another branch",
+                "all postures at this point are too near a singularity, or on another branch",
                 "lower `clearance`, state `branches: free`, or move the workpiece",
             )
     raise RequestError(f"point {point + 1} of the path: {reason}", where="turn", remedy=remedy)

@@ -16,6 +16,7 @@ import numpy as np
 
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.text import figure
 
 Direction = Literal["climb", "conventional"]
 UNCERTAINTY: Final = 0.25
@@ -76,6 +77,13 @@ class Cut:
                 "the width of the cut exceeds the tool's diameter",
                 where="cut.width",
                 remedy="give the width across the feed that the tool engages, at most its diameter",
+            )
+        if self.feed_per_tooth > 0.5 * self.diameter:
+            chip = figure(1e3 * self.feed_per_tooth, ".3g")
+            raise RequestError(
+                f"the feed is {chip} mm a tooth, more than the tool's radius",
+                where="cut.feed",
+                remedy="give the feed in m/s, and the speed of the spindle in turns a second",
             )
 
     @property

@@ -202,17 +202,32 @@ class PathDeflection:
             share: (m,) fraction of the full correction that each command contains.
             confidence: level of the intervals.
         """
-        counted, value = self.loaded, self._mean(residual)
-        half = float("nan")
-        if self.effects is not None:
-            deviation = np.sqrt(np.square(self.effects).sum(axis=(1, 2)))
-            half = self.model.quantile(confidence) * self._mean(share * deviation)
-        wide = self._mean(share * self.radius)
-        band = _make_band(value, half, wide if np.isfinite(self.radius[counted]).all() else float("nan"), 0.0)
+        value = self._mean(residual)
+        half, wide = (self._mean(each) for each in self._remaining_errors(share, confidence))
+        band = _make_band(value, half, wide, 0.0)
         return Band(
             value,
             *(None if each is None else (0.0, each[1]) for each in (band.readings, band.with_model_error)),
         )
+
+    def remaining_bands(
+        self, residual: FloatArray, share: FloatArray, confidence: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return intervals (m, 2) of what is left at each point [m], as `bands` does; see `remaining`."""
+        half, wide = self._remaining_errors(share, confidence)
+        near, far = (
+            np.stack([np.where(np.isnan(each), np.nan, 0.0), residual + each], axis=1)
+            for each in (half, np.where(np.isnan(wide), np.nan, np.fmax(half, wide)))
+        )
+        return near, far
+
+    def _remaining_errors(self, share: FloatArray, confidence: float) -> tuple[FloatArray, FloatArray]:
+        """Return errors (m,) of corrected points by the readings and of the model [m]; NaN if unknown."""
+        half = np.full(len(share), np.nan)
+        if self.effects is not None:
+            deviation = np.sqrt(np.square(self.effects).sum(axis=(1, 2)))
+            half = self.model.quantile(confidence) * share * deviation
+        return half, share * self.radius
 
     def _mean(self, lengths: FloatArray) -> float:
         """Return the root mean square, or the greatest, of lengths (m,) at the points under load."""

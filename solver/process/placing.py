@@ -96,8 +96,8 @@ def evaluate_places(
 def coarsen(path: ProcessPath, task: TurnTask, first: IndexArray) -> tuple[ProcessPath, TurnTask, IndexArray]:
     """Return a path with fewer points and a task with fewer turns, for the search of places.
 
-    The step of the joints grows with the distance of the points. Points with a given posture are left out,
-    because they do not move with the workpiece.
+    The step of the joints grows with the distance of the points. Of points with and without a load, both are
+    kept. Points with a given posture are left out, because they do not move with the workpiece.
     """
     free = np.flatnonzero(np.isnan(path.given[:, 0]))
     if not len(free):
@@ -106,25 +106,31 @@ def coarsen(path: ProcessPath, task: TurnTask, first: IndexArray) -> tuple[Proce
             where="place",
             remedy="send a program with targets that are poses",
         )
-    stride = max(1, int(np.ceil(len(free) / COARSE_POINTS)))
-    kept = free[::stride]
+    loaded = path.loaded[free]
+    number = _choose_evenly(np.arange(len(free)))
+    if loaded.any() and not loaded.all():
+        number = np.union1d(number, _choose_evenly(np.flatnonzero(loaded)))
+    if task.motion.greatest:  # the greatest deflection is likely where the force is greatest
+        number = np.union1d(number, np.argmax(np.linalg.norm(path.force[free], axis=1)))
+    kept, distance = free[number], np.diff(number)
     # A kept point is reached along lines if all points since the kept point before are.
-    lines = np.logical_and.reduceat(path.continuous[free], _starts(len(free), stride))
-    lines &= np.append(False, np.diff(kept) == np.diff(np.searchsorted(free, kept)))
-    names = ("poses", "spindle", "place", "load_point", "force", "moment", "given")
-    thinned = replace(path, continuous=lines, **{name: getattr(path, name)[kept] for name in names})
+    lines = np.logical_and.reduceat(path.continuous[free], np.append(0, number[:-1] + 1))
+    lines &= np.append(False, np.diff(kept) == distance)
+    names = ["poses", "spindle", "place", "load_point", "force", "moment", "given"]
+    names += [] if path.near is None else ["near"]
+    parts = {name: getattr(path, name)[kept] for name in names}
+    thinned = replace(path, continuous=lines, centre=path.middle, **parts)
     # A target that occurs again is the same only if its first visit is kept, too.
-    number = {int(target): i for i, target in reversed(list(enumerate(first[kept].tolist())))}
-    same = np.array([number[target] for target in first[kept].tolist()], dtype=np.intp)
-    motion = replace(task.motion, step=stride * task.motion.step)
+    number_of = {int(target): i for i, target in reversed(list(enumerate(first[kept].tolist())))}
+    same = np.array([number_of[target] for target in first[kept].tolist()], dtype=np.intp)
+    motion = replace(task.motion, step=int(distance.max(initial=1)) * task.motion.step)
     every = max(1, len(task.angles) // COARSE_TURNS)
     return thinned, replace(task, angles=task.angles[::every], motion=motion), same
 
 
-def _starts(count: int, stride: int) -> IndexArray:
-    """Return the first indices of groups whose last members are the kept points 0, stride, 2 · stride …."""
-    kept = np.arange(0, count, stride)
-    return np.append(0, kept[:-1] + 1).astype(np.intp)
+def _choose_evenly(numbers: IndexArray) -> IndexArray:
+    """Return at most `COARSE_POINTS` of some numbers, evenly spread."""
+    return numbers[:: max(1, int(np.ceil(len(numbers) / COARSE_POINTS)))]
 
 
 def search_around(
@@ -167,20 +173,18 @@ def _neighbours(place: FloatArray, step: FloatArray) -> Iterator[FloatArray]:
 class Flatness:
     """Places that are nearly as good as the best one."""
 
-    count: int  #: number of places of the grid
+    count: int  #: number of places that were tried
     low: FloatArray  #: (4,) least position [m] and turn [rad] of these places
     high: FloatArray  #: (4,) greatest position [m] and turn [rad]
 
 
-def find_flatness(places: FloatArray, sizes: FloatArray, best: float) -> Flatness | None:
-    """Return the extent of the places whose deflection is within 5 % of the best; None without such a place.
+def find_flatness(places: FloatArray, sizes: FloatArray) -> Flatness:
+    """Return the extent of the places whose deflection is within 5 % of the least.
 
     Args:
-        places: (P, 4) places of the grid [m, rad].
-        sizes: (P,) deflections [m]; NaN where there is none.
-        best: least deflection that was found [m].
+        places: (P, 4) places that were tried [m, rad].
+        sizes: (P,) deflections, some of them known [m]; NaN where there is none.
     """
-    good: BoolArray = np.asarray(sizes <= (1.0 + FLAT) * best)
-    if not good.any():
-        return None
-    return Flatness(int(good.sum()), places[good].min(axis=0), places[good].max(axis=0))
+    good: BoolArray = np.asarray(sizes <= (1.0 + FLAT) * np.nanmin(sizes))
+    near = np.unique(np.round(places[good], 9), axis=0)
+    return Flatness(len(near), near.min(axis=0), near.max(axis=0))

@@ -8,7 +8,8 @@ two points of a line.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -22,6 +23,8 @@ from jointstiff.solver.process.candidates import Candidates
 _NONE: Final = -1
 MOST_LINKS: Final = 20_000_000
 """Greatest number of motions between the postures of a path: they take 16 bytes each."""
+MOST_TRIALS: Final = 40
+"""Greatest number of postures of targets that are visited again; each posture is tried along the whole path."""
 _ROUNDING: Final = 1e-9
 """Part of a step that is kept free, so that differences of rounded angles do not exceed the step."""
 
@@ -127,6 +130,14 @@ class Trellis:
             links.append(Links(first.astype(np.int32), last.astype(np.int32), link.cost[both]))
         return Trellis(self.candidates.select(kept), rows, links, self.angles)
 
+    def leave_out(self, point: int, left: BoolArray) -> Trellis:
+        """Return a trellis without the motions to a point that a mask (E,) of its motions names."""
+        links = list(self.links)
+        here = links[point - 1]
+        if here is not None:
+            links[point - 1] = Links(here.first[~left], here.last[~left], here.cost[~left])
+        return replace(self, links=links)
+
     def find_best(self, value: FloatArray, *, greatest: bool = False) -> IndexArray | None:
         """Find the sequence of the least sum of values, or of the least greatest value.
 
@@ -162,8 +173,9 @@ class Trellis:
     ) -> IndexArray | None:
         """Find the best sequence in which points that are the same target have the same posture.
 
-        If the best of all sequences reaches a target in two postures, the posture at the target's first visit
-        is kept, and the best sequence with it is found.
+        Where the best of all sequences reaches a target in two postures, its postures are tried in the order
+        of the least total with which a sequence passes through them, until none can be better. The sequence
+        is the best one unless more than `MOST_TRIALS` trials are needed, as for many such targets.
 
         Args:
             value: (K,) value of each candidate.
@@ -173,15 +185,111 @@ class Trellis:
         Returns:
             (m,) indices of candidates; None if no sequence is found.
         """
-        found, candidates = self.find_best(value, greatest=greatest), self.candidates
-        if found is None or (candidates.joints[found] == candidates.joints[found[first]]).all():
+        found = self.find_best(value, greatest=greatest)
+        if found is None or (self.candidates.joints[found] == self.candidates.joints[found[first]]).all():
             return found
-        repeated = np.flatnonzero(np.bincount(first, minlength=len(first))[first] > 1)
-        is_repeated = np.isin(candidates.point, repeated)
+        search = _ConsistentSearch(first, greatest=greatest)
+        simple = search.keep_first_postures(self, value, found, np.inf)
+        limit = np.inf if simple is None else self.total(value, simple, greatest=greatest)
+        better = search.find(self, value, limit)
+        return simple if better is None else better
+
+    def total(self, value: FloatArray, sequence: IndexArray, *, greatest: bool) -> float:
+        """Return what `find_best` minimises, of a sequence (m,) of candidates: with the costs of turns."""
+        values = value[sequence]
+        if greatest:
+            return float(values.max())
+        cost = 0.0
+        for links, rows, first, last in zip(
+            self.links, pairwise(self.rows), sequence[:-1], sequence[1:], strict=False
+        ):
+            if links is not None:
+                here = (links.first == first - rows[0].start) & (links.last == last - rows[1].start)
+                cost += float(links.cost[here][0])
+        return float(values.sum()) + cost
+
+    def least_through(self, value: FloatArray, *, greatest: bool) -> FloatArray:
+        """Return the least total (K,) of the sequences through each candidate; inf where there is none."""
+        join = np.maximum if greatest else np.add
+        to, after = np.full(len(value), np.inf), np.full(len(value), np.inf)
+        to[self.rows[0]] = value[self.rows[0]]
+        for links, (before, here) in zip(self.links, pairwise(self.rows), strict=True):
+            reached = _relax(links, to[before], here.stop - here.start, greatest=greatest, forward=True)
+            to[here] = join(reached, value[here])
+        after[self.rows[-1]] = 0.0
+        for links, (here, behind) in zip(self.links[::-1], [*pairwise(self.rows)][::-1], strict=True):
+            left = join(after[behind], value[behind])
+            after[here] = _relax(links, left, here.stop - here.start, greatest=greatest, forward=False)
+        return np.asarray(join(to, after))
+
+
+class _ConsistentSearch:
+    """Search for the best sequence in which points that are the same target have the same posture."""
+
+    def __init__(self, first: IndexArray, *, greatest: bool) -> None:
+        self._first, self._greatest = first, greatest
+        self._trials = 0
+
+    def find(self, trellis: Trellis, value: FloatArray, limit: float) -> IndexArray | None:
+        """Return the best sequence (m,) whose total is less than a limit; None if none is found."""
+        candidates, first = trellis.candidates, self._first
+        found = trellis.find_best(value, greatest=self._greatest)
+        if found is None or trellis.total(value, found, greatest=self._greatest) >= limit:
+            return None
+        joints = candidates.joints[found]
+        differs = (joints != joints[first]).any(axis=1)
+        if not differs.any():
+            return found
+        if self._trials >= MOST_TRIALS:
+            return self.keep_first_postures(trellis, value, found, limit)
+        target = first[np.argmax(differs)]
+        visits = np.flatnonzero(first == target)
+        here = np.flatnonzero(np.isin(candidates.point, visits))
+        _, posture = np.unique(candidates.joints[here], axis=0, return_inverse=True)
+        posture = posture.reshape(-1)
+        through = trellis.least_through(value, greatest=self._greatest)[here]
+        bound = np.zeros(posture.max() + 1)
+        np.maximum.at(bound, posture, through)
+        bound[np.bincount(posture) < len(visits)] = np.inf  # a visit does not reach this posture
+        best: IndexArray | None = None
+        for k in np.argsort(bound, kind="stable").tolist():
+            if not bound[k] < limit or self._trials >= MOST_TRIALS:
+                break
+            self._trials += 1
+            kept = np.ones(len(value), dtype=np.bool_)
+            kept[here] = posture == k
+            part = trellis.restrict(kept)
+            again = self.find(part, value[kept], limit)
+            if again is not None:
+                best = np.flatnonzero(kept)[again]
+                limit = part.total(value[kept], again, greatest=self._greatest)
+        return best
+
+    def keep_first_postures(
+        self, trellis: Trellis, value: FloatArray, found: IndexArray, limit: float
+    ) -> IndexArray | None:
+        """Return the best sequence (m,) with the postures that another (m,) has at first visits."""
+        candidates, first = trellis.candidates, self._first
+        is_repeated = (np.bincount(first, minlength=len(first))[first] > 1)[candidates.point]
         wanted = candidates.joints[found[first[candidates.point]]]
         kept = ~is_repeated | (candidates.joints == wanted).all(axis=1)
-        again = self.restrict(kept).find_best(value[kept], greatest=greatest)
-        return None if again is None else np.flatnonzero(kept)[again]
+        part = trellis.restrict(kept)
+        again = part.find_best(value[kept], greatest=self._greatest)
+        if again is None or part.total(value[kept], again, greatest=self._greatest) >= limit:
+            return None
+        return np.flatnonzero(kept)[again]
+
+
+def _relax(
+    links: Links | None, total: FloatArray, count: int, *, greatest: bool, forward: bool
+) -> FloatArray:
+    """Return the least total (count,) with which motions lead to candidates, or from them if backward."""
+    if links is None:
+        return np.full(count, total.min(initial=np.inf))
+    start, end = (links.first, links.last) if forward else (links.last, links.first)
+    reached = np.full(count, np.inf)
+    np.minimum.at(reached, end, total[start] if greatest else total[start] + links.cost)
+    return reached
 
 
 def _find_near(

@@ -11,6 +11,7 @@ from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.forward import ForwardModel
+from jointstiff.solver.process.between import LimitsBetween
 from jointstiff.solver.process.candidates import Candidates, list_candidates
 from jointstiff.solver.process.path import ProcessPath
 from jointstiff.solver.process.sequence import Motion, Trellis
@@ -19,6 +20,12 @@ NO_GAIN: Final = 0.02
 """Relative difference of the fixed turns' deflections up to which turning gains nothing."""
 _ZERO: Final = 1e-9
 """Turn that counts as zero [rad]."""
+_MOST_CHECKS: Final = 50
+"""Sequences whose motions between points are checked."""
+_MOST_LINKS_CHECKED: Final = 50_000
+"""Motions between two points that are checked at once."""
+_EQUAL: Final = 1e-12
+"""Relative difference of deflections that is rounding."""
 _DIGITS: Final = 10
 """Decimal places of squares relative to their mean that are compared."""
 
@@ -84,7 +91,8 @@ def choose_turns(
 ) -> TurnChoice:
     """Choose turns and branches along a path, so that its deflection is least.
 
-    Candidates are compared by their deflections to first order in the load. The chosen sequence and all fixed
+    Limits and step are kept between the points, too, where the controller interpolates a line. Candidates are
+    compared by their deflections to first order in the load. The chosen sequence and all fixed
     turns are then compared by their exact deflections, so that the choice is never worse than a fixed turn.
 
     Args:
@@ -99,14 +107,14 @@ def choose_turns(
     """
     first = np.arange(len(path)) if first is None else first
     trellis, value, weight = _prepare(model, inverse, path, task)
-    candidates = trellis.candidates
+    candidates, limits = trellis.candidates, LimitsBetween(inverse, path, task.motion.step)
     sequences: list[IndexArray] = []
-    if (free := _find_least(trellis, value, first, task.motion)) is not None:
+    if (free := _find_followed(trellis, value, first, task.motion, limits)) is not None:
         sequences.append(free)
     fixed_at = dict[int, int]()
     for k in range(len(task.angles)):
         kept = (candidates.turn == k) | (candidates.turn < 0)
-        found = _find_least(trellis.restrict(kept), value[kept], first, task.motion)
+        found = _find_followed(trellis.restrict(kept), value[kept], first, task.motion, limits)
         if found is not None:
             fixed_at[k] = len(sequences)
             sequences.append(np.flatnonzero(kept)[found])
@@ -114,20 +122,22 @@ def choose_turns(
         raise RequestError(
             "no sequence of postures follows the path within the limits of the joints and the step",
             where="step",
-            remedy="raise `step`, lower `clearance`, or use separate targets where moves come back",
+            remedy="raise `step`, lower `clearance`, add points, or use separate targets for returns",
         )
     sizes = _compute_exact_sizes(model, path, candidates, sequences, weight, greatest=task.motion.greatest)
     fixed = np.full(len(task.angles), np.inf)
     for k, row in fixed_at.items():
         fixed[k] = sizes[row]
     # The free sequence is the first: it is kept unless a fixed turn is better to all digits.
-    best = int(np.argmin(sizes))
+    best, zero = int(np.argmin(sizes)), int(np.argmin(np.abs(task.angles)))
+    at_zero = fixed_at.get(zero) if abs(task.angles[zero]) < _ZERO else None
+    if at_zero is not None and sizes[at_zero] <= (1.0 + _EQUAL) * sizes[best]:
+        best = at_zero  # a tool that gains nothing is not turned
     chosen = candidates.joints[sequences[best]]
     turn = candidates.turn[sequences[best]]
     joints_of = {k: candidates.joints[sequences[row]] for k, row in fixed_at.items()}
     best_fixed = joints_of[int(np.argmin(fixed))] if fixed_at else None
-    zero = int(np.argmin(np.abs(task.angles)))
-    unturned = joints_of.get(zero) if abs(task.angles[zero]) < _ZERO else None
+    unturned = None if at_zero is None else joints_of[zero]
     angles = np.where(turn < 0, np.nan, task.angles[turn])
     return TurnChoice(chosen, angles, float(sizes[best]), fixed, best_fixed, unturned)
 
@@ -178,6 +188,30 @@ def _compute_values(candidates: Candidates, loaded: BoolArray) -> FloatArray:
     square = np.where(loaded, np.square(candidates.size), 0.0)
     mean = float(square[loaded].mean()) if loaded.any() else 0.0
     return np.asarray(np.round(square / mean, _DIGITS) if mean > 0.0 else square)
+
+
+def _find_followed(
+    trellis: Trellis, value: FloatArray, first: IndexArray, motion: Motion, limits: LimitsBetween
+) -> IndexArray | None:
+    """Return the candidates (m,) of the best sequence that keeps the limits between points; None if none."""
+    joints = trellis.candidates.joints
+    for _ in range(_MOST_CHECKS):
+        found = _find_least(trellis, value, first, motion)
+        if found is None:
+            return None
+        beyond = np.flatnonzero(limits.find_beyond(joints[found]))
+        if not len(beyond):
+            return found
+        for point in beyond.tolist():
+            links, before, here = trellis.links[point - 1], *trellis.rows[point - 1 : point + 1]
+            if links is None:
+                continue
+            rows = links.first + before.start, links.last + here.start
+            left = (rows[0] == found[point - 1]) & (rows[1] == found[point])
+            if len(left) <= _MOST_LINKS_CHECKED:  # motions like the one that was found leave the limits, too
+                left = limits.are_beyond(np.full(len(left), point), joints[rows[0]], joints[rows[1]])
+            trellis = trellis.leave_out(point, left)
+    return None
 
 
 def _find_least(trellis: Trellis, value: FloatArray, first: IndexArray, motion: Motion) -> IndexArray | None:

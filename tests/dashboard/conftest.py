@@ -4,13 +4,14 @@ import json
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import httpx2
 import pytest
 from playwright.sync_api import Browser, sync_playwright
-from support.api import post
+from support.api import made, post
 from support.browsing import (
     ARGUMENTS,
     DASHBOARD,
@@ -69,7 +70,7 @@ def site(bundle: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ser
 @pytest.fixture(scope="session")
 def api(site: Any) -> Iterator[httpx2.Client]:
     """The API beside the page."""
-    with httpx2.Client(base_url=site.url, timeout=180.0) as session:
+    with httpx2.Client(base_url=site.url, timeout=None) as session:
         yield session
 
 
@@ -131,29 +132,29 @@ def stored(api: httpx2.Client) -> Stored:
     """One of everything, in the service's database."""
     robot = post(api, "/v1/robots", robot_document(default_arm()))["id"]
 
-    def made(kind: str, body: Any) -> str:
+    def add_job(kind: str, body: Any) -> str:
         """Post a job, and wait for its end."""
-        return str(post(api, f"/v1/{kind}?wait=60", body)["id"])
+        return made(api, partial(api.post, f"/v1/{kind}?wait=60", json=body))
 
     def add(encoders: str, seed: int) -> str:
         document = campaign(load="dead_weight", encoders=encoders, seed=seed)["measurement_set"]
         return post(api, "/v1/measurement-sets", {**document, "robot_id": robot})["id"]
 
     first, second = add("motor", 3), add("secondary", 4)
-    run = made("runs", {"measurement_set_id": first})
-    other = made("runs", {"measurement_set_id": second})
+    run = add_job("runs", {"measurement_set_id": first})
+    other = add_job("runs", {"measurement_set_id": second})
     decoupled = {"measurement_set_id": first, "method": "decoupled_partial_pose"}
-    runs = [run, made("runs", decoupled)]
-    comparison = made("comparisons", {"run_ids": runs})
-    pair = made("comparisons", {"run_ids": [run, other], "ordered": True})
+    runs = [run, add_job("runs", decoupled)]
+    comparison = add_job("comparisons", {"run_ids": runs})
+    pair = add_job("comparisons", {"run_ids": [run, other], "ordered": True})
     joints = [f"joint_{j}" for j in range(2, 7)]  # a weight never twists the first
-    plan = made("plans", {"measurement_set_id": first, "readings": 6, "joints": joints})
+    plan = add_job("plans", {"measurement_set_id": first, "readings": 6, "joints": joints})
     work = {"run_id": run, "area": [[1.2, -0.6, 0.6], [1.8, 0.6, 1.0]], "grid": [7, 9, 2]}
     tool = {"place": [0.0, 0.0, 0.25], "turns": 4, "force": [0.0, 0.0, -900.0]}
-    work_map = made("maps", work | tool)
+    work_map = add_job("maps", work | tool)
     sweeps = json.loads((ROOT / "examples" / "sweeps.json").read_text(encoding="utf-8"))
-    geometry = made("geometries", {**sweeps, "name": "stored sweeps"})
-    fleet = made("fleets", {"measurement_set_ids": [first, second], "name": "stored fleet"})
+    geometry = add_job("geometries", {**sweeps, "name": "stored sweeps"})
+    fleet = add_job("fleets", {"measurement_set_ids": [first, second], "name": "stored fleet"})
     program, live = compensated(api, run), opened(api, robot)
     return Stored(robot, first, second, run, comparison, pair, plan, work_map, program, geometry, live, fleet)
 
@@ -172,6 +173,5 @@ def compensated(api: httpx2.Client, run: str) -> str:
     """Return a small program, corrected by a run."""
     options = {"run_id": run} | small_program_options()
     file = ("corner.src", program_text("krl", tool_poses(path(6)), 4).encode())
-    answer = api.post("/v1/programs?wait=1", data={"options": json.dumps(options)}, files={"files": file})
-    assert answer.status_code == 201, answer.text
-    return str(answer.json()["id"])
+    data = {"options": json.dumps(options)}
+    return made(api, partial(api.post, "/v1/programs?wait=60", data=data, files={"files": file}))

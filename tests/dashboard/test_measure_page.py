@@ -98,7 +98,7 @@ def test_readings_wait_while_the_service_is_away(visit, api):
     page.get_by_role("button", name="Simulate this reading").click()
     page.context.set_offline(True)
     page.get_by_role("button", name="Send reading").click()
-    expect(page.get_by_text("The service is away. 1 reading waits in this browser")).to_be_visible()
+    expect(page.get_by_text("The service cannot be reached. 1 reading waits in this browser")).to_be_visible()
     page.get_by_text("Another posture or load").click()
     joints = page.get_by_label("Joints as the controller shows them")
     angles = [float(angle) for angle in joints.input_value().split()]
@@ -109,7 +109,7 @@ def test_readings_wait_while_the_service_is_away(visit, api):
         page.get_by_label(f"{target}, Unloaded x").fill("1000 0 1000")
     assert labels(api, campaign) == ["m01"]
     page.context.set_offline(False)
-    expect(page.get_by_text("The service is away.")).to_have_count(0)
+    expect(page.get_by_text("The service cannot be reached.")).to_have_count(0)
     expect(page.get_by_text("2 read", exact=False).first).to_be_visible()
     assert labels(api, campaign) == ["m01", "m02"]
     kept = page.evaluate("Object.keys(localStorage)")
@@ -154,7 +154,7 @@ def test_no_reading_is_lost_when_the_service_is_started_again(browser, bundle, t
         )
     page.get_by_role("button", name="Simulate this reading").click()
     page.get_by_role("button", name="Send reading").click()
-    waits = page.get_by_text("The service is away. 1 reading waits in this browser")
+    waits = page.get_by_text("The service cannot be reached. 1 reading waits in this browser")
     expect(waits).to_be_visible()
     page.reload()
     expect(page.get_by_role("heading", name="Simulated campaign")).to_be_visible()
@@ -187,7 +187,7 @@ def test_the_next_two_postures_are_there_without_a_network(browser, bundle, tmp_
         )
         page.wait_for_load_state("networkidle")
     read(page, "m02")
-    expect(page.get_by_text("The service is away. 1 reading waits in this browser")).to_be_visible()
+    expect(page.get_by_text("The service cannot be reached. 1 reading waits in this browser")).to_be_visible()
     page.reload()
     read(page, "m03")
     page.reload()

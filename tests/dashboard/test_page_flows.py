@@ -11,6 +11,7 @@ from support.api import post, posted
 from support.browsing import ROOT, campaign
 from support.page_flows import Flow, flows_of
 from support.programs import START, path, tool_poses
+from support.workbooks import workbook
 
 from jointstiff.simulator import TARGETS, default_arm, simulate_campaign
 from jointstiff.simulator.document import robot_document
@@ -18,10 +19,18 @@ from jointstiff.simulator.programs import program_text
 from jointstiff.simulator.urdf import urdf_text
 
 FLOWS = flows_of(Path(__file__).with_name("flows.txt"))
-ARMS = ("arm of the table", "older of two arms", "newer of two arms")
+ARMS = ("arm of the table", "arm of the spreadsheet", "older of two arms", "newer of two arms")
 TREND = "from a robot to a trend"
 SIZES = [pytest.param("tablet", marks=pytest.mark.slow), "phone"]
 OPTIONS = {"positive": False, "stiffness_order": [["joint_2", "joint_4"]], "confidence": 0.9}
+
+
+def numeric(cell):
+    """Return the number of a cell, or its text."""
+    try:
+        return float(cell)
+    except ValueError:
+        return cell
 
 
 def contents():
@@ -43,6 +52,7 @@ def contents():
         "pull": campaign(load="pull", seed=31),
         "readings": readings,
         "with load points": "\n".join(table),
+        "workbook": workbook([[numeric(cell) for cell in row.split(";")] for row in table]),
         "with a bad number": "\n".join([*table[:9], wrong_row, *table[10:]]),
         "before and after": readings.replace("unloaded", "before").replace("loaded", "after"),
         "pre and post": readings.replace("unloaded", "pre").replace("loaded", "post"),

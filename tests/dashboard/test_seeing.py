@@ -12,6 +12,8 @@ from support import everything
 from support.browsing import DASHBOARD, VIEWS
 from support.processes import Service, alone
 
+pytestmark = pytest.mark.timeout(900, func_only=True)
+"""Building the database takes as long as it takes, and a width has some 220 looks."""
 LOOK = Path(__file__).with_name("seeing.js").read_text(encoding="utf-8")
 WIDTHS = (360, 390, 650, 820, 960, 1024, 1280, 1440)  # px
 MEDIA = {"print": ("print", "light"), "dark": ("screen", "dark"), "light": ("screen", "light")}
@@ -50,7 +52,7 @@ def database(bundle: Path, shared_folder: Path) -> tuple[Path, dict[str, str]]:
             url = f"sqlite:///{folder / 'jointstiff.db'}"
             service = Service(url)
             try:
-                with httpx2.Client(base_url=service.url, timeout=180.0) as client:
+                with httpx2.Client(base_url=service.url, timeout=None) as client:
                     made = everything.fill(client, url)
             finally:
                 service.stop()

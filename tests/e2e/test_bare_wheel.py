@@ -17,8 +17,18 @@ DIRECT = {"numpy", "scipy", "pin", "cvxpy-base", "clarabel", "pydantic", "typer"
 }
 """The tenth is threadpoolctl: without it the last digits depend on the threads of the user's program. None of
 the other nine can go for it: our code imports each of them, and none limits the threads of linear algebra."""
-OF_EXTRAS = ["anyio", "distributed", "fastapi", "httpx2", "matplotlib", "openpyxl", "psycopg", "segno"]
-OF_EXTRAS += ["sqlalchemy"]
+OF_EXTRAS = [
+    "anyio",
+    "distributed",
+    "fastapi",
+    "h5py",
+    "httpx2",
+    "matplotlib",
+    "openpyxl",
+    "psycopg",
+    "segno",
+]
+OF_EXTRAS += ["pyarrow", "sqlalchemy"]
 LIBRARY = """
 import json
 import jointstiff as js

@@ -105,10 +105,10 @@ class Stored:
 
 
 def file_of(name: str, content: Any) -> dict[str, Any]:
-    """A file to choose, of text, or of a document that is written as JSON."""
-    text = content if isinstance(content, str) else json.dumps(content)
+    """A file to choose, of bytes, of text, or of a document that is written as JSON."""
+    text = content if isinstance(content, str | bytes) else json.dumps(content)
     kind = mimetypes.types_map.get(Path(name).suffix, "text/plain")
-    return {"name": name, "mimeType": kind, "buffer": text.encode()}
+    return {"name": name, "mimeType": kind, "buffer": text if isinstance(text, bytes) else text.encode()}
 
 
 def campaign(**options: Any) -> dict[str, Any]:

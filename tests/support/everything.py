@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from copy import deepcopy
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from support import live
-from support.api import CANCEL, DELETE, job_at, post
+from support.api import CANCEL, DELETE, job_at, made, post
 from support.copied_rows import Copies, Names, Template, make_engine
 from support.programs import path, small_program_options, tool_poses
 
@@ -44,9 +44,7 @@ class Filling:
 
     def add(self, collection: str, body: Any) -> str:
         """Post a body, and wait for what is made of it; return its id."""
-        answer = self.client.post(f"/v1/{collection}?wait=60", json=body)
-        assert answer.status_code == 201, answer.text
-        return str(answer.json()["id"])
+        return made(self.client, partial(self.client.post, f"/v1/{collection}?wait=60", json=body))
 
     def measure(self, document: Mapping[str, Any], robot: str | None = None, **changes: object) -> str:
         """Store the set of a campaign, of its own robot or of another; return its id."""
@@ -65,9 +63,7 @@ class Filling:
         options = {"run_id": run} | small_program_options() | more
         files = {"files": (name, program_text("krl", tool_poses(path(points)), 4).encode())}
         data = {"options": json.dumps(options)}
-        answer = self.client.post(f"/v1/{kind}?wait=60", data=data, files=files)
-        assert answer.status_code in {201, 202}, answer.text
-        return str(answer.json()["id"])
+        return made(self.client, partial(self.client.post, f"/v1/{kind}?wait=60", data=data, files=files))
 
     def live(self, name: str, readings: int, change: Callable[[dict[str, Any]], Any] = dict) -> str:
         """Open a campaign, and send some readings, the last one of them changed; return its id."""
@@ -84,8 +80,8 @@ class Filling:
 def fill(client: Any, url: str) -> dict[str, str]:
     """Fill the database at `url` through its service; return names of what the page shows → ids."""
     filling = Filling(client)
-    made = many(filling, url) | of_one_arm(filling) | verdicts(filling) | campaigns_of_a_robot(filling)
-    return made | measured_live(filling) | with_long_names(filling)
+    stored = many(filling, url) | of_one_arm(filling) | verdicts(filling) | campaigns_of_a_robot(filling)
+    return stored | measured_live(filling) | with_long_names(filling)
 
 
 def many(filling: Filling, url: str) -> dict[str, str]:

@@ -187,7 +187,7 @@ def refusals(*files: tuple[str, str | bytes], robot: Robot | None = None, **opti
 
 
 def told(fault: ImportFault) -> str:
-    """Return a fault in one line, such as `a.csv:4:1: the name is empty; fill it in`."""
+    """Return a fault in one line, such as `a.csv:4:1: the name is empty; fill in the cell`."""
     parts = (fault.file, fault.line, fault.column)
     place = ":".join(str(part) for part in parts if part is not None)
     option = f" [{fault.option}]" if fault.option else ""

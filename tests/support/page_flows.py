@@ -153,6 +153,12 @@ class Flow:
             self.named("link", name).click()
         assert download.value.suggested_filename == file
 
+    def saved(self, selector: str, begin: str) -> None:
+        """Tap on a link to a file, which begins with these letters."""
+        with self.page.expect_download() as download:
+            self.tap(selector)
+        assert download.value.path().read_bytes().startswith(begin.encode())
+
     def tapped(self, selector: str, place: str) -> None:
         """Tap on a place of what a selector finds, by px from the left and a share of the height."""
         box, (x, y) = self.first(selector).bounding_box(), map(float, place.split())
@@ -230,6 +236,7 @@ VERBS: dict[str, Callable[..., object]] = {
     "unpicked": lambda flow, name: expect(flow.named("radio", name)).not_to_be_checked(),
     "tapped": Flow.tapped,
     "download": Flow.downloaded,
+    "save": Flow.saved,
     "remember": lambda flow, selector, name: flow.values.update({name: flow.first(selector).inner_text()}),
     "changed": lambda flow, selector, text: expect(flow.first(selector)).not_to_have_text(text),
     "hover": lambda flow, selector: flow.first(selector).hover(),

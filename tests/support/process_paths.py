@@ -78,7 +78,9 @@ def process_path(
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, :3, :3] = compute_tool_rotations(spindle, axes, 1)
     poses[:, :3, 3] = places - poses[:, :3, :3] @ tool
-    forces = apply_feed_frames(find_feed_frames(places, axes), np.tile(force, (count, 1)), "axes")
+    continuous = np.arange(count) > 0
+    frames = find_feed_frames(places, axes, continuous)
+    forces = apply_feed_frames(frames, np.tile(force, (count, 1)), "axes")
     return ProcessPath(
         poses=poses,
         spindle=np.tile(spindle, (count, 1)),
@@ -86,7 +88,7 @@ def process_path(
         load_point=np.tile(tool, (count, 1)),
         force=forces,
         moment=np.zeros((count, 3)),
-        continuous=np.arange(count) > 0,
+        continuous=continuous,
         given=np.full((count, joints), np.nan),
     )
 

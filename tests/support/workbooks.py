@@ -5,6 +5,7 @@ import zipfile
 
 import numpy as np
 import openpyxl
+import pytest
 from scipy.io import savemat
 from support.importing_samples import CAMPAIGN
 
@@ -33,7 +34,26 @@ def arrays(**variables):
     savemat(output, {
         name: np.array(each, dtype=object).reshape(-1, 1) if is_list(each) else each
         for name, each in variables.items()
-    })  # fmt: skip
+    }, do_compression=True)  # fmt: skip
+    return output.getvalue()
+
+
+def hdf5(fill):
+    """Return an HDF5 file that a function fills; the test is skipped without h5py."""
+    h5py = pytest.importorskip("h5py", reason="h5py is not installed")
+    output = io.BytesIO()
+    with h5py.File(output, "w") as file:
+        fill(file)
+    return output.getvalue()
+
+
+def parquet(columns, **options):
+    """Return a Parquet file of columns by their names; the test is skipped without pyarrow."""
+    pa = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
+    from pyarrow.parquet import write_table
+
+    output = io.BytesIO()
+    write_table(pa.table(columns), output, **options)
     return output.getvalue()
 
 

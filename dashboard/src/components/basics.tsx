@@ -10,7 +10,7 @@ import { Viewer } from "../state/session";
 import { listen } from "../lib/events";
 import { dayText, roughTime, timeText, zonedText } from "../lib/format";
 import { groupedBy } from "../lib/json";
-import { placeName, sentence } from "../lib/said";
+import { onPage, placeName, sentence } from "../lib/said";
 import { api } from "../api/calls";
 import { problemOf } from "../api/problem";
 
@@ -320,7 +320,7 @@ export function ProblemNote({ problem, retry, restore }: NoteProps) {
       <h2>{problem.title}</h2>
       {!listed && (
         <p>
-          <Prose text={problem.detail} />
+          <Prose text={sentence(problem.detail)} />
         </p>
       )}
       {problem.where && !listed && (
@@ -330,7 +330,7 @@ export function ProblemNote({ problem, retry, restore }: NoteProps) {
       )}
       {problem.remedy && !restore && (
         <p>
-          <b>{text.errors.remedy}:</b> <Prose text={problem.remedy} />
+          <b>{text.errors.remedy}:</b> <Prose text={sentence(onPage(problem.remedy))} />
         </p>
       )}
       {problem.errors && problem.errors.length > 0 && (

@@ -308,14 +308,20 @@ function useTyped(codec: Codec, value: unknown, change: (value: unknown) => void
   };
   const shown = isUnread(value) ? value.unread : codec.show(value);
   const [typed, set] = useState(shown);
+  const [byHand, setByHand] = useState(false);
   useEffect(() => {
-    if (JSON.stringify(valueOf(typed)) !== JSON.stringify(value ?? null)) set(shown);
+    if (JSON.stringify(valueOf(typed)) === JSON.stringify(value ?? null)) return;
+    set(shown);
+    setByHand(false);
   }, [JSON.stringify(value), shown]);
   return {
     typed,
     unread: codec.read(typed) === undefined,
+    /** Of numbers that someone typed: how they are understood, where that is not plain. */
+    meant: (unit: string | undefined) => (byHand ? understood(codec, typed, unit) : undefined),
     type: (next: string) => {
       set(next);
+      setByHand(true);
       change(valueOf(next));
     },
   };
@@ -341,11 +347,11 @@ interface TypedFieldProps {
 }
 
 function TypedField({ codec, value, change, empty, long, help, ...field }: TypedFieldProps) {
-  const { typed, unread, type } = useTyped(codec, value, change);
+  const { typed, unread, meant, type } = useTyped(codec, value, change);
   return (
     <TextField
       {...field}
-      help={unread ? formWords.unread(typed) : (understood(codec, typed, field.unit) ?? help)}
+      help={unread ? formWords.unread(typed) : (meant(field.unit) ?? help)}
       value={typed}
       change={type}
       placeholder={empty}
@@ -458,8 +464,8 @@ interface CellProps {
 
 function Cell({ schema, factor, label, value, change }: CellProps) {
   const codec = codecOf(schema, {}, factor) ?? OF_TEXT;
-  const { typed, unread, type } = useTyped(codec, value, change);
-  const meant = understood(codec, typed, undefined);
+  const { typed, unread, meant: meantIn, type } = useTyped(codec, value, change);
+  const meant = meantIn(undefined);
   const set = (event: { currentTarget: { value: string } }) => type(event.currentTarget.value);
   if (!schema.enum)
     return (

@@ -135,6 +135,19 @@ function logTicks(low: number, high: number, leads: number[]): number[] {
   return ticks.filter((tick) => tick >= low * (1 - 1e-9) && tick <= high * (1 + 1e-9));
 }
 
+/** Width of a letter of a tick's name [px]. */
+const LETTER = 9;
+
+/** Ticks of an axis with their names, without those whose name would touch that of the tick before. */
+export function namedTicks(axis: Scale, nameOf: (tick: number) => string): { x: number; name: string }[] {
+  const named: { x: number; name: string }[] = [];
+  for (const { x, name } of axis.ticks.map((tick) => ({ x: axis(tick), name: nameOf(tick) }))) {
+    const last = named.at(-1);
+    if (!last || x - last.x > (LETTER * (name.length + last.name.length + 1)) / 2) named.push({ x, name });
+  }
+  return named;
+}
+
 /** Least and greatest of the values that are finite. */
 export function extent(values: Iterable<number>): [number, number] | null {
   let [low, high] = [Infinity, -Infinity];

@@ -4,6 +4,9 @@ import { pointsOf } from "./map";
 import { type Columns, readerOf } from "./json";
 import { norm, subtract } from "./vector";
 
+/** A state of the path. */
+export type Stage = "before" | "turned" | "left";
+
 /** A point of the path as chosen; lengths of deflections in mm, NaN where there is none. */
 export interface ProcessPoint extends PathPoint {
   /** Length of the path up to here [mm]. */
@@ -12,9 +15,9 @@ export interface ProcessPoint extends PathPoint {
   turn: number;
   before: number;
   turned: number;
-  /** Interval of `turned`, with the model error where that is known. */
-  interval: readonly [number, number];
   left: number;
+  /** Interval of each deflection, with the model error where that is known. */
+  intervals: Record<Stage, readonly [number, number]>;
 }
 
 /** The points of a path, from the table of its points and that of its turns, which have the same rows. */
@@ -25,16 +28,19 @@ export function processPointsOf(points: Columns, turns: Columns): ProcessPoint[]
     const before = all[i - 1];
     if (before) along += 1e3 * norm(subtract(point.place, before.place));
     const at = (head: string): number => numbers(head, i);
-    const ends = (by: string) => [at(`turned low, ${by} [mm]`), at(`turned high, ${by} [mm]`)] as const;
-    const widest = ends("with model error");
+    const interval = (of: string): readonly [number, number] => {
+      const ends = (by: string) => [at(`${of} low, ${by} [mm]`), at(`${of} high, ${by} [mm]`)] as const;
+      const widest = ends("with model error");
+      return Number.isNaN(widest[1]) ? ends("readings") : widest;
+    };
     return {
       ...point,
       along,
       turn: at("turn [deg]"),
       before: at("before [mm]"),
       turned: at("turned [mm]"),
-      interval: Number.isNaN(widest[1]) ? ends("readings") : widest,
       left: at("remaining [mm]"),
+      intervals: { before: interval("before"), turned: interval("turned"), left: interval("remaining") },
     };
   });
 }

@@ -27,5 +27,6 @@ export function placeName(where: string): string {
 export const sentence = (words: string): string =>
   /^[a-z]+[ ,:;]/.test(words) ? words[0]?.toUpperCase() + words.slice(1) : words;
 
-/** A remark of the service as it is read on the page itself. */
-export const onPage = (remark: string): string => remark.replace("on the page:", `${text.app.measure}:`);
+/** A remark of the service as it is read on the page itself, where nobody sends requests by hand. */
+export const onPage = (remark: string): string =>
+  remark.replace("on the page:", `${text.app.measure}:`).replace(/; list the existing ids with GET \S+$/, "");

@@ -150,7 +150,9 @@ export function stiffnessUncertainty(joint: JointResult): number | null {
 
 /** Whether a result that is not to be used leaves a stiffness open: its model is refuted, and gives no limit. */
 export const isRefuted = (joint: JointResult): boolean =>
-  joint.verdict === "do_not_use" && (joint.stiffness === null || joint.stiffness_interval?.[1] === null);
+  joint.verdict === "do_not_use" &&
+  joint.status !== "not_observable" &&
+  (joint.stiffness === null || joint.stiffness_interval?.[1] === null);
 
 /** Stiffer than this, at the run's confidence; null where nothing is known. */
 export function lowerLimit(joint: JointResult): number | null {

@@ -87,6 +87,11 @@ export class Orbit {
     else this.changed();
   }
 
+  /** Stay while something else is dragged. */
+  pause(paused: boolean): void {
+    this.#controls.enabled = !paused;
+  }
+
   dispose(): void {
     this.#controls.dispose();
   }

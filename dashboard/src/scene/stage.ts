@@ -16,6 +16,8 @@ import {
 } from "three";
 import { bent, type Vector, norm, times } from "../lib/vector";
 import { Arm, type Arrow, Arrows, Cloud, ScaleBar, type Label, Labels } from "./parts";
+import type { Box } from "../lib/box";
+import type { HeldBox } from "./box";
 import { Orbit } from "./orbit";
 import type { Show } from "./view";
 
@@ -51,9 +53,16 @@ export class Stage {
   #shown: Show | null = null;
   #waiting = 0;
   #frames = 0;
+  /** Of what is shown, its box; undefined until one is shown. */
+  #box: Promise<HeldBox> | undefined;
+  #boxDrawn: HeldBox | null = null;
+  #gone = false;
 
   /** Throws where the device has no WebGL. */
-  constructor(readonly canvas: HTMLCanvasElement) {
+  constructor(
+    readonly canvas: HTMLCanvasElement,
+    readonly dragged: (box: Box) => void,
+  ) {
     this.#renderer = new WebGLRenderer({
       canvas,
       antialias: true,
@@ -111,6 +120,8 @@ export class Stage {
   }
 
   dispose(): void {
+    this.#gone = true;
+    this.#boxDrawn?.dispose();
     cancelAnimationFrame(this.#waiting);
     this.#observer.disconnect();
     removeEventListener("themechange", this.#paint);
@@ -129,13 +140,18 @@ export class Stage {
     this.#waiting = 0;
     if (this.#show && this.#show !== this.#shown) this.#apply(this.#show);
     this.#bendNow(start);
+    this.#boxDrawn?.sized(this.#camera, this.#pixel);
     this.#renderer.render(this.#scene, this.#camera);
     this.#labels.render(this.#scene, this.#camera);
-    const half = Math.tan((this.#camera.fov * Math.PI) / 360);
-    this.#bar.set(this.canvas.clientHeight / (2 * half * this.#orbit.distance), this.#show?.factor ?? 1);
+    this.#bar.set(1 / (this.#pixel * this.#orbit.distance), this.#show?.factor ?? 1);
     performance.measure(FRAME, { start, end: performance.now() });
     if (++this.#frames % KEPT_FRAMES === 0) performance.clearMeasures(FRAME);
   };
+
+  /** Size of a pixel at a distance of 1. */
+  get #pixel(): number {
+    return (2 * Math.tan((this.#camera.fov * Math.PI) / 360)) / (this.canvas.clientHeight || 1);
+  }
 
   /** One step of the bend; asks for the next until it is over. */
   #bendNow(now: number): void {
@@ -171,7 +187,30 @@ export class Stage {
     const colors = shares.map((share) => rampAt(this.#mapRamp, share));
     this.#cloud.set(places, colors, size, this.#camera.fov);
     this.#labels.set(labelsOf(show, this.#reach));
+    if (show.box || this.#boxDrawn) void this.#hold(show.box);
   }
+
+  /** Show a box, or none; its code comes with the first one. */
+  async #hold(box: Box | undefined): Promise<void> {
+    this.#box ??= import("./box").then(
+      ({ HeldBox: Make }) => new Make(this.#camera, this.canvas, (held) => this.#orbit.pause(held), this.#moved),
+    );
+    const drawn = await this.#box;
+    if (this.#gone) return drawn.dispose();
+    if (this.#boxDrawn === null) {
+      this.#boxDrawn = drawn;
+      this.#scene.add(drawn);
+      drawn.paint(this.#color("--accent"), this.#axisColors);
+    }
+    drawn.visible = box !== undefined;
+    if (box) drawn.set(box);
+    this.request();
+  }
+
+  readonly #moved = (box: Box): void => {
+    this.request();
+    this.dragged(box);
+  };
 
   /** A colour of the style sheet as the browser resolves it for the theme. */
   #color(name: string): Color {
@@ -197,6 +236,7 @@ export class Stage {
     this.#shown = null;
     this.#predicted.paint(color("--predicted"));
     this.#load.paint(color("--load"));
+    this.#boxDrawn?.paint(color("--accent"), this.#axisColors);
     this.#floor();
     this.request();
   };

@@ -1,5 +1,6 @@
 /** The 3D view as a part of the page: what it shows, and the arm with its sliders; the drawing code is loaded when it is first needed. */
 import type { Posture, RobotSource } from "../api/types";
+import type { Box } from "../lib/box";
 import type { Vector } from "../lib/vector";
 import type { Arrow } from "./parts";
 import { text } from "../i18n";
@@ -34,6 +35,8 @@ export interface Show {
   bend: number[];
   /** Places of a map: where [m], their share of the colours, and how wide one is drawn [m]. */
   cloud?: { places: Vector[]; shares: number[]; size: number };
+  /** A box that is dragged. */
+  box?: Box;
 }
 
 /** What a view without a result shows: the arm alone. */
@@ -61,6 +64,8 @@ interface ArmViewProps extends Partial<Omit<Show, "posture">> {
   resets?: number;
   /** Counts up to show the bend. */
   bends?: number;
+  /** The box was dragged. */
+  dragged?: (box: Box) => void;
 }
 
 /** The arm in a posture, once that is there, with what is drawn beside it. */
@@ -70,7 +75,9 @@ export const ArmView = ({
 }: Omit<ArmViewProps, "posture"> & { posture: Posture | null | undefined }) =>
   posture ? <Drawing posture={posture} {...rest} /> : <Busy label={text.scene.loading} />;
 
-function Drawing({ room, near = false, label, resets = 0, bends = 0, ...drawn }: ArmViewProps) {
+function Drawing({ room, near = false, label, resets = 0, bends = 0, dragged, ...drawn }: ArmViewProps) {
+  const hears = useRef(dragged);
+  hears.current = dragged;
   const show: Show = { ...ARM_ALONE, ...drawn };
   const canvas = useRef<HTMLCanvasElement>(null);
   const [stage, setStage] = useState<Stage | "none" | null>(null);
@@ -80,7 +87,7 @@ function Drawing({ room, near = false, label, resets = 0, bends = 0, ...drawn }:
     void import("./stage").then(({ Stage: Make }) => {
       if (gone || !canvas.current) return;
       try {
-        made = new Make(canvas.current);
+        made = new Make(canvas.current, (box) => hears.current?.(box));
         setStage(made);
       } catch {
         setStage("none");

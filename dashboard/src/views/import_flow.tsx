@@ -209,7 +209,7 @@ function ImportReading({ answer: { faults }, files, options, change }: ImportPro
   };
   return (
     <div class="import-form">
-      {headless && /\.xlsx$/i.test(headless.name) === false && (
+      {headless && !/\.(xlsx|mat|h5|hdf5|parquet)$/i.test(headless.name) && (
         <Button onClick={() => void headless.text().then((content) => put({ header: unnamed(content) }))}>
           {readingWords.nameColumns}
         </Button>

@@ -15,7 +15,7 @@ import {
   withUnit,
 } from "../lib/stiffness";
 import { text } from "../i18n";
-import { clip, fixed, percent, significant, extent, logarithmic } from "../lib/format";
+import { clip, fixed, percent, significant, extent, logarithmic, namedTicks } from "../lib/format";
 import { BottomAxis, Chart, Figure } from "../charts/figure";
 import { tip, Button, LinkButton, Name, Prose, Term, usePhone, useWidth } from "../components/basics";
 import { queries } from "../api/queries";
@@ -383,9 +383,9 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
         <div role="columnheader" class="bar" ref={head}>
           {drawn && (
             <svg class="row-chart" width={width} height={22} role="img" aria-label={label}>
-              {axis.ticks.map((tick) => (
-                <text class="tick" x={axis(tick)} y={16} text-anchor="middle">
-                  {axisStiffness(unit)(tick)}
+              {namedTicks(axis, axisStiffness(unit)).map(({ x, name }) => (
+                <text class="tick" x={x} y={16} text-anchor="middle">
+                  {name}
                 </text>
               ))}
             </svg>

@@ -9,7 +9,7 @@ import { Handle } from "../components/fields";
 import { JobLines, JobPage, JobTables } from "../components/job_page";
 import { extent, fixed, percent, significant } from "../lib/format";
 import * as maps from "../lib/map";
-import { type ProcessPoint, processPointsOf, type SearchedPlace, searchedPlacesOf } from "../lib/process";
+import { type ProcessPoint, processPointsOf, type SearchedPlace, searchedPlacesOf, type Stage } from "../lib/process";
 import { subtract } from "../lib/vector";
 import { ArmView, roomOf } from "../scene/view";
 import { link } from "../state/action";
@@ -82,16 +82,17 @@ export function ProcessView({ id }: { id: string }) {
   );
 }
 
-type Stage = keyof typeof words.stages;
 const STAGES = Object.keys(words.stages) as Stage[];
 const MARKS: Record<Stage, string> = { before: "as-sent", turned: "as-chosen", left: "as-corrected" };
 
 /** The path with the arm in 3D and its deflections in a chart, both of one chosen point. */
 function Along({ loaded: { job, points, robot }, result }: { loaded: Loaded; result: ProcessResult }) {
-  const [stage, setStage] = useState<Stage>("before");
+  const stages = STAGES.filter((one) =>
+    one === "left" ? job.request.correct !== false : one !== "before" || result.before !== null,
+  );
+  const [stage, setStage] = useState<Stage>(stages[0] ?? "turned");
   const [chosen, setChosen] = useState(0);
   const drawn = useMemo(() => maps.thinned(points, MOST_DRAWN), [points]);
-  const stages = STAGES.filter((one) => one !== "left" || job.request.correct !== false);
   const most = extent(points.flatMap(({ before, turned }) => [before, turned]).filter(Number.isFinite))?.[1] ?? 1;
   const point = points[chosen];
   return (
@@ -127,8 +128,8 @@ function Along({ loaded: { job, points, robot }, result }: { loaded: Loaded; res
           values: points.map((each) => each[one]),
         }))}
         band={{
-          label: `${words.band} (${percent(result.confidence)})`,
-          ends: points.map(({ interval }) => interval),
+          label: words.band(words.stageLong[stage], percent(result.confidence)),
+          ends: points.map(({ intervals }) => intervals[stage]),
         }}
         axes={{ along: words.alongAxis, value: mm, unit: mm, alongUnit: words.alongAxis }}
         chosen={chosen}
@@ -178,19 +179,19 @@ interface PointFactsProps {
 
 function PointFacts({ point, stages, confidence }: PointFactsProps) {
   const um = (value: number) => `${significant(1e3 * value, 3)} ${micrometre}`;
-  const [low, high] = point.interval;
+  const known = (stage: Stage) => {
+    const [low, high] = point.intervals[stage];
+    return Number.isFinite(high) ? ` (${significant(1e3 * low, 3)} … ${um(high)})` : "";
+  };
   return (
     <Facts
       facts={[
         Number.isFinite(point.turn) && { label: words.turnOf, value: `${fixed(point.turn, 0)}${deg}` },
         ...stages.map((stage) => ({
           label: words.stageLong[stage],
-          value: Number.isFinite(point[stage]) ? um(point[stage]) : "–",
+          value: Number.isFinite(point[stage]) ? `${um(point[stage])}${known(stage)}` : "–",
         })),
-        Number.isFinite(high) && {
-          label: `${words.band} (${percent(confidence)})`,
-          value: `${significant(1e3 * low, 3)} … ${um(high)}`,
-        },
+        { label: words.inBrackets, value: percent(confidence) },
       ]}
     />
   );

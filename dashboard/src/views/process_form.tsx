@@ -1,9 +1,11 @@
 /** The form of a process: path, force or cut, turns about the spindle, and a box for the workpiece. */
 import { api } from "../api/calls";
+import type { Robot } from "../api/types";
 import { queries } from "../api/queries";
 import { ActionButton, Choice, NameLink, Title, Toggle } from "../components/basics";
 import { RequestFields, TextField } from "../components/fields";
 import { SchemaFields, type Terms } from "../components/schema_form";
+import { BoxView } from "../scene/box_view";
 import { type Fields, freshKey, stated } from "../lib/json";
 import { listIn } from "../lib/schema";
 import { asking, link, useAction } from "../state/action";
@@ -13,7 +15,7 @@ import { useDraft } from "../state/session";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
 import { processWords as words } from "../i18n/process";
-import type { RunContext } from "./run_context";
+import { firstStand, type RunContext } from "./run_context";
 import { JobList } from "./runs";
 import { FrameField, LAST_FORCE, LastForce, lackOf, ProgramFiles, useFiles } from "./use";
 
@@ -64,7 +66,9 @@ export function requestOf({ source, turning, placing, range, ...asked }: Asked, 
   }) as Fields;
 }
 
-export const ProcessForm = ({ context: { run } }: { context: RunContext }) => <AskProcess of={{ run_id: run.id }} />;
+export const ProcessForm = ({ context }: { context: RunContext }) => (
+  <AskProcess of={{ run_id: context.run.id }} robot={context.robot} joints={firstStand(context)} />
+);
 
 /** The form for a robot that was not measured, by the prior of its stiffness, and what was made with it before. */
 export function ProcessesView({ query }: { query: URLSearchParams }) {
@@ -76,14 +80,21 @@ export function ProcessesView({ query }: { query: URLSearchParams }) {
         {data ? <NameLink to={["robots", robot]}>{data.name}</NameLink> : words.kind}
       </Title>
       {robot && <p class="note">{words.byPrior}</p>}
-      {robot && <AskProcess of={{ robot_id: robot }} />}
+      {data && <AskProcess of={{ robot_id: robot }} robot={data} joints={firstStand({ robot: data })} />}
       <JobList collection="processes" about={robot ? { robot_id: robot } : {}} />
     </>
   );
 }
 
+interface AskProcessProps {
+  of: { run_id: string } | { robot_id: string };
+  robot: Robot;
+  /** Where the arm is drawn [rad, m]. */
+  joints: number[];
+}
+
 /** The form, for the model of a run or the prior of a robot. */
-function AskProcess({ of }: { of: { run_id: string } | { robot_id: string } }) {
+function AskProcess({ of, robot, joints }: AskProcessProps) {
   const files = useFiles();
   const tables = useFiles();
   const [asked, change] = useDraft<Asked>(`processes/${Object.values(of).join()}`, START);
@@ -158,7 +169,17 @@ function AskProcess({ of }: { of: { run_id: string } | { robot_id: string } }) {
         />
       )}
       <Toggle label={words.placing} checked={placing} change={(on) => change({ placing: on })} />
-      {placing && fields(["place", "grid", "place_turns"])}
+      {placing && (
+        <BoxView
+          robot={robot.id}
+          joints={joints}
+          value={asked["place"]}
+          unit={1e-3}
+          change={(place) => change({ place })}
+        >
+          {fields(["place", "grid", "place_turns"])}
+        </BoxView>
+      )}
       <details>
         <summary>{later.settings.title}</summary>
         <div class="card form">

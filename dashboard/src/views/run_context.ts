@@ -32,6 +32,18 @@ export const elasticityOf = (run: Run): Elasticity => run.result?.choice?.elasti
 /** Whether more than the joints bend, each by itself. */
 export const isElastic = (run: Run): boolean => !["joints", "automatic"].includes(elasticityOf(run));
 
+/** Joints of the first observation, or of an arm that was not measured all zero [rad, m]. */
+export function firstStand({ set, robot: { joints } }: { set?: MeasurementSet; robot: Robot }): number[] {
+  const [first] = set?.observations ?? [];
+  return set && first
+    ? standOf(
+        first,
+        set.units,
+        joints.map(({ kind }) => kind),
+      ).joints
+    : joints.map(() => 0);
+}
+
 const AT_A_TIME = 500; // the service takes 1000 at most
 
 /** One posture an observation, or null while they are on their way. */

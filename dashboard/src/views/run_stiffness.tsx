@@ -1,4 +1,5 @@
 /** The first tab of a result: whether it may be used, what it comes to, each joint, and why the numbers can be trusted. */
+import { api } from "../api/calls";
 import type { Run, RunResult } from "../api/types";
 import {
   Badge,
@@ -8,6 +9,7 @@ import {
   When,
   Term,
   ActionButton,
+  Download,
   LinkButton,
   lazy,
   usePhone,
@@ -72,6 +74,7 @@ export function RunsTable({ columns, label }: { columns: RunColumn[]; label: str
 }
 
 const words = text.evidence;
+const EXACT = 1e-9; // m: less is rounding of a fit with as many parameters as readings
 const small = (value: number): string => (value === 0 ? "0" : significant(value, 2));
 
 export function Evidence({ context: { run, set }, result }: { context: RunContext; result: RunResult }) {
@@ -159,8 +162,17 @@ export function StiffnessPart({ context, result }: PartProps) {
   );
 }
 
+/** What to do next, and the report. */
+export const First = ({ run, set }: Pick<RunContext, "run" | "set">) =>
+  run.result && (
+    <>
+      <Next run={run} set={set} />
+      <Download href={api.jobs.file(run.id, "report.pdf")}>{text.run.pdf}</Download>
+    </>
+  );
+
 /** What to do next, by the verdict: mend what is wrong, measure more, or use the result. */
-export function First({ run, set }: Pick<RunContext, "run" | "set">) {
+function Next({ run, set }: Pick<RunContext, "run" | "set">) {
   const words = text.run.first;
   const { verdict, reasons } = run.result?.assessment ?? { reasons: [] };
   const offered = reasons.flatMap((reason) => reason.action ?? []).filter(({ kind }) => kind !== "show_posture");
@@ -234,7 +246,11 @@ function Summary({ result }: { result: RunResult }) {
     <ul class="summary">
       {figure(assessment.joints_identified ?? 0, words.of(result.joints.length), words.numbered)}
       {result.compensation !== null && figure(percent(result.compensation), "", words.compensation)}
-      {figure(significant(result.rms_residual * 1e6, 2), text.units.micrometre, words.rms)}
+      {figure(
+        result.rms_residual < EXACT ? "< 0.001" : significant(result.rms_residual * 1e6, 2),
+        text.units.micrometre,
+        words.rms,
+      )}
       {figure(
         result.sigma === null ? "–" : significant(result.sigma * 1e6, 2),
         `${text.units.micrometre} σ`,

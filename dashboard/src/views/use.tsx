@@ -10,11 +10,12 @@ import { decimalsFor, fixed, percent, significant, roundStep } from "../lib/form
 import { type Fields, unreadIn, freshKey, stated } from "../lib/json";
 import { sentence } from "../lib/said";
 import { factors, position, positionIn, positionUnit } from "../lib/stiffness";
+import { BoxView } from "../scene/box_view";
 import { ArmView, roomOf } from "../scene/view";
 import { useAction, asking, link } from "../state/action";
 import { text } from "../i18n";
 import { later } from "../i18n/later";
-import { type PartProps, type RunContext, usePostures } from "./run_context";
+import { firstStand, type PartProps, type RunContext, usePostures } from "./run_context";
 import { VerdictCard } from "../components/job_page";
 import { boxAround } from "../lib/map";
 import { recalled, remember } from "../state/kept";
@@ -206,7 +207,7 @@ export function MapForm({ context }: { context: RunContext }) {
   return postures ? <AskMap context={context} postures={postures} /> : <Busy />;
 }
 
-function AskMap({ context: { run, set }, postures }: { context: RunContext; postures: Posture[] }) {
+function AskMap({ context: { run, set, robot }, postures }: { context: RunContext; postures: Posture[] }) {
   const start = useMemo(() => proposal(set, postures), [set, postures]);
   const [asked, change] = useDraft<Fields>(`map/${run.id}`, start);
   const [near, setNear] = useTypedValue(`map/${run.id}/near`, "");
@@ -222,13 +223,21 @@ function AskMap({ context: { run, set }, postures }: { context: RunContext; post
     <RequestFields action={make} look="card form">
       <h2>{mapWords.form}</h2>
       <p>{mapWords.formNote}</p>
-      <SchemaFields
-        of="MapRequest"
-        show={["area", "grid", "force", "place", "tool_axis", "directions", "turns"]}
-        value={asked}
-        change={change}
-        terms={{ labels: mapWords.labels }}
-      />
+      <BoxView
+        robot={set.robot_id}
+        joints={firstStand({ set, robot })}
+        value={asked["area"]}
+        unit={1}
+        change={(area) => change({ area })}
+      >
+        <SchemaFields
+          of="MapRequest"
+          show={["area", "grid", "force", "place", "tool_axis", "directions", "turns"]}
+          value={asked}
+          change={change}
+          terms={{ labels: mapWords.labels }}
+        />
+      </BoxView>
       <LastForce force={asked["force"]} use={(force) => change({ force })} />
       <Select
         label={mapWords.posture}
@@ -445,7 +454,7 @@ export function RunFiles({ context, result: { assessment } }: PartProps) {
       <h2>{fileWords.title}</h2>
       <p class="soft">{fileWords.intro}</p>
       <div class="actions">
-        <Download href={api.jobs.file(run, "report.pdf")}>{fileWords.pdf}</Download>
+        <Download href={api.jobs.file(run, "report.pdf")}>{text.run.pdf}</Download>
         <LinkButton href={api.jobs.file(run, "report.html")} target="_blank" rel="noreferrer">
           {fileWords.html}
         </LinkButton>

@@ -93,7 +93,7 @@ describe("tables of readings", () => {
     await wait();
     await settled(() => undefined);
     const faulty = [...root.querySelectorAll(".faulty")].map((cell) => cell.textContent);
-    expect(faulty[0]).toContain("Choose its meaning");
+    expect(faulty[0]).toContain("Choose the meaning of this column");
     expect(faulty[1]).toBe("1.2.3'1.2.3' is no number: correct it");
     expect(root.querySelector("tr.further th")?.textContent).toBe("6");
     expect(root.querySelector(".warnings")?.textContent).toContain("plan.pdf: a PDF document");
@@ -130,7 +130,7 @@ describe("tables of readings", () => {
     const root = await flow();
     await wait();
     const label = [...root.querySelectorAll("label")].find(
-      (each) => each.textContent === "Or its mass, if a weight hangs on it [kg]",
+      (each) => each.textContent === "Or the mass of the hung weight [kg]",
     );
     const box = root.querySelector<HTMLInputElement>(`[id="${label?.htmlFor}"]`);
     const type = (typed: string) =>

@@ -112,7 +112,8 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
         predicted_text = format_percent(avoided.predicted)
         parts.append(
             Line(
-                f"  deflection avoided by the second side: {measured_text}; predicted {predicted_text} in all"
+                f"  deflection avoided by the second side: {measured_text}; predicted {predicted_text} in "
+                "all observations"
             )
         )
     return parts
@@ -161,7 +162,7 @@ def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:
                 joints,
                 lambda joint: format_interval(joint.compliance_interval_second, joint.kind),
             ),
-            Column("remark", ["held equal" if joint.equal else "" for joint in joints], text=True),
+            Column("remark", ["made equal" if joint.equal else "" for joint in joints], text=True),
         ],
         title="Both sides identified together, no joint softer on the second side",
         caption=f"{unit.quantity} in {unit.label_of(joints)}, interval under all constraints; the constraint "
@@ -478,7 +479,7 @@ def _legend(
     sentences = [
         *(f"{short}: {name}" for short, name in methods.items()),
         *(weights[weighting] for weighting in weightings if weighting in weights),
-        "1, 2: first and second side" if len({entry.side for entry in compared_runs}) > 1 else "",
+        "1: first side; 2: second side" if len({entry.side for entry in compared_runs}) > 1 else "",
         "free: unconstrained",
         f"≥ 0: compliances zero or positive{'' if shows_repeated else ', where the constraint acts'}"
         if any(entry.positive for entry in compared_runs)

@@ -43,7 +43,7 @@ from jointstiff.solver.predict.models import JointModel
 _NO_FIT: Final = Finding(
     code="no_joint_identified",
     weight="do_not_use",
-    message="every compared method failed, so no joint stiffness is known",
+    message="all compared methods failed, so no joint stiffness is known",
     remedy="read the error of each method, and follow its remedy",
 )
 _NOTHING_COMMON: Final = Finding(
@@ -215,7 +215,7 @@ def _list_comparison_reasons(side_comparison: Comparison) -> list[Finding]:
     joints_without_ratio = [joint.name for joint in side_comparison.joints if joint.ratio is None]
     if joints_without_ratio:
         message = f"the ratio of stiffnesses is unknown for {', '.join(joints_without_ratio)}"
-        remedy = "measure both sets with loads that twist these joints"
+        remedy = "measure both sets under loads that twist these joints"
         reasons.append(make_reason("numbers_missing", "use_with_care", message, remedy))
     return reasons
 
@@ -338,8 +338,8 @@ def _rebuild_joint_model(run: Run, robot: Robot) -> JointModel:
     model = None if stored is None else build_forward_model(robot, stored)[0]
     if not isinstance(model, JointModel):
         raise RequestError(
-            "two measurement sets can be compared only if nothing but the joints is elastic in their runs, "
-            f"but the run '{run.id}' has elasticity {run.elasticity}",
+            "two measurement sets can be compared only if joints alone are elastic in the runs, but the "
+            f"run '{run.id}' has elasticity {run.elasticity}",
             where="run_ids",
             remedy="identify the measurement set with elasticity `joints`, and give the new run",
         )

@@ -51,7 +51,7 @@ def _make_report(_job: Fleet, result: FleetResult, view: View) -> Report:
     if (hidden := len(rows) - _SHOWN) > 0:
         parts.append(
             Line(
-                f"and {hidden:,} more sets with verdicts no worse than these: table.csv lists all sets", "dim"
+                f"and {hidden:,} more sets with the same or better verdicts: table.csv lists all sets", "dim"
             )
         )
     return Report(parts)

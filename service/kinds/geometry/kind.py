@@ -70,8 +70,8 @@ def _make_evidence_parts(result: GeometryResult) -> list[Part]:
     if result.poses is not None:
         poses = result.poses
         lines = [
-            f"{poses.positions} poses determine {poses.determined} of {poses.unknowns} unknowns; residual "
-            f"{length_text(poses.rms_residual)} rms of a coordinate"
+            f"{poses.positions} poses determine {poses.determined} of {poses.unknowns} unknowns; the "
+            f"residual is {length_text(poses.rms_residual)} rms of a coordinate"
         ]
         if poses.held_out_rms is not None:
             lines.append(
@@ -262,7 +262,8 @@ def _make_summary_lines(result: GeometryResult, *, details: bool) -> list[str]:
     if result.agreement_probability is not None:
         verdict = "does not fit" if result.fit == "one_by_one" else "fits"
         lines.append(
-            f"one robot {verdict} all sweeps ({_describe_fit_probability(result.agreement_probability)})"
+            f"one robot model {verdict} all sweeps "
+            f"({_describe_fit_probability(result.agreement_probability)})"
         )
     if result.controller_probability is not None:
         controller_verdict = "fit" if result.controller_probability >= _SIGNIFICANCE_LEVEL else "do not fit"
@@ -284,7 +285,7 @@ def _describe_fit_probability(probability: float) -> str:
     """Describe the p-value of a fit: the probability that noise alone gives a worse fit."""
     percent = figure(100.0 * max(probability, _LEAST_PROBABILITY), ".1g")
     or_less = " or less" if probability < _LEAST_PROBABILITY else ""
-    return f"noise alone gives a worse fit with probability {percent} %{or_less}"
+    return f"noise alone would give a worse fit with a probability of {percent} %{or_less}"
 
 
 def make_charts(result: GeometryResult) -> list[Chart]:

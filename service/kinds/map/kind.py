@@ -45,7 +45,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
         "turns": 8,
         "force": [0.0, 300.0, -500.0],
     },
-    "the same posture throughout, force along with the tool": {
+    "the same posture at all places, force along the tool": {
         "run_id": "ID_OF_A_RUN",
         "area": [[1.2, -0.6, 0.4], [2.0, 0.6, 1.2]],
         "grid": [9, 13, 5],
@@ -175,8 +175,8 @@ MAP: Final = Kind[Map, MapRequest](
     files=(
         File(
             name="map.csv",
-            description="all places: status, place, posture, deflection, intervals, compliance; keep the run "
-            "as long as the map: they are computed again",
+            description="all places: status, place, posture, deflection, intervals, compliance; computed "
+            "again, so keep the run",
             sheet=_places_sheet,
             made_of="work",
         ),
@@ -188,14 +188,13 @@ MAP: Final = Kind[Map, MapRequest](
         ),
         File(
             name="map.json",
-            description="the table, column by column, with units",
+            description="the same by columns",
             sheet=_places_sheet,
             made_of="work",
         ),
     ),
     description="""Map a work area: deflection of the tool at each place, by the model of a run.
 
-The posture at each place is the stiffest, or the nearest to a given one, of all solutions within the joint
-limits. Its deflection is the exact balance of springs and load, with both intervals. `map.csv` and
-`map.npz` have all places.""",
+Each place gets the stiffest posture, or the posture nearest to a given one, within the joint
+                limits. Deflections have both intervals. `map.csv` and `map.npz` have all places.""",
 )

@@ -46,11 +46,7 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
         f"{name.replace('_', ' ')} {count}" for name, count in result.struck_out.items()
     )
     # A certificate is a proved lower bound of the list's efficiency.
-    certificate = (
-        "certified:"
-        if result.efficiency >= _TIGHT
-        else "certified, but the list is probably better than this bound:"
-    )
+    certificate = "certified:" if result.efficiency >= _TIGHT else "this certified bound is probably low:"
     lines = [
         f"{certificate} the list gives at least {100 * result.efficiency:.1f} % of the information of the "
         f"best possible list (criterion: {_CRITERIA[result.criterion]})",
@@ -60,10 +56,13 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
     if result.goal_share is not None:
         goal = job.request.goal
         goal_text = (
-            f"a load point {length_text(result.goal_share * goal.mistake)} off its place shows (80 % power)"
+            (
+                "a test finds an error of the load point of "
+                f"{length_text(result.goal_share * goal.mistake)} in 80 % of cases"
+            )
             if isinstance(goal, LoadPointGoal)
-            else f"the noise of the readings gives {result.goal_share:.2f} of the uncertainty that the goal "
-            "allows"
+            else f"the uncertainty from the noise of the readings is {result.goal_share:.2f} times the "
+            "uncertainty that the goal allows"
         )
         lines.append(f"{len(result.readings)} readings are the fewest that meet the goal: {goal_text}")
     block_count = max((each.block for each in result.readings), default=1)
@@ -165,8 +164,9 @@ def _readings_table(job: Plan, result: PlanResult, *, has_tick_boxes: bool) -> T
             *(tick_boxes if has_tick_boxes else []),
         ],
         title="Readings, in order",
-        caption=f"v…: readings to validate the model, not to fit it. Targets: {', '.join(result.targets)}. "
-        f"Load point in the flange frame: {_position_text(result.load_point)} mm",
+        caption="Readings v1, v2, … validate the model, and are not fitted. Targets: "
+        f"{', '.join(result.targets)}. Load point in the flange frame: {_position_text(result.load_point)} "
+        "mm",
         plain=True,
     )
 
@@ -330,7 +330,7 @@ _EXAMPLES: Final[dict[str, Any]] = {
         "load_point": [-0.06, 0.02, 0.18],
         "surroundings": {"floor": 0.1},
     },
-    "go on with a campaign": {
+    "continue a campaign": {
         "measurement_set_id": "ID_OF_A_STORED_SET",
         "readings": 8,
         "criterion": "d",

@@ -227,7 +227,7 @@ def _compute_plan(plan_input: PlanInput, request: plans.PlanRequest) -> PlanResu
             "other than the load of the plan",
             where="goal",
             remedy="give a goal for the uncertainty of the joints, or of the deflection under the plan's "
-            "load; or pursue this goal in a live campaign",
+            "load; or use this goal in a live campaign",
         )
     design_request = to_design_request(
         request,

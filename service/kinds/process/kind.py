@@ -23,7 +23,6 @@ from jointstiff.service.tables.table import (
     Line,
     Part,
     Table,
-    interval_formatter,
     number_formatter,
     vector_formatter,
 )
@@ -71,12 +70,12 @@ def _choice_sheet(name: str) -> Callable[[Process], Sheet]:
 
     def make_sheet(job: Process) -> Sheet:
         """Return the table, decompressed from the stored result of a process."""
-        from jointstiff.service.kinds.process import work
+        from jointstiff.service.kinds.process import tables
         from jointstiff.service.kinds.program.work import decompress_file
 
         if job.result is None:
             raise ValueError("the process has no result")
-        make = work.turns_sheet if name == "turns" else work.places_sheet
+        make = tables.turns_sheet if name == "turns" else tables.places_sheet
         return make(decompress_file(job.result.choice))
 
     return make_sheet
@@ -84,17 +83,22 @@ def _choice_sheet(name: str) -> Callable[[Process], Sheet]:
 
 _GAINS: Final = {
     "no_gain": "no gain: the deflection is the same at all turns, as for a spindle along the last axis",
-    "no_order": "no order is stated: the interval of the difference contains zero, or is unknown",
+    "no_order": (
+        "whether the deflection is less than before is not certain: the interval of the difference "
+        "contains zero, or is unknown"
+    ),
 }
 
 
 def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
     """Return the report: deflection before and after, what turning gains, the best places, remarks."""
     size = "root mean square" if result.objective == "rms" else "greatest"
-    before, turned = result.before.value, result.turned.value
-    change = _GAINS.get(
-        result.gain, f"{figure(100 * (1 - turned / before), '.3g')} % less deflection than before"
-    )
+    change = _GAINS.get(result.gain, "")
+    if result.before is None:
+        change = "the robot does not follow the path where it was sent"
+    elif not change:
+        share = 1 - result.turned.value / result.before.value
+        change = f"{figure(100 * share, '.3g')} % less deflection than before"
     parts: list[Part] = [
         Line(f"{change}; {result.points} targets, {result.moves} moves"),
         _bands_table(result, f"Deflection along the path, {size}", job.request.confidence),
@@ -120,11 +124,14 @@ _FRAME_UNITS: Final = {
     "ur": ("m", "rad"),
 }
 """Units of position and orientation of a frame, by the format of the program; a table has its own."""
+_FRAME_DECIMALS: Final = {"krl": 4, "fanuc": 4}
+"""Decimals of the numbers of a frame, where they are in mm and °; else there are metres or quaternions."""
 
 
 def _frame_text(frame: ProgramFrame, program_format: str) -> str:
     """Return a base frame as text: name, and numbers as the program writes frames, with their units."""
-    numbers = [figure(each, ".7g") for each in frame.values]
+    decimals = _FRAME_DECIMALS.get(program_format, 6)
+    numbers = [figure(round(each, decimals) + 0.0, ".9g") for each in frame.values]
     position, orientation = ", ".join(numbers[:3]), ", ".join(numbers[3:])
     name = frame.name or "the base"
     if program_format not in _FRAME_UNITS:
@@ -155,12 +162,21 @@ def _bands_table(result: ProcessResult, title: str, confidence: float) -> Table:
 
 def _band_columns(bands: list[DeflectionBand | None]) -> list[Column]:
     """Return columns of values with their intervals, in µm."""
-    interval = interval_formatter(".4g", 1e6)
     return [
-        Column("value", [each and each.value for each in bands], number_formatter(".4g", 1e6), "µm"),
-        Column("readings and forces", [each and each.readings for each in bands], interval, "µm"),
-        Column("with model error", [each and each.with_model_error for each in bands], interval, "µm"),
+        Column("value", [each and each.value for each in bands], _show_length, "µm"),
+        Column("readings and forces", [each and each.readings for each in bands], _show_interval, "µm"),
+        Column("with model error", [each and each.with_model_error for each in bands], _show_interval, "µm"),
     ]
+
+
+def _show_length(length: float) -> str:
+    """Format a length [m] in µm; a difference below 0.1 nm is rounding, and zero."""
+    return figure(round(1e6 * length, 4) + 0.0, ".4g")
+
+
+def _show_interval(ends: tuple[float, float]) -> str:
+    """Format an interval of a length [m] in µm."""
+    return " to ".join(map(_show_length, ends))
 
 
 def _place_parts(result: ProcessResult) -> list[Part]:
@@ -184,7 +200,8 @@ def _place_parts(result: ProcessResult) -> list[Part]:
             f"{axis} {1e3 * low:.0f} to {1e3 * high:.0f}"
             for axis, low, high in zip("xyz", result.flat_low, result.flat_high, strict=True)
         ]
-        lines.append(f"{result.flat_places} places are within 5 % of the best: {', '.join(extent)} mm")
+        count = "1 place" if result.flat_places == 1 else f"{result.flat_places} places"
+        lines.append(f"{count} of the search within 5 % of the best: {', '.join(extent)} mm")
     return parts + [Line(each) for each in lines]
 
 

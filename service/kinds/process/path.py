@@ -13,6 +13,7 @@ from jointstiff.service.kinds.program.path import (
     ProgramPath,
     StatedConfigurations,
     Visits,
+    find_load_axes,
     find_load_points,
     find_path,
     find_spindles,
@@ -21,7 +22,7 @@ from jointstiff.service.kinds.program.path import (
 from jointstiff.service.kinds.work import as_request_errors
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.program import Program
-from jointstiff.solver.arrays import FloatArray, IndexArray
+from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
@@ -47,6 +48,8 @@ class ProgramToTurn:
     stated: StatedConfigurations
     visits: Visits
     path: ProcessPath  # one point for each visit
+    # (m, 3, 3) axes of the loads at the targets as columns, axes of R0; they move with the workpiece
+    load_axes: FloatArray
     programmed: ProgramPath | None  # path with the program's own postures; None if these are not known
 
     @classmethod
@@ -76,10 +79,10 @@ class ProgramToTurn:
         frames = ProgramFrames.from_program(program, request)
         _refuse_without_orientation(program, request, visits.targets)
         programmed = _find_programmed(program, request, robot, inverse, visits)
-        path = _make_path(program, request, robot, inverse, visits, frames)
+        path, axes = _make_path(program, request, robot, inverse, visits, frames)
         if programmed is not None and request.branches == "keep":
             path = replace(path, near=programmed.cases.joints[visits.number])
-        return cls(program, frames, StatedConfigurations(program), visits, path, programmed)
+        return cls(program, frames, StatedConfigurations(program), visits, path, axes, programmed)
 
     @property
     def same(self) -> IndexArray:
@@ -87,16 +90,25 @@ class ProgramToTurn:
         return self.visits.first[self.visits.number]
 
     def move(self, shift: FloatArray, angle: float) -> ProgramToTurn:
-        """Return the program of the workpiece in another place, with its base frames.
+        """Return the program of the workpiece in another place, with the base frames that move with it.
+
+        A frame whose numbers the program has stays: its targets are written in the new place.
 
         Args:
             shift: (3,) displacement of the path's centre [m].
             angle: turn about the z axis of R0 through the centre [rad].
         """
         displacement = self.path.displacement(shift, angle)
-        base = replace(self.frames.base, poses=displacement @ self.frames.base.poses)
-        path = self.path.move(shift, angle)
-        return replace(self, frames=replace(self.frames, base=base), path=path)
+        base = self.frames.base
+        poses = np.where(self.moves_base[:, None, None], displacement @ base.poses, base.poses)
+        frames = replace(self.frames, base=replace(base, poses=poses))
+        axes = displacement[:3, :3] @ self.load_axes
+        return replace(self, frames=frames, path=self.path.move(shift, angle), load_axes=axes)
+
+    @property
+    def moves_base(self) -> BoolArray:
+        """(k + 1,) mask of the program's frames whose numbers are in the controller; False for R0."""
+        return np.array([each.pose is None for each in self.program.targets.frames] + [False])
 
     def turned(self, joints: FloatArray) -> ProgramPath:
         """Return the program's path in chosen postures (v, n), controller's joints [rad or m]."""
@@ -169,10 +181,14 @@ def _find_programmed(
     """
     try:
         return find_path(program, request, robot, inverse, visits)
-    except ProgramError:
-        if request.branches == "free" and request.turn != "keep":
+    except ProgramError as error:
+        if request.turn == "keep":
+            raise
+        if request.branches == "free":
             return None
-        raise
+        # An arm that need not take the program's branch can follow more programs.
+        faults = [replace(each, remedy=f"{each.remedy}; or `branches: free`") for each in error.faults]
+        raise ProgramError(faults, error.count, error.left_moves) from error
 
 
 def _make_path(
@@ -182,8 +198,11 @@ def _make_path(
     inverse: InverseKinematics,
     visits: Visits,
     frames: ProgramFrames,
-) -> ProcessPath:
-    """Return the path of a process with a point for each visit of a target."""
+) -> tuple[ProcessPath, FloatArray]:
+    """Return the path of a process with a point for each visit of a target, and the axes of its loads.
+
+    The axes (m, 3, 3) are those of `ProgramToTurn`.
+    """
     targets, number = program.targets, visits.number
     is_joint_target = targets.given_as_joints[visits.order]
     given = np.full((len(visits.order), robot.n), np.nan)
@@ -193,22 +212,19 @@ def _make_path(
     known = robot.joint_map.model_angles(given[is_joint_target])
     poses[is_joint_target] = flange_poses(robot, known) if len(known) else poses[is_joint_target]
     loads = visits.loads.values[visits.loads.of_visit[visits.first]]
-    along_feed = request.cut is not None or request.axes == "feed"
     with as_request_errors("program"):
-        force, moment = turn_loads_to_base(
-            request, frames, visits, poses[number] if along_feed else poses, loads
-        )
+        axes = find_load_axes(request, frames, visits, poses[number])
+        force, moment = turn_loads_to_base(request, axes, loads)
         load_point, place = find_load_points(request, frames, visits.order)
         spindle = find_spindles(request, frames, visits.order)
-    continuous = ~program.moves.is_visit_of_joint_move
-    continuous[0] = False
-    return ProcessPath(
+    path = ProcessPath(
         poses=poses[number],
         spindle=spindle[number],
         place=place[number],
         load_point=load_point[number],
         force=force[number],
         moment=moment[number],
-        continuous=continuous,
+        continuous=visits.continuous,
         given=given[number],
     )
+    return path, np.nan_to_num(axes)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from jointstiff.schemas.program import ProgramFrame
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.units import LENGTH
 from jointstiff.service.kinds.process.path import ProgramToTurn, make_turn_task
+from jointstiff.service.kinds.process.tables import pack_choice
 from jointstiff.service.kinds.program.path import ProgramPath, find_wanted_postures
 from jointstiff.service.kinds.program.work import (
     ProgramWork,
@@ -35,7 +35,6 @@ from jointstiff.service.programs.formats import choose_frame_notation, read_prog
 from jointstiff.service.programs.notation import Orientation
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import find_accepted_run, make_reason
-from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray, IndexArray
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.postures import Postures
@@ -44,15 +43,15 @@ from jointstiff.solver.messages import point
 from jointstiff.solver.process.candidates import find_branches
 from jointstiff.solver.process.cut import UNCERTAINTY
 from jointstiff.solver.process.deflection import Band, PathDeflection, Ranking
-from jointstiff.solver.process.path import find_feed_frames
 from jointstiff.solver.process.placing import (
+    Flatness,
     PlaceBox,
     coarsen,
     evaluate_places,
     find_flatness,
     search_around,
 )
-from jointstiff.solver.process.turning import TurnChoice, choose_turns
+from jointstiff.solver.process.turning import NO_GAIN, TurnChoice, choose_turns
 from jointstiff.solver.text import figure
 
 _QUICK_POSES: Final = 5_000
@@ -72,7 +71,7 @@ class _Placed:
     choice: TurnChoice
     places: FloatArray  # (k, 4) best places, the best first [m, rad]; empty without a search
     rankings: tuple[tuple[Band, Ranking | None], ...]  # deflection at each, and its difference from the best
-    coarse: float  # least deflection of the search, by its points and turns [m]; NaN without a search
+    flat: Flatness | None  # places of the search that are nearly as good; None without a search
 
 
 class ProcessWork(ProgramWork):
@@ -203,7 +202,7 @@ class ProcessWork(ProgramWork):
     def _split_forces(self, program: ProgramToTurn, force: FloatArray) -> FloatArray | None:
         """Return standard errors (m, 3, 3) of the components of forces (m, 3) [N]; None without an error.
 
-        Components are along feed, normal and spindle axis if the forces follow the feed, else along R0.
+        Components are along the axes in which the loads are stated, which move with the workpiece.
         """
         request = self._request
         share = request.force_uncertainty
@@ -211,12 +210,9 @@ class ProcessWork(ProgramWork):
             share = UNCERTAINTY if request.cut is not None else 0.0
         if not share:
             return None
-        frames = np.tile(np.eye(3), (len(force), 1, 1))
-        if request.cut is not None or request.axes == "feed":
-            path = program.path
-            frames = np.nan_to_num(find_feed_frames(path.centres, path.axes)[program.visits.first])
-        components = np.einsum("bik,bi->bk", frames, force)
-        return np.asarray(share * frames * components[:, None])
+        axes = program.load_axes
+        components = np.einsum("bik,bi->bk", axes, force)
+        return np.asarray(share * axes * components[:, None])
 
     @cached_property
     def _placed(self) -> _Placed:
@@ -242,7 +238,7 @@ class ProcessWork(ProgramWork):
             )
         else:
             choice = self._choose(self._as_sent)
-        return _Placed(self._as_sent, choice, np.zeros((0, 4)), (), float("nan"))
+        return _Placed(self._as_sent, choice, np.zeros((0, 4)), (), None)
 
     def _choose_place(self) -> _Placed:
         """Evaluate the best places of the search in full, and choose the best of them."""
@@ -250,13 +246,18 @@ class ProcessWork(ProgramWork):
         model, box, grid = self._run_model.model, self._box, self._box.places()
         if not np.isfinite(self._sizes).any():
             raise RequestError(
-                f"from none of {len(grid)} places the robot follows the path within limits and step",
+                f"the robot follows the path within limits and step at none of {len(grid)} places of the "
+                "workpiece",
                 where="place",
                 remedy="move or enlarge the box, raise `step`, or lower `clearance`",
             )
 
+        tried = [(grid, self._sizes)]
+
         def evaluate(places: FloatArray) -> FloatArray:
-            return evaluate_places(model, self._inverse, path, task, places, first)
+            sizes = evaluate_places(model, self._inverse, path, task, places, first)
+            tried.append((places, sizes))
+            return sizes
 
         order = np.argsort(self._sizes, kind="stable")
         order = order[np.isfinite(self._sizes[order])][:MAX_BEST_PLACES]
@@ -277,7 +278,7 @@ class ProcessWork(ProgramWork):
             found.append((self._predict(program, choice.joints), place, program, choice))
         if not found:
             raise RequestError(
-                "from the best places the robot follows a part of the path's points, but not all of them",
+                "at the best places of the workpiece the robot follows only a part of the path's points",
                 where="place",
                 remedy="raise `step`, lower `clearance`, or choose a finer `grid`",
             )
@@ -288,7 +289,8 @@ class ProcessWork(ProgramWork):
             for each, _, _, _ in found[:MAX_BEST_PLACES]
         )
         places = np.array([place for _, place, _, _ in found[:MAX_BEST_PLACES]])
-        return _Placed(found[0][2], found[0][3], places, rankings, min(size for _, size in refined))
+        flat = find_flatness(*(np.concatenate(each) for each in zip(*tried, strict=True)))
+        return _Placed(found[0][2], found[0][3], places, rankings, flat)
 
     @cached_property
     def _path(self) -> ProgramPath:
@@ -317,8 +319,8 @@ class ProcessWork(ProgramWork):
         return self._predict(self._placed.program, self._placed.choice.joints)
 
     @cached_property
-    def _before(self) -> PathDeflection:
-        """Deflections along the path as it was sent.
+    def _before(self) -> PathDeflection | None:
+        """Deflections along the path as it was sent; None if the robot does not follow it there.
 
         If its postures are not known, they are those of the best branch at turn zero, or else of the best
         fixed turn.
@@ -327,31 +329,46 @@ class ProcessWork(ProgramWork):
         if sent.programmed is not None:
             return self._predict(sent, sent.programmed.cases.joints[sent.visits.number])
         if self._request.place is not None:
-            choice = self._choose(sent)
+            try:
+                choice = self._choose(sent)
+            except RequestError:
+                return None
         known = (each for each in (choice.unturned, choice.best_fixed) if each is not None)
         return self._predict(sent, next(known, choice.joints))
 
     @cached_property
-    def _ranking(self) -> Ranking:
-        """Comparison of the chosen path with the path as it was sent."""
-        return self._after.compare(self._before, self._request.confidence)
+    def _ranking(self) -> Ranking | None:
+        """Comparison of the chosen path with the path as it was sent; None if that is not followed."""
+        before = self._before
+        return None if before is None else self._after.compare(before, self._request.confidence)
 
-    def _gain(self) -> str:
+    def _gain(self) -> Literal["less", "no_order", "no_gain"]:
         """Return whether the choice is better, as `gain` of the result describes."""
+        ranking, before = self._ranking, self._before
+        if ranking is None or before is None:
+            return "no_order"
+        # Another branch may gain where no turn does.
+        is_equal = self._after.size >= (1.0 - NO_GAIN) * before.size
         searched = self._request.place is not None
-        if self._request.turn != "keep" and not searched and not self._placed.choice.gains:
+        if self._request.turn != "keep" and not searched and is_equal and not self._placed.choice.gains:
             return "no_gain"
-        return "less" if self._ranking.first_is_less else "no_order"
+        return "less" if ranking.first_is_less else "no_order"
 
     def _list_reasons(self) -> list[Finding]:
         """Return the reason that comes first: nothing orders the chosen path and the path as it was sent."""
         if self._gain() != "no_order" or self._is_kept:
             return []
-        text = "has no interval, as the model error is unknown"
-        if (interval := self._ranking.difference.with_model_error) is not None:
-            text = f"is within {figure(1e6 * interval[0], '.3g')} to {figure(1e6 * interval[1], '.3g')} µm"
-        message = f"the difference of the deflections before and after {text}, so that no order is stated"
-        remedy = "measure more, or with loads as those of the process, before the choice is trusted"
+        message = "the robot does not follow the path where it was sent, so that no order is stated"
+        remedy = "compare places with each other, or send the program where the robot follows it"
+        if self._ranking is not None:
+            text = "has no interval, as the model error is unknown"
+            if (interval := self._ranking.difference.with_model_error) is not None:
+                low, high = (figure(1e6 * each, ".3g") for each in interval)
+                text = f"is within {low} to {high} µm"
+            message = f"the difference of the deflections before and after {text}, so that no order is stated"
+            remedy = (
+                "before you trust the choice, measure more, or measure with loads like those of the process"
+            )
         verdict: Verdict = "use_with_care"
         return [make_reason("no_order", verdict, message, remedy)]
 
@@ -456,14 +473,30 @@ class ProcessWork(ProgramWork):
         """Return the remarks of a compensated program, and what free branches need."""
         remarks = super()._list_remarks()
         if self._unwritten is not None:
-            reason = f"no program is written, so move to the joints in turns.csv: {self._unwritten}"
+            reason = f"no program is written, so move the robot to the joints in turns.csv: {self._unwritten}"
             return [reason, *remarks]
         targets, first = self._program.targets, int(self._visits.targets[0])
         literal = targets.literals[targets.literal[first]]
-        if self._request.branches == "free" and literal.notation.has_pose and not literal.words:
+        if not self._is_kept and literal.notation.has_pose and not literal.words:
             start = "bring the arm to the first joints of turns.csv before the program starts: its first "
             remarks.insert(0, f"{start}target states no configuration")
+        if edges := self._find_edges():
+            remarks.insert(
+                0,
+                f"the best place is at the edge of the box along {edges}: a larger box may have a better one",
+            )
+        if self._request.place is not None and not self._as_sent.moves_base[self._used_bases].all():
+            place = "targets are written in the new place, in base frames with the numbers of the program"
+            remarks.insert(0, place)
         return remarks
+
+    def _find_edges(self) -> str:
+        """Return the axes along which the best place is at the edge of the box; empty without a search."""
+        if not len(self._placed.places):
+            return ""
+        low, high, place = self._box.low, self._box.high, self._placed.places[0][:3]
+        is_edge = (low < high) & (np.isclose(place, low) | np.isclose(place, high))
+        return ", ".join(np.array(list("xyz"))[is_edge])
 
     @property
     def _meant(self) -> FloatArray:
@@ -475,17 +508,15 @@ class ProcessWork(ProgramWork):
         request, choice, placed = self._request, self._placed.choice, self._placed
         confidence = request.confidence
         tried = self._box.places() if request.place is not None else np.zeros((0, 4))
-        flat = None
-        if request.place is not None:
-            flat = find_flatness(tried, self._sizes, placed.coarse)
+        flat = placed.flat
         fixed = np.where(np.isfinite(choice.fixed), choice.fixed, np.nan)
         return {
             "objective": request.objective,
             "gain": self._gain(),
-            "before": _band_message(self._before.band(confidence)),
+            "before": None if self._before is None else _band_message(self._before.band(confidence)),
             "turned": _band_message(self._after.band(confidence)),
             "remaining": _band_message(self._remaining(confidence)),
-            "difference": _band_message(self._ranking.difference),
+            "difference": None if self._ranking is None else _band_message(self._ranking.difference),
             "fixed_turns": self._task.angles.tolist() if len(fixed) == len(self._task.angles) else [0.0],
             "fixed_deflections": [None if np.isnan(each) else each for each in fixed.tolist()],
             "places": self._place_messages(placed),
@@ -505,8 +536,12 @@ class ProcessWork(ProgramWork):
         """
         if not self.corrects:
             return self._after.band(confidence)
-        share = self._at_all_points(self._written.corrections.share, 0.0)
-        return self._after.remaining(self._residual, share, confidence)
+        return self._after.remaining(self._residual, self._share, confidence)
+
+    @property
+    def _share(self) -> FloatArray:
+        """(m,) fraction of the full correction at each point."""
+        return self._at_all_points(self._written.corrections.share, 0.0)
 
     @property
     def _residual(self) -> FloatArray:
@@ -535,15 +570,24 @@ class ProcessWork(ProgramWork):
             for place, (band, ranking) in zip(placed.places, placed.rankings, strict=True)
         ]
 
+    @property
+    def _used_bases(self) -> list[int]:
+        """Indices of the base frames of all targets that are poses; −1 for the world of the controller."""
+        order, targets = self._visits.order, self._program.targets
+        poses = order[~targets.given_as_joints[order]]
+        used: list[int] = np.unique(self._as_sent.frames.base.of_target[poses]).tolist()
+        return used
+
     def _list_frames(self) -> list[ProgramFrame]:
         """Return the base frames of the best place, with numbers as the program writes frames."""
         notation, frames = choose_frame_notation(self._program), self._placed.program.frames
         near = np.zeros((1, 3 + notation.count))
         near[0, 3] = float(notation.orientation is Orientation.QUATERNION)  # of two, the one with q1 > 0
-        used = np.unique(frames.base.of_target[self._visits.order]).tolist()
         stated = []
-        for index in used:
-            name = self._program.targets.frames[index].name if index >= 0 else None
+        for index in self._used_bases:
+            if not self._placed.program.moves_base[index]:
+                continue
+            name = self._program.targets.frames[index].name
             pose = np.linalg.inv(self._world) @ frames.base.poses[index]
             numbers = notation.from_poses(pose[None], near)[0]
             stated.append(ProgramFrame(name=name, values=numbers.tolist()))
@@ -556,32 +600,25 @@ class ProcessWork(ProgramWork):
         return np.eye(4) if stated is None else choose_frame_notation(self._program).to_pose(stated)
 
     def _pack_choice(self, tried: FloatArray) -> bytes:
-        """Return the tables of turns and places as bytes that `choice_sheets` reads."""
-        first, choice, placed = self._visits.first, self._placed.choice, self._placed
-        confidence = self._request.confidence
-        near, far = self._after.bands(confidence)
-        columns = {
-            "turn [deg]": np.degrees(choice.turn[first])[:, None],
-            "before [mm]": 1e3 * self._before.length[:, None],
-            "turned [mm]": 1e3 * self._after.length[:, None],
-            "turned low, readings [mm]|turned high, readings [mm]": 1e3 * near,
-            "turned low, with model error [mm]|turned high, with model error [mm]": 1e3 * far,
-            "remaining [mm]": 1e3 * self._residual[:, None],
-            _joint_headers(""): np.degrees(self._arm(self._path.cases.joints)),
-            _joint_headers(", command"): np.degrees(self._arm(self._commanded)),
+        """Return the tables of turns and places as bytes."""
+        first, after, before = self._visits.first, self._after, self._before
+        confidence, left = self._request.confidence, self._residual
+        bands = after.bands(confidence)
+        ways = {
+            "turned": (after.length, *bands),
+            "remaining": (
+                left,
+                *(after.remaining_bands(left, self._share, confidence) if self.corrects else bands),
+            ),
         }
-        table = np.column_stack(list(columns.values()))
+        if before is not None:
+            ways["before"] = (before.length, *before.bands(confidence))
+        joints = {
+            "": self._arm(self._path.cases.joints),
+            ", command": self._arm(self._commanded),
+        }
         places = np.column_stack([tried, self._sizes]) if len(tried) else np.zeros((0, 5))
-        content = io.BytesIO()
-        np.savez(
-            content,
-            allow_pickle=False,
-            headers=np.array("|".join(columns)),
-            turns=table.astype(np.float32),
-            places=places.astype(np.float32),
-            best=placed.places.astype(np.float32),
-        )
-        return content.getvalue()
+        return pack_choice(self._placed.choice.turn[first], ways, joints, places)
 
     def _arm(self, joints: FloatArray) -> FloatArray:
         """Return the arm's joints (m, 6) [rad] of all joints (m, n)."""
@@ -593,36 +630,9 @@ class ProcessWork(ProgramWork):
         return self._at_all_points(self._written.corrections.commanded, self._path.cases.joints)
 
 
-def _joint_headers(suffix: str) -> str:
-    """Return the headers of six joints, separated by bars."""
-    return "|".join(f"J{j}{suffix} [deg]" for j in range(1, 7))
-
-
 def _band_message(band: Band) -> DeflectionBand:
     """Return the message of a value with its intervals."""
     return DeflectionBand(value=band.value, readings=band.readings, with_model_error=band.with_model_error)
-
-
-def turns_sheet(content: bytes) -> Sheet:
-    """Return the table of the turns of all points from bytes of a result's `choice`."""
-    stored = np.load(io.BytesIO(content), allow_pickle=False)
-    numbers = stored["turns"]
-    columns: dict[str, Any] = {"point": np.arange(1, len(numbers) + 1)}
-    columns |= dict(zip(str(stored["headers"]).split("|"), numbers.T, strict=True))
-    return Sheet(columns, digits=".7g")
-
-
-def places_sheet(content: bytes) -> Sheet:
-    """Return the table of all places that were tried from bytes of a result's `choice`."""
-    places = np.load(io.BytesIO(content), allow_pickle=False)["places"]
-    columns: Mapping[str, Any] = {
-        "x [m]": places[:, 0],
-        "y [m]": places[:, 1],
-        "z [m]": places[:, 2],
-        "turn [deg]": np.degrees(places[:, 3]),
-        "deflection [m]": places[:, 4],
-    }
-    return Sheet(dict(columns), digits=".7g")
 
 
 def prepare_process(inputs: Inputs, request: ProcessRequest) -> ProcessWork:

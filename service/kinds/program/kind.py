@@ -82,10 +82,10 @@ _REASONS = {
 def _make_report(_job: Program, result: ProgramResult, _view: View) -> Report:
     """Return the report: counts of corrected targets, quantiles of distances, worst points, remarks."""
     reasons = ", ".join(f"{count} {_REASONS[reason]}" for reason, count in result.left_alone.items())
-    capped = f"; {result.capped} corrections reduced by the limits" if result.capped else ""
+    capped = f"; the limits reduce {result.capped} corrections" if result.capped else ""
     uncorrected = f"; not corrected: {reasons}" if reasons else ""
-    moves = f"; {result.moves_left} of {result.moves} moves left unchanged" if result.moves_left else ""
-    counts = Line(f"{result.corrected} of {result.points} targets corrected{capped}{uncorrected}{moves}")
+    moves = f"; {result.moves_left} of {result.moves} moves are left unchanged" if result.moves_left else ""
+    counts = Line(f"{result.corrected} of {result.points} targets are corrected{capped}{uncorrected}{moves}")
     worst: list[Part] = [_worst_table(result)] if result.worst else []
     return Report([counts, _distances_table(result), *worst, *map(Line, result.remarks)])
 
@@ -94,7 +94,7 @@ def _distances_table(result: ProgramResult) -> Table:
     """Return a table of quantiles of the loaded tool's distance from its target, and of the corrections."""
     rows = {
         "without correction": result.deflection,
-        "as written, predicted": result.residual,
+        "predicted, as written": result.residual,
         "  part from rounding": result.rounding,
         "displacement of targets": result.correction,
     }
@@ -167,14 +167,15 @@ PROGRAM: Final = Kind[Program, ProgramRequest](
     files=(
         *list_table_files(
             "points",
-            "all points: deflection, correction, interval, residual, and reason if not corrected",
+            "all points: deflection, correction, interval, residual, reason if not corrected",
             make_points_sheet,
         ),
     ),
     examples=_EXAMPLES,
     description="""Compensate a program: the loaded tool then reaches the programmed points.
 
-Send the program as fields `files` of a form (a .src with its .dat), and run, tool, base, loads and the
-controller's accuracy option as JSON in a field `options`. Only numbers change: see the files `program` and
-`points.csv`. A program that is not understood as a whole is refused by line, and nothing is stored.""",
+Send the program as fields `files` of a form (a .src with its .dat), and run, tool, base,
+                loads and the controller's accuracy option as JSON in a field `options`. Only numbers change:
+                see the files `program` and `points.csv`. A program that is not understood completely is
+                refused, with the lines, and nothing is stored.""",
 )

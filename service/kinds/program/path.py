@@ -474,6 +474,8 @@ class Visits:
     order: IndexArray  # (m,) indices of the visited targets, each once, in order of their first visits
     number: IndexArray  # (v,) index in `order` of each visit's target
     first: IndexArray  # (m,) index of the first visit of each target in `order`
+    continuous: BoolArray  # (v,) mask of visits that are reached from the visit before along a line or an arc
+    middles: BoolArray  # (v,) mask of visits between start and end of an arc
     loads: Loads  # loads of the visits
     # (k,) indices in `order` of the targets under load; all of them if the robot's own weight is a load, too
     loaded: IndexArray
@@ -534,7 +536,18 @@ class Visits:
             "use a separate target for each load",
         )
         loaded_targets = np.flatnonzero((load_of_target > 0) | options.absolute)
-        return cls(visits, visited_targets[visit_order], target_numbers, first_visits, loads, loaded_targets)
+        continuous = ~program.moves.is_visit_of_joint_move
+        continuous[0] = False
+        return cls(
+            visits,
+            visited_targets[visit_order],
+            target_numbers,
+            first_visits,
+            continuous,
+            program.moves.is_middle_of_arc,
+            loads,
+            loaded_targets,
+        )
 
 
 def measure_lengths(
@@ -585,9 +598,9 @@ def find_path(
     with as_request_errors("program"):
         first_postures = joints[visits.first]
         # The feed follows the visits, so the poses of all visits are needed.
-        angles = robot.joint_map.model_angles(joints)
-        poses = flange_poses(robot, angles if options.axes == "feed" or options.cut else angles[visits.first])
-        force, moment = turn_loads_to_base(options, frames, visits, poses, loads)
+        poses = flange_poses(robot, robot.joint_map.model_angles(joints))
+        axes = find_load_axes(options, frames, visits, poses)
+        force, moment = turn_loads_to_base(options, axes, loads)
         load_point, place = find_load_points(options, frames, visits.order)
         cases = LoadCases(first_postures.copy(), force, moment, load_point, place)
     return ProgramPath(program, frames, configurations, visits.order, cases)
@@ -727,34 +740,55 @@ def find_spindles(options: ProgramOptions, frames: ProgramFrames, targets: Index
     return np.tile(axis / length, (len(targets), 1))
 
 
-def turn_loads_to_base(
-    options: ProgramOptions, frames: ProgramFrames, visits: Visits, poses: FloatArray, loads: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return forces (m, 3) [N] and moments (m, 3) [N·m] of m targets along the axes of R0.
+def find_load_axes(
+    options: ProgramOptions, frames: ProgramFrames, visits: Visits, poses: FloatArray
+) -> FloatArray:
+    """Return the axes along which the options state loads at m targets: columns (m, 3, 3), axes of R0.
+
+    The first two axes are NaN where loads follow a feed, and the tool does not move across its axis.
 
     Args:
         options: options with the axes of the loads.
         frames: tool and base frames of the program.
         visits: visits of the targets.
-        poses: (m, 4, 4) poses of the flange in R0 [m] at the targets; (v, 4, 4) at all visits if the loads
-            follow the feed.
-        loads: (m, 6) force [N] and moment [N·m] along the axes of the options.
+        poses: (v, 4, 4) poses of the flange in R0 [m] at all visits.
+
+    Raises:
+        RequestError: `spindle` is the zero vector.
+    """
+    here = poses[visits.first]
+    if is_along_feed(options):
+        spindle = find_spindles(options, frames, visits.targets)
+        place = frames.tool.select(visits.targets)[:, :3, 3]
+        centres = (poses[:, :3, :3] @ place[..., None])[..., 0] + poses[:, :3, 3]
+        axes = (poses[:, :3, :3] @ spindle[..., None])[..., 0]
+        return find_feed_frames(centres, axes, visits.continuous, visits.middles)[visits.first]
+    if options.axes == "robot":
+        return np.tile(np.eye(3), (len(here), 1, 1))
+    if options.axes == "base":
+        return frames.base.select(visits.order)[:, :3, :3]
+    return np.asarray(here[:, :3, :3] @ frames.tool.select(visits.order)[:, :3, :3])
+
+
+def is_along_feed(options: ProgramOptions) -> bool:
+    """Return whether loads are along feed, normal and spindle axis."""
+    return options.cut is not None or options.axes == "feed"
+
+
+def turn_loads_to_base(
+    options: ProgramOptions, axes: FloatArray, loads: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return forces (m, 3) [N] and moments (m, 3) [N·m] of m targets along the axes of R0.
+
+    Args:
+        options: options with the loads.
+        axes: (m, 3, 3) axes of the loads, as `find_load_axes` returns them.
+        loads: (m, 6) force [N] and moment [N·m] along these axes.
 
     Raises:
         RequestError: a load needs a direction of feed where the tool does not move across its axis.
     """
-    force, moment = loads[:, :3].copy(), loads[:, 3:].copy()
-    if options.cut is not None or options.axes == "feed":
-        spindle = find_spindles(options, frames, visits.targets)
-        place = frames.tool.select(visits.targets)[:, :3, 3]
-        centres = (poses[:, :3, :3] @ place[..., None])[..., 0] + poses[:, :3, 3]
-        axes = find_feed_frames(centres, (poses[:, :3, :3] @ spindle[..., None])[..., 0])[visits.first]
-        where = "load" if options.cut is None else "cut"
-        return apply_feed_frames(axes, force, where), apply_feed_frames(axes, moment, where)
-    if options.axes == "robot":
-        return force, moment
-    if options.axes == "base":
-        axes = frames.base.select(visits.order)[:, :3, :3]
-    else:
-        axes = poses[:, :3, :3] @ frames.tool.select(visits.order)[:, :3, :3]
-    return np.einsum("bij,bj->bi", axes, force), np.einsum("bij,bj->bi", axes, moment)
+    where = "load" if options.cut is None else "cut"
+    if is_along_feed(options):
+        return apply_feed_frames(axes, loads[:, :3], where), apply_feed_frames(axes, loads[:, 3:], where)
+    return np.einsum("bij,bj->bi", axes, loads[:, :3]), np.einsum("bij,bj->bi", axes, loads[:, 3:])

@@ -701,7 +701,7 @@ class ProgramWork(Work):
             reasons.append(make_reason("moves_left", "use_with_care", message, remedy))
         if capped_count:
             verdict: Verdict = "do_not_use" if capped_count == point_count else "use_with_care"
-            message = f"the limits reduce the corrections of {capped_count} of {point_count} points"
+            message = f"the limits reduce the correction of {capped_count} of {point_count} points"
             remedy = "check the load and its unit, then raise `max_displacement` or `max_rotation`"
             reasons.append(make_reason("corrections_capped", verdict, message, remedy))
         if near_singularity_count:

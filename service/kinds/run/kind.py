@@ -140,13 +140,13 @@ def _weight_lines(weight: WeightResult) -> Iterator[Line]:
     """
     shares = [f"{each.joint} {100 * each.masses:.0f} %" for each in weight.joints if each.masses is not None]
     if shares:
-        yield Line(f"  share of uncertain masses in each interval: {', '.join(shares)}")
+        yield Line(f"  fraction of each interval's width due to uncertain masses: {', '.join(shares)}")
     rms_without_sag, rms_with_sag = weight.rms_without_sag, weight.rms_residual
     yield Line(
         f"  without sag, the best geometry leaves {length_text(rms_without_sag)} rms of a coordinate; "
         f"with sag, {length_text(rms_with_sag)}"
         + (
-            ": the sag of the arm under its own weight is too small to improve the fit much"
+            "; the sag of the arm under the own weight is too small to improve the fit much"
             if rms_with_sag > 0.9 * rms_without_sag
             else ""
         )
@@ -468,9 +468,9 @@ def _elements_table(links: LinksResult) -> Table:
             Column("least", [*least_shares, None], format_percent),
             Column("greatest", [*greatest_shares, None], format_percent),
         ],
-        title="Share of the squared deflection",
-        caption="overall shares sum to 100 %; they are shares of squared lengths, so that they differ from "
-        "the explained share of the mean deflection",
+        title="Fraction of the squared deflection",
+        caption="overall fractions sum to 100 %; fractions of squared lengths differ from the explained "
+        "fraction of the mean deflection",
     )
 
 
@@ -597,7 +597,7 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
         ],
         title=f"{resampling.repetitions} fits of {sample_text}",
         caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation of one fit; "
-        "compensation: explained share over all configurations",
+        "compensation: explained fraction over all configurations",
     )
 
 
@@ -712,13 +712,13 @@ RUN: Final = Kind[Run, RunRequest](
     files=(
         File(
             name="joints.csv",
-            description="one row per joint: stiffness, compliance, uncertainty, intervals, verdict, reason",
+            description="one row per joint, with intervals and verdict",
             sheet=joints_sheet,
             made_of="result",
         ),
         File(
             name="residuals.csv",
-            description="measured deflection and residual of each target and observation",
+            description="deflection and residual of each target and observation",
             sheet=residuals_sheet,
             made_of="result",
         ),

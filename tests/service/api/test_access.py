@@ -328,7 +328,7 @@ FOREIGN = (
 )
 OTHER_SITE = ("a page of another site requested a change", "use the service's own page, or a program")
 NO_KEY_YET = (
-    "this service has no key yet, so it answers only requests from its own machine",
+    "this service has no key yet, so the service answers only requests from its own machine",
     "create a key with `jointstiff keys create NAME --role ROLE` where the service runs",
 )
 

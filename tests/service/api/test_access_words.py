@@ -21,12 +21,12 @@ SEND = (
     "send the header `Authorization: Bearer KEY`, or sign in on the page; "
     "create keys with `jointstiff keys create`"
 )
-COPY = "copy the whole key, from jst_ to its last character; it was shown once, when it was created"
+COPY = "copy the whole key, from jst_ to the last character; the key was shown once, when it was created"
 ANOTHER = "use another key; create one with `jointstiff keys create NAME --role ROLE`"
 NO_KEY = f"401 no-valid-key | - | the request has no key | {SEND}"
 NOT_A_KEY = f"401 no-valid-key | - | the text sent is not a key | {COPY}"
 MISTYPED = f"401 no-valid-key | - | the key is mistyped: its check sum does not fit | {COPY}"
-FOREIGN = f"401 no-valid-key | - | the key is not one of this service | {ANOTHER}"
+FOREIGN = f"401 no-valid-key | - | the key does not belong to this service | {ANOTHER}"
 USED_LINK = (
     "401 no-valid-key | - | the link was used before, or is older than ten minutes | "
     "use a new link (`jointstiff keys link` makes one), or enter a key"
@@ -124,8 +124,8 @@ def test_a_session_says_whose_key_it_is(role, shared):
         ({"link": "x"}, USED_LINK),
         (
             {"key": "x" * 300},
-            "422 invalid-request | key | must have at most 200 items, but has 300 | "
-            "send fewer items, or split them into several resources",
+            "422 invalid-request | key | must have at most 200 items, but has 300 | send fewer items, or "
+            "split the items into several resources",
         ),
         (
             {"key": 1},
@@ -146,8 +146,8 @@ def test_an_open_service_needs_no_sign_in_and_issues_no_keys(store):
     store.keys.add(key)
     client, link = Client(store), offered(store)
     assert outcome_of(client.request("POST", "/v1/session", json={"link": link})) == (
-        "422 invalid-request | - | signing in is not needed: this service requires no key | "
-        "open the page; the link stays valid for a service that requires keys"
+        "422 invalid-request | - | sign-in is not needed: this service requires no key | open the page; "
+        "the link stays valid for a service that requires keys"
     )
     for method, path in (
         ("POST", "/v1/keys"),
@@ -320,8 +320,8 @@ def test_nothing_is_answered_where_nobody_controls_access(address, require_key, 
 
 
 UNCONTROLLED = {
-    "--host ::": "the service will not start: it requires keys, and it has no valid key",
-    "--require-key": "the service will not start: it requires keys, and it has no valid key",
+    "--host ::": "the service will not start: it requires keys, but no key is valid",
+    "--require-key": "the service will not start: it requires keys, but no key is valid",
     "--keys-file missing.json": "the file of keys missing.json cannot be used: No such file or directory",
     "--host 192.0.2.1 --no-access-control": (
         "the service will not listen on 192.0.2.1: other machines can reach this address, but no host name "

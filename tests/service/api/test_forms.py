@@ -22,7 +22,7 @@ WRITTEN = "send multipart/form-data as browsers, curl -F and HTTP libraries do"
 NOT_A_FORM = "send a form, with the header Content-Type: multipart/form-data"
 FILE_NAME = "a file has no name, or a name that cannot be displayed"
 ONCE = "send each file once"
-FEWER = "send less in one request"
+FEWER = "send fewer data in one request"
 NAMED = "send the file with a `filename` of 1 to 200 printable characters"
 
 
@@ -116,7 +116,8 @@ OPTIONS = ("options", (None, b"{}"))
         ([ONE, ("options", (None, b" " * 70_000))], LONG),
         (
             [("files", ("a.csv", b"1;2\n" * (2 << 20)))],
-            "413 request-entity-too-large | - | the body exceeds 8192 KiB | split it into several requests",
+            "413 request-entity-too-large | - | the body exceeds 8192 KiB | split the body into several "
+            "requests",
         ),
         (
             [("files", ("a.csv", CAMPAIGN.replace("10.5;", "x;").encode())), OPTIONS],
@@ -179,8 +180,8 @@ HOSTILE = {
     ),
     "65 files": (
         PART * 65 + END,
-        "422 invalid-request | files | must have at most 64 items, but has 65 | "
-        "send fewer items, or split them into several resources",
+        "422 invalid-request | files | must have at most 64 items, but has 65 | send fewer items, or split "
+        "the items into several resources",
     ),
     "50,000 files": (PART * 50_000 + END, MANY),
     "20 fields": (
@@ -263,7 +264,7 @@ def test_an_import_finds_exchanged_states_before_anything_is_stored(local, robot
         "the targets moved against the force in 6 of 6 observations"
     )
     assert finding.remedy == (
-        "change the sign of every force (it is the force on the robot); or exchange unloaded and loaded"
+        "change the sign of every force (forces are those on the robot); or exchange unloaded and loaded"
     )
     body = answer.measurement_set.model_dump(mode="json", exclude_none=True)
     stored = post(local, "/v1/measurement-sets", body | {"robot_id": robot})

@@ -81,14 +81,15 @@ def test_one_campaign_is_shown_and_compared_with_nothing(worn):
     *notes, unseen = assessment["notes"]
     assert unseen.startswith("The readings cannot show ")
     assert notes == [
-        "Forces up to 1500 N (153 kgf), deflections up to 5.14 mm. If N and kgf are confused, every "
-        "stiffness is wrong by 9.81, and no reading shows it.",
-        "Load point: ±10 mm assumed. Measure where the force acts on the flange, and enter its "
-        "uncertainty (`noise.load_point`; on the page: Advanced, Uncertainty of the load point).",
-        "Forces: ±1 % assumed. Enter the uncertainty of the load cell or of the weight (`noise.force.scale`; "
-        "on the page: Advanced, Scale of the force).",
-        "Each posture was read once without load: a set that remains after unloading is not seen. Read again "
-        "after unloading (`unloaded_after`).",
+        "Forces up to 1500 N (153 kgf), deflections up to 5.14 mm. If N and kgf were confused, every "
+        "stiffness would be wrong by a factor of 9.81, and no reading would show it.",
+        "The load point is assumed to be known to ±10 mm. Measure where the force acts on the flange, and "
+        "enter the uncertainty of this point (`noise.load_point`; on the page: Advanced, Uncertainty of "
+        "the load point).",
+        "The forces are assumed to be known to ±1 %. Enter the uncertainty of the load cell or of the weight "
+        "(`noise.force.scale`; on the page: Advanced, Scale of the force).",
+        "Each posture was read only once without load, so a deflection that remains after unloading is not "
+        "detected. Read each posture again after unloading (`unloaded_after`).",
     ]
 
 

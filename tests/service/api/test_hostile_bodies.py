@@ -15,7 +15,7 @@ from jointstiff.service.security.admission import refuse_structure
 PATHS = ["/v1/robots", "/v1/measurement-sets", "/v1/runs"]
 EXAMPLE = "compare with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them"
 JSON = "send valid JSON with finite numbers and at most 200 levels"
-SPLIT = "split it into several requests"
+SPLIT = "split the body into several requests"
 NO_OBJECT = f"422 invalid-request | body | must be an object | {EXAMPLE}"
 LARGE = f"413 request-entity-too-large | - | the body exceeds 64 KiB | {SPLIT}"
 KEYS = (
@@ -181,7 +181,7 @@ REMEDIES = {
     "some links form a cycle": "a URDF is a tree: give one of these links another parent",
     "two joints have this link as child": "a URDF is a tree: keep one of the two joints",
     "links have no parent": "join all links into one tree with one root",
-    "name is missing or empty": "give it a name",
+    "name is missing or empty": "give a name",
     "invisible characters": "use printable characters and no space at either end",
     "second joint of this name": "give each joint a unique name",
     "second link of this name": "give each link a unique name",
@@ -209,7 +209,7 @@ REMEDIES = {
     "there is no link 'c'": "use one of the links 'a', 'b'",
     "the root element is": "send a URDF document, not SDF or MJCF",
     "second <robot>|content after the end": "send one robot per document",
-    "fixed-only chain": "choose a base and a flange with moving joints between them",
+    "fixed-only chain": "choose a base and a flange with moving joints between base and flange",
     "processing instruction": "remove the instruction",
     "unexpanded xacro": "expand the document first: xacro robot.urdf.xacro > robot.urdf",
     "must have at (least 1 character|most 2097152 characters)": EXAMPLE,

@@ -34,7 +34,7 @@ def test_negative_stiffness_is_shown_as_what_it_is(tmp_path):
     assert "-1.87" in run("identify", path, "--no-positive").stdout
     constrained = run("identify", path).stdout
     assert "rigid" in constrained
-    assert "cannot distinguish it from a rigid" in constrained
+    assert "cannot distinguish the joint from a rigid" in constrained
 
 
 def test_one_number_is_a_weight_that_pulls_down():

@@ -7,11 +7,11 @@ from support.cases import campaign as recorded
 from support.documents import campaign
 from support.terminal import terminal
 
-UNSEEN = "joint_1: the load never twists it: add loads that twist it"
-PRIOR = "its prior is not returned as a result, because the readings do not determine it"
+UNSEEN = "joint_1: the load never twists this joint: add loads that twist it"
+PRIOR = "the prior is not returned as a result, because the readings do not determine the joint"
 TO_DO = "To do 1. joint_1: 1500 N along (0.50, 0.87, 0.00) in posture c05"
 TO_DO_OF_OTHER_METHODS = "To do 1. joint_1: 1500 N along (0.34, 0.94, 0.00) in posture c10"
-FIVE = "Use 5 of 6 joints: the others have no number that passed the checks"
+FIVE = "Use 5 of 6 joints: no number of the other joints passed the checks"
 
 
 @pytest.fixture(scope="module")
@@ -43,11 +43,10 @@ def folder(tmp_path_factory):
         (
             "--prior joint_1=3e6:3e5 --prior joint_2=2e6:1e4 --details",
             [
-                "Do not use: 1 reason the residuals are 3.55 times as large as the stated noise allows, "
-                "so the "
-                "uncertainties are too small; by how much depends on deflections that the model does "
-                "not explain. Targets of one posture agree to 18.6 µm: the flange moves otherwise than the "
-                "model says",
+                "Do not use: 1 reason the residuals are 3.55 times as large as the stated noise allows, so "
+                "the uncertainties are too small; by how much depends on deflections that the model does "
+                "not explain. Targets of one posture agree to within 18.6 µm, so the flange moves "
+                "differently from the model",
                 "│ joint_2 │ 2.550 │ 0.018 │ 2.514 … 2.586 │ 0.65 │ do not use │",
                 "│ joint_3 │ 2.624 │ 0.037 │ 2.552 … 2.699 │ — │ do not use │",
                 f"{UNSEEN}; {PRIOR}",

@@ -12,7 +12,7 @@ from jointstiff.service.security.keys import Keyring, KeysFile, KeysFileError, h
 from jointstiff.service.store.store import Store
 
 NEW = "use another key; create one with `jointstiff keys create NAME --role ROLE`"
-WRITE = "write it with `jointstiff keys create NAME --role ROLE --keys-file FILE`"
+WRITE = "write the file with `jointstiff keys create NAME --role ROLE --keys-file FILE`"
 run = partial(terminal, width=160)
 
 
@@ -47,7 +47,7 @@ def test_a_key_is_shown_once_and_kept_until_it_is_revoked(folder, place):
         assert secret not in listed
         revoked = run("keys", "revoke", key_id, *place)
         assert revoked.stdout == (
-            f"revoked {key_id}, tablet hall 3; running services refuse it within a second\n"
+            f"revoked {key_id}, tablet hall 3; running services refuse this key within a second\n"
         )
         ring.read_keys()
         assert (ring.find(key_id), ring.has_keys()) == (None, False)

@@ -60,8 +60,8 @@ def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
         ),
         (
             ["options.json", "--load-point", "0,0,6000"],
-            "load_point: the point is 6 m from the flange, where no tool reaches "
-            "remedy: check its unit; a point on the tool is at most 5 m from the flange",
+            "load_point: the point is 6 m from the flange, where no tool reaches: up to 5 m is believed "
+            "remedy: check its unit; a longer tool belongs to the robot, whose flange is then on the tool",
         ),
         (["pull.json"], "the file is a campaign remedy: use `jointstiff identify FILE`"),
         (
@@ -90,8 +90,10 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
     assert refused.exit_code == 2
     assert words(refused.stderr) == (
         "The result must not be used all readings: the angles seem to be in rad, not in deg as declared: "
-        "as given, the targets keep one position on the flange in 1 of 12 observations; "
-        "with all angles taken as radians, in 12 of 12, within 52.2 µm; set `units.angle` to rad "
+        "as given, the targets keep one position on the flange (up to 20 mm apart is believed) in 1 of "
+        "12 observations; "
+        "with all angles taken as radians, in 12 of 12, within 52.2 µm; set `units.angle` to rad; "
+        "if the numbers are right, `--despite-verdict` goes past this verdict "
         "remedy: follow the remedies of its reasons and identify again; "
         "to continue anyway, give `--despite-verdict`"
     )
@@ -105,8 +107,8 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
     [
         (
             '{"robot": 1,}',
-            "other.json: Invalid JSON: trailing comma at line 1 column 13 "
-            "remedy: correct the JSON there; to read tables and point lists use `jointstiff import FILE`",
+            "other.json: Invalid JSON: trailing comma at line 1 column 13 remedy: correct the JSON at this "
+            "place; to read tables and point lists use `jointstiff import FILE`",
         ),
         (
             "x;y",

@@ -35,8 +35,9 @@ def test_a_geometry_is_shown_with_its_uncertainty_and_written_as_a_robot():
         "│ alpha │ joint_4 │ -90.0000° │ -89.9977° │ 0.040(26) │",
         "│ d │ joint_4 │ -1310.000 │ -1310.053 │ -0.053(28) │",
         "sigma of a coordinate 15.0 µm (stated), χ²/dof 0.95 with 447 degrees of freedom",
-        "one robot fits all sweeps (noise alone gives a worse fit with probability 80 %)",
-        "the controller's angles fit the readings (noise alone gives a worse fit with probability 40 %)",
+        "one robot model fits all sweeps (noise alone would give a worse fit with a probability of 80 %)",
+        "the controller's angles fit the readings (noise alone would give a worse fit with a probability "
+        "of 40 %)",
         "deviation of the DH tables (all numbers in the JSON): standard 66.0 µm, modified 66.0 µm",
         "wrote robot.json",
     )
@@ -107,7 +108,7 @@ def test_the_catalogue_lists_arms_with_reach_and_signs():
         "│ ABB IRB 120-3/0.6 │ 580 │ — │",
         "│ Yaskawa GP180 │ 2702 │ Yaskawa: U, R, B and T turn the other way │",
         "│ Universal Robots UR10e │ 1300 │ — │",
-        'Use an arm by its name, such as --robot "KUKA KR 210 R2700".',
+        'Select an arm by its name, such as --robot "KUKA KR 210 R2700".',
     )
 
 
@@ -137,8 +138,8 @@ def test_an_arm_is_written_as_a_robot_in_metres_and_radians():
     assert [row["alpha"] for row in rows] == pytest.approx([1.570796, 0.0, 0.0, 1.570796, -1.570796, 0.0])
     assert (rows[0]["lower"], rows[0]["upper"]) == pytest.approx((-6.283185, 6.283185))
     assert refused("robots 'no such arm'") == (
-        "ARM: the catalogue has no arm 'no such arm' remedy: `jointstiff robots` and GET /v1/catalogue list "
-        "its arms; or describe yours by a DH table or URDF"
+        "ARM: the catalogue has no arm 'no such arm' remedy: `jointstiff robots` and GET /v1/catalogue "
+        "list its arms; or describe the arm by a DH table or URDF"
     )
 
 
@@ -176,26 +177,27 @@ HELP = {
         "--leave-out NAME,NAME,... Labels of observations to omit; the remaining observations are checked "
         "again.",
         "--apply ACTION Apply an action that a reason of the verdict recommends, such as exchange_columns or "
-        "convert_units: write the corrected campaign to a new file, and identify it.",
-        "-o, --output FILE File to write the corrected campaign to; default: next to the old one.",
-        "Unit of the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m). [default: MNm/rad]",
+        "convert_units: write the corrected campaign to a new file, and identify this campaign.",
+        "-o, --output FILE File to write the corrected campaign to; default: a new file next to the old one.",
+        "Unit of stiffness or compliance in the tables: 10⁶ N·m/rad, kN·m/°, …, or µrad/(N·m). [default: "
+        "MNm/rad]",
     ],
     "compare": [
         "Compare methods on a campaign, or two campaigns of one robot.",
-        "[SECOND] <file> Second campaign, to compare with the first: with secondary encoders, after a "
-        "change, or of a twin robot.",
-        "--ordered / --no-ordered Also identify two sets in one problem in which no joint is softer in the "
-        "second one, as with secondary encoders switched on.",
-        "--same-load-point / --no-same-load-point True if the load of both sets hung at the same point of "
-        "the flange: the error of the load point is then common.",
-        "--confidence NUMBER Confidence level of ratios; default: that of the first run.",
+        "[SECOND] <file> File of a second campaign, compared with the first: with secondary encoders, "
+        "after a change, or of a robot of the same model.",
+        "--ordered / --no-ordered Also identify both sets together, with no joint softer in the second set "
+        "(as after switching on secondary encoders).",
+        "--same-load-point / --no-same-load-point True if the load of both sets acted at the same point of "
+        "the flange: both sets then share the error of the load point.",
+        "--confidence NUMBER Confidence level of the ratios' intervals; default: the first run's.",
         "--csv Print CSV for spreadsheets.",
     ],
     "predict": [
         "Predict deflections in given postures under given loads.",
         "POSTURES <file> CSV of postures and loads, with units in the headers: J1 [deg], …, Fx [N], … "
         "[required]",
-        "--run FILE File of the campaign's run, as `identify --json` prints it; default: identify the "
+        "--run FILE File of the campaign's run, as `identify --json` prints the run; default: identify the "
         "campaign now.",
         "--load-point X,Y,Z[mm] Point where the force acts, in the flange frame, in mm.",
         "--place X,Y,Z[mm] Point whose deflection is predicted, in the flange frame, in mm; default: the "
@@ -203,9 +205,9 @@ HELP = {
     ],
     "map": [
         "Map deflection and compliance over a work area.",
-        "--absolute / --no-absolute True for deflections relative to an arm that does not bend, "
-        "with the sag by own weight. Needs a run with `weight`.",
-        "--despite-verdict `do_not_use` accepts a run with this verdict.",
+        "--absolute / --no-absolute True: deflections are relative to a rigid arm, and include its sag. "
+        "Needs a run with `weight`.",
+        "--despite-verdict `do_not_use`: also accept a run with this verdict.",
         "--load-point X,Y,Z[mm] Point where the force acts, flange frame; default: the tool's position.",
         "--turns <int> Number of angles about the tool's axis over a full turn.",
         "--moment X,Y,Z[N.m] Moment of the process on the robot, about the load point.",
@@ -215,54 +217,56 @@ HELP = {
         "Nothing is written without --output or --save-template, nor while information is missing. At a "
         "terminal the command asks for the missing information. If the inspection finds errors, the "
         "readings are written only with --despite-errors, and the exit status is 1 without it.",
-        "--units length=mm,angle=deg,force=N Units of columns whose header has none; add moment=N.m if "
+        "--units length=mm,angle=deg,force=N Units of columns whose header has no unit; add moment=N.m if "
         "there are moments.",
         "--delimiter <comma|semicolon|tab|whitespace> Delimiter between cells; detected if absent.",
-        "--encoders <motor|secondary> Encoders that close the position loop; never guessed.",
-        "--accept-unusual / --no-accept-unusual True accepts unusual values: over 100 standard "
-        "deviations from the column's median, or a load point over 5 m from the flange.",
-        "--template FILE Template of an earlier import; files of another form are refused.",
+        "--encoders <motor|secondary> Encoders that close the position loop; must be stated.",
+        "--accept-unusual / --no-accept-unusual True: accept values over 100 standard deviations from their "
+        "column's median, and a load point over 5 m from the flange.",
+        "--template FILE Template of an earlier import; files with other headers are refused.",
     ],
     "measure": [
         "Measure live: what to read next, what the readings say so far, and when it is enough. "
         "docs/live.md explains goals and sources.",
-        '--goal GOAL Uncertainty to reach: "15 %" of every stiffness that the load tests, or "6 um" of the '
-        'deflection in the work area; or "below 0.5 mm" to decide whether the deflection stays below. '
-        "Required without --bridge.",
+        '--goal GOAL Goal of the measurement: an uncertainty of "15 %" of every stiffness that the load '
+        'tests, or "6 um" of the deflection in the work area; or "below 0.5 mm" to decide whether the '
+        "deflection stays below this limit. Required without --bridge.",
         "--source SOURCE simulated:SEED, lines:/dev/ttyUSB0, lines:tcp://host:port, lines:udp://:port, or "
         "robodk. Required without --bridge.",
-        "--bridge SOURCE Source whose positions a page shows: with --server and --code, without campaign, "
-        "goal and --source. --code CODE Code that the page shows under *Tracker*.",
-        "--most <int range> Number of readings after which the measurement ends. [default: 200; 1<=x<=200]",
-        "--yes Ask nothing: read at once, one after the other.",
-        "--timeout <float range> Seconds without data after which a source counts as stopped. "
+        "--bridge SOURCE Source of positions for a page of the service. Needs --server and --code; omit "
+        "campaign, --goal and --source. --code CODE Code that the page shows under *Tracker*.",
+        "--most <int range> Greatest number of readings; the measurement then ends. [default: 200; "
+        "1<=x<=200]",
+        "--yes Ask no questions: take the readings at once, one after the other.",
+        "--timeout <float range> Time without data, in seconds, after which a source counts as stopped. "
         "[default: 30.0; x>=0.1]",
         "--load KIND:NEWTONS Load to apply, such as dead_weight:1500, dead_weight:150kg or "
-        "any_direction:1500; default: the strongest force of the campaign, a weight if all of its forces "
-        "pull down.",
+        "any_direction:1500; default: the strongest force of the campaign, as a weight if all forces of "
+        "the campaign pull down.",
         "--sigma NUMBER[mm] Standard uncertainty of one coordinate of one reading; default: the "
         "campaign's, or 20 µm.",
         "--seed <int> Random seed of the postures; the same seed gives the same plan.",
     ],
     "compensate": [
         "Compensate a program for the deflection under load.",
-        "PROGRAM <list[Path]> Robot program; a KUKA program is a .src file and its .dat file. [required]",
-        "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller: "
-        "`off`; on, `same_as_measured` in the campaign; or `compensates_load`, which is "
-        "refused: the load would be compensated twice.",
+        "PROGRAM <list[Path]> File of the robot program; for KUKA, the .src file and its .dat file. "
+        "[required]",
+        "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller: `off`; "
+        "`same_as_measured`: on, as in the campaign; `compensates_load`: refused, because the load "
+        "would be compensated twice.",
         "--max-displacement NUMBER[mm] Greatest displacement of a correction, in units.length; default: 5 "
         "mm.",
         "--max-rotation NUMBER[deg] Greatest rotation of a correction, in units.angle; default: 10 mrad.",
-        "--trust-routines / --no-trust-routines True if no unknown routine moves the robot, frames or "
-        "points.",
-        "--mark / --no-mark True to write run, verdict and date as a comment; always with the verdict "
-        "do_not_use. A marked program is not corrected again.",
-        "--explain Only print target, base and tool of each move, and why it is not corrected.",
+        "--trust-routines / --no-trust-routines True: no unknown routine moves the robot, frames or points.",
+        "--mark / --no-mark True: write run, verdict and date as a comment (always for the verdict "
+        "do_not_use). A program with this comment is not corrected again.",
+        "--explain Only print target, base and tool of each move, and the reason why a move is not "
+        "corrected.",
     ],
     "geometry": [
         "Identify the geometry of a robot from sweeps or poses.",
-        "--fit <one_by_one|together> Fit of the sweeps: one by one, which needs only the angle of the "
-        "moving joint, or all together, with the other joints at the angles that the controller shows.",
+        "--fit <one_by_one|together> Fit of the sweeps: one by one (uses only the angle of the moving "
+        "joint), or all together (uses the controller's angles of all joints).",
         "--base <nominal|axes> Frame R0. `nominal`: as in the nominal model. `axes`: z along axis "
         "1, x towards axis 2 along the common perpendicular at model angle zero. Default: "
         "`nominal`, or `axes` without a model.",
@@ -271,13 +275,13 @@ HELP = {
     "serve": [
         "Start the service.",
         "--host <str> Address to listen on. [default: 127.0.0.1]",
-        "--port <int range> Port; 0 for any free port. [default: 8000; 0<=x<=65535]",
+        "--port <int range> Port to listen on; 0: any free port. [default: 8000; 0<=x<=65535]",
         "[env var: JOINTSTIFF_DATABASE; default: sqlite:///jointstiff.db]",
-        "--no-access-control Require no keys; only for use behind an authenticating proxy. Needs "
+        "--no-access-control Require no keys; use this option only behind an authenticating proxy. Needs "
         "--allowed-host.",
-        "--metrics-host <str> Address of the metrics port; everyone who reaches it can read the metrics. "
-        "[default: 127.0.0.1]",
-        "--require-key Require a key (`jointstiff keys create`) also from this machine.",
+        "--metrics-host <str> Address of the metrics port; everyone who reaches this address can read the "
+        "metrics. [default: 127.0.0.1]",
+        "--require-key Require a key (`jointstiff keys create`) even for requests from this machine.",
         "--keys-file FILE File of keys, such as a secret of a container; the file has only hashes of the "
         "keys.",
     ],

@@ -35,7 +35,7 @@ def inside(folder, monkeypatch):
 def test_a_joint_that_the_load_never_twists_has_no_number_and_says_what_to_do():
     assert_said(
         typed("identify weight.json --details"),
-        "Use 5 of 6 joints: the others have no number that passed the checks",
+        "Use 5 of 6 joints: no number of the other joints passed the checks",
         "Joint stiffness, partial pose, covariance weights, compliance ≥ 0",
         "┃ joint ┃ stiffness ┃ std. uncertainty ┃ 95 % interval ┃ verdict ┃",
         "│ joint_1 │ — │ — │ — │ not observable │",
@@ -43,7 +43,7 @@ def test_a_joint_that_the_load_never_twists_has_no_number_and_says_what_to_do():
         "│ joint_5 │ 0.2547 │ 0.0066 │ 0.2424 … 0.2683 │ determined │",
         "│ joint_6 │ 0.0960 │ 0.0096 │ 0.0802 … 0.1194 │ roughly known │",
         "stiffness, its standard uncertainty and interval in 10⁶ N·m/rad",
-        "joint_1: the load never twists it: add loads that twist it",
+        "joint_1: the load never twists this joint: add loads that twist it",
         "To do 1. joint_1: in posture c05 apply 1500 N along (0.50, 0.87, 0.00): the uncertainty of "
         "joint_1's compliance falls to 0.0018 µrad/(N·m)",
     )
@@ -52,19 +52,21 @@ def test_a_joint_that_the_load_never_twists_has_no_number_and_says_what_to_do():
 def test_assumed_errors_and_confused_units_of_force_are_said_with_every_result():
     assert_said(
         typed("identify weight.json"),
-        "Forces up to 1500 N (153 kgf), deflections up to 4.88 mm. Load point: ±10 mm assumed. Forces: ±1 % "
-        "assumed. Each posture was read once without load: a set that remains after unloading is not seen.",
+        "Forces up to 1500 N (153 kgf), deflections up to 4.88 mm. The load point is assumed to be known "
+        "to ±10 mm. The forces are assumed to be known to ±1 %. Each posture was read only once without "
+        "load, so a deflection that remains after unloading is not detected.",
     )
     assert_said(
         typed("identify weight.json --details"),
-        "Forces up to 1500 N (153 kgf), deflections up to 4.88 mm. If N and kgf are confused, every "
-        "stiffness is wrong by 9.81, and no reading shows it.",
-        "Load point: ±10 mm assumed. Measure where the force acts on the flange, and enter its uncertainty "
-        "(`noise.load_point`; on the page: Advanced, Uncertainty of the load point).",
-        "Forces: ±1 % assumed. Enter the uncertainty of the load cell or of the weight "
+        "Forces up to 1500 N (153 kgf), deflections up to 4.88 mm. If N and kgf were confused, every "
+        "stiffness would be wrong by a factor of 9.81, and no reading would show it.",
+        "The load point is assumed to be known to ±10 mm. Measure where the force acts on the flange, and "
+        "enter the uncertainty of this point (`noise.load_point`; on the page: Advanced, Uncertainty of "
+        "the load point).",
+        "The forces are assumed to be known to ±1 %. Enter the uncertainty of the load cell or of the weight "
         "(`noise.force.scale`; on the page: Advanced, Scale of the force).",
-        "Each posture was read once without load: a set that remains after unloading is not seen. Read again "
-        "after unloading (`unloaded_after`).",
+        "Each posture was read only once without load, so a deflection that remains after unloading is not "
+        "detected. Read each posture again after unloading (`unloaded_after`).",
     )
 
 
@@ -73,7 +75,8 @@ def test_details_have_the_evidence_behind_the_numbers():
         typed("identify weight.json --details"),
         "explains 98.9 % of the mean deflection, residual 43.7 µm rms (3-D), sigma of a reading 20 µm "
         "(given)",
-        "Joints alone: no sign that anything else bends (F test of links added to the joints: p = 0.9).",
+        "The model has elastic joints alone: no test shows that other parts bend (F test of links added to "
+        "the joints: p = 0.9).",
         "χ²/dof 0.84: consistent with sigma (1 if model and sigma are right; 103 degrees of freedom)",
         "uncertainty from readings (type B): 0.51 to 8.7 % of a compliance",
         "uncertainty from scale of the force, 1 % assumed (type B): 1 % of a compliance",
@@ -102,8 +105,8 @@ def test_resampled_fits_are_shown_in_the_unit_that_is_asked_for():
         "│ joint_1 │ 1110.2 │ 4.7 │ 0 % │ 0 % │ 0 % │",
         "│ joint_6 │ 27.1 │ 1.5 │ 0 % │ 0 % │ 0 % │",
         "│ compensation │ 98.7 % │ 0.0 % │ — │ — │ — │",
-        "stiffness in N·m/arcmin: mean and standard deviation of one fit; compensation: explained share over "
-        "all configurations",
+        "stiffness in N·m/arcmin: mean and standard deviation of one fit; compensation: explained fraction "
+        "over all configurations",
         "│ Resampling: size │ 8 │ │ Resampling: repetitions │ 200 │ │ Resampling: seed │ 0 │",
     )
 
@@ -111,8 +114,8 @@ def test_resampled_fits_are_shown_in_the_unit_that_is_asked_for():
 def test_a_thousand_fits_are_drawn_where_no_number_is_given():
     assert_said(
         typed("identify pull.json --resample 8"),
-        "Joints alone: elastic links cannot be combined with resampling (F test of links added to the "
-        "joints: p = 0.07).",
+        "The model has elastic joints alone: elastic links cannot be combined with the option resampling "
+        "(F test of links added to the joints: p = 0.07).",
         "1000 fits of 8 configurations drawn at random",
         "│ joint_2 │ 3.1161 │ 0.0070 │ 0 % │",
     )
@@ -126,8 +129,8 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             [
                 "Joint stiffness, complete pose, covariance weights, unconstrained",
                 "│ joint_1 │ 3.819 │ 0.043 │ 3.736 … 3.906 │ well determined │",
-                "Joints alone: elastic links cannot be combined with method (F test of links added to the "
-                "joints: p = 0.07).",
+                "The model has elastic joints alone: elastic links cannot be combined with the option "
+                "method (F test of links added to the joints: p = 0.07).",
             ],
         ),
         (
@@ -183,7 +186,7 @@ def test_an_option_changes_the_numbers_and_is_named_with_them(options, sentences
 
 
 def test_a_load_point_that_is_fitted_is_no_longer_assumed():
-    assert "Load point: ±10 mm assumed" not in typed(
+    assert "The load point is assumed to be known to ±10 mm" not in typed(
         "identify pull.json --elasticity joints --cause load_point"
     )
 
@@ -208,7 +211,7 @@ def test_json_is_the_run_with_its_request_origin_and_numbers():
     assert (goodness["degrees_of_freedom"], goodness["sigma_source"]) == (102, "given")
     assert result["identifiability"]["condition_number"] == pytest.approx(2.9717, rel=1e-4)
     assert result["choice"]["message"] == (
-        "Joints alone, as requested (F test of links added to the joints: p = 0.07)."
+        "The model has elastic joints alone, as requested (F test of links added to the joints: p = 0.07)."
     )
     shares = {each["joint"]: each["share"] for each in result["contributions"]}
     assert [shares[f"joint_{j}"] for j in (1, 2, 3)] == pytest.approx([0.26391, 0.35162, 0.21179], rel=1e-4)
@@ -265,20 +268,20 @@ def test_two_campaigns_are_compared_joint_by_joint():
         (
             "identify",
             "{",
-            "Invalid JSON: EOF while parsing an object at line 1 column 1 remedy: correct the JSON there; "
-            "to read tables and point lists use `jointstiff import FILE`",
+            "Invalid JSON: EOF while parsing an object at line 1 column 1 remedy: correct the JSON at this "
+            "place; to read tables and point lists use `jointstiff import FILE`",
         ),
         (
             "identify",
             '{"a": 1, }',
-            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON there; to read "
-            "tables and point lists use `jointstiff import FILE`",
+            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON at this place; to "
+            "read tables and point lists use `jointstiff import FILE`",
         ),
         (
             "import",
             '{"a": 1, }',
-            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON there; it must be "
-            "UTF-8",
+            "Invalid JSON: trailing comma at line 1 column 10 remedy: correct the JSON at this place; it "
+            "must be UTF-8",
         ),
     ],
 )

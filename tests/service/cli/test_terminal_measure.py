@@ -29,17 +29,17 @@ def test_a_goal_takes_five_readings_and_one_that_is_held_out():
         "│ joint_6 │ 0.137 │ 0.019 │ 0.108 … 0.188 │ roughly known │",
         "goal: every joint that the load can twist is known to ± 25 %",
         "m01: joint_6 ± 234 %, about 5 more readings",
-        "m02: share of the goal 1.45, joint_6 ± 36 %, agrees with its prediction (p 0.03), "
-        "about 9 more readings",
-        "m03: share of the goal 0.97, joint_6 ± 24 %, agrees with its prediction (p 0.89), "
-        "about 3 more readings",
+        "m02: uncertainty 1.45 of the goal's, joint_6 ± 36 %, agrees with its prediction (p 0.03), about 9 "
+        "more readings",
+        "m03: uncertainty 0.97 of the goal's, joint_6 ± 24 %, agrees with its prediction (p 0.89), about 3 "
+        "more readings",
         "the measurement continues: 3 readings: the goal needs 5 readings and then a held-out reading; "
         "about 3 more",
-        "m05: share of the goal 0.89, joint_6 ± 22 %, agrees with its prediction (p 0.83), "
-        "about 1 more reading",
+        "m05: uncertainty 0.89 of the goal's, joint_6 ± 22 %, agrees with its prediction (p 0.83), about 1 "
+        "more reading",
         "the measurement continues: the goal is met; one held-out reading checks it",
-        "m06: share of the goal 0.88, joint_6 ± 22 %, agrees with its prediction (p 0.98), held out: "
-        "as near to its prediction as 90 % of good readings, goal reached",
+        "m06: uncertainty 0.88 of the goal's, joint_6 ± 22 %, agrees with its prediction (p 0.98), "
+        "held-out reading: as near to its prediction as 90 % of good readings, goal reached",
         "reached after 6 readings, without the assumed errors of load point and force (with them ± 27 %); "
         "the held-out reading is as near to its prediction as 90 % of good readings",
         "wrote closed.json",
@@ -64,7 +64,11 @@ def test_a_campaign_that_ends_early_says_what_it_knows():
     second = answer["record"][1]
     assert second["p_value"] == pytest.approx(0.030487, rel=1e-3)
     assert second["distance"] == pytest.approx(2.6058e-3, rel=1e-3)
-    assert (second["doubtful"], second["causes"], second["message"]) == (False, [], "as expected")
+    assert (second["doubtful"], second["causes"], second["message"]) == (
+        False,
+        [],
+        "the reading agrees with the other readings",
+    )
     assert answer["result"]["budget"]["missing"] == ["model_error"]
     assert answer["result"]["compensation"] == pytest.approx(0.98796, rel=1e-4)
 
@@ -128,8 +132,8 @@ def test_lines_that_nobody_confirms_are_not_read(asked, capsys):
     with pytest.raises(typer.Exit):
         asked("confirms", "")
     assert capsys.readouterr().err == (
-        "lines\nare the lines read correctly? y or n: nobody confirmed how the lines are read\n  remedy: "
-        "answer y if the lines are read correctly, or use --yes\n"
+        "lines\ndid the program read the lines correctly? y or n: nobody confirmed that the lines are read "
+        "correctly\n  remedy: answer y if the lines are read correctly, or use --yes\n"
     )
 
 

@@ -96,8 +96,8 @@ def test_an_exported_model_says_its_origin_verdict_and_intervals():
         "Verdict on the result: use.",
         "Lengths in m, angles in rad, stiffness in N·m/rad. Angles are those of the model, in the frame of "
         "the link base_link.",
-        "Masses and inertias are placeholders of the format, not of the robot, and gravity is off: add "
-        "those of the robot for dynamics or own weight.",
+        "Masses and inertias are placeholders that the format requires, and gravity is off: for dynamics "
+        "or own weight, enter the values of the robot.",
         "joint_1: 3.819 · 10⁶ N·m/rad (95 % interval 3.736 … 3.906); verdict: use",
         "joint_6: 0.0928 · 10⁶ N·m/rad (95 % interval 0.0767 … 0.1174); verdict: use",
         '<compiler angle="radian" eulerseq="XYZ" autolimits="true" boundmass="1" boundinertia="1" />',
@@ -136,7 +136,7 @@ def test_deflections_are_predicted_with_their_uncertainty():
         "U: expanded uncertainty from readings, loads and places; U and model error at 95 %; stiffness along "
         "the force, free to move sideways",
         "own weight is not included, because no masses are given",
-        "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+        "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12",
     )
     first, second = written(Path("p.csv").read_text())
     shifts = [f"displacement {axis} [mm]" for axis in "xyz"]
@@ -233,9 +233,8 @@ def test_a_plan_says_what_it_adds_and_is_a_campaign_to_fill_in():
         "from the noise of the readings alone; model error is not included",
         "p1 -150.0 -4.0 48.0 -10.0 95.0 -15.0 1500",
         "v2 -22.0 69.0 37.0 44.0 -73.0 68.0 1500",
-        "v…: readings to validate the model, not to fit it. Targets: P10, P11, P12. Load point in the "
-        "flange frame: -60, "
-        "20, 180 mm",
+        "Readings v1, v2, … validate the model, and are not fitted. Targets: P10, P11, P12. Load point in "
+        "the flange frame: -60, 20, 180 mm",
         "certified: the list gives at least 100.0 % of the information of the best possible list "
         "(criterion: relative uncertainty of the joints)",
         "200 of 200 readings were feasible",
@@ -270,10 +269,10 @@ def test_a_program_is_corrected_and_its_points_are_written():
     assert_said(
         typed(f"{line} --overwrite"),
         "Use this program: no fault was found; all 6 joints of its run passed the checks",
-        "4 of 4 targets corrected",
+        "4 of 4 targets are corrected",
         "Distance of the loaded tool from its target, mm",
         "│ without correction │ 2.2648 │ 2.7519 │ 2.8292 │",
-        "│ as written, predicted │ 0.0000 │ 0.0001 │ 0.0001 │",
+        "│ predicted, as written │ 0.0000 │ 0.0001 │ 0.0001 │",
         "│ displacement of targets │ 2.2688 │ 2.7574 │ 2.8349 │",
         "Worst points",
         "│ 1 │ │ 7 │ 2.829 │ 2.761 … 2.897 │ — │ 0.0000 │",

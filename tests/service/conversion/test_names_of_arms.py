@@ -5,7 +5,7 @@ import pytest
 from jointstiff.service.conversion.catalogue import find_arm
 from jointstiff.solver.errors import RequestError
 
-ADVICE = "`jointstiff robots` and GET /v1/catalogue list its arms; or describe yours by a DH table or URDF"
+ADVICE = "`jointstiff robots` and GET /v1/catalogue list its arms; or describe the arm by a DH table or URDF"
 
 
 @pytest.mark.parametrize(

@@ -86,9 +86,9 @@ def test_digits_behind_names_are_states_where_nothing_else_says_them():
     }
     assert imported.preview.assumptions == ["0 and 1 in names were read as `unloaded` and `loaded`"]
     assert refusals(("loaded.txt", DIGITS), units={"length": "mm"}) == [
-        "loaded.txt:1:1: the name 'c01_P1_0' does not show which observation, target and state it is, "
-        "and 1 other names are not clear either; "
-        "give a template `point_name`, such as {label}_{target}_{state} [point_name]"
+        "loaded.txt:1:1: the name 'c01_P1_0' does not show the observation, the target and the state of "
+        "the point, and 1 other names are also unclear; give a template `point_name`, such as "
+        "{label}_{target}_{state} [point_name]"
     ]
 
 
@@ -173,17 +173,16 @@ def test_a_name_fits_a_template_in_one_way_or_is_refused(template, name):
 def test_names_that_do_not_fit_a_template_are_counted():
     assert refusals(("points.txt", POINTS), units=MM, point_name="{state}_{target}_{label}") == [
         "points.txt:1:1: the name 'c01_P10_unloaded' does not fit the template '{state}_{target}_{label}', "
-        "and 3 other names are not clear either; change `point_name` or rename the point; "
-        "states are `unloaded`, `loaded`, `deflection`, and the words in `state_words` [point_name]"
+        "and 3 other names are also unclear; change `point_name` or rename the point; states are "
+        "`unloaded`, `loaded`, `deflection`, and the words in `state_words` [point_name]"
     ]
 
 
 def test_names_of_points_and_files_agree():
     templates = {"point_name": "{label}_{target}_{state}", "file_name": "{target}_{state}"}
     assert refusals(("P11_loaded.txt", POINTS), units=MM, **templates) == [
-        "P11_loaded.txt:1:1: the target is 'P10' in one name and 'P11' in another, "
-        "and 3 other names are not clear either; "
-        "correct the name of the point or of the file, or `point_name` or `file_name`"
+        "P11_loaded.txt:1:1: the target is 'P10' in one name and 'P11' in another, and 3 other names are "
+        "also unclear; correct the name of the point or of the file, or `point_name` or `file_name`"
     ]
 
 
@@ -246,9 +245,9 @@ def test_rows_are_not_numbered_where_some_are_deleted():
 def test_a_last_name_without_an_end_may_be_cut_off():
     table = "label;state;x [mm];y [mm];z [mm];target\nc1;u;1;2;3.5;P10\n{}c1;l;1;2;3.5;P1"
     assert refusals(("a.csv", table.format(""))) == [
-        "a.csv:3:6: the file is cut off: its last line has no line break, and 'P1' is "
-        "shorter than the cells above; "
-        "export or copy the file again; if it is complete, end its last line"
+        "a.csv:3:6: the file is cut off: its last line has no line break, and 'P1' is shorter than the "
+        "cells above; export or copy the file again; if the file is complete, end its last line with a "
+        "line break"
     ]
     said = refusals(("a.csv", table.format("c1;u;1;2;3.5;X\n")))
     assert [each.partition(";")[0] for each in said] == [

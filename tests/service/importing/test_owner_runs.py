@@ -8,7 +8,7 @@ import re
 
 import numpy as np
 import pytest
-from support.workbooks import arrays, workbook
+from support.workbooks import arrays, hdf5, parquet, workbook
 
 import jointstiff as js
 from jointstiff.simulator import default_arm, simulate_campaign
@@ -80,18 +80,34 @@ def two_sheets(book, _sheet):
         second.append([row[0], *row[10:]])
 
 
-def matlab():
+def matrices():
     observations = SET["observations"]
     places = {
         f"{target}_{state}_mm": np.array([each["readings"][k][state] for each in observations])
         for k, target in enumerate(TARGETS) for state in STATES
     }  # fmt: skip
-    return arrays(
-        label=[each["label"] for each in observations],
-        J_deg=np.array([each["joints"] for each in observations]),
-        force_N=np.array([each["force"] for each in observations]),
+    return {
+        "label": [each["label"] for each in observations],
+        "J_deg": np.array([each["joints"] for each in observations]),
+        "force_N": np.array([each["force"] for each in observations]),
         **places,
-    )
+    }
+
+
+def in_one_group(file):
+    for name, values in matrices().items():
+        file[name] = values
+
+
+def in_groups(file):
+    for name, values in matrices().items():
+        for group in ("joints", "points") if name == "label" else ("points" if "P1" in name else "joints",):
+            file[f"{group}/{name}"] = values
+
+
+def columns():
+    header, *rows = cells()
+    return {name: [row[k] for row in rows] for k, name in enumerate(header)}
 
 
 SPACE_ROWS = points(line="A, {state}, {label}_{target}, {x}, {y}, {z}, 20.11.2026 10:05:33")
@@ -123,8 +139,13 @@ READINGS = {
     "two sheets": (
         {"a.xlsx": workbook([row[:10] for row in cells()], two_sheets)}, {"sheet": "Sheet; Punkte"},
     ),
-    "MATLAB": ({"a.mat": matlab()}, {}),
 }  # fmt: skip
+ARRAYS = {
+    "MATLAB": lambda: ({"a.mat": arrays(**matrices())}, {}),
+    "HDF5": lambda: ({"a.h5": hdf5(in_one_group)}, {}),
+    "two groups of HDF5": lambda: ({"a.h5": hdf5(in_groups)}, {"sheet": "joints; points"}),
+    "Parquet": lambda: ({"a.parquet": parquet(columns())}, {}),
+}
 
 
 def write(folder, files):
@@ -152,6 +173,13 @@ def assert_springs_are_found(run):
 @pytest.mark.parametrize("form", READINGS)
 def test_a_file_of_readings_becomes_a_run_with_the_springs_of_the_arm(form, tmp_path):
     files, options = READINGS[form]
+    assert_springs_are_found(run_of(write(tmp_path, files), DOCUMENT["robot"], STATED | options))
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("form", ARRAYS)
+def test_a_file_of_arrays_becomes_a_run_with_the_springs_of_the_arm(form, tmp_path):
+    files, options = ARRAYS[form]()
     assert_springs_are_found(run_of(write(tmp_path, files), DOCUMENT["robot"], STATED | options))
 
 

@@ -91,9 +91,9 @@ def test_the_bodies_of_a_robot_make_readings_without_load_a_set():
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("mass [kg]", "mass", ":1:3: the unit of 'mass' is not one of kg; write it as in `mass [kg]`"),
-        ("± [%]", "±", ":1:4: the unit of '±' is not one of %, kg; write it as in `± [%]`"),
-        ("body;", "x;", ":1:1: the unit of 'x' is not one of m, mm; write it as in `x [m]`"),
+        ("mass [kg]", "mass", ":1:3: the unit of 'mass' is not one of kg; write the unit as in `mass [kg]`"),
+        ("± [%]", "±", ":1:4: the unit of '±' is not one of %, kg; write the unit as in `± [%]`"),
+        ("body;", "x;", ":1:1: the unit of 'x' is not one of m, mm; write the unit as in `x [m]`"),
         (
             "cog z [mm]", "cog w [mm]",
             ":1:7: the header 'cog w [mm]' of a table of masses is unknown, or occurs twice; "
@@ -101,7 +101,8 @@ def test_the_bodies_of_a_robot_make_readings_without_load_a_set():
         ),
         (
             "link 1;joint_1;", "link 1;joint_1;-",
-            ":2: the row does not describe a body: mass: input should be greater than 0; correct its numbers",
+            ":2: the row does not describe a body: mass: input should be greater than 0; correct the "
+            "numbers of the row",
         ),
     ],
 )  # fmt: skip
@@ -131,7 +132,8 @@ def test_a_load_point_in_the_wrong_unit_is_blamed_on_itself():
         "length_unit_suspect", "do_not_use", "check the unit of `load_point`"
     )  # fmt: skip
     assert finding.message == (
-        "the load points and targets in the flange frame are up to 120 µm from its origin, "
+        "the load points and targets in the flange frame are up to 120 µm from its origin "
+        "(2 mm to 10 m is believed), "
         "while the targets were read up to 3.52 m from the origin of R0"
     )
     assert answer.measurement_set.load_point == pytest.approx((0.0, 0.0, 0.00012))

@@ -78,8 +78,8 @@ def test_a_label_is_a_name_that_can_be_printed(label):
     [
         (b"", ": the file is empty; check the export"),
         (b" \n\n", ": the file is empty; check the export"),
-        (b"# only\n// comments\n", ": the file has no row of data; check that it is the right file"),
-        (b"#" * 100_000, ": the file has no row of data; check that it is the right file"),
+        (b"# only\n// comments\n", ": the file has no row of data; check that this is the right file"),
+        (b"#" * 100_000, ": the file has no row of data; check that this is the right file"),
         (b"label;x [mm]\n", ":1: the file has a header but no row of data; check the file"),
         (b"label;x [mm]\nc\x002;1\n", ":2: the file contains the control character '\\x00', "
          f"so it is not plain text; {SAVE}"),
@@ -96,8 +96,8 @@ def test_a_label_is_a_name_that_can_be_printed(label):
         (b"a" * 70_000, ":1: a line has more than 65536 characters; check the line endings"),
         (b'"' + b"a" * 20_000, ":1: quotation marks do not enclose a whole cell; "
          'enclose a cell as in "Point 1", on one line, or remove the marks'),
-        (b"PK\x03\x04", ": the file is not an Excel file (.xlsx), or is damaged (BadZipFile); "
-         "open it in Excel and save it again as .xlsx, or save the sheet as CSV"),
+        (b"PK\x03\x04", ": the file is not an Excel file (.xlsx), or is damaged (BadZipFile); open the "
+        "file in Excel and save it again as .xlsx, or save the sheet as CSV"),
         (b"%PDF-1.7", f": the file is a PDF document, not a table; {EXPORT}"),
         (b"\xff\xd8\xff\xe0", f": the file is a picture (JPEG), not a table; {EXPORT}"),
         (b"\x89PNG\r\n\x1a\n", f": the file is a picture (PNG), not a table; {EXPORT}"),
@@ -124,10 +124,10 @@ def test_a_table_may_have_the_ending_of_json():
     assert answer.first_labels == ["c01", "c02", "d01", "d02"]
     files = ("c.json", '{"a": 1'.encode("utf-16-le")), ("d.json", "[" * 300 + "]" * 300)
     assert refusals(*files) == [
-        "c.json: Invalid JSON: key must be a string at line 1 column 2; "
-        "correct the JSON there; it must be UTF-8",
-        "d.json: Invalid JSON: recursion limit exceeded at line 1 column 202; "
-        "correct the JSON there; it must be UTF-8",
+        "c.json: Invalid JSON: key must be a string at line 1 column 2; correct the JSON at this place; it "
+        "must be UTF-8",
+        "d.json: Invalid JSON: recursion limit exceeded at line 1 column 202; correct the JSON at this "
+        "place; it must be UTF-8",
     ]
 
 
@@ -168,12 +168,12 @@ def test_an_observation_is_read_once():
     row = "c01,0.1,0,0,-150,{},0.1,0.2,0.3\n"
     table = "label,J1 [rad],Fx [N],Fy [N],Fz [N],target,dx [mm],dy [mm],dz [mm]\n" + row.format("P10")
     assert refusals(("a.csv", table + row.format("P11").replace("-150", "-151"))) == [
-        "a.csv:3: the force of 'c01' differs from the value at 'a.csv', line 2; "
-        "give each observation a unique label, or correct one of them"
+        "a.csv:3: the force of 'c01' differs from the value at 'a.csv', line 2; give each observation a "
+        "unique label, or correct one of the two values"
     ]
     assert refusals(("a.csv", table + row.format("P10"))) == [
-        "a.csv:3:7: P10 deflection of 'c01' occurs twice, first at 'a.csv', line 2, column 7; "
-        "rename or remove one of them, or use `mean_of_repeats` for repeated readings [mean_of_repeats]"
+        "a.csv:3:7: P10 deflection of 'c01' occurs twice, first at 'a.csv', line 2, column 7; rename or "
+        "remove one of the two readings, or use `mean_of_repeats` for repeated readings [mean_of_repeats]"
     ]
 
 
@@ -206,9 +206,9 @@ def test_axes_are_spelt_alike_and_named_by_no_other_words():
         "write x, y and z alike, or give their meaning in `columns` [columns]"
     ]
     assert refusals(("a.csv", "label;x_t;y_t;z_t\nc01;1;2;3\n")) == [
-        "a.csv:1:2: 'x_t', read as t x, has no unit, nor have 2 others; "
-        "write it in the header, such as `x_t [mm]`, or give `units`; "
-        "if it means something else, give `columns`, such as x_t=x [units.length]"
+        "a.csv:1:2: 'x_t', read as t x, has no unit, nor have 2 others; write the unit in the header, such "
+        "as `x_t [mm]`, or give `units`; if the column means something else, give `columns`, such as x_t=x "
+        "[units.length]"
     ]
 
 
@@ -217,7 +217,7 @@ def test_a_header_of_the_caller_fits_the_rows():
     said = refusals(("a.csv", body), header=ROWS[0].split(";")[:-1])
     row = "13: the row has 13 cells, but the header 12 (delimiter: semicolon); give every row the same number"
     assert [each[: len(row) + 8] for each in said[:3]] == [f"a.csv:{line}:{row}" for line in (1, 2, 3)]
-    assert said[3].startswith("a.csv:11: column P10 loaded z is missing; add it")
+    assert said[3].startswith("a.csv:11: column P10 loaded z is missing; add the column")
     again = refusals(("a.csv", CAMPAIGN), header=ROWS[0].split(";"))
     assert again[0] == f"a.csv:2:2: 'J1 [deg]' is not a number with a decimal point; {DIGITS}"
     assert [each.split(" ")[0] for each in again] == [f"a.csv:2:{column}:" for column in range(2, 14)]

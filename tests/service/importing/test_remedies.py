@@ -14,10 +14,11 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import numpy as np
 import pytest
 from support.importing_samples import CAMPAIGN, JOINTS, MM, POINTS, sources_of
 from support.workbooks import ROWS as SHEET_ROWS
-from support.workbooks import SHEET, arrays, repacked, workbook
+from support.workbooks import SHEET, arrays, hdf5, repacked, workbook
 
 from jointstiff.schemas.imports import ImportAnswer, ImportFault, ImportRequest
 from jointstiff.schemas.robot import RobotDocument
@@ -58,7 +59,7 @@ class Case:
     options: Mapping[str, Any] = field(default_factory=dict)
     stated: Mapping[str, Any] | None = None  # options after the remedy; None: as before
     robot: RobotDocument | None = None
-    limits: Mapping[str, int] = field(
+    limits: Mapping[str, Any] = field(
         default_factory=dict
     )  # by module and name, so that small files reach them
 
@@ -174,7 +175,7 @@ COLUMNS = {
         "along z [mm]",
         "label;tip along z [mm]\nc01;0.1\nc02;0.25\n",
     ),
-    "unit of a text": mistake("has a unit, but is a column of texts", "label;", "label [mm];"),
+    "unit of a text": mistake("has a unit, but its column has texts", "label;", "label [mm];"),
     "hung mass in newton": mistake("the unit of a hung mass must be kg", "mass [kg]", "mass [N]", HUNG),
     "joint zero": mistake("column joint 3 is missing", "J2 [deg]", "J0 [deg]"),
     "two units by header and option": Case(
@@ -384,19 +385,15 @@ NAMES = {
         {"a.xlsx": workbook(SHEET_ROWS)},
         stated={"decimal_mark": "point"},
     ),
-    "damaged arrays": Case(
-        "is a damaged MATLAB file", {"a.mat": arrays(q_deg=[[1.0]])[:150]}, {"a.mat": READINGS}
-    ),
-    "no arrays": Case("has no arrays of numbers", {"a.mat": arrays(text="a")}, {"a.mat": READINGS}),
     "joints of two files": Case(
         "the joint angles of 'c02' differ by 0.02",
         {"u.csv": POSES, "l.csv": POSES.replace("-35.125", "-35.105").replace("unloaded", "loaded")},
         stated={"joint_tolerance": 0.05},
     ),
     "name that is none": mistake("is not a valid name", "c02;", "c\u20282;"),
-    "unclear name": mistake("does not show which observation", "c02_P10_loaded", "c02_P10_1_loaded", POINTS),
+    "unclear name": mistake("does not show the observation", "c02_P10_loaded", "c02_P10_1_loaded", POINTS),
     "unclear name, template": option(
-        "does not show which observation",
+        "does not show the observation",
         "".join(f"cell_{line}\n" for line in POINTS.splitlines()),
         point_name="{any}_{label}_{target}_{state}",
     ),
@@ -538,7 +535,7 @@ VALUES = {
         stated={"ignore": ["U95 x [mm]", "U95 y [mm]", "U95 z [mm]"]},
     ),
     "joints of other numbers": Case(
-        "joint angles here, but",
+        "joint angles, but",
         {"j.csv": JOINTS, "k.csv": "label,J1 [deg],Fx [N],Fy [N],Fz [N]\nc03,10.5,0,0,-1471.5\n"},
         {"j.csv": JOINTS},
     ),
@@ -641,7 +638,57 @@ FILES = {
         SET,
     ),
 }
-CASES: Mapping[str, Case] = {**COLUMNS, **ROWS, **NAMES, **VALUES, **FILES}
+TWICE = {"q": [[10.0, 20.0], [30.0, 40.0]], "q1": [[10.0], [30.0]]}
+
+
+def two_days(file: Any) -> None:
+    for day in ("day1", "day2"):
+        file[f"{day}/label"], file[f"{day}/q_deg"] = ["c01", "c02"], [[10.0, 20.0], [30.0, 40.0]]
+
+
+def two_units(file: Any) -> None:
+    file["q_deg"] = [[10.0, 20.0], [30.0, 40.0]]
+    file["q_deg"].attrs["units"] = "rad"
+
+
+ARRAYS = {
+    "no library": Case(
+        "needs the extra `tables`",
+        {"a.h5": b"\x89HDF\r\n\x1a\n"},
+        {"a.csv": CAMPAIGN},
+        limits={"arrays._LIBRARIES": {"hdf5": "a_library_that_is_not_installed"}},
+    ),
+    "damaged arrays": Case("a MATLAB file that is damaged", {"a.mat": READINGS[:150]}, {"a.mat": READINGS}),
+    "slow arrays": Case(
+        "ended without a result", {"a.mat": READINGS}, {"a.csv": CAMPAIGN}, limits={"arrays._SECONDS": 0}
+    ),
+    "large arrays": Case(
+        "larger than 64 MiB", {"a.mat": arrays(q=np.zeros((3000, 3000)))}, {"a.mat": READINGS}
+    ),
+    "long text in arrays": Case(
+        "more than 256 characters",
+        {"a.mat": arrays(label=["c" * 300, "d"], q_deg=[[1.0, 2.0]] * 2)},
+        {"a.mat": READINGS},
+    ),
+    "no arrays": Case("has no arrays of numbers", {"a.mat": arrays(text="a")}, {"a.mat": READINGS}),
+    "one column of two arrays": Case(
+        "two arrays make the column 'q1'", {"a.mat": arrays(**TWICE)}, {"a.mat": READINGS}
+    ),
+}
+CASES: Mapping[str, Case] = {**COLUMNS, **ROWS, **NAMES, **VALUES, **FILES, **ARRAYS}
+
+
+def groups() -> dict[str, Case]:
+    """Return the cases of HDF5, whose files need h5py."""
+    days, other = hdf5(two_days), hdf5(lambda file: file.create_group("empty"))
+    return {
+        "two groups": Case("several groups or arrays", {"a.h5": days}, stated={"sheet": "day1"}),
+        "no such group": Case(
+            "has no group or array", {"a.h5": days}, options={"sheet": "day3"}, stated={"sheet": "day2"}
+        ),
+        "no groups": Case("has no arrays of numbers", {"a.h5": other}, {"a.mat": READINGS}),
+        "two units of an array": Case("in its attribute", {"a.h5": hdf5(two_units)}, {"a.mat": READINGS}),
+    }
 
 
 def matching(answer: ImportAnswer, case: Case) -> list[ImportFault]:
@@ -665,9 +712,20 @@ def changed(case: Case) -> set[str]:
     return {name for name in {*case.options, *after} if case.options.get(name) != after.get(name)}
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.process if name in ARRAYS else ()) for name in CASES]
+)
 def test_the_remedy_takes_the_fault_away(name, monkeypatch):
-    case = CASES[name]
+    check_remedy(CASES[name], monkeypatch)
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("name", ["two groups", "no such group", "no groups", "two units of an array"])
+def test_the_remedy_takes_a_fault_of_hdf5_away(name, monkeypatch):
+    check_remedy(groups()[name], monkeypatch)
+
+
+def check_remedy(case, monkeypatch):
     lowered(case, monkeypatch)
     found = matching(case.answer(mended=False), case)
     assert len(found) >= 1, case.answer(mended=False).faults
@@ -677,6 +735,7 @@ def test_the_remedy_takes_the_fault_away(name, monkeypatch):
         assert changed(case) & named
 
 
+@pytest.mark.process
 def test_the_cases_pass_every_place_that_reports_a_fault(monkeypatch):
     passed: dict[tuple[str, int], set[str]] = {}
 
@@ -692,7 +751,7 @@ def test_the_cases_pass_every_place_that_reports_a_fault(monkeypatch):
             passed.setdefault(at, set()).update(named_options(frame.f_locals["remedy"]))
 
     tried = set[str]()
-    for case in CASES.values():
+    for case in (*CASES.values(), *groups().values()):
         with monkeypatch.context() as patch:
             lowered(case, patch)
             sys.setprofile(noted)

@@ -102,7 +102,7 @@ def test_a_cell_that_is_no_number_is_named_with_its_place(name, row, column, cel
     assert faults(name, row, column, "")[0] == (
         place,
         "the cell is empty, but needs a number",
-        "fill it in",
+        "fill in the cell",
     )
     for new in (f"{cell} {cell}", f"{cell}x"):
         reason = f"{new!r} is not a number with a decimal point"
@@ -157,14 +157,18 @@ def test_a_first_row_that_is_no_point_is_taken_for_a_header(column):
     ("name", "row"), [("a.csv", 1), ("a.csv", 2), ("b.csv", 1), ("p.txt", 0), ("p.txt", 2)]
 )
 def test_a_row_needs_its_name(name, row):
-    assert faults(name, row, 0, "")[0] == ((row + 1, 1), "the name is empty", "fill it in, in every row")
+    assert faults(name, row, 0, "")[0] == (
+        (row + 1, 1),
+        "the name is empty",
+        "fill in this cell in every row",
+    )
 
 
 @pytest.mark.parametrize("row", [0, 1, 2])
 def test_the_name_of_a_point_shows_observation_target_and_state(row):
     name = rows_of("p.txt")[row][0]
     for new in (f"{name} {name}", name[:-1], f"{name}x"):
-        reason = f"the name {new!r} does not show which observation, target and state it is"
+        reason = f"the name {new!r} does not show the observation, the target and the state of the point"
         assert faults("p.txt", row, 0, new)[0] == ((row + 1, 1), reason, TEMPLATE)
     assert faults("p.txt", row, 0, "1e3")[0] == (
         (row + 1, 1),

@@ -118,7 +118,7 @@ def test_rows_that_are_marked_as_deleted_are_left_out():
     )
     answer = answered(("tracker.csv", deleted))
     assert (answer.first_labels, answer.reading_count) == (["c01"], 1)
-    assert answer.files[0].assumptions[-1] == "rows marked as deleted were left out: 2"
+    assert answer.files[0].assumptions[-1] == "rows marked as deleted were omitted: 2"
 
 
 def uncertain(header, cell, points=POINTS):
@@ -180,7 +180,7 @@ def test_a_time_is_read_with_its_zone(cell, header, time):
 )  # fmt: skip
 def test_a_time_that_can_be_read_in_two_ways_or_none_is_not_used(cell):
     assert answered(timed(cell)).assumptions == [
-        f"times were not understood and not used, such as '{cell}' (4 rows): give them with `measured_at`"
+        f"times were not understood and not used, such as '{cell}' (4 rows): give the time with `measured_at`"
     ]
 
 
@@ -226,7 +226,7 @@ def test_a_remark_with_another_unit_than_the_header_is_refused(remark, unit):
 
 def test_a_remark_with_an_unknown_unit_is_refused():
     assert refusals(listed("Units: furlongs")) == [
-        "unloaded.csv:1: the unit 'furlongs' is not known; correct the remark, or remove it"
+        "unloaded.csv:1: the unit 'furlongs' is not known; correct or remove the remark"
     ]
 
 
@@ -282,8 +282,8 @@ def test_a_comment_that_changes_no_order_is_skipped(comment):
 )  # fmt: skip
 def test_a_comment_that_may_be_another_order_is_asked_about(comment):
     assert refusals(("a.csv", f"# {comment}\n{POINTS}"), units=MM) == [
-        f"a.csv:1: the comment '{comment}' looks like a header, but is not "
-        "understood as the header of the 4 columns; correct or remove it, or give `header` [header]"
+        f"a.csv:1: the comment '{comment}' looks like a header, but is not understood as the header of the 4 "
+        "columns; correct or remove the comment, or give `header` [header]"
     ]
 
 

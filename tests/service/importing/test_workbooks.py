@@ -12,7 +12,7 @@ from support.workbooks import SHEET, bomb, repacked, rows_of_values, workbook
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.excel import MAX_UNPACKED_BYTES, MAX_XML_TAGS, Archive
 
-SAVE_AGAIN = "open it in Excel and save it again as .xlsx, or save the sheet as CSV"
+SAVE_AGAIN = "open the file in Excel and save it again as .xlsx, or save the sheet as CSV"
 ENTER = (
     "enter a number, and format the cell as a number; replace a formula without a stored value by its value"
 )

@@ -81,8 +81,8 @@ class TestTwoCampaigns:
 
     def test_a_set_of_unknown_noise_cannot_be_weighted_with_another(self, few, second):
         assert refused(js.compare, few, second, methods=[], ordered=True) == (
-            "comparison.ordered | sigma is neither given nor determined by the residuals, so the two "
-            "sets cannot be weighted | state `noise.sigma`, or add observations"
+            "comparison.ordered | sigma is neither stated nor determined by the residuals, so the two sets "
+            "cannot be weighted against each other | state `noise.sigma`, or add observations"
         )
 
     def test_one_load_point_narrows_the_ratios_and_other_points_are_refused(self):
@@ -199,8 +199,8 @@ class TestTwoCampaigns:
                         "second",
                         "the residuals are 14.2 times as large as the stated noise allows, so the "
                         "uncertainties are too small; by how much depends on deflections that the model "
-                        "does not explain. Targets of one posture agree to 18.7 µm: the flange moves "
-                        "otherwise than the model says",
+                        "does not explain. Targets of one posture agree to within 18.7 µm, so the flange "
+                        "moves differently from the model",
                     ),
                 ],
             ),
@@ -234,9 +234,9 @@ class TestTwoCampaigns:
         bent = {"elasticity": "coupled_joints", "link_penalty": 0.1, "loss": "squared"}
         coupled = posted(read, **bent, cross_validation={"folds": 2})["id"]
         assert told(compared(coupled)) == (
-            "422 | run_ids | two measurement sets can be compared only if nothing but the joints is elastic "
-            f"in their runs, but the run '{coupled}' has elasticity coupled_joints | identify the "
-            "measurement set with elasticity `joints`, and give the new run"
+            "422 | run_ids | two measurement sets can be compared only if joints alone are elastic in the "
+            f"runs, but the run '{coupled}' has elasticity coupled_joints | identify the measurement set "
+            "with elasticity `joints`, and give the new run"
         )
 
     def test_a_joint_at_its_bound_takes_its_ratio_from_the_run_without_constraints(self, local, posted):
@@ -364,12 +364,12 @@ class TestMethods:
             (
                 {"run": {"resampling": {"size": 5, "repetitions": 5}}},
                 "run",
-                "must have neither `priors` nor `resampling` here",
+                "must have neither `priors` nor `resampling`",
             ),
             (
                 {"run": {"priors": {"joint_2": {"stiffness": 1e6, "standard_uncertainty": 1e5}}}},
                 "run",
-                "must have neither `priors` nor `resampling` here",
+                "must have neither `priors` nor `resampling`",
             ),
         ],
     )

@@ -80,7 +80,7 @@ def test_methods_that_need_a_pose_say_that_targets_are_missing(deflected):
     made = js.compare(changed(deflected, ROWS, rows), methods=methods)
     assert made.result.assessment.verdict == "do_not_use"
     assert reasons_of(made.result) == [
-        ("no_joint_identified", "every compared method failed, so no joint stiffness is known")
+        ("no_joint_identified", "all compared methods failed, so no joint stiffness is known")
     ]
     assert [entry.assessment for entry in made.result.entries] == [None] * 4
     assert made.result.summary.joints_identified == 0
@@ -161,8 +161,8 @@ def test_what_acts_on_a_robot_is_refused_with_the_reasons_of_the_run(kind, detai
     assert problem["title"] == "The result must not be used"
     assert problem["detail"] == detail.replace("{run}", bad["id"])
     assert problem["remedy"] == (
-        "follow the remedies of its reasons and identify again; "
-        "to continue anyway, give `accept_verdict: do_not_use`"
+        "follow the remedies of the reasons and identify again; to continue anyway, give `accept_verdict: "
+        "do_not_use`"
     )
     assert problem["errors"] == [
         {

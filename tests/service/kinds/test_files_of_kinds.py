@@ -16,7 +16,7 @@ from jointstiff.service.kinds.registry import KINDS
 ALL_SIX = "no fault was found; all 6 joints of its run passed the checks"
 BOUND = [
     "own weight is not included, because no masses are given",
-    "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+    "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12",
 ]
 
 
@@ -124,8 +124,9 @@ class TestGeometry:
         assert targets["rows"] == [["P10", "-800.030(16)", "-0.005(14)", "99.997(27)"]]
         assert found["lines"][:3] == [
             "sigma of a coordinate 10.0 µm (stated), χ²/dof 1.13 with 5 degrees of freedom",
-            "one robot fits all sweeps (noise alone gives a worse fit with probability 80 %)",
-            "the controller's angles fit the readings (noise alone gives a worse fit with probability 30 %)",
+            "one robot model fits all sweeps (noise alone would give a worse fit with a probability of 80 %)",
+            "the controller's angles fit the readings (noise alone would give a worse fit with a "
+            "probability of 30 %)",
         ]
         head, rows = rows_of(local, jobs["geometry"], "axes.csv")
         assert head[1] == "point x [m]"
@@ -177,9 +178,8 @@ class TestPlan:
         lines = report_of(local, jobs["plan"])
         for line in [
             "joint_4 | 2.6 % | 7.9 % |",
-            "Readings, in order; v…: readings to validate the model, not to fit it. Targets: P10, P11, "
-            "P12. Load point in the "
-            "flange frame: -60, 20, 180 mm",
+            "Readings, in order; Readings v1, v2, … validate the model, and are not fitted. Targets: P10, "
+            "P11, P12. Load point in the flange frame: -60, 20, 180 mm",
             "p1 | -99.0 | 11.0 | 54.0 | -55.0 | 83.0 | 160.0 | 1500 | x -0.38 y +0.86 z -0.33 | [ ] | [ ] |",
             "1500 N",
         ]:
@@ -240,10 +240,10 @@ class TestProgram:
         lines = report_of(local, jobs["program"])
         for line in [
             "without correction | 2.3143 | 2.7777 | 2.8292 |",
-            "as written, predicted | 0.0000 | 0.0000 | 0.0000 |",
+            "predicted, as written | 0.0000 | 0.0000 | 0.0000 |",
             "displacement of targets | 2.3180 | 2.7832 | 2.8349 |",
             "1 | | 7 | 2.829 | 2.761 … 2.897 | — | 0.0000 |",
-            "– 3 of 3 targets corrected",
+            "– 3 of 3 targets are corrected",
             f"– {BOUND[0]}",
             "(300, 400, -1400) N",
             "(10, -5, 10, 5, 45, 3) °",

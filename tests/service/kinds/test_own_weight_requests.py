@@ -90,7 +90,7 @@ def test_masses_of_which_nothing_is_known_identify_no_joint(own):
     (reason,) = found.assessment.reasons
     assert (reason.code, reason.weight) == ("no_joint_identified", "do_not_use")
     assert reason.message == "the readings identify no joint: 6 not observable"
-    assert reason.remedy == "read more postures, better masses or a known payload"
+    assert reason.remedy == "read more postures, state better masses, or use a known payload"
 
 
 def test_noise_that_was_refuted_is_said_with_its_factor(own):
@@ -152,8 +152,8 @@ class TestWhatOwnWeightDoesNotKnow:
     def test_positions_without_load_are_no_deflection(self, own):
         said = (
             "measurement_set | the set has only positions without load, which show no deflection | "
-            "identify it by the robot's own weight: give the robot's masses (`bodies`), and `weight` in "
-            "the run"
+            "identify the set by the robot's own weight: give the robot's masses (`bodies`), and `weight` "
+            "in the run"
         )
         assert refused(js.identify, own, weight=None) == said
         assert refused(js.compare, own) == said
@@ -244,7 +244,6 @@ class TestWhatOwnWeightDoesNotKnow:
             {
                 "measurement_set_id": set_id,
                 "name": "unloaded, 30 configurations",
-                "reason": "it was identified by own weight, so that an error of the masses shifts all "
-                "stiffnesses",
+                "reason": "its run uses the own weight, so an error of the masses shifts all stiffnesses",
             }
         ]

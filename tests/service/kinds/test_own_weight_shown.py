@@ -24,16 +24,17 @@ def test_the_terminal_says_what_masses_make_up_of_each_interval(tmp_path, own):
     file.write_text(json.dumps(own))
     words = " ".join(terminal("identify", file, "--details", width=100).stdout.split())
     for line in [
-        "Use 5 of 6 joints: the others have no number that passed the checks",
+        "Use 5 of 6 joints: no number of the other joints passed the checks",
         "Joint stiffness, by the robot's own weight, compliance ≥ 0",
         "│ joint_1 │ — │ — │ — │ not observable │",
         "│ joint_2 │ 3.05 │ 0.35 │ 2.34 … 3.59 │ roughly known │",
         "│ joint_6 │ 0.101 │ 0.020 │ 0.072 … 0.159 │ roughly known │",
-        "joint_1: gravity does not load the joint in any of the postures: apply a known force that twists it",
+        "joint_1: gravity does not load the joint in any of the postures: apply a known force that twists "
+        "the joint",
         "explains 98.9 % of the mean deflection, residual 42.5 µm rms (3-D), sigma of a reading "
         "30 µm (given)",
-        "share of uncertain masses in each interval: joint_2 35 %, joint_3 68 %, joint_4 18 %, joint_5 42 %, "
-        "joint_6 27 %",
+        "fraction of each interval's width due to uncertain masses: joint_2 35 %, joint_3 68 %, joint_4 18 "
+        "%, joint_5 42 %, joint_6 27 %",
         "without sag, the best geometry leaves 249 µm rms of a coordinate; with sag, 26.9 µm",
         "warning: the readings do not check the mass of link 2, link 3, link 4, link 5, link 6: twice the "
         "stated mass might not be noticed, and would change a "
@@ -54,13 +55,13 @@ def test_the_report_states_masses_with_their_bounds_and_shares_of_intervals(loca
         "joint_1 | — | — | — | — | not observable |",
         "joint_2 | 3.05 | 0.35 | — | 2.34 … 3.59 | use |",
         "– joint_1: no number: gravity does not load the joint in any of the postures: apply a known force "
-        "that twists it.",
+        "that twists the joint.",
         "Z | -0.00101 | -4.79 · 10⁻⁵ | 0.00254 | — |",
         "– the load or own weight twists joint_1, which the readings of the run do not determine: the "
         "prediction is not valid",
         "joint_2 | 65 % | 35 % |",
         "joint_3 | 32 % | 68 % |",
-        "Shares of each interval's width: from the readings, and from the bounds of the masses.",
+        "Fractions of each interval's width: from the readings, and from the bounds of the masses.",
         "– Deviations: none.",
         "link 1 380 kg (342 to 418); link 2 230 kg (207 to 253); link 3 260 kg (234 to 286); link 4 95 kg "
         "(85.5 to 104.5); link 5 55 kg (49.5 to 60.5); link 6 48 kg (43.2 to 52.8)",
@@ -97,8 +98,8 @@ def test_sag_is_in_a_prediction_that_is_absolute_and_only_there(local, run):
     for found, said in (
         (
             bent,
-            "the predictions are absolute, that is relative to an arm that does not bend: they "
-            "include the sag under own weight",
+            "the predictions are absolute (relative to an arm that does not bend), so they include the sag "
+            "under own weight",
         ),
         (relative, "own weight is not included, because `absolute` is not requested"),
     ):

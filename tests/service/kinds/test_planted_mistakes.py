@@ -77,7 +77,10 @@ def test_each_mistake_is_said_with_what_remedies_it(local, clean, name):
         [name, identified, each["code"], each["weight"], kind, each["message"], each["remedy"]]
         for each, kind in zip(assessment["reasons"], kinds, strict=True)
     ] == [row for row in SAID if row[0] == name]
-    assert "If N and kgf are confused, every stiffness is wrong by 9.81" in assessment["notes"][0]
+    assert (
+        "If N and kgf were confused, every stiffness would be wrong by a factor of 9.81"
+        in assessment["notes"][0]
+    )
     answer = local.request("POST", f"/v1/runs/{run['id']}/apply", json=assessment["reasons"][0]["action"])
     assert answer.status_code == 201, answer.text
     mended = answer.json()["result"]["assessment"]

@@ -126,7 +126,9 @@ def test_the_list_is_filled_in_and_dropped_back(parts, robot):
     assert answer.missing == []
     held_out = [each.label for each in plan.result.readings if each.held_out]
     assert answer.leave_out == held_out != []
-    assert f"observations held out from the fit, to check it: {', '.join(held_out)}" in answer.assumptions
+    assert (
+        f"observations held out from the fit, to check the fit: {', '.join(held_out)}" in answer.assumptions
+    )
     campaign = {"robot": robot_document(default_arm()), "measurement_set": answer.measurement_set}
     campaign["measurement_set"] = answer.measurement_set.model_dump(mode="json", exclude_unset=True)
     run = identify(campaign | {"run": {"leave_out": answer.leave_out}}, elasticity="joints")

@@ -122,7 +122,7 @@ class TestPredictions:
             (case,) = found["cases"]
             codes = [reason["code"] for reason in found["assessment"]["reasons"]]
             answers.append((case["with_model_error"]["load_ratio"], case["remarks"], codes))
-        said = "extrapolated: the load is 1.02 times the greatest that was measured"
+        said = "extrapolated: the load is 1.02 times the greatest measured load"
         ratios = [ratio for ratio, *_ in answers]
         assert ratios == pytest.approx([1.0, 1.009, 1.02], rel=1e-5)
         assert [others for _, *others in answers] == [[[], []], [[], []], [[said], ["beyond_campaign"]]]
@@ -223,7 +223,7 @@ class TestElasticLinks:
         assert found["remarks"] == [
             "the predictions are to first order in the load: links and joints bend linearly, own "
             "weight and complementary stiffness are left out",
-            "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+            "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12",
         ]
         (case,) = found["cases"]
         assert case["displacement"] == pytest.approx([9.8153e-5, 0.00012875, -0.00098993], rel=1e-3)
@@ -275,18 +275,19 @@ def test_deflections_of_another_unit_are_no_measurement():
         ("complementary_stiffness_matters", None),
     ]
     messages = [reason.message for reason in found.reasons]
-    assert messages[0] == "target 'P11' moved by 2.14 m (and 9 more of this kind)"
+    assert messages[0] == "target 'P11' moved by 2.14 m; up to 20 mm is believed (and 9 more of this kind)"
     assert messages[1] == (
         "the distance between 'P10' and 'P12' (loaded) differs by 500 mm from its median (limit 188 mm): "
         "'P10' or 'P12' moved (and 9 more of this kind)"
     )
     assert messages[2] == (
-        "the stiffness of joint_4 is 430.6 N·m/rad; joints of industrial robots have 1000 N·m/rad to "
-        "1 · 10⁹ N·m/rad"
+        "the stiffness of joint_4 is 430.6 N·m/rad; of joints of industrial robots 1000 N·m/rad "
+        "to 1 · 10⁹ N·m/rad is believed"
     )
     assert messages[5] == "distances between targets scatter by 43.6 mm, but the stated noise gives 28.3 µm"
     assert found.reasons[0].remedy == (
-        "check `units.length`, and that unloaded and loaded readings belong together"
+        "check `units.length`, and that unloaded and loaded readings belong together; if the numbers are "
+        "right, `accept_verdict` goes past this verdict"
     )
 
 

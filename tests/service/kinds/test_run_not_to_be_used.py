@@ -11,7 +11,7 @@ from support.refusals import told
 RESIDUALS = (
     "the residuals are 11.6 times as large as the stated noise allows, so the uncertainties are too small; "
     "by how much depends on deflections that the model does not explain. Targets of one posture agree to "
-    "18.6 µm: the flange moves otherwise than the model says"
+    "within 18.6 µm, so the flange moves differently from the model"
 )
 
 
@@ -51,9 +51,9 @@ def test_tables_have_a_joint_at_its_bound_and_one_without_a_number(local, run):
         ["joint_6", "0.088", "0.014", "0.045 … 0.113", "0.26", "do not use"],
     ]
     assert found["lines"] == [
-        "joint_1: the load never twists it: add loads that twist it; its prior is not returned as a result, "
-        "because the readings do not determine it",
-        "joint_2: it is at the maximum stiffness of `stiffness_bounds`",
+        "joint_1: the load never twists this joint: add loads that twist it; the prior is not returned as "
+        "a result, because the readings do not determine the joint",
+        "joint_2: the joint is at the maximum stiffness of `stiffness_bounds`",
         "explains 85.0 % of the mean deflection, residual 555 µm rms (3-D), sigma of a reading 20 µm (given)",
     ]
     assert found["evidence"][:3] == [
@@ -83,8 +83,8 @@ def test_the_report_states_deviations_and_the_budget_with_its_coverage(local, ru
         "– Deviation: stiffness of joint_2 was bounded.",
         "joint_2 (1, 2) 10⁶ N·m/rad",
         "0.5301 mm",
-        "σ = 20 µm of a coordinate of a reading. Size of the force: none stated; ±1 % assumed. Load point: "
-        "none stated; ±10 mm assumed.",
+        "σ = 20 µm of a coordinate of a reading. Size of the force: no uncertainty is stated; ±1 % is "
+        "assumed. Load point: no uncertainty is stated; ±10 mm is assumed.",
     ]:
         assert line in lines
     (beyond,) = (line for line in lines if line.startswith("model error (not included) | A |"))
@@ -97,7 +97,7 @@ def test_models_are_refused_with_the_reason_and_tables_say_it_in_each_row(local,
     for name in ("model.csv", "model.xlsx", "model.mjcf"):
         answer = local.get(file_at(run, name))
         assert told(answer) == (
-            f"422 | run_id | the verdict on run '{run['id']}' is: do not use | follow the remedies of its "
+            f"422 | run_id | the verdict on run '{run['id']}' is: do not use | follow the remedies of the "
             "reasons and identify again; to continue anyway, give `accept_verdict: do_not_use`"
         )
         (error,) = answer.json()["errors"]
@@ -125,7 +125,7 @@ def test_models_are_refused_with_the_reason_and_tables_say_it_in_each_row(local,
 
 
 POSTURE = [0, -20, 30, 0, 45, 0]
-FEWER = "no bound of the model error at 95 %: 19 postures are needed, and there are 12"
+FEWER = "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12"
 
 
 @pytest.mark.parametrize(
@@ -136,23 +136,24 @@ FEWER = "no bound of the model error at 95 %: 19 postures are needed, and there 
             (
                 "prediction_implausible",
                 "do_not_use",
-                "the greatest deflection is 93.15 mm, 19.1 times the greatest of the campaign",
+                "the greatest deflection is 93.15 mm, 19.1 times the greatest of the campaign; up to 20 mm, "
+                "and 20 times the campaign's, is believed",
             ),
             [[-0.00048895, 0.0, -0.093147]],
-            [["extrapolated: the load is 60 times the greatest that was measured"]],
+            [["extrapolated: the load is 60 times the greatest measured load"]],
         ),
         (
             {"cases": [{"joints": POSTURE, "force": [0, 0, -5]}], "load_point": [0, 0, 3.0]},
             (
                 "point_implausible",
                 "use_with_care",
-                "the load point or the place is 3 m from the flange",
+                "the load point or the place is 3 m from the flange; up to 1.5 m is believed",
             ),
             [[-0.00013743, 0.0, -0.00010939]],
             [
                 [
-                    "extrapolated: the prediction here is 18.4 times as uncertain as at the worst "
-                    "measured target"
+                    "extrapolated: the prediction is 18.4 times as uncertain as that of the worst measured "
+                    "target"
                 ]
             ],
         ),

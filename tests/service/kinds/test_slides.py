@@ -110,13 +110,15 @@ def test_readings_in_millimetres_are_those_in_metres_and_each_joint_is_beside_it
 def test_a_slide_is_shown_in_the_unit_that_goes_with_the_chosen_one(files, unit, lines):
     words = " ".join(terminal("identify", files / "scara.json", "--unit", unit, width=120).stdout.split())
     others = [
-        "Use: all 4 joints passed the checks Forces up to 300 N (30.6 kgf), deflections up to 733 µm. Load "
-        "point: ±10 mm assumed. Forces: ±1 % assumed. Each posture was read once without load: a set that "
-        "remains after unloading is not seen.",
+        "Use: all 4 joints passed the checks Forces up to 300 N (30.6 kgf), deflections up to 733 µm. The "
+        "load point is assumed to be known to ±10 mm. The forces are assumed to be known to ±1 %. Each "
+        "posture was read only once without load, so a deflection that remains after unloading is not "
+        "detected.",
         "│ roughly known │",
         "explains 86.1 % of the mean deflection, residual 46.3 µm rms (3-D), sigma of a reading "
         "20 µm (given)",
-        "Joints alone: no sign that anything else bends (F test of links added to the joints: p = 0.06).",
+        "The model has elastic joints alone: no test shows that other parts bend (F test of links added to "
+        "the joints: p = 0.06).",
     ]
     for line in lines + others:
         assert line in words
@@ -163,7 +165,7 @@ def test_a_model_of_mujoco_has_a_slide_and_says_what_it_is_made_of(files, tmp_pa
     for line in [
         "<!-- Method: partial pose, covariance weights, compliances not negative. Intervals at 95 %. -->",
         "<!-- Verdict on the result: use. -->",
-        "<!-- Geometry: as the robot's model states it, not identified. -->",
+        "<!-- Geometry: as in the robot's model, not identified. -->",
         "<!-- Lengths in m, angles in rad, stiffness in N·m/rad, of prismatic joints in N/m. "
         "Angles are those "
         "of the model, in the frame of the link base_link. -->",
@@ -282,13 +284,13 @@ class TestThePlansListIsFilledIn:
         [
             (
                 ("joint_1 [mm]", "joint_1 [deg]"),
-                "joint joint_1 is read as an angle, but in the robot it is prismatic; give its lengths, in "
-                "`units.length`, or check the robot and the order of the joints",
+                "joint joint_1 is read as an angle, but in the robot this joint is prismatic; give its "
+                "lengths, in `units.length`, or check the robot and the order of the joints",
             ),
             (
                 ("joint_2 [deg]", "joint_2 [mm]"),
-                "joint joint_2 is read as a length, but in the robot it is revolute; give its angles, in "
-                "`units.angle`, or check the robot and the order of the joints",
+                "joint joint_2 is read as a length, but in the robot this joint is revolute; give its "
+                "angles, in `units.angle`, or check the robot and the order of the joints",
             ),
         ],
     )
@@ -316,8 +318,8 @@ class TestWhatDoesNotGoWithASlide:
     def test_angles_of_a_spindle(self):
         document = changed(sliding("scara", SI), ("measurement_set.joint_kinds", ["revolute"] * 4))
         assert refused(js.identify, document) == (
-            "measurement_set.joint_kinds | joint joint_3 is read as an angle, but in the robot it is "
-            "prismatic | give its lengths, in `units.length`, or check the robot and the order of the "
+            "measurement_set.joint_kinds | joint joint_3 is read as an angle, but in the robot this joint "
+            "is prismatic | give its lengths, in `units.length`, or check the robot and the order of the "
             "joints"
         )
 

@@ -88,8 +88,9 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         ({"units": "mm"}, "units: the unit of angle is missing; remedy: write the units as in 'mm, deg, N'"),
         (
             {"units": "m, deg, kN, N·mm"},
-            "load_point: the point is 190.788 m from the flange, where no tool reaches; remedy: check its "
-            "unit; a point on the tool is at most 5 m from the flange",
+            "load_point: the point is 190.788 m from the flange, where no tool reaches: up to 5 m is "
+            "believed; remedy: check its unit; a longer tool belongs to the robot, whose flange is then on "
+            "the tool",
         ),
         (
             {"targets": ["P10"]},

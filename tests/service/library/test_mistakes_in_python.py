@@ -11,10 +11,16 @@ import jointstiff as js
 
 CERTAIN = re.compile(r"p = \de-(?:[2-9]\d|\d{3})")
 """A p-value that is next to zero."""
-FORCES = "If N and kgf are confused, every stiffness is wrong by 9.81, and no reading shows it."
-POINT = "Load point: ±10 mm assumed."
-SCALE = "Forces: ±1 % assumed."
-ONCE = "Each posture was read once without load: a set that remains after unloading is not seen."
+FORCES = (
+    "If N and kgf were confused, every stiffness would be wrong by a factor of 9.81, and no reading would "
+    "show it."
+)
+POINT = "The load point is assumed to be known to ±10 mm."
+SCALE = "The forces are assumed to be known to ±1 %."
+ONCE = (
+    "Each posture was read only once without load, so a deflection that remains after unloading is not "
+    "detected."
+)
 UNSEEN = "The readings cannot show "
 
 
@@ -84,7 +90,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
                 "Do not use: 2 reasons the work of the load on the joints is -32.5 J",
                 "│ joint_1 │ rigid │ — │ — │ at bound │",
                 "joint_1, joint_2, joint_3, joint_4, joint_5, joint_6: these readings cannot distinguish "
-                "it from a rigid joint",
+                "the joint from a rigid one",
                 "explains 0.0 % of the mean deflection, residual 1.45 mm rms",
                 "To do 1. change the sign of every force",
                 "2. exchange unloaded and loaded readings",
@@ -96,7 +102,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
                 "Do not use: 1 reason",
                 "│ joint_4 │ 0.813 │ 0.079 │ 0.397 … 1.420 │ do not use │",
                 "│ joint_6 │ rigid │ — │ — │ at bound │",
-                "joint_6: these readings cannot distinguish it from a rigid joint",
+                "joint_6: these readings cannot distinguish the joint from a rigid one",
                 "explains 59.6 % of the mean deflection, residual 594 µm rms",
             ],
         ),
@@ -130,11 +136,11 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
         (
             "stiff_joint",
             [
-                "Use 5 of 6 joints: the others have no number that passed the checks",
+                "Use 5 of 6 joints: no number of the other joints passed the checks",
                 "│ joint_3 │ 4.129 │ 0.093 │ 3.939 … 4.318 │ well determined │",
                 "│ joint_4 │ rigid │ — │ > 8.07 │ at bound │",
-                "joint_4: stiffer than 8.07 · 10⁶ N·m/rad at 95 %: these readings cannot distinguish it "
-                "from a rigid joint",
+                "joint_4: stiffer than 8.07 · 10⁶ N·m/rad at 95 %: these readings cannot distinguish the "
+                "joint from a rigid one",
                 "To do 1. joint_4: 1200 N along (1.00, 0.00, 0.00) in posture c005: u(c) becomes 0.14 "
                 "µrad/(N·m)",
             ],

@@ -120,7 +120,10 @@ def test_a_joint_that_no_load_twists_is_named():
     assert repr(rehearsal) == (
         "<Rehearsal: This campaign determines 5 of 6 joints (12 postures, noise 20 µm)>"
     )
-    assert "without a number or an upper limit: joint_1; add loads that twist them" in rehearsal.summary()
+    assert (
+        "these joints have no stiffness or no upper limit: joint_1; add loads that twist these joints"
+        in rehearsal.summary()
+    )
     assert rehearsal.joints[0].found is None
 
 
@@ -131,9 +134,14 @@ def test_a_campaign_with_empty_readings_and_a_plan_are_rehearsed(document, tmp_p
     rehearsal = js.rehearse("planned.json", seed=3)
     assert rehearsal.postures == 6
     assert rehearsal.planted_by == "plausible values for an arm of this size"
-    assert "places of P10, P11, P12 on the flange are not stated: assumed" in rehearsal.remarks
+    assert (
+        "places of P10, P11, P12 on the flange are not stated: usual places are assumed" in rehearsal.remarks
+    )
     of_plan = js.rehearse("plan.json", robot=document["robot"], seed=3)
-    assert (of_plan.postures, of_plan.remarks) == (6, ["no noise is stated: 20 µm is assumed"])
+    assert (of_plan.postures, of_plan.remarks) == (
+        6,
+        ["no noise of the readings is stated: 20 µm is assumed"],
+    )
     with pytest.raises(Exception, match="the plan has no robot"):
         js.rehearse("plan.json")
 

@@ -72,8 +72,8 @@ def test_a_result_shows_its_verdict_first(results, name, headline):
                 "│ joint_6 │ 0.0837 │ 0.0064 │ 0.0727 … 0.0985 │ determined │",
                 "explains 98.2 % of the mean deflection, residual 47.4 µm rms (3-D), sigma of a reading 20 "
                 "µm (given)",
-                "Joints alone: no sign that anything else bends (F test of links added to the joints: "
-                "p = 0.5).",
+                "The model has elastic joints alone: no test shows that other parts bend (F test of links "
+                "added to the joints: p = 0.5).",
             ],
         ),
         (
@@ -88,7 +88,7 @@ def test_a_result_shows_its_verdict_first(results, name, headline):
         (
             "program",
             [
-                "4 of 4 targets corrected",
+                "4 of 4 targets are corrected",
                 "│ without correction │ 1.0488 │ 1.0562 │ 1.0563 │",
                 "│ displacement of targets │ 1.0495 │ 1.0569 │ 1.0570 │",
                 "3 7 1.056 1.030 … 1.083 — 0.0001",
@@ -116,7 +116,7 @@ def test_a_summary_has_the_notes_without_the_tables(results):
         "all 9 places reached",
         "deflection: median 574.8 µm, 90 % of the places 500.9 to 666 µm, greatest 666 µm",
         "own weight is not included, because no masses are given",
-        "no bound of the model error at 95 %: 19 postures are needed, and there are 12",
+        "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12",
     ]
     assert "Joint stiffness" not in results["run"].summary()
 
@@ -208,8 +208,8 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         ),
         (
             lambda run, _: run.predict([[0.0] * 6], FORCE, at=(0, 0, 120e3)),
-            "prediction.load_point: the point is 120 m from the flange, where no tool reaches; remedy: "
-            "check its unit; a point on the tool is at most 5 m from the flange",
+            "prediction.load_point: the point is 120 m from the flange, where no tool reaches: up to 5 m "
+            "is believed; remedy: check its unit; a longer tool belongs to the robot",
         ),
         (
             lambda run, _: run.predict([[0] * 5], FORCE, at=(0, 0, 100)),
@@ -248,7 +248,7 @@ def test_what_is_not_there_is_the_error_of_python(run):
         js.identify("nowhere.json")
     with pytest.raises(TypeError, match="options must be a CampaignComparison"):
         js.compare(run, run, run)
-    with pytest.raises(ValueError, match=r"a run has tables of these endings: \.csv"):
+    with pytest.raises(ValueError, match=r"a run has these tables: .*csv"):
         run.table("docx")
 
 

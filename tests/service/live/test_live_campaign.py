@@ -167,7 +167,7 @@ def test_an_arm_like_its_priors_is_measured_sooner(client):
     assert len(state["readings"]) < len(alone["readings"])
     counting = [joint["name"] for joint in state["joints"] if joint["prior"] == "counts"]
     assert counting == list(run["request"]["priors"])
-    assert f"Prior knowledge counts: {', '.join(counting)}" in notes
+    assert f"The prior knowledge is used for: {', '.join(counting)}" in notes
     assert plain["request"]["priors"] == {}
     for joint, stiffness in zip(state["joints"], own.stiffnesses, strict=True):
         low, high = joint["interval"]

@@ -10,7 +10,7 @@ from support.live import declared, exchanged, measured
 from jointstiff.service.app import create_app
 from jointstiff.service.store.store import Store
 
-AGAIN = "Read it again before the load is taken off."
+AGAIN = "Read the posture again before the load is taken off."
 CHECKED = "the held-out reading is as near to its prediction as 90 % of good readings"
 IN_FIRST = (
     "m01: 'P11' and 'P10' are exchanged in the unloaded and loaded readings of 'm01'; exchange the unloaded "
@@ -61,15 +61,16 @@ def with_less_force(reading, _first):
             4.7063e-3,
             0.0,
             ["the force has the opposite sign", "unloaded and loaded readings are exchanged"],
-            "4.71 mm from where the other readings predict it: the force has the opposite sign or "
-            f"unloaded and loaded readings are exchanged? {AGAIN}",
+            "the reading is 4.71 mm away from the prediction by the other readings: the force has the "
+            f"opposite sign or unloaded and loaded readings are exchanged? {AGAIN}",
         ),
         (
             with_angles_of_the_first,
             11.545e-3,
             0.0,
             ["the joint angles are those of 'm01'"],
-            f"11.5 mm from where the other readings predict it: the joint angles are those of 'm01'? {AGAIN}",
+            "the reading is 11.5 mm away from the prediction by the other readings: the joint angles are "
+            f"those of 'm01'? {AGAIN}",
         ),
         (
             with_exchanged_targets,
@@ -86,8 +87,8 @@ def with_less_force(reading, _first):
                 "the arm or the tracker moved between the two readings",
                 "the force differs from the stated one",
             ],
-            "374 µm from where the other readings predict it: the arm or the tracker moved between the "
-            f"two readings or the force differs from the stated one? {AGAIN}",
+            "the reading is 374 µm away from the prediction by the other readings: the arm or the tracker "
+            f"moved between the two readings or the force differs from the stated one? {AGAIN}",
         ),
     ],
 )

@@ -56,7 +56,10 @@ def test_what_is_declared_does_not_change_and_a_deleted_set_comes_back_with_its_
     problem = client.patch(address, json={"name": "other"}).json()
     assert (problem["status"], problem["where"]) == (422, "name")
     assert problem["detail"] == "the declaration of a live campaign cannot be changed"
-    assert problem["remedy"] == "close the campaign first, or delete it and declare another live campaign"
+    assert (
+        problem["remedy"]
+        == "first close the campaign; or delete the campaign, and declare another live campaign"
+    )
     assert deleted(client, address) == 200
     problem = client.get(f"{address}/next").json()
     assert (problem["status"], problem["type"]) == (404, "urn:jointstiff:problem:deleted")

@@ -17,12 +17,13 @@ from jointstiff.simulator import LOAD_POINT, robot_document, simulate_campaign
 from jointstiff.solver.errors import RequestError
 
 DOUBT = (
-    "3.77 mm from where the other readings predict it: the force has the opposite sign or unloaded and "
-    "loaded readings are exchanged? Read it again before the load is taken off."
+    "the reading is 3.77 mm away from the prediction by the other readings: the force has the opposite "
+    "sign or unloaded and loaded readings are exchanged? Read the posture again before the load is taken "
+    "off."
 )
 AGAINST = (
-    "under 1471 N the targets moved opposite to the prediction from the other observations, by 3 mm; "
-    "with the load reversed only 65 µm remain unexplained"
+    "under 1471 N the targets moved in the direction opposite to the prediction from the other "
+    "observations, by 3 mm; with the load reversed, only 65 µm remains unexplained"
 )
 CHECKED = "the held-out reading is as near to its prediction as 90 % of good readings"
 AREA = {"work_area": [[0.8, -0.6, 0.4], [1.9, 0.6, 1.6]]}
@@ -52,12 +53,14 @@ def test_before_the_first_reading_all_is_open_but_what_the_load_never_twists(cli
     assert (state["revision"], state["state"], state["message"]) == (0, "measuring", "0 readings")
     assert state["goal"] == "every joint that the load can twist is known to ± 15 %"
     assert (state["share"], state["still_needed"], state["assessment"]) == (None, None, None)
-    assert [each["reason"] for each in state["joints"]] == ["the load never twists it", *[None] * 5]
+    assert [each["reason"] for each in state["joints"]] == ["the load never twists this joint", *[None] * 5]
     following = state["next"]
     assert (following["label"], following["block"], following["held_out"]) == ("m01", 1, False)
     assert following["joints"][:3] == pytest.approx([0.20944, 0.92502, -0.41888], abs=1e-4)
     assert following["force"] == pytest.approx([0.0, 0.0, -1471.0], abs=0.1)
-    assert following["reason"] == "it helps joint_2 most, the joint that is farthest from the goal"
+    assert (
+        following["reason"] == "the reading most improves joint_2, the joint that is farthest from the goal"
+    )
 
 
 def test_a_load_in_any_direction_twists_every_joint(client):
@@ -65,7 +68,10 @@ def test_a_load_in_any_direction_twists_every_joint(client):
     assert [each["reason"] for each in state["joints"]] == [None] * 6
     assert state["next"]["force"] == pytest.approx([-360.3, 434.56, 700.96], abs=0.1)
     assert np.linalg.norm(state["next"]["force"]) == pytest.approx(900.0, rel=1e-3)
-    assert state["next"]["reason"] == "it helps joint_1 most, the joint that is farthest from the goal"
+    assert (
+        state["next"]["reason"]
+        == "the reading most improves joint_1, the joint that is farthest from the goal"
+    )
 
 
 def test_what_is_declared_is_filled_up_with_defaults(client):
@@ -101,12 +107,15 @@ def test_one_reading_gives_numbers_that_are_used_with_care(client):
     *notes, unseen = assessment["notes"]
     assert unseen.startswith("The readings cannot show ")
     assert notes == [
-        "Forces up to 1471 N (150 kgf), deflections up to 4.62 mm. If N and kgf are confused, every "
-        "stiffness is wrong by 9.81, and no reading shows it.",
-        "Each posture was read once without load: a set that remains after unloading is not seen. Read again "
-        "after unloading (`unloaded_after`).",
+        "Forces up to 1471 N (150 kgf), deflections up to 4.62 mm. If N and kgf were confused, every "
+        "stiffness would be wrong by a factor of 9.81, and no reading would show it.",
+        "Each posture was read only once without load, so a deflection that remains after unloading is not "
+        "detected. Read each posture again after unloading (`unloaded_after`).",
     ]
-    assert state["next"]["reason"] == "it helps joint_4 most, the joint that is farthest from the goal"
+    assert (
+        state["next"]["reason"]
+        == "the reading most improves joint_4, the joint that is farthest from the goal"
+    )
 
 
 def test_a_mistake_at_the_second_reading_is_named_at_once_and_better_with_the_third(client):
@@ -135,7 +144,10 @@ def test_a_mistake_at_the_second_reading_is_named_at_once_and_better_with_the_th
     state = measured(client, address, 1)
     assert [each["state"] for each in state["readings"]] == ["counts", "doubtful", "counts"]
     third = state["readings"][2]
-    assert (third["message"], third["p_value"]) == ("as expected", pytest.approx(0.83108, rel=1e-3))
+    assert (third["message"], third["p_value"]) == (
+        "the reading agrees with the other readings",
+        pytest.approx(0.83108, rel=1e-3),
+    )
     (reason,) = state["assessment"]["reasons"]
     assert (reason["code"], reason["weight"]) == ("deflection_against_force", "do_not_use")
     assert (reason["where"], reason["observation"]) == ("observations[1] 'm02'", "m02")
@@ -266,7 +278,8 @@ def test_a_goal_beyond_reach_is_said_with_the_joint_that_misses_it(client):
     state = measured(client, address, 10)
     assert (state["state"], state["still_needed"]) == ("cannot", None)
     assert state["message"] == (
-        "the goal will not be met: joint_6 carries 0.0 % of the deflection, and will not be known well enough"
+        "the goal will not be met: joint_6 causes 0.0 % of the deflection, and will not be known "
+        "accurately enough"
     )
     assert state["share"] == pytest.approx(73.222, rel=1e-3)
 
@@ -325,7 +338,6 @@ def test_other_words_are_no_goal(words):
     with pytest.raises(RequestError) as refused:
         read_goal(words)
     assert str(refused.value) == (
-        f'goal: {words!r} is not a goal; write "15 %" for every joint, "6 um" for the deflection in the work '
-        f"area, "
-        'or "below 0.5 mm" for a decision about it'
+        f'goal: {words!r} is not a goal; write "15 %" for every joint, "6 um" for the deflection in the '
+        'work area, or "below 0.5 mm" to decide whether this deflection stays below a limit'
     )

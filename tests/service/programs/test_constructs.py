@@ -50,6 +50,16 @@ def test_no_move_behind_what_is_unknown_is_corrected(name, subject):
         assert all(int(line) < unknown for line in moves), outcome
 
 
+@pytest.mark.parametrize("name", [name for name, _ in OF_ACTING])
+def test_a_statement_that_names_no_frame_costs_at_most_its_own_line(name):
+    subject = FILES[name].subjects[-1]
+    assert subject.title == "Statements that cost at most their own line"
+    assert len(subject.statements) > 5
+    for _, outcome in subject.statements:
+        assert re.match(r"\d+ \d", outcome), outcome  # moves before it and behind it are corrected
+        assert len(set(re.findall(r"\d+", re.search(r"left ([\d ]*)|$", outcome)[0]))) <= 1, outcome
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_no_statement_stands_twice(name):
     for subject in FILES[name].subjects:

@@ -151,11 +151,11 @@ LEFT = {
     ),
     "a position that was not recorded": (
         "a.LS",
-        "/PROG A\n/MN\n   1:L P[1] 10mm/sec FINE ;\n/POS\nP[1]{\n GP1:\n UF : 0, UT : 1, X = ****** mm, Y = 2 mm, "
-        "Z = 3 mm,\n W = 0 deg, P = 0 deg, R = 0 deg\n};\n/END\n",
+        "/PROG A\n/MN\n   1:L P[1] 10mm/sec FINE "
+        ";\n/POS\nP[1]{\n GP1:\n UF : 0, UT : 1, X = ****** mm, Y = 2 mm, Z = 3 mm,\n W = 0 deg, P = 0 deg, R = 0 deg\n};\n/END\n",
         3,
         "the position was not recorded (***)",
-        "record it, or delete it and its moves",
+        "record the position, or delete the position and its moves",
     ),
     "a call in angles": (
         "a.script",
@@ -166,7 +166,8 @@ LEFT = {
     ),
     "a quaternion of length zero": (
         "a.mod",
-        f"MODULE a\nPROC main()\nMoveL {ROB.replace('[1,0,0,0]', '[0,0,0,0]')},v10,fine,tool0;\nENDPROC\nENDMODULE",
+        "MODULE a\nPROC main()\nMoveL "
+        f"{ROB.replace('[1,0,0,0]', '[0,0,0,0]')},v10,fine,tool0;\nENDPROC\nENDMODULE",
         3,
         "a quaternion or an axis is not of unit length",
         ANEW,
@@ -231,12 +232,13 @@ REFUSED = {
     "two bytes a character": (
         "a.src",
         "\0",
-        "'a.src': the file is not text with one byte per character; save it as plain text, not as UTF-16 or binary",
+        "'a.src': the file is not text with one byte per character; save the file as plain text, not as "
+        "UTF-16 or binary",
     ),
     "a long line": (
         "a.src",
         "x" * 4097,
-        "'a.src', line 1: a line has more than 4096 characters; break it into several lines",
+        "'a.src', line 1: a line has more than 4096 characters; break the line into several lines",
     ),
     "nothing": (
         "a.src",
@@ -276,11 +278,14 @@ def test_a_line_of_4096_characters_is_read():
     assert len(read("a.src", line[:4096]).moves) == 1
 
 
-def test_two_files_of_a_language_with_one_are_refused():
+@pytest.mark.parametrize(("suffix", "most"), [("script", 1), ("LS", 1), ("csv", 1), ("src", 12), ("mod", 12)])
+def test_more_files_than_a_program_of_a_language_has_are_refused(suffix, most):
     with pytest.raises(ProgramError) as refused:
-        list_moves([("a.mod", b"MODULE a\nENDMODULE"), ("b.mod", b"MODULE a\nENDMODULE")])
-    remedy = "send one program; with KUKA's .src its .dat and $config.dat"
-    assert str(refused.value) == f"'b.mod': more files were sent than one program has; {remedy}"
+        list_moves([(f"{i}.{suffix}", b"") for i in range(most + 1)])
+    remedy = (
+        "send one program; with KUKA's .src its .dat and $config.dat, with ABB's module those of its task"
+    )
+    assert str(refused.value) == f"'{most}.{suffix}': more files were sent than one program has; {remedy}"
 
 
 @pytest.mark.parametrize("statement", ["LIN {}", "P1={}", "DECL FDAT F={}", "FDAT_ACT={}", "TOOL_DATA[1]={}"])
@@ -300,11 +305,11 @@ def test_sixteen_braces_are_read_and_seventeen_are_not():
 
 QUOTED = [
     ("a.src", krl(f"LIN {PLACE}", "ASYCONT", f"LIN {PLACE}"), "'ASYCONT': the statement is unknown"),
-    ("a.src", krl(f"LIN {PLACE}", "x=1 y=2", f"LIN {PLACE}"), "'X=1 Y=2': this text is not understood"),
+    ("a.src", krl(f"LIN {PLACE}", "x=BASE y=2", f"LIN {PLACE}"), "'X=BASE Y=2': this text is not understood"),
     (
         "a.script",
-        "movel(p[0.1,0.2,0.3,0,0,0])\nx = 1 y\nmovel(p[0.1,0.2,0.3,0,0,0])\n",
-        "'x=1 y': this text is not understood",
+        "movel(p[0.1,0.2,0.3,0,0,0])\nx = tcp y\nmovel(p[0.1,0.2,0.3,0,0,0])\n",
+        "'x=tcp y': this text is not understood",
     ),
 ]  # fmt: skip
 
@@ -313,6 +318,13 @@ QUOTED = [
 def test_a_fault_quotes_the_statement_that_is_unknown(name, text, words):
     reasons = [fault.reason for fault in read(name, text, leave_others=True).faults]
     assert any(reason.startswith(words) for reason in reasons), reasons
+
+
+def test_a_remark_quotes_a_statement_that_is_unknown_and_names_no_frame():
+    program = read("a.src", krl(f"LIN {PLACE}", "x=1 y=2", f"LIN {PLACE}"))
+    remarks = [remark.text for remark in program.left_alone]
+    reason = "this text is not understood, or is not complete; it is assumed to change only what it names"
+    assert remarks == [f"'X=1 Y=2': {reason}"]
 
 
 def test_a_byte_order_mark_is_no_text_of_the_program():

@@ -13,7 +13,7 @@ from jointstiff.solver.errors import RequestError
 
 KRL = program_text("krl", tool_poses(path(5)), 4)
 NO_MASSES = "own weight is not included, because no masses are given"
-NO_BOUND = "no bound of the model error at 95 %: 19 postures are needed, and there are 12"
+NO_BOUND = "no bound of the model error at 95 %: 19 postures are needed, but the campaign has only 12"
 CORRECTED = [
     "LIN {X 1809.7982,Y 268.9019,Z 1492.4719,A -161.49355,B 39.54087,C -170.98558} C_DIS",
     "LIN {X 1626.3291,Y 567.0796,Z 1314.0915,A -152.37076,B 31.46843,C -170.05938} C_DIS",

@@ -13,8 +13,10 @@ from support.programs import ARM, exact_run, loaded_poses, options, path, tool_p
 import jointstiff
 from jointstiff.schemas.process import ProcessRequest
 from jointstiff.service.kinds.process.kind import make_area_map
-from jointstiff.service.kinds.process.work import ProcessWork, places_sheet, turns_sheet
+from jointstiff.service.kinds.process.tables import places_sheet, turns_sheet
+from jointstiff.service.kinds.process.work import ProcessWork
 from jointstiff.service.kinds.program.work import compress_file, decompress_file, points_sheet
+from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
 from jointstiff.service.programs.program import NUMBERS
 from jointstiff.simulator import equilibrium, simulate_campaign
@@ -83,26 +85,33 @@ def test_the_written_program_reads_back_as_it_was_meant_and_the_loaded_tool_is_o
         assert not any(np.isfinite(turns(result)["turn [deg]"])), "targets in joint angles have no turn"
 
 
-@pytest.mark.parametrize("kind", ["krl", "fanuc", "rapid", "csv"])
+@pytest.mark.parametrize("kind", [*PROGRAM_FILES, "own base"])
 def test_a_placed_program_reads_back_with_the_base_that_is_stated(kind):
-    """The base frames of the result are those that the written program needs."""
-    text = program(kind)
+    """The written program needs the base frames of the result, or none if it has their numbers itself."""
+    own_base, kind = kind == "own base", "krl" if kind == "own base" else kind
+    text, stated = program(kind), {}
+    if own_base:
+        stated["bases"] = []
+        text = text.replace("$BASE=BASE_DATA[1]", "$BASE={X 0,Y 0,Z 0,A 0,B 0,C 0}")
     middle = tool_poses(path(8))[:, :3, 3]
     middle = 1e3 * 0.5 * (middle.min(axis=0) + middle.max(axis=0))
     half = np.array([100.0, 100.0, 0.0])
     box = [(middle - half).tolist(), (middle + half).tolist()]
     search = {"place": box, "grid": [2, 2, 1], "place_turns": 3, "turns": 12}
-    result = processed(kind, text, **search)
+    result = processed(kind, text, **search, **stated)
     assert result.turned.value == result.places[0].deflection.value < result.before.value
     best = result.places[0]
     np.testing.assert_allclose(np.subtract(best.centre, best.shift), 1e-3 * middle, atol=1e-6)
-    if not result.frames[0].name:
+    if own_base or kind == "ur":
+        assert result.frames == []
+        assert result.remarks[0].startswith("targets are written in the new place")
+    else:
         assert len(result.frames) == 1
-    bases = [{"values": each.values} for each in result.frames]
+        stated["bases"] = [{"values": each.values} for each in result.frames]
     files = [compress_file(PROGRAM_FILES[kind], decompress_file(result.files[0]))]
-    start = np.degrees(commanded(result)[0]).tolist()
+    stated["start"] = np.degrees(commanded(result)[0]).tolist()
     again = ProcessRequest.model_validate(
-        {"run_id": "r", "files": files, **options(kind, bases=bases, start=start), "turn": "keep"}
+        {"run_id": "r", "files": files, **options(kind, **stated), "turn": "keep"}
     )
     robot, run = exact_run()
     reread = ProcessWork(robot, "robot", run, again)._path
@@ -228,7 +237,7 @@ def test_branches_that_the_words_cannot_state_are_not_written(monkeypatch):
     refused = processed("fanuc", program("fanuc"), branches="free", turn=[-20.0, 20.0])
     assert (refused.files, refused.corrected) == ([], 0)
     assert refused.remarks[0].startswith(
-        "no program is written, so move to the joints in turns.csv: line 14:"
+        "no program is written, so move the robot to the joints in turns.csv: line 14:"
     )
     assert len(turns(refused)["turn [deg]"]) == 8
     elbow = iter([np.zeros(8, dtype=np.intp), np.full(8, 2, dtype=np.intp)])
@@ -399,6 +408,68 @@ def test_a_run_that_cannot_rank_says_so_first(run):
     )
     assert weak.result.gain == "no_order"
     assert weak.result.assessment.reasons[0].code == "no_order"
+
+
+def test_an_error_of_the_force_goes_with_the_workpiece():
+    """Along the axes of the tool or of R0, it is that of the same forces along the feed, in any place."""
+    half = np.array([0.05, 0.05, 0.0])
+    middle = tool_poses(path(4))[:, :3, 3]
+    middle = 0.5 * (middle.min(axis=0) + middle.max(axis=0))
+    box = 1e3 * np.array([middle - half, middle + half])
+    search = {"place": box.tolist(), "grid": [1, 1, 1], "place_turns": 4, "turns": 12}
+    placed = processed("krl", program("krl", 4), force_uncertainty=0.3, **search)
+    assert abs(np.sin(placed.places[0].turn)) > 0.5, "the workpiece is turned by a quarter"
+    ways = work("krl", program("krl", 4), force_uncertainty=0.3, **search)
+    ways.conclude(())
+    moved, force = ways._placed.program, ways._placed.program.path.force[ways._visits.first]
+    parts = ways._split_forces(moved, force)
+    turn = moved.load_axes[0]
+    np.testing.assert_allclose(turn @ np.array(FORCE), force[0], atol=1e-9)
+    np.testing.assert_allclose(parts[0] / 0.3, turn * np.array(FORCE), atol=1e-9)
+    along_tool = work("krl", program("krl", 4), axes="tool", force_uncertainty=0.3)
+    sent = along_tool._as_sent
+    parts = along_tool._split_forces(sent, sent.path.force)
+    tool = tool_poses(path(4))[:, :3, :3]
+    np.testing.assert_allclose(parts / 0.3, tool * np.array(FORCE), atol=1e-5)
+
+
+def test_a_workpiece_out_of_reach_is_placed_and_compared_with_nothing():
+    far = tool_poses(path(6))
+    far[:, 0, 3] += 9.0
+    middle = tool_poses(path(6))[:, :3, 3]
+    middle = 1e3 * 0.5 * (middle.min(axis=0) + middle.max(axis=0))
+    search = {"place": [(middle - 50.0).tolist(), (middle + 50.0).tolist()], "grid": [2, 2, 1]}
+    text = program_text("csv", far, 6)
+    result = processed("csv", text, branches="free", place_turns=2, turns=12, **search)
+    assert result.before is result.difference is None
+    assert result.gain == "no_order"
+    assert result.assessment.reasons[0].message.startswith("the robot does not follow the path where")
+    assert result.turned.value == result.places[0].deflection.value > 0.0
+    assert np.isnan(turns(result)["before [mm]"]).all()
+    with pytest.raises(ProgramError, match="or `branches: free`"):
+        processed("csv", text, place_turns=2, turns=12, **search)
+
+
+def test_another_branch_may_gain_where_no_turn_does():
+    """The spindle along the last axis: turns change nothing, but the program's branch was not the best."""
+    stated = {"spindle": [0.0, 0.0, 1.0], "tools": [{"values": [0.0, 0.0, 215.5, 0.0, 0.0, 0.0]}]}
+    kept = processed("krl", program("krl", 4), **stated)
+    assert kept.gain == "no_gain"
+    free = processed("krl", program("krl", 4), branches="free", **stated)
+    assert (free.gain == "no_gain") == (free.turned.value >= 0.98 * free.before.value)
+
+
+def test_each_point_has_its_bands_before_as_chosen_and_corrected():
+    result = processed("krl", program("krl"), force_uncertainty=0.2)
+    table = turns(result)
+    for name in ("before", "turned", "remaining"):
+        low, high = (table[f"{name} {end}, readings [mm]"] for end in ("low", "high"))
+        assert (low <= table[f"{name} [mm]"]).all()
+        assert (table[f"{name} [mm]"] < high).all()
+    # A force that may be 40 % stronger along each axis: what is corrected was foretold as uncertain before.
+    half = table["turned high, readings [mm]"] - table["turned [mm]"]
+    assert (table["remaining high, readings [mm]"] >= 0.9 * half).all()
+    np.testing.assert_array_equal(table["remaining low, readings [mm]"], 0.0)
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def test_no_number_is_invented_and_the_file_says_why(weighed):
     for name in FORMATS:
         content = export_model(weighed, name)
         text = str(cells_of(name, content)) if name == "xlsx" else content.decode()
-        assert "the load never twists it" in text, name
+        assert "the load never twists this joint" in text, name
     held = parsed(export_model(weighed, "mjcf")).find("equality")
     assert [each.get("joint1") for each in held] == ["joint_1"]
 

@@ -109,7 +109,7 @@ def test_a_report_has_results_with_expanded_uncertainty(laboratory, pulled):
         "joint_1 | 3.819 | 0.043 | 0.087 | 3.736 … 3.906 | use |",
         "joint_4 | 0.442 | 0.036 | 0.072 | 0.381 … 0.526 | use |",
         "joint_6 | 0.0928 | 0.0099 | 0.020 | 0.0767 … 0.1174 | use |",
-        "Share of the mean deflection that the model explains 98.7 %",
+        "Fraction of the mean deflection that the model explains 98.7 %",
         "Root mean square of the residuals' lengths 38.8 µm",
         "Standard uncertainty of a coordinate of a reading 20 µm (given)",
         "Stiffness of each joint with its interval 0.01 0.1 1 10 stiffness [10⁶ N·m/rad] joint_1",
@@ -140,8 +140,9 @@ def test_a_report_has_the_budget_of_each_joint(laboratory, pulled):
         "expanded, all sources, k = 2 | | 2.3 | 2.3 | 3.1 | 16 | 5.2 | 21 |",
         "Greatest correlation coefficient between two joints: 0.82 (joint_1 and joint_2); all are in "
         "run.json.",
-        "The interval of a joint differs from y ± U: it has all stiffnesses that the likelihood of the "
-        "readings does not exclude, can be asymmetric, and omits the sources that are not included above.",
+        "The interval of a joint differs from y ± U: the interval contains all stiffnesses that the "
+        "likelihood of the readings does not exclude, can be asymmetric, and omits the sources that are "
+        "not included above.",
     )
 
 
@@ -152,10 +153,10 @@ def test_a_report_says_what_is_assumed_and_where_its_numbers_come_from(laborator
         "Deviations: none.",
         "Causes tested, p-value load point 0.6, play 0.9, curved springs 1, constant force 1, load zero 1,",
         "Not stated characteristic length, stiffness bounds, huber threshold, causes,",
-        "No adjustment or repair between the readings is stated: all results are as found. The second "
-        "number is computed from the same readings and is no measurement.",
-        "σ = 20 µm of a coordinate of a reading. Size of the force: none stated; ±1 % assumed. Load point: "
-        "none stated; ±10 mm assumed.",
+        "No adjustment or repair between the readings is stated: all results are as found. The mean "
+        "deflection after compensation is computed from the same readings; it is not measured.",
+        "σ = 20 µm of a coordinate of a reading. Size of the force: no uncertainty is stated; ±1 % is "
+        "assumed. Load point: no uncertainty is stated; ±10 mm is assumed.",
         "Position loop closed by motor encoders Observations 12 Force on the robot 1500 N Load point in "
         "the flange frame (-60, 20, 180) mm Targets read 3: P10, P11, P12",
         "9 Assessment and warnings",
@@ -163,8 +164,8 @@ def test_a_report_says_what_is_assumed_and_where_its_numbers_come_from(laborator
         "Verdict on the result use",
         "They are not a test of static compliance after ISO 9283:1998, clause 10, and do not replace one.",
         "No statement of conformity with a specification is made. The verdicts are opinions by the rules "
-        "of the software, which are published with it; they say whether a number may be used, not whether "
-        "the item is good.",
+        "of the software, which are published with it; the verdicts state whether a number may be used, "
+        "not whether the item is good.",
         f"Run {pulled['id']} SHA-256 of the input {pulled['provenance']['input_hash']}",
         "Geometry as described",
         "7.8.2.1 b | name and address of the laboratory | letterhead |",
@@ -178,7 +179,7 @@ def test_a_joint_without_a_number_has_none_in_results_prediction_and_budget(labo
         "joint_1 | — | — | — | — | not observable |",
         "joint_2 | 3.109 | 0.016 | 0.032 | 3.078 … 3.141 | use |",
         "joint_6 | 0.0880 | 0.0043 | 0.0086 | 0.0804 … 0.0971 | use |",
-        "joint_1: no number: the load never twists it: add loads that twist it.",
+        "joint_1: no number: the load never twists this joint: add loads that twist it.",
         "joint_1 no number: see the table joint_2",
         "X | — | — | — | — | Y | — | — | — | — | Z | -0.000276 | 0.000226 | 0.001787 | 0.000011 |",
         "the load or own weight twists joint_1, which the readings of the run do not determine: the "
@@ -222,7 +223,7 @@ def test_the_tables_of_a_run_have_its_lines_and_its_evidence(laboratory, weighed
     assert table["rows"][1] == ["joint_2", "3.109", "0.016", "3.078 … 3.141", "well determined"]
     assert table["texts"] == [0, 4]
     assert answer["lines"] == [
-        "joint_1: the load never twists it: add loads that twist it",
+        "joint_1: the load never twists this joint: add loads that twist it",
         "explains 98.8 % of the mean deflection, residual 44.1 µm rms (3-D), sigma of a reading 20 µm "
         "(given)",
     ]
@@ -288,7 +289,7 @@ def test_a_certificate_states_place_days_and_languages_of_the_laboratory(laborat
             [
                 "joint_1 | 3.803 | 0.047 | 0.095 | 3.712 … 3.898 | use |",
                 "joint_6 | 0.099 | 0.019 | 0.038 | 0.071 … 0.159 | use |",
-                "Deviation: loss huber: large residuals count less.",
+                "Deviation: loss huber: large residuals have less weight.",
                 "Deviation: prior knowledge of joint_1 was used.",
                 "Deviation: stiffness of joint_6 was bounded.",
                 "Stiffness bounds joint_6 (0.05, 1) 10⁶ N·m/rad",

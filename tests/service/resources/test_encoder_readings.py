@@ -54,20 +54,20 @@ def test_an_encoder_against_its_torque_is_warned_of(client, encoded):
         (
             {"noise": None},
             "noise",
-            "there are encoder readings, but their uncertainty is not given",
+            "there are encoder readings, but the uncertainty of these readings is not stated",
             BOTH,
         ),
         (
             {"noise": {"sigma": 2e-5}},
             "noise.encoder_sigma",
-            "there are encoder readings, but their uncertainty is not given",
+            "there are encoder readings, but the uncertainty of these readings is not stated",
             BOTH,
         ),
         (
             {"encoders": "secondary"},
             "observations[0].encoder_readings",
-            "observation 'c01': the position loop closes on the secondary encoders, so they show no "
-            "deflection",
+            "observation 'c01': the position loop closes on the secondary encoders, so these encoders show "
+            "no deflection",
             "omit `encoder_readings`, or measure with the loop closed on the motors' encoders",
         ),
     ],

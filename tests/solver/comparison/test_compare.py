@@ -186,7 +186,7 @@ def test_ratios_are_those_of_the_truth(method):
     stiffness = [np.array(truth[f"dead_weight_{name}"]["stiffness"]) for name in ("motor", "secondary")]
     expected = stiffness[1] / stiffness[0]
     assert dead_weight.joints[0].ratio is None
-    assert "never twists it" in dead_weight.joints[0].reason
+    assert "never twists this joint" in dead_weight.joints[0].reason
     for joint, ratio in zip(dead_weight.joints[1:], expected[1:], strict=True):
         uncertainty = (interval_of(joint).upper - interval_of(joint).lower) / (2 * T95)
         assert abs(joint.ratio - ratio) < 4 * uncertainty, joint.name

@@ -520,7 +520,7 @@ def test_a_matrix_that_is_positive_definite_by_rounding_informs_of_nothing(rank)
 def test_a_parameter_that_rounding_hides_is_an_error_with_a_remedy():
     """Two readings tell of one direction alone, the second of 1e-20 of it."""
     alike = np.array([np.ones((2, 2)), 1e-20 * np.ones((2, 2))])
-    with pytest.raises(SolverError, match="so badly that rounding hides them") as caught:
+    with pytest.raises(SolverError, match="so poorly that rounding errors hide these parameters") as caught:
         optimise_weights(DOptimality(2), np.zeros((2, 2)), alike, np.array([0.5, 0.5]))
     assert "loads and postures of plausible size" in caught.value.remedy
 

@@ -54,18 +54,18 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
     [
         (
             {"kind": "dead_weight", "joints": np.arange(6)},
-            "joints | no candidate load twists joint_1, or no target moves with it | allow loads in "
-            "other directions, or list the joints to be determined without these joints",
+            "joints | no candidate load twists joint_1, or no target moves when these joints turn | allow "
+            "loads in other directions, or omit these joints from `joints`",
         ),
         (
             {"cell": Surroundings(floor=9.0)},
-            "candidates | none of 150 readings is feasible: floor_or_box 150 | relax the condition that "
-            "excludes most of them, or give other postures or loads",
+            "candidates | none of 150 candidate readings is feasible: floor_or_box 150 | relax the "
+            "condition that excludes most readings, or give other postures or loads",
         ),
         (
             {"readings": 1},
-            "readings | 1 readings without those held out do not determine 6 joints | request more "
-            "readings, or a smaller share for validation",
+            "readings | 1 readings, after those for validation are held out, do not determine 6 joints | "
+            "request more readings, or a smaller fraction for validation",
         ),
         (
             {"criterion": "work_area"},
@@ -74,13 +74,13 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         ),
         (
             {"work_area": [[50.0] * 3, [60.0] * 3]},
-            "work_area | 0 of 150 candidates have their load point in the work area | give a larger work "
-            "area, in R0 and in metres, or more candidates",
+            "work_area | only 0 of 150 candidate postures have their load point in the work area | give a "
+            "larger work area, in R0 and in metres, or more candidates",
         ),
         (
             {"readings": 9, "angle": 9.0},
-            "distinct_angle | only 1 candidates are in postures 516° apart, but 9 readings are requested "
-            f"| {FEWER}",
+            "distinct_angle | only 1 candidates are in postures that differ by 516°, but 9 readings are "
+            f"requested | {FEWER}",
         ),
         (
             {"postures": THREE, "validation": 0.5, "readings": 4},
@@ -104,7 +104,7 @@ def problem(rows, n=6):
 def test_a_design_needs_candidates_that_determine_all_parameters_in_postures_apart():
     rows = np.random.default_rng(1).standard_normal((30, 2, 4)) * [1.0, 0.3, 2.0, 0.7]
     assert refused(problem, rows * [1, 1, 0, 1]) == (
-        "candidates | all candidates together determine 3 of 4 parameters; no load changes parameter "
+        "candidates | all candidates together determine only 3 of 4 parameters; no load changes parameter "
         "[2] | add loads or postures that change the missing parameters, or leave these parameters out"
     )
     ten, three_postures = (
@@ -112,7 +112,7 @@ def test_a_design_needs_candidates_that_determine_all_parameters_in_postures_apa
         DistinctPostures(np.repeat([[0.0], [1.0], [2.0]], 10, axis=0), 0.5),
     )
     assert refused(find_exact_design, ten, optimise_design(ten), three_postures) == (
-        "distinct_angle | only 3 candidates are in postures 28.6° apart, but 10 readings are "
+        "distinct_angle | only 3 candidates are in postures that differ by 28.6°, but 10 readings are "
         f"requested | {FEWER}"
     )
 

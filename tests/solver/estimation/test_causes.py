@@ -139,7 +139,7 @@ def test_play_and_curved_springs_in_a_tie_are_not_linear():
     finding = report_causes([curved, play], found)
     assert finding.message.startswith("the joints are not linear: with compliances that change by (")
     assert ", or with play of (" in finding.message
-    assert finding.remedy.startswith("not linear: read two postures at half the load")
+    assert finding.remedy.startswith("not linear: read two postures again at half the load")
     assert [cause.name for cause in finding.action.causes] == ["curved_springs", "play"]
     assert "not linear" not in report_causes([curved], found).message
 

@@ -77,7 +77,9 @@ def test_a_confused_unit_is_found_and_the_right_one_is_the_first_tap(pulls, arm,
     assert units(findings) == TAPS[true, declared]
     assert {finding.code for finding in findings} == {"stiffness_against_payload"}
     assert {finding.weight for finding in findings} == {"use_with_care"}
-    assert findings[0].remedy.endswith(f"if in {true}, set `units.force` to {true}")
+    assert findings[0].remedy.endswith(
+        f"if in {true}, set `units.force` to {true}; omit a `payload` that is not known"
+    )
 
 
 def test_a_hung_mass_in_kg_is_as_many_kgf(pulls):
@@ -89,7 +91,7 @@ def test_the_finding_states_the_ratio_and_the_two_arms(pulls):
     assert finding.message == (
         "the geometric mean of the stiffnesses of joint_2 to joint_6 over payload · g · reach "
         "(240 kg, 2.69 m) is 914 rad⁻¹; the only two arms in our comparison have 93.2 (KUKA KR 240) "
-        "and 104 (FANUC R-2000iC), and 25 to 400 is plausible; "
+        "and 104 (FANUC R-2000iC), and 25 to 400 rad⁻¹ is believed; "
         "forces in N, not in kgf as declared, would give 93.2 rad⁻¹"
     )
 

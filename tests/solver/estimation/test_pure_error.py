@@ -53,7 +53,7 @@ def test_one_load_that_is_wrong_leaves_more_than_noise():
     wrong, reason = result.assessment.reasons
     assert (wrong.code, wrong.action.observations) == ("residual_outlier", ["8"])
     assert (reason.code, result.assessment.verdict) == ("sigma_implausible", "use_with_care")
-    assert "the tracker reads to 18.6 µm" in reason.message
+    assert "that the tracker reads to within 18.6 µm" in reason.message
 
 
 def test_an_instrument_that_reads_coarsely_is_no_lack_of_the_model():

@@ -114,8 +114,8 @@ def test_a_run_names_what_it_cannot_show_and_remains_to_be_used(common, remedy):
     assert result.assessment.verdict == "use"
     assert not result.warnings
     (note,) = [each for each in result.assessment.notes if each.startswith("The readings cannot show ")]
-    assert "a load point up to" in note
-    assert "would move joint_5 by" in note
+    assert "an error of the load point up to" in note
+    assert "would change the compliance of joint_5 by" in note
     assert remedy in note
     (test,) = [test for test in result.causes if test.name == "load_point"]
     assert (test.joint, test.unit) == ("joint_5", "m")
@@ -140,10 +140,11 @@ def test_the_remark_has_sizes_and_what_to_measure():
         LeastMistake("shift", "m", 2e-5, "joint_1", (2e-5, 0.0, 0.0), 2.9),
     ]
     assert describe_unseen_mistakes(mistakes) == (
-        "The readings cannot show a load point up to 25 mm off, which would move joint_5 by 10 times its "
-        "standard uncertainty; nor play of up to 0.2 mrad in the gears, which would move joint_4 by 4 times "
-        "its standard uncertainty. To show such mistakes, check the load point to 2.5 mm, or hang the load "
-        "on a second point in four postures; read three postures again at half the load."
+        "The readings cannot show an error of the load point up to 25 mm, which would change the "
+        "compliance of joint_5 by 10 times its standard uncertainty; nor play of up to 0.2 mrad in the "
+        "gears, which would change the compliance of joint_4 by 4 times its standard uncertainty. To show "
+        "such mistakes, check the load point to within 2.5 mm, or hang the load on a second point in four "
+        "postures; read three postures again at half the load."
     )
     assert describe_unseen_mistakes(mistakes[2:]) is None
 

@@ -314,7 +314,7 @@ def test_a_combination_that_the_prior_tells_apart():
     verdicts = Assessment("use", (), ("use",) * len(found.joints))
     message = list(build_joint_results(verdicts, found.joints))[1]
     assert message.prior_to_data is None
-    assert "only its prior separates them" in message.reason
+    assert "only the prior separates twin from these joints" in message.reason
     assert found.identifiability[0].rank == 6  # of the readings, whatever the prior adds
     assert "prior_dominates" in {finding.code for finding in report_implausible_results(found)}
 

@@ -59,7 +59,7 @@ def test_a_run_names_a_set_and_says_how_well_targets_come_back():
     assert with_set.verdict == "use_with_care"
     without = run(ROBOT, read(), RunOptions()).assessment
     assert without.verdict == "use"
-    assert any(note.startswith("Targets come back to 4") for note in without.notes)
+    assert any(note.startswith("After unloading, the targets return to within 4") for note in without.notes)
 
 
 def test_two_unloaded_readings_make_intervals_narrower_and_hold_the_truth():

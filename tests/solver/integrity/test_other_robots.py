@@ -46,10 +46,12 @@ def test_the_finding_gives_its_figures_and_the_remedy():
     (finding,) = found(ARMS["KUKA KR 210 R2700 extra"].robot, measurements)
     assert re.fullmatch(
         r"with the robot 'KUKA KR 6 R900 sixx', 40 of 40 observations keep the targets on one place of the "
-        r"flange, within [12]\.\d+ mm; with the chosen robot \d of 40, within 20 mm",
+        r"flange, within [12]\.\d+ mm; with the chosen robot, only \d of 40, within 20 mm",
         finding.message,
     ), finding.message
-    assert finding.remedy == "check which robot was measured; if it is 'KUKA KR 6 R900 sixx', choose it"
+    assert finding.remedy == (
+        "check which robot was measured; if 'KUKA KR 6 R900 sixx' was measured, choose this robot"
+    )
     assert (finding.weight, finding.observation) == ("do_not_use", None)
     assert (finding.action.kind, finding.action.robot_id) == ("choose_robot", None)
 

@@ -193,16 +193,18 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
             1e-5,
             1e-16,
             "noise.instrument | the standard uncertainties of 1e-05 m along and 1e-16 m across the line "
-            "of sight are implausible for a tracker | check the constants, which are in `units.length`, "
-            "and the terms per distance",
+            "of sight are not those of a tracker: at least 1e-12 m, and a ratio up to 1e+06, is believed | "
+            "check the constants, which are in `units.length`, and the terms per distance; or state "
+            "`noise.sigma` in place of the instrument",
         ),
         (
             (3.5, -2.0, 0.8),
             1e2,
             1e-6,
             "noise.instrument | the standard uncertainties of 100 m along and 1e-06 m across the line of "
-            "sight are implausible for a tracker | check the constants, which are in `units.length`, and "
-            "the terms per distance",
+            "sight are not those of a tracker: at least 1e-12 m, and a ratio up to 1e+06, is believed | "
+            "check the constants, which are in `units.length`, and the terms per distance; or state "
+            "`noise.sigma` in place of the instrument",
         ),
     ],
 )
@@ -254,14 +256,13 @@ def test_noise_is_stated_once(document, changes, place, said):
 
 def test_noise_is_of_every_reading_or_of_the_set(document):
     assert refused(prepare, changed(document, *OWN)) == (
-        "noise.sigma | both the readings and noise.sigma give the noise | give only one: omit it "
-        "here, or in every reading"
+        "noise.sigma | both the readings and noise.sigma state the noise | state the noise once: omit "
+        "noise.sigma, or omit the noise in every reading"
     )
     missing = changed(document, (NOISE, None), *OWN, (f"{OBSERVATIONS}.3.readings.1.sigma", None))
     assert refused(prepare, missing) == (
-        "observations[3].readings | some readings give their own noise, but one of this observation "
-        "gives none | give every reading its `sigma` or its covariances, or give only `noise` for "
-        "the set"
+        "observations[3].readings | some readings state their own noise, but a reading of this observation "
+        "states none | give every reading its `sigma` or its covariances, or give only `noise` for the set"
     )
 
 

@@ -59,3 +59,5 @@ def test_a_cut_that_cannot_be_is_refused():
         replace(SLOT, width=0.03)
     with pytest.raises(RequestError, match="teeth"):
         replace(SLOT, teeth=0)
+    with pytest.raises(RequestError, match="100 mm a tooth, more than the tool's radius"):
+        replace(SLOT, feed=20.0)  # mm/s, as if they were m/s

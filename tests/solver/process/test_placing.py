@@ -75,9 +75,11 @@ def test_the_search_finds_the_best_place_of_its_grid_and_then_a_better_one():
     assert size <= sizes[best]
     assert (place[:3] >= box.low - 1e-12).all()
     assert (place[:3] <= box.high + 1e-12).all()
-    flat = find_flatness(places, sizes, size)
-    if flat is not None:
-        assert flat.count == int((sizes <= 1.05 * size).sum())
+    flat = find_flatness(np.vstack([places, place]), np.append(sizes, size))
+    good = places[sizes <= 1.05 * size]
+    assert len(good) <= flat.count <= len(good) + 1
+    assert (flat.low <= place + 1e-9).all()
+    assert (flat.high >= place - 1e-9).all()
 
 
 def test_a_place_out_of_reach_has_no_number():
@@ -97,6 +99,28 @@ def test_a_coarse_path_is_a_part_of_the_path():
     assert task.motion.step == pytest.approx(3 * TASK.motion.step)
     np.testing.assert_array_equal(np.flatnonzero(~thinned.continuous), [0, 7])
     np.testing.assert_array_equal(first, np.arange(17))
+
+
+def test_a_coarse_path_keeps_loads_branches_and_the_middle_of_the_path():
+    """A corner far off and a short cut of a long program count in the search of places, too."""
+    p = process_path("pocket", CENTRE, count=200)
+    poses, force = p.poses.copy(), p.force.copy()
+    poses[7, :3, 3] += [0.4, 0.0, 0.0]
+    force[np.setdiff1d(np.arange(200), np.arange(101, 107))] = 0.0
+    force[103] *= 5.0
+    near = np.arange(200.0)[:, None] * np.ones(6)
+    long = replace(p, poses=poses, force=force, near=near)
+    greatest = replace(TASK, motion=replace(TASK.motion, greatest=True))
+    thinned, task, _ = coarsen(long, greatest, np.arange(200))
+    assert np.linalg.norm(thinned.force, axis=1).max() == np.linalg.norm(force[103])
+    assert 6 <= thinned.loaded.sum() < len(thinned) <= 41
+    kept = thinned.near[:, 0].astype(int)
+    np.testing.assert_array_equal(thinned.poses, poses[kept])
+    assert task.motion.step == pytest.approx(np.diff(kept).max() * TASK.motion.step)
+    np.testing.assert_array_equal(thinned.middle, long.middle)
+    moved = thinned.move(np.array([0.1, 0.0, 0.0]), 1.0)
+    np.testing.assert_allclose(moved.centres, long.move(np.array([0.1, 0.0, 0.0]), 1.0).centres[kept])
+    np.testing.assert_allclose(moved.middle, long.middle + np.array([0.1, 0.0, 0.0]))
 
 
 def test_the_interval_of_a_root_mean_square_is_that_of_its_derivative():

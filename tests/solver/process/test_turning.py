@@ -142,6 +142,7 @@ def test_limits_and_steps_are_kept_and_no_fixed_turn_is_better(greatest):
 def test_a_spindle_along_the_last_axis_gains_nothing():
     choice = choose_turns(MODEL, INVERSE, path(angle=0.0, offset=(0.0, 0.0, 0.3)), TASK)
     assert not choice.gains
+    np.testing.assert_array_equal(choice.turn, 0.0)  # so the tool is not turned
     assert choice.fixed.max() == pytest.approx(choice.fixed.min(), rel=1e-6)
     assert choose_turns(MODEL, INVERSE, path(), TASK).gains
 
@@ -184,6 +185,60 @@ def test_a_target_that_is_visited_again_has_one_posture():
     np.testing.assert_array_equal(same.joints[0], same.joints[23])
     assert same.size >= free.size
     assert same.size <= same.fixed.min()
+
+
+def list_postures(candidates, point):
+    """Yield masks of the candidates if a point, and the last one, have one of the point's postures."""
+    ends = np.isin(candidates.point, [point, candidates.point[-1]])
+    for k in np.flatnonzero(candidates.point == point):
+        yield ~ends | (candidates.joints == candidates.joints[k]).all(axis=1)
+
+
+@pytest.mark.parametrize("greatest", [False, True])
+@pytest.mark.parametrize(("angle", "yaw", "step"), [(45, 0.3, 30), (90, 2.0, 30), (90, 4.0, 20)])
+def test_a_closed_contour_has_the_best_of_all_sequences_that_close(greatest, angle, yaw, step):
+    """Beside the best sequence of each posture in which the contour may begin and end."""
+    p = path("pocket", count=12, angle=np.radians(angle), yaw=yaw)
+    first = np.append(np.arange(11), 0)
+    motion = Motion(np.radians(step), 0.05)
+    angles = TurnTask.free(18, 0.04, motion).angles
+    candidates = list_candidates(MODEL, INVERSE, p, angles, 0.04)
+    trellis = Trellis.link(candidates, angles, p.continuous, motion)
+    value = np.square(candidates.size) / np.square(candidates.size).mean()
+    least = np.inf
+    for kept in list_postures(candidates, 0):
+        part = trellis.restrict(kept)
+        rows = part.find_best(value[kept], greatest=greatest)
+        if rows is not None:
+            least = min(least, part.total(value[kept], rows, greatest=greatest))
+    found = trellis.find_consistent(value, first, greatest=greatest)
+    assert np.isfinite(least)
+    np.testing.assert_array_equal(candidates.joints[found[0]], candidates.joints[found[-1]])
+    assert trellis.total(value, found, greatest=greatest) == pytest.approx(least, rel=1e-12)
+    bound = trellis.least_through(value, greatest=greatest)
+    best = trellis.find_best(value, greatest=greatest)
+    np.testing.assert_allclose(bound[best], bound.min(), rtol=1e-9)
+
+
+def test_many_targets_that_are_visited_again_have_one_posture_each(monkeypatch):
+    """A contour that is milled twice, also where no trials are left."""
+    once = path("pocket", count=10)
+    p = replace(
+        once,
+        **{
+            name: np.concatenate([getattr(once, name)] * 2)
+            for name in ("poses", "spindle", "place", "load_point", "force", "moment", "given")
+        },
+        continuous=np.arange(20) > 0,
+    )
+    first = np.tile(np.arange(10), 2)
+    choice = choose_turns(MODEL, INVERSE, p, TASK, first)
+    np.testing.assert_array_equal(choice.joints[:10], choice.joints[10:])
+    assert choice.size <= choice.fixed.min()
+    monkeypatch.setattr("jointstiff.solver.process.sequence.MOST_TRIALS", 0)
+    again = choose_turns(MODEL, INVERSE, p, TASK, first)
+    np.testing.assert_array_equal(again.joints[:10], again.joints[10:])
+    assert again.size >= choice.size * (1.0 - 1e-9)
 
 
 def test_joints_that_are_given_stay_and_a_free_motion_may_change_the_branch():
@@ -234,12 +289,12 @@ def test_feed_frames_follow_the_path_and_a_feed_along_the_axis_has_none():
     t = np.linspace(0.0, 1.5, 30)
     centres = np.column_stack([np.cos(t), np.sin(t), 0.0 * t])
     down = np.tile([0.0, 0.0, -1.0], (30, 1))
-    frames = find_feed_frames(centres, down)
+    frames = find_feed_frames(centres, down, np.arange(30) > 0)
     tangent = np.column_stack([-np.sin(t), np.cos(t), 0.0 * t])
     np.testing.assert_allclose(frames[1:-1, :, 0], tangent[1:-1], atol=1e-12)
     # Seen from the spindle, above, the normal points to the right: outward on a turn to the left.
     np.testing.assert_allclose(frames[1:-1, :, 1], centres[1:-1], atol=1e-12)
-    drilled = find_feed_frames(np.outer(t, [0.0, 0.0, -1.0]), down)
+    drilled = find_feed_frames(np.outer(t, [0.0, 0.0, -1.0]), down, np.arange(30) > 0)
     along = apply_feed_frames(drilled, np.tile([0.0, 0.0, -100.0], (30, 1)), "axes")
     np.testing.assert_allclose(along, np.tile([0.0, 0.0, 100.0], (30, 1)))
     with pytest.raises(RequestError, match="no direction of feed"):
@@ -288,3 +343,29 @@ def test_too_many_motions_are_refused(monkeypatch):
     monkeypatch.setattr("jointstiff.solver.process.sequence.MOST_LINKS", 1_000)
     with pytest.raises(RequestError, match="more than 1,000 motions"):
         choose_turns(MODEL, INVERSE, path(), TASK)
+
+
+def test_the_feed_of_a_cut_is_not_that_of_the_approach_nor_of_a_rest():
+    """A motion of the joints has no feed; a tool that rests has those before and after the rest."""
+    places = np.array([[0, 9, 0], [0, 0, 0], [1, 0, 0], [1, 0, 0], [1, 0, 0], [1, 1, 0], [5, 5, 0]], float)
+    continuous = np.array([False, False, True, True, True, True, False])
+    frames = find_feed_frames(places, np.tile([0.0, 0.0, -1.0], (7, 1)), continuous)
+    half = np.sqrt(0.5)
+    expected = [[1, 0, 0], *np.tile([half, half, 0], (3, 1)), [0, 1, 0]]
+    np.testing.assert_allclose(frames[1:6, :, 0], expected, atol=1e-15)
+    assert np.isnan(frames[[0, 6], 0, 0]).all(), "only motions of the joints lead there"
+
+
+def test_the_feed_along_an_arc_is_its_tangent():
+    """Two points of a quarter of a circle after a line that does not run into it smoothly."""
+    t = np.radians([0.0, 30.0, 90.0])
+    circle = np.column_stack([3.0 + np.cos(t), np.sin(t) - 2.0, 0.5 + 0.0 * t])
+    places = np.vstack([circle[:1] - [0.0, 1.0, 0.0], circle])
+    middles = np.array([False, False, True, False])
+    frames = find_feed_frames(places, np.tile([0.0, 0.0, -1.0], (4, 1)), np.arange(4) > 0, middles)
+    tangents = np.column_stack([-np.sin(t), np.cos(t), 0.0 * t])
+    np.testing.assert_allclose(frames[1:, :, 0], tangents, atol=1e-12)
+    straight = places.copy()
+    straight[1:] = np.outer([0.0, 0.4, 1.0], [1.0, 0.0, 0.0])
+    frames = find_feed_frames(straight, np.tile([0.0, 0.0, -1.0], (4, 1)), np.arange(4) > 0, middles)
+    np.testing.assert_allclose(frames[2:, :, 0], [[1.0, 0.0, 0.0]] * 2, atol=1e-12)

@@ -1,0 +1,184 @@
+"""HDF5 files, also those of MATLAB 7.3, as tables: imported by the process that reads them alone."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from typing import Final
+
+import h5py
+import numpy as np
+
+from jointstiff.service.importing.columns import (
+    MAX_CELLS,
+    MAX_OBJECTS,
+    MAX_ROWS,
+    MAX_TEXT,
+    Array,
+    ByteCount,
+    NamedArray,
+    Tables,
+    UnreadableError,
+    clean_text,
+    tabulate,
+)
+
+_TEXTS_AT_ONCE: Final = 16
+"""Texts of variable length that are read at once: each may be as long as the file."""
+_FILTERS: Final = frozenset((1, 2, 3))
+"""Filters of chunks that are read: deflate (gzip), shuffle, fletcher32."""
+
+
+def read_hdf5(content: bytes) -> Tables:
+    """Return the tables of an HDF5 file: each group with arrays, and each array of records."""
+    file = h5py.File(io.BytesIO(content), "r")
+    groups: dict[str, list[h5py.Dataset]] = {}
+    records: dict[str, h5py.Dataset] = {}
+    for path, dataset in _walk(file):
+        if dataset.dtype.names:
+            records[path] = dataset
+        else:
+            groups.setdefault(path.rpartition("/")[0], []).append(dataset)
+    count = ByteCount()
+
+    def read_group(datasets: list[h5py.Dataset]) -> list[Array]:
+        return tabulate(_read_dataset(each, count) for each in datasets)
+
+    def read_records(dataset: h5py.Dataset) -> list[Array]:
+        _check_storage(dataset, count)
+        values = dataset[()]
+        return tabulate(
+            NamedArray(name, _keep_texts(np.asarray(values[name]))) for name in dataset.dtype.names
+        )
+
+    tables: dict[str, Callable[[], list[Array]]] = {}
+    for path, datasets in groups.items():
+        if any(each.ndim in (1, 2) and each.size > 1 for each in datasets):
+            tables[path or "/"] = lambda datasets=datasets: read_group(datasets)  # type: ignore[misc]
+    for path, dataset in records.items():
+        tables[path] = lambda dataset=dataset: read_records(dataset)  # type: ignore[misc]
+    return tables
+
+
+def _keep_texts(array: np.ndarray) -> np.ndarray | None:
+    """Return an array unless it has other objects than texts."""
+    is_text = array.dtype.kind != "O" or all(isinstance(each, str | bytes) for each in array.ravel())
+    return array if is_text else None
+
+
+def _walk(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
+    """Yield path and array of each array in a file; links to names and to other files are not followed.
+
+    Raises:
+        UnreadableError: the file has too many objects, or a frame of pandas.
+    """
+    remaining, count = [("", file)], 0
+    seen = {h5py.h5o.get_info(file.id).addr}  # groups that were found: links may make circles
+    while remaining:
+        path, group = remaining.pop(0)
+        if "pandas_type" in group.attrs:
+            raise UnreadableError(
+                "the file has a frame of pandas, whose names and texts are pickled in HDF5",
+                "write the frame with `to_parquet`, or as CSV",
+            )
+        for name in group:
+            count += 1
+            if count > MAX_OBJECTS:
+                raise MemoryError
+            is_hard = isinstance(group.get(name, getlink=True), h5py.HardLink)
+            if not is_hard or name.startswith("#"):
+                continue
+            member = group[name]
+            inner = f"{path}/{name}" if path else name
+            if isinstance(member, h5py.Dataset):
+                yield inner, member
+            elif isinstance(member, h5py.Group) and (place := h5py.h5o.get_info(member.id).addr) not in seen:
+                seen.add(place)
+                remaining.append((inner, member))
+
+
+def _check_storage(dataset: h5py.Dataset, count: ByteCount) -> None:
+    """Refuse an array that is stored elsewhere, is too large, or has a filter other than gzip's.
+
+    Raises:
+        MemoryError: the array is too large.
+        UnreadableError: the array is stored in another file, or by another filter.
+    """
+    name = dataset.name.lstrip("/")
+    if dataset.is_virtual or dataset.external:
+        raise UnreadableError(f"the array {name!r} is stored in other files", "copy it into one file")
+    count.take(dataset.size * dataset.dtype.itemsize)
+    if dataset.chunks:
+        count.take(int(np.prod(dataset.chunks, dtype=object)) * dataset.dtype.itemsize)
+    filters = dataset.id.get_create_plist()
+    if any(filters.get_filter(i)[0] not in _FILTERS for i in range(filters.get_nfilters())):
+        raise UnreadableError(
+            f"the array {name!r} is packed by a filter other than gzip", "save it with gzip, or unpacked"
+        )
+
+
+def _read_dataset(dataset: h5py.Dataset, count: ByteCount) -> NamedArray:
+    """Return an array of numbers or texts; MATLAB's are transposed, and its texts are numbers of signs."""
+    name, matlab_class = dataset.name.rpartition("/")[2], _read_attribute(dataset, "MATLAB_class")
+    unit = _read_attribute(dataset, "units") or _read_attribute(dataset, "unit")
+    if dataset.shape is None or not 1 <= dataset.ndim <= 2 or dataset.size > MAX_CELLS:
+        return NamedArray(name, None)
+    _check_storage(dataset, count)
+    values: np.ndarray | None = None
+    if matlab_class == "cell":
+        values = _read_texts_of_cells(dataset)
+    elif h5py.check_string_dtype(dataset.dtype) is not None and dataset.dtype.kind == "O":
+        flat = dataset.size == len(dataset)
+        values = _read_long_texts(dataset) if flat else None
+    elif dataset.dtype.kind in "iubfS" and matlab_class != "char":
+        values = dataset[()]
+    if values is not None and matlab_class:
+        values = values.T
+    return NamedArray(name, values, unit)
+
+
+def _read_attribute(dataset: h5py.Dataset, name: str) -> str | None:
+    """Return the text of an attribute; None without it, and if it is no short text."""
+    if name not in dataset.attrs:
+        return None
+    attribute = dataset.attrs.get_id(name)
+    if attribute.shape not in ((), (1,)) or attribute.get_storage_size() > 1024:
+        return None
+    value = dataset.attrs[name]
+    value = value[0] if isinstance(value, np.ndarray) and value.size == 1 else value
+    text = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+    return text.strip(" \0") if isinstance(text, str) else None
+
+
+def _read_long_texts(dataset: h5py.Dataset) -> np.ndarray:
+    """Return texts of variable length, read some at once."""
+    if len(dataset) > MAX_ROWS:
+        raise MemoryError
+    texts: list[str] = []
+    for start in range(0, len(dataset), _TEXTS_AT_ONCE):
+        texts += map(clean_text, dataset[start : start + _TEXTS_AT_ONCE].ravel())
+    return np.array(texts)
+
+
+def _read_texts_of_cells(dataset: h5py.Dataset) -> np.ndarray | None:
+    """Return the texts of a cell array of MATLAB, which refers to an array for each text."""
+    if h5py.check_ref_dtype(dataset.dtype) is None or min(dataset.shape) != 1 or dataset.size > MAX_OBJECTS:
+        return None
+    texts = []
+    for reference in dataset[()].ravel():
+        text = dataset.file[reference] if reference else None
+        if not isinstance(text, h5py.Dataset) or _read_attribute(text, "MATLAB_class") != "char":
+            return None
+        if text.dtype.kind != "u" or text.size > MAX_TEXT or text.shape is None:
+            return None
+        _check_storage(text, ByteCount())
+        is_empty = _read_number_attribute(text, "MATLAB_empty")
+        texts.append("" if is_empty else clean_text("".join(map(chr, text[()].ravel().tolist()))))
+    return np.array(texts).reshape(dataset.shape)
+
+
+def _read_number_attribute(dataset: h5py.Dataset, name: str) -> int:
+    """Return the number of an attribute; 0 without it."""
+    is_scalar = name in dataset.attrs and dataset.attrs.get_id(name).shape == ()
+    value = dataset.attrs[name] if is_scalar else 0
+    return int(value) if isinstance(value, int | np.integer) else 0

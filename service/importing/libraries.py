@@ -1,0 +1,116 @@
+"""Read files of arrays by their libraries, in a process of its own with limits: scipy, h5py, pyarrow.
+
+These libraries trust a file: few bytes unpack to gigabytes, and a damaged file can end the process.
+`python -m jointstiff.service.importing.libraries FORMAT TABLES` reads a file from its standard input and
+writes one JSON document. Nothing is unpickled, and no other file is opened.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import resource
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from jointstiff.service.importing.columns import (
+    ByteCount,
+    NamedArray,
+    Tables,
+    UnreadableError,
+    clean_text,
+    tabulate,
+)
+
+_MAX_MEMORY: Final = 384 * 1024 * 1024
+"""Memory of the process in addition to that of numpy [bytes]."""
+_MAX_SECONDS: Final = 60
+"""Processor time of the process [s]."""
+_MAX_NAMES: Final = 64
+"""Names of tables from which one has to be chosen."""
+
+
+def main(kind: str, wanted: list[str] | None) -> dict[str, Any]:
+    """Return tables of the file in the standard input by name; `tables` has the names if one must be chosen.
+
+    Args:
+        kind: `mat`, `hdf5` or `parquet`.
+        wanted: names of the tables to return; None for the only one.
+    """
+    content = sys.stdin.buffer.read()
+    try:
+        _limit_this_process()
+        tables = _read_tables(kind, content)
+        names = list(tables) if wanted is None else wanted
+        missing = [name for name in names if name not in tables]
+        if missing or (wanted is None and len(names) != 1):
+            return {"tables": list(tables)[:_MAX_NAMES], "missing": missing}
+        found = {name: tables[name]() for name in names}
+        columns = (each for arrays in found.values() for array in arrays for each in array["columns"] or ())
+        ByteCount().take(sum(len(cell or "") for column in columns for cell in column))
+    except UnreadableError as error:
+        return {"reason": error.args[0], "remedy": error.args[1]}
+    except MemoryError:
+        return {"large": True}
+    return {"arrays": found}
+
+
+def _read_tables(kind: str, content: bytes) -> Tables:
+    """Return the tables of a file by the library of its format."""
+    if kind == "hdf5":
+        from jointstiff.service.importing.hdf5 import read_hdf5
+
+        return read_hdf5(content)
+    if kind == "parquet":
+        os.environ["ARROW_DEFAULT_MEMORY_POOL"] = "system"  # which reserves no memory in advance
+        from jointstiff.service.importing.parquet import read_parquet
+
+        return read_parquet(content)
+    return _read_matlab(content)
+
+
+def _limit_this_process() -> None:
+    """Limit memory and processor time of this process."""
+    with suppress(OSError, ValueError):  # without /proc there is no limit of memory
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
+        most = pages * resource.getpagesize() + _MAX_MEMORY
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+    with suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_CPU, (_MAX_SECONDS, _MAX_SECONDS))
+    with suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _read_matlab(content: bytes) -> Tables:
+    """Return the one table of a .mat file, of its variables."""
+    from scipy.io import loadmat, whosmat
+
+    stream: Any = io.BytesIO(content)  # scipy's types lack streams
+    ByteCount().take(8 * sum(int(np.prod(shape)) for _, shape, _ in whosmat(stream)))
+    variables = loadmat(stream, squeeze_me=False, mat_dtype=True)
+    arrays = [
+        NamedArray(name, _join_cell_array(np.asarray(each)))
+        for name, each in variables.items()
+        if not name.startswith("__")
+    ]
+    return {"": lambda: tabulate(arrays)}
+
+
+def _join_cell_array(array: np.ndarray) -> np.ndarray | None:
+    """Return a cell array of texts as an array of texts; other arrays as they are."""
+    if array.dtype.kind != "O":
+        return array
+    texts = [np.asarray(each).ravel() for each in array.ravel()]
+    if not all(each.dtype.kind == "U" and each.size == 1 for each in texts):
+        return None
+    return np.array([clean_text(each[0]) for each in texts]).reshape(array.shape)
+
+
+if __name__ == "__main__":
+    answer = main(sys.argv[1], json.loads(sys.argv[2]))
+    sys.stdout.write(json.dumps(answer))

@@ -1,0 +1,79 @@
+"""The tables of a process, `turns.csv` and `places.csv`: packed into a result, and read from it."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from jointstiff.service.tables.table import Sheet
+from jointstiff.solver.arrays import FloatArray
+
+WAYS: Final = ("before", "turned", "remaining")
+"""Names of the deflections that the table of turns has."""
+_JOINT_UNIT: Final = 1e-6
+"""Unit in which joints are stored [deg]: at a reach of 3 m it moves the tool by 0.05 µm."""
+_LENGTH_DECIMALS: Final = 7
+"""Decimals of lengths [mm]."""
+
+
+def pack_choice(
+    turn: FloatArray,
+    ways: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]],
+    joints: Mapping[str, FloatArray],
+    places: FloatArray,
+) -> bytes:
+    """Return the tables of turns and places as bytes that `turns_sheet` and `places_sheet` read.
+
+    Args:
+        turn: (m,) turns of all points [rad]; NaN where the joints are given.
+        ways: deflections (m,) and their intervals (m, 2) by readings and forces, and with the model error
+            [m], by the names of `WAYS`; names that are unknown are left out.
+        joints: joints of the arm (m, 6) [rad] by the end of their headers.
+        places: (P, 5) places that were tried: position [m], turn [rad], deflection [m].
+    """
+    unknown = np.full(len(turn), np.nan), *np.full((2, len(turn), 2), np.nan)
+    lengths, headers = [], []
+    for name in WAYS:
+        length, near, far = ways.get(name, unknown)
+        lengths += [length[:, None], near, far]
+        ends = [f"{name} {end}, {by}" for by in ("readings", "with model error") for end in ("low", "high")]
+        headers += [f"{each} [mm]" for each in (name, *ends)]
+    content = io.BytesIO()
+    np.savez(
+        content,
+        allow_pickle=False,
+        turn=np.degrees(turn),
+        lengths=(1e3 * np.column_stack(lengths)).astype(np.float32),
+        joints=np.round(np.degrees(np.hstack(list(joints.values()))) / _JOINT_UNIT).astype(np.int32),
+        headers=np.array("|".join(headers)),
+        joint_headers=np.array("|".join(f"J{j}{suffix} [deg]" for suffix in joints for j in range(1, 7))),
+        places=places.astype(np.float32),
+    )
+    return content.getvalue()
+
+
+def turns_sheet(content: bytes) -> Sheet:
+    """Return the table of the turns of all points from bytes of a result's `choice`."""
+    stored = np.load(io.BytesIO(content), allow_pickle=False)
+    turn, lengths = stored["turn"], np.round(stored["lengths"].astype(np.float64), _LENGTH_DECIMALS)
+    columns: dict[str, Any] = {"point": np.arange(1, len(turn) + 1), "turn [deg]": turn}
+    columns |= dict(zip(str(stored["headers"]).split("|"), lengths.T, strict=True))
+    joints = _JOINT_UNIT * stored["joints"]
+    columns |= dict(zip(str(stored["joint_headers"]).split("|"), joints.T, strict=True))
+    return Sheet(columns, digits=".9g")
+
+
+def places_sheet(content: bytes) -> Sheet:
+    """Return the table of all places that were tried from bytes of a result's `choice`."""
+    places = np.load(io.BytesIO(content), allow_pickle=False)["places"]
+    columns: Mapping[str, Any] = {
+        "x [m]": places[:, 0],
+        "y [m]": places[:, 1],
+        "z [m]": places[:, 2],
+        "turn [deg]": np.degrees(places[:, 3]),
+        "deflection [m]": places[:, 4],
+    }
+    return Sheet(dict(columns), digits=".7g")
