@@ -674,8 +674,8 @@ def _write_campaign_to_fill_in(job: Any, values: _Values, sources: Sequence[Any]
 def _choose_program_paths(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
     """Return name → path to write, for each file of a program.
 
-    The path is that of --output; if the program has several files, it gets the ending of each file, and behind
-    the first file with an ending also the name of the file.
+    The path is that of --output; if the program has several files, it gets the ending of each file, and its
+    name, too, if an earlier file has the same ending.
     """
     output, program_files = values["output"], sources[1]
     if len(program_files) == 1:
