@@ -76,7 +76,9 @@ _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 def _read_value(line: Line, text: str) -> list[Op]:
     """Return the operations of a value, which may be an expression or a structure `{...}`."""
-    text = re.sub(r"\$(?=(?:BASE|TOOL)\b)", "$ACTIVE_", text)  # the active frames are values, too
+    # The active frames are values, too; a routine may change the frames that it gets as arguments.
+    if "(" not in text:
+        text = re.sub(r"\$(?=(?:BASE|TOOL)\b)", "$ACTIVE_", text)
     return line.read_expression(_SEPARATED.sub(",", text) if text.startswith("{") else text)
 
 
@@ -439,7 +441,7 @@ LANGUAGE: Final = ir.Language(
     functions=r"ABS|SQRT|SIN|COS|TAN|ACOS|ATAN2|ROUND|TRUNC|INV_POS|VARSTATE|GET_SYSTEM_DATA|PULSE"
     r"|STR(?:ADD|CLEAR|COMP|COPY|DECLLEN|FIND|LEN|TOINT|TOREAL)|S(?:VEL|ACC)_(?:JOINT|CP)|SAPO(?:_PTP)?|SORI_TYP"
     r"|S(?:GEAR_)?JERK|SLOAD|SIPO_MODE|SCIRC_TYPE|USE_CM_PRO_VALUES|(?:SET|CLEAR|EXISTS)_KRL(?:MSG|DLG)"
-    r"|MSG(?:NOTIFY|QUIT|STATE|LOG)|C(?:OPEN|CLOSE)|CAST_(?:TO|FROM)|P00"
+    r"|MSG(?:NOTIFY|QUIT|STATE|LOG)|C(?:OPEN|CLOSE)|P00"
     r"|EKI_(?:INIT|OPEN|CLOSE|CLEAR\w*|CHECK\w*|LOCK|UNLOCK|SEND|SET\w+)|ARC(?:MAINNG|GET\w+)",
     motion=r"\b(?:S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?)(?!\w)",
     remedy=_REMEDY,
@@ -509,7 +511,10 @@ LANGUAGE: Final = ir.Language(
             rf"|(?:E6)?(?:POS|AXIS)|[FPL]DAT|LOAD)) (?P<names>{_NAME}.*)",
             _translate_declaration,
         ),
-        (rf"(?:(?P<status>{_NAME})=)?(?:EKI_GET\w+|CREAD|SREAD)\((?P<arguments>.*)\)", _translate_reading),
+        (
+            rf"(?:(?P<status>{_NAME})=)?(?:EKI_GET\w+|[CS]READ|CAST_(?:TO|FROM))\((?P<arguments>.*)\)",
+            _translate_reading,
+        ),
         (r"@{name}\(.*\)", lambda line: line.read_expression(line.text)),
         (rf"(?P<name>{_NAME})(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _translate_assignment),
         (

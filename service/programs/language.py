@@ -428,10 +428,15 @@ class Language:
         return ops
 
     def _find_calls(self, text: str) -> Iterator[Op]:
-        """Yield the operations of the calls in a statement that is not understood; each may be skipped."""
+        """Yield the operations of the calls in a statement that is not understood.
+
+        Each call may be skipped; or it may be an attachment, whose routine runs at any time.
+        """
         for name in dict.fromkeys(match[1] for match in _CALLED.finditer(text)):
             if not self._motion.fullmatch(name):
-                call = Call(name, harmless=self._words[2].fullmatch(name) is not None)
+                harmless = self._words[2].fullmatch(name) is not None
+                passed = frozenset() if harmless else frozenset(_NAME.findall(text)) - {name}
+                call = Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
                 yield from (Flow("if"), call, Flow("close"))
 
     def read_expression(self, text: str) -> list[Op]:

@@ -38,7 +38,7 @@ _CHANGES_ARGUMENTS: Final = re.compile(
 )
 # Moves of a process, and instructions that shift targets and frames: neither can be corrected
 _PROCESS_MOVE: Final = re.compile(
-    r"(?:ARC(?:MOVE)?|SPOT|PAINT|DISP|CAP|NUT|GLUE)(?:(?P<letter>[LCJ])|(?P<first>[LC])\w++)|TRIGGLIOS"
+    r"(?:ARCMOVE|SPOTM?|PAINT|DISP|CAP|NUT|GLUE)(?P<letter>[LCJ])|ARC(?P<first>[LC])(?:(?:START|END)\d?+)?|TRIGGLIOS"
 )
 # Optional arguments of such moves that do not move the target, as \Track would
 _PROCESS_OPTIONS: Final = re.compile(
@@ -410,6 +410,10 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
             machine.refuse(line, reason, _ONE_MODULE, index)
         reason = "it is LOCAL in one of the modules"
         machine.forget_anytime(_find_ambiguous_names(modules, _LOCAL_DATA), reason, _ONE_MODULE)
+    own = {name for text in modules for name in re.findall(_ROUTINE, text) if _PROCESS_MOVE.fullmatch(name)}
+    if own:
+        reason = f"the program has a routine {min(own)} of its own, with the name of a move of a process"
+        machine.forget_anytime(frozenset({ir.MODE}), reason, "give the routine another name")
 
 
 def _find_statements(text: str) -> tuple[IndexArray, IndexArray]:
@@ -424,6 +428,7 @@ def _find_statements(text: str) -> tuple[IndexArray, IndexArray]:
     return np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp)
 
 
+_ROUTINE: Final = rf"\bPROC\s++({_WORD})"
 _LOCAL_ROUTINE: Final = rf"\bLOCAL\s++(?:PROC|TRAP|FUNC\s++\w++)\s++({_WORD})"
 _LOCAL_DATA: Final = rf"\bLOCAL\s++(?:CONST|PERS|VAR)\s++\w++\s++({_WORD})"
 

@@ -201,6 +201,7 @@ LANGUAGE: Final = ir.Language(
     remedy=_REMEDY,
     active={_ACTIVE: "active TCP"},
     is_reached=lambda name: name == _ACTIVE,
+    lasting=_KINDS.pattern,
     # the tool, and words of branches, loops and routines
     forgets=r"tcp|\b(?:def|sec|thread|end|if|elif|else|while|for|switch|case|default|return|break|run)\b",
     constants={"robot base": np.eye(4)},

@@ -1,0 +1,100 @@
+"""Lines that are tolerated, or look like instructions of the controller, leave no move known wrongly."""
+
+import pytest
+
+from jointstiff.service.programs.errors import ProgramError
+from jointstiff.service.programs.formats import read_program
+
+KRL = {
+    "CAST_FROM writes a frame": """DEF a()
+        DECL FRAME F
+        F={X 0,Y 0,Z 10,A 0,B 0,C 0}
+        $TOOL=TOOL_DATA[1]
+        CAST_FROM(buf[],off,"%r%r",F.X,F.Y)
+        $BASE=F
+        LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}
+        END""",
+    "CAST_FROM writes a base of the controller": """DEF a()
+        $TOOL=TOOL_DATA[1]
+        CAST_FROM(buf[],off,"%r%r",BASE_DATA[1].X,BASE_DATA[1].Y)
+        $BASE=BASE_DATA[1]
+        LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}
+        END""",
+    "CAST_FROM writes a parameter": """DEF a()
+        DECL FRAME F
+        F={X 0,Y 0,Z 10,A 0,B 0,C 0}
+        $TOOL=TOOL_DATA[1]
+        rd(F)
+        $BASE=F
+        LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}
+        END
+        DEF rd(G:OUT)
+        DECL FRAME G
+        CAST_FROM(buf[],off,"%r%r",G.X,G.Y)
+        END""",
+    "an interrupt with unknown words attaches a routine": """DEF a()
+        $TOOL=TOOL_DATA[1]
+        INTERRUPT WITH BRAKE DECL 3 WHEN $IN[1]==TRUE DO chg()
+        $BASE=BASE_DATA[1]
+        LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}
+        LIN {X 2,Y 2,Z 3,A 0,B 0,C 0}
+        END
+        DEF chg()
+        $BASE=BASE_DATA[2]
+        END""",
+    "a trigger with unknown words attaches a routine": """DEF a()
+        $TOOL=TOOL_DATA[1]
+        TRIGGER WHEN DISTANCE=0 DELAY=0 DO chg() PRIO=-1 ONSTART
+        $BASE=BASE_DATA[1]
+        LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}
+        END
+        DEF chg()
+        $BASE=BASE_DATA[2]
+        END""",
+    "a function gets the active base": """DEF a()
+        DECL INT x
+        $TOOL=TOOL_DATA[1]
+        $BASE=BASE_DATA[1]
+        x=chg($BASE)
+        LIN {X 2,Y 2,Z 3,A 0,B 0,C 0}
+        END
+        DEFFCT INT chg(G:OUT)
+        DECL FRAME G
+        G={X 0,Y 0,Z 10,A 0,B 0,C 0}
+        RETURN(1)
+        ENDFCT""",
+}
+URSCRIPT = {
+    f"a damaged {name} may last": f"""def a():
+        set_tcp(p[0,0,0.1,0,0,0])
+        {name}(p[0,0,0,0,0,0]) 5
+        movel(p[0.5,0,0.5,0,0,0],a=1,v=1)
+        end"""
+    for name in ("force_mode", "freedrive_mode", "path_offset_enable", "track_conveyor_linear")
+}
+MODULE = """MODULE m
+    CONST robtarget p1:=[[500,0,500],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+    PERS tooldata t1:=[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+    PERS wobjdata w1:=[FALSE,TRUE,"",[[10,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
+    PROC main()
+    NAME p1,v100,z10,t1;
+    ENDPROC
+    PROC NAME(robtarget p,speeddata v,zonedata z,PERS tooldata t)
+    MoveL p,v,z,t\\WObj:=w1;
+    ENDPROC
+    ENDMODULE"""
+RAPID = {
+    f"a routine of the program is called {name}": MODULE.replace("NAME", name)
+    for name in ("SpotLoad", "GlueLine", "ArcLoadFixture", "GlueL", "ArcLStart", "SpotJ")
+}
+PROGRAMS = [
+    pytest.param(f"a.{suffix}", text, id=title)
+    for suffix, programs in (("src", KRL), ("script", URSCRIPT), ("mod", RAPID))
+    for title, text in programs.items()
+]
+
+
+@pytest.mark.parametrize(("name", "text"), PROGRAMS)
+def test_no_move_is_corrected_whose_frame_may_have_changed(name, text):
+    with pytest.raises(ProgramError):  # a program without a move that can be corrected is refused
+        read_program([(name, text.encode())], leave_others=True)
