@@ -293,11 +293,18 @@ def name_parts(document: Node) -> Node:
 
 
 def _nest_fields(schema: Node) -> Node:
-    """Return a schema whose own fields are in its `allOf`, where openapi-python-client finds them."""
+    """Return a schema whose own fields are in its `allOf`, where generators of clients look for them."""
     if "allOf" not in schema:
         return schema
     other_keys = {name: value for name, value in schema.items() if name not in {"type", "properties"}}
     own_fields = {"type": "object", "properties": schema["properties"]}
+    required = other_keys.pop("required", [])
+    for part, names in (
+        (own_fields, [name for name in required if name in schema["properties"]]),
+        (other_keys, [name for name in required if name not in schema["properties"]]),  # inherited fields
+    ):
+        if names:
+            part["required"] = names
     return {**other_keys, "allOf": [*schema["allOf"], own_fields]}
 
 

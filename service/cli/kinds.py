@@ -680,12 +680,17 @@ def _write_campaign_to_fill_in(job: Any, values: _Values, sources: Sequence[Any]
 def _choose_program_paths(values: _Values, sources: Sequence[Any]) -> dict[str, Path]:
     """Return name → path to write, for each file of a program.
 
-    The path is that of --output; if the program has several files, it gets the ending of each file.
+    The path is that of --output; if the program has several files, it gets the ending of each file, and its
+    name, too, if an earlier file has the same ending.
     """
     output, program_files = values["output"], sources[1]
     if len(program_files) == 1:
         return {program_files[0].name: output}
-    return {file.name: output.with_suffix(file.suffix) for file in program_files}
+    paths = dict[str, Path]()
+    for file in program_files:
+        path = output.with_suffix(file.suffix)
+        paths[file.name] = output.with_name(f"{output.stem}_{file.name}") if path in paths.values() else path
+    return paths
 
 
 def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool:

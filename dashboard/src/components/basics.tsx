@@ -148,18 +148,27 @@ export function Title({ kind, children, plain }: { kind?: string; children: Comp
 }
 
 /** Whether the page is as narrow as a phone. */
-export function usePhone(): boolean {
-  const [narrow, set] = useState(() => matchMedia(PHONE).matches);
+export const usePhone = (): boolean => useNarrow(PHONE);
+
+function useNarrow(query: string): boolean {
+  const [narrow, set] = useState(() => matchMedia(query).matches);
   useEffect(() => {
-    const media = matchMedia(PHONE);
+    const media = matchMedia(query);
     return listen(media, { change: () => set(media.matches) });
   }, []);
   return narrow;
 }
 
+interface FoldedProps {
+  label: string;
+  /** Widths that have no room for it. */
+  at?: string;
+  children: ComponentChildren;
+}
+
 /** What is folded away on a phone, and in view elsewhere. */
-export function Folded({ label, children }: { label: string; children: ComponentChildren }) {
-  if (!usePhone()) return <>{children}</>;
+export function Folded({ label, at = PHONE, children }: FoldedProps) {
+  if (!useNarrow(at)) return <>{children}</>;
   return (
     <details class="folded">
       <summary>{label}</summary>
@@ -169,6 +178,7 @@ export function Folded({ label, children }: { label: string; children: Component
 }
 
 const PHONE = "(max-width: 640px)";
+const UPRIGHT = "(max-width: 900px)";
 
 interface HeadProps {
   kind?: string;
@@ -189,7 +199,11 @@ export const Head = ({ kind, plain, title = plain, about, first, children }: Hea
     {(first || children) && (
       <div class="actions">
         {first}
-        {children && <Folded label={text.app.further}>{children}</Folded>}
+        {children && (
+          <Folded label={text.app.further} at={UPRIGHT}>
+            {children}
+          </Folded>
+        )}
       </div>
     )}
   </div>

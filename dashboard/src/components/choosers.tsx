@@ -80,19 +80,19 @@ type SearchedProps = ComponentProps<typeof Select> & Pick<Choices, "search" | "k
 export function SearchedSelect({ search, known, ...field }: SearchedProps) {
   const [typed, setTyped] = useTyped(search?.q ?? "", (q) => search?.find(q.trim()));
   if (!known) return <Busy />;
+  const select = <Select {...field} />;
+  if (!search) return select;
   return (
-    <>
-      {search && (
-        <TextField
-          type="search"
-          label={`${text.list.search}: ${field.label}`}
-          placeholder={text.list.searchHint}
-          value={typed}
-          change={setTyped}
-        />
-      )}
-      <Select {...field} />
-    </>
+    <div class="searched">
+      <TextField
+        type="search"
+        label={`${text.list.search}: ${field.label}`}
+        placeholder={text.list.searchHint}
+        value={typed}
+        change={setTyped}
+      />
+      {select}
+    </div>
   );
 }
 

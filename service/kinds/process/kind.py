@@ -124,14 +124,14 @@ _FRAME_UNITS: Final = {
     "ur": ("m", "rad"),
 }
 """Units of position and orientation of a frame, by the format of the program; a table has its own."""
-_FRAME_DECIMALS: Final = {"krl": 4, "fanuc": 4}
-"""Decimals of the numbers of a frame, where they are in mm and °; else there are metres or quaternions."""
+_ROUNDING: Final = 1e-8
+"""Part of the greatest coordinate of a frame up to which numbers are rounding."""
 
 
 def _frame_text(frame: ProgramFrame, program_format: str) -> str:
     """Return a base frame as text: name, and numbers as the program writes frames, with their units."""
-    decimals = _FRAME_DECIMALS.get(program_format, 6)
-    numbers = [figure(round(each, decimals) + 0.0, ".9g") for each in frame.values]
+    least = _ROUNDING * max(map(abs, frame.values[:3]))
+    numbers = [figure(each if abs(each) > least else 0.0, ".9g") for each in frame.values]
     position, orientation = ", ".join(numbers[:3]), ", ".join(numbers[3:])
     name = frame.name or "the base"
     if program_format not in _FRAME_UNITS:

@@ -125,6 +125,16 @@ class TestRulesOfOpenapiGenerator:
         assert stated
         assert all(isinstance(value, str) for value in stated)
 
+    def test_a_message_of_a_union_requires_its_discriminator_where_it_describes_it(self, openapi):
+        schemas = openapi["components"]["schemas"]
+        for union in (
+            each["discriminator"] for each in parts(openapi) if "mapping" in each.get("discriminator", {})
+        ):
+            for reference in union["mapping"].values():
+                message = schemas[reference.rpartition("/")[2]]
+                own = next(each for each in [*message.get("allOf", ()), message] if "properties" in each)
+                assert union["propertyName"] in own["required"], reference
+
     def test_an_operation_has_a_name_of_its_own_and_its_parameters_of_the_path(self, openapi):
         names = [each["operationId"] for *_, each in operations(openapi)]
         assert len(set(names)) == len(names)
