@@ -181,7 +181,7 @@ def test_a_joint_that_deviates_is_found_and_not_pulled_to_its_prior(client):
     assert (joint["name"], joint["prior"]) == ("joint_3", "deviates")
     assert abs(joint["stiffness"] / own.stiffnesses[2] - 1.0) < 0.08
     assert "joint_3" not in run["request"]["priors"]
-    assert "disagree with it: joint_3" in notes
+    assert "disagree with it, for: joint_3" in notes
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,7 @@ def test_hostile_names_are_text(weighed):
 def test_the_file_says_which_geometry_it_has(pulled):
     found = ExportedModel(pulled.run, pulled.result, pulled.robot, "arm", "g1")
     assert "as identified, geometry g1" in export_model(found, "mjcf").decode()
-    assert "as the robot's model states it, not identified" in export_model(pulled, "mjcf").decode()
+    assert "as in the robot's model, not identified" in export_model(pulled, "mjcf").decode()
 
 
 def statics(mujoco, model, content, q, force):

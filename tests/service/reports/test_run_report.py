@@ -155,7 +155,7 @@ def test_a_budget_without_model_error_is_partial(subject):
     model = replace(subject.model, result=result.model_copy(update={"budget": budget}))
     assert "k = 2, partial" in build_results_section(model, subject.readings).tables[0].head()[3]
     assert (
-        "It is partial: the run has no bound of the model error"
+        "The budget is partial: the run has no bound of the model error"
         in build_uncertainty_section(model).paragraphs[0]
     )
     named = budget.model_copy(update={"missing": ["model_error", "lack_of_fit"]})
