@@ -186,7 +186,7 @@ def test_a_file_of_arrays_becomes_a_run_with_the_springs_of_the_arm(form, tmp_pa
 
 
 def write_bag(folder):
-    """Write joint states as ROS 2 records them: a bag of SQLite or MCAP, with a message for each posture."""
+    """Write joint states as ROS 2 records them, in the order of their names on an arm such as UR's."""
     rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed")
     from rosbags.typesys import Stores, get_typestore
 
@@ -198,8 +198,8 @@ def write_bag(folder):
         topic = writer.add_connection("/joint_states", kind.__msgtype__, typestore=store)
         for number, each in enumerate(SET["observations"]):
             message = kind(
-                header=header, name=[f"joint_{i}" for i in range(1, 7)],
-                position=np.radians(each["joints"]), velocity=np.zeros(6), effort=np.zeros(6),
+                header=header, name=[f"joint_{i}" for i in (3, 2, 1, 4, 5, 6)],
+                position=np.radians(each["joints"])[[2, 1, 0, 3, 4, 5]], velocity=np.zeros(6), effort=np.zeros(6),
             )  # fmt: skip
             writer.write(topic, number, store.serialize_cdr(message, kind.__msgtype__))
 
@@ -208,8 +208,8 @@ def test_a_bag_of_ros_becomes_a_run_by_the_lines_of_the_guide(tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     write_bag(tmp_path / "day1_bag")
     guide = (ROOT / "docs" / "import.md").read_text(encoding="utf-8")
-    (lines,) = [block for block in re.findall(r"```\n(.*?)```", guide, re.S) if "rosbags" in block]
-    exec(compile(lines, "import.md", "exec"), {})  # noqa: S102 - the guide's own lines
+    lines = re.search(r"^import csv\n.*?(?=^```)", guide, re.M | re.S)
+    exec(compile(lines[0], "import.md", "exec"), {})  # noqa: S102 - the guide's own lines
     labels = {each["label"]: f"c{number:02}" for number, each in enumerate(SET["observations"], 1)}
     rows = [[labels.get(row[0], row[0]), *row[1:]] for row in cells(joints=False)]
     (points,) = write(tmp_path, {"points.csv": text(rows)})
