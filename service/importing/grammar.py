@@ -227,9 +227,14 @@ def is_key(text: str) -> bool:
     return fold_word(text) in _TEXT_KIND_OF
 
 
+_STATISTICS: Final = frozenset(word.replace("-", " ") for word in _WORD_LISTS["statistics"])
+"""Words at the beginning of rows of statistics, without full stops and hyphens."""
+
+
 def is_statistic(text: str) -> bool:
     """Return whether a text, the first of a row, says that the row has statistics of the other rows."""
-    return fold_word(text).rstrip(":. ") in _WORD_LISTS["statistics"]
+    word = " ".join(re.sub(r"[.:-]", " ", fold_word(text)).split())
+    return word in _STATISTICS
 
 
 def is_joint(text: str) -> bool:

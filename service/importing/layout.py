@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from statistics import fmean, pstdev, stdev
 from typing import Final
 
 from jointstiff.schemas.imports import (
@@ -20,6 +22,10 @@ from jointstiff.service.importing.grammar import Vocabulary, collapse_blanks, na
 from jointstiff.service.importing.grid import Grid, Remark, Row, decide_decimal_mark, looks_like_a_number
 from jointstiff.service.importing.header import ColumnReader, Columns, Heading, find_heading
 
+_LEAST_ROWS, _MOST_ROWS = 4, 10_000
+"""Rows of a table whose last rows may be statistics by their numbers alone."""
+_LEAST_COLUMNS: Final = 3
+"""Columns with different numbers that show that a row has statistics."""
 _REMARK: Final = re.compile(r"(?=.*[^\W\d])(?:.*\S\s+\S|[^\W\d]\w*:)")
 """Text of a remark: two words at least, or a word with a colon."""
 _MANY_DECIMALS: Final = 6
@@ -254,13 +260,16 @@ def _fit_rows_to_heading(grid: Grid, heading: Heading, faults: Faults) -> tuple[
 def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, list[str]]:
     """Return the table without its rows of statistics and of remarks below the header, and notes on them.
 
-    A row of statistics begins with a word such as `mean`; a row of a remark has only one text, of several
-    words. A row that may be an observation is kept.
+    A row of statistics begins with a word such as `mean`, or has the means of the rows above it; a row of a
+    remark has only one text, of several words. A row that may be an observation is kept.
     """
     statistics, remarks, kept = list[str](), list[str](), list(grid.rows[: heading.start])
+    means = _find_rows_of_means(grid.rows[heading.start :])
     for row in grid.rows[heading.start :]:
         filled = [cell for cell in row.cells if cell]
-        if filled and grammar.is_statistic(filled[0]) and not looks_like_a_number(filled[0]):
+        if row.line in means:
+            statistics.append(row.cells[0])
+        elif filled and grammar.is_statistic(filled[0]) and not looks_like_a_number(filled[0]):
             statistics.append(filled[0])
         elif len(filled) == 1 and len(heading.texts) > 2 and _REMARK.match(filled[0]):
             remarks.append(filled[0])
@@ -274,6 +283,41 @@ def _drop_rows_without_readings(grid: Grid, heading: Heading) -> tuple[Grid, lis
     if not notes or len(kept) == heading.start:
         return grid, []
     return replace(grid, rows=tuple(kept)), notes
+
+
+def _find_rows_of_means(rows: Sequence[Row]) -> set[int]:
+    """Return the lines of last rows that have means or standard deviations of all other rows, by any name.
+
+    Such rows agree with a statistic in each column of numbers, within the digits that they show.
+    """
+    if not _LEAST_ROWS <= len(rows) <= _MOST_ROWS:
+        return set()
+    width = min(len(row.cells) for row in rows)
+    columns = [[row.cells[k].replace(",", ".") for row in rows] for k in range(width)]
+    numbers = [column for column in columns if all(map(looks_like_a_number, column))]
+    for count in (2, 1):  # means and standard deviations, or means alone
+        above = [list(map(float, column[:-count])) for column in numbers]
+        varying = [k for k, values in enumerate(above) if len(set(values)) > 1]
+        last = [[numbers[k][place] for k in varying] for place in range(-count, 0)]
+        statistics = [[of(above[k]) for k in varying] for of in (fmean, stdev, pstdev)]
+        if len(varying) >= _LEAST_COLUMNS and all(
+            any(map(partial(_are_equal, row), statistics)) for row in last
+        ):
+            return {row.line for row in rows[-count:]}
+    return set()
+
+
+def _are_equal(texts: Sequence[str], values: Sequence[float]) -> bool:
+    """Return whether numbers are equal within the digits that their texts show."""
+    return all(
+        abs(float(text) - value) <= _half_digit(text) for text, value in zip(texts, values, strict=True)
+    )
+
+
+def _half_digit(text: str) -> float:
+    """Return half a unit of the last digit of a number, with a margin for its rounding."""
+    mantissa, _, exponent = text.lower().partition("e")
+    return 0.51 * 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
 
 
 def _cut_row(row: Row, width: int) -> Row:

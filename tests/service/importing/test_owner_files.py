@@ -1,6 +1,7 @@
 """Files as their owners have them: from each file to a set, with three options or answers at most."""
 
 import re
+from statistics import fmean, pstdev, stdev
 
 import pytest
 from support.importing_samples import (
@@ -75,6 +76,31 @@ def test_rows_of_remarks_and_of_statistics_are_left_out(row, place):
     answer = answered(("a.csv", "\n".join([*lines[:place], row, *lines[place:]]) + "\n"))
     assert numbers_of(answer) == CAMPAIGN_NUMBERS
     assert any("were omitted: 1, the first" in note for note in answer.files[0].assumptions)
+
+
+def row_of(statistic, name, digits=4):
+    values = zip(*(map(float, row[1:]) for row in ROWS[1:]), strict=True)
+    return ";".join([name, *(f"{statistic(column):.{digits}f}" for column in values)])
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [row_of(fmean, "c01-c03")],
+        [row_of(fmean, "")],
+        [row_of(fmean, "M", 3), row_of(stdev, "S", 3)],
+        [row_of(fmean, "alle"), row_of(pstdev, "s")],
+    ],
+)
+def test_rows_with_the_means_of_all_others_are_left_out_by_any_name(rows):
+    answer = answered(("a.csv", CAMPAIGN + "\n".join(rows) + "\n"))
+    assert numbers_of(answer) == CAMPAIGN_NUMBERS
+    assert any(f"statistics were left out: {len(rows)}" in note for note in answer.files[0].assumptions)
+
+
+def test_a_last_row_that_is_near_the_means_is_an_observation():
+    near = row_of(lambda column: fmean(column) + 0.001, "c04")
+    assert len(numbers_of(answered(("a.csv", f"{CAMPAIGN}{near}\n")))) == 4
 
 
 def test_a_row_with_a_label_and_no_numbers_is_no_remark():

@@ -5,6 +5,7 @@ Robot and readings are files; at most three options or answers go with them.
 """
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from support.workbooks import arrays, hdf5, parquet, workbook
 import jointstiff as js
 from jointstiff.simulator import default_arm, simulate_campaign
 
+ROOT = Path(__file__).parents[3]
 ARM = default_arm()
 DOCUMENT = simulate_campaign(
     ARM, configurations=12, sigma=0.0, noise=False, units={"length": "mm", "angle": "deg", "force": "N"}
@@ -181,6 +183,37 @@ def test_a_file_of_readings_becomes_a_run_with_the_springs_of_the_arm(form, tmp_
 def test_a_file_of_arrays_becomes_a_run_with_the_springs_of_the_arm(form, tmp_path):
     files, options = ARRAYS[form]()
     assert_springs_are_found(run_of(write(tmp_path, files), DOCUMENT["robot"], STATED | options))
+
+
+def write_bag(folder):
+    """Write joint states as ROS 2 records them, in the order of their names on an arm such as UR's."""
+    rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed")
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kind = store.types["sensor_msgs/msg/JointState"]
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+    header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+    with rosbag2.Writer(folder, version=9) as writer:
+        topic = writer.add_connection("/joint_states", kind.__msgtype__, typestore=store)
+        for number, each in enumerate(SET["observations"]):
+            message = kind(
+                header=header, name=[f"joint_{i}" for i in (3, 2, 1, 4, 5, 6)],
+                position=np.radians(each["joints"])[[2, 1, 0, 3, 4, 5]], velocity=np.zeros(6), effort=np.zeros(6),
+            )  # fmt: skip
+            writer.write(topic, number, store.serialize_cdr(message, kind.__msgtype__))
+
+
+def test_a_bag_of_ros_becomes_a_run_by_the_lines_of_the_guide(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_bag(tmp_path / "day1_bag")
+    guide = (ROOT / "docs" / "import.md").read_text(encoding="utf-8")
+    lines = re.search(r"^import csv\n.*?(?=^```)", guide, re.M | re.S)
+    exec(compile(lines[0], "import.md", "exec"), {})  # noqa: S102 - the guide's own lines
+    labels = {each["label"]: f"c{number:02}" for number, each in enumerate(SET["observations"], 1)}
+    rows = [[labels.get(row[0], row[0]), *row[1:]] for row in cells(joints=False)]
+    (points,) = write(tmp_path, {"points.csv": text(rows)})
+    assert_springs_are_found(run_of([Path("joints.csv"), points], DOCUMENT["robot"], STATED))
 
 
 URDF = DOCUMENT["robot"]["model"]["urdf"]
