@@ -246,8 +246,8 @@ HELP = {
     ],
     "compensate": [
         "Compensate a program for the deflection under load.",
-        "PROGRAM <list[Path]> Robot program, or CSV table of poses; a KUKA program is a .src file and its .dat "
-        "file. [required]",
+        "PROGRAM <list[Path]> Robot program, or CSV table of poses; a KUKA program is a .src file and its "
+        ".dat file. [required]",
         "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller: "
         "`off`; on, `same_as_measured` in the campaign; or `compensates_load`, which is "
         "refused: the load would be compensated twice.",
