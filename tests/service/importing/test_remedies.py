@@ -656,11 +656,11 @@ ARRAYS = {
         "needs the extra `tables`",
         {"a.h5": b"\x89HDF\r\n\x1a\n"},
         {"a.csv": CAMPAIGN},
-        limits={"arrays._LIBRARIES": {"hdf5": "a_library_that_is_not_installed"}},
+        limits={"arrays.LIBRARIES": {"hdf5": "a_library_that_is_not_installed"}},
     ),
     "damaged arrays": Case("a MATLAB file that is damaged", {"a.mat": READINGS[:150]}, {"a.mat": READINGS}),
     "slow arrays": Case(
-        "ended without a result", {"a.mat": READINGS}, {"a.csv": CAMPAIGN}, limits={"arrays._SECONDS": 0}
+        "ended without a result", {"a.mat": READINGS}, {"a.csv": CAMPAIGN}, limits={"arrays.MAX_SECONDS": 0}
     ),
     "large arrays": Case(
         "larger than 64 MiB", {"a.mat": arrays(q=np.zeros((3000, 3000)))}, {"a.mat": READINGS}
