@@ -135,7 +135,8 @@ def test_a_campaign_with_empty_readings_and_a_plan_are_rehearsed(document, tmp_p
     assert rehearsal.postures == 6
     assert rehearsal.planted_by == "plausible values for an arm of this size"
     assert (
-        "places of P10, P11, P12 on the flange are not stated: usual places are assumed" in rehearsal.remarks
+        "the places of P10, P11, P12 on the flange are not stated: usual places are assumed"
+        in rehearsal.remarks
     )
     of_plan = js.rehearse("plan.json", robot=document["robot"], seed=3)
     assert (of_plan.postures, of_plan.remarks) == (
