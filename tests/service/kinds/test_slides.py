@@ -319,8 +319,8 @@ class TestWhatDoesNotGoWithASlide:
         document = changed(sliding("scara", SI), ("measurement_set.joint_kinds", ["revolute"] * 4))
         assert refused(js.identify, document) == (
             "measurement_set.joint_kinds | joint joint_3 is read as an angle, but in the robot this joint "
-            "is prismatic | give lengths of this joint, in `units.length`, or check the robot and the order of the "
-            "joints"
+            "is prismatic | give lengths of this joint, in `units.length`, or check the robot and the "
+            "order of the joints"
         )
 
     def test_secondary_encoders(self):
