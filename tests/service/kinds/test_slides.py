@@ -284,13 +284,13 @@ class TestThePlansListIsFilledIn:
         [
             (
                 ("joint_1 [mm]", "joint_1 [deg]"),
-                "joint joint_1 is read as an angle, but in the robot this joint is prismatic; give its "
-                "lengths, in `units.length`, or check the robot and the order of the joints",
+                "joint joint_1 is read as an angle, but in the robot this joint is prismatic; give "
+                "lengths of this joint, in `units.length`, or check the robot and the order of the joints",
             ),
             (
                 ("joint_2 [deg]", "joint_2 [mm]"),
-                "joint joint_2 is read as a length, but in the robot this joint is revolute; give its "
-                "angles, in `units.angle`, or check the robot and the order of the joints",
+                "joint joint_2 is read as a length, but in the robot this joint is revolute; give "
+                "angles of this joint, in `units.angle`, or check the robot and the order of the joints",
             ),
         ],
     )
