@@ -1,7 +1,7 @@
 """Read files of arrays by their libraries, in a process of its own with limits: scipy, h5py, pyarrow.
 
 These libraries trust a file: few bytes unpack to gigabytes, and a damaged file can end the process.
-`python -m jointstiff.service.importing.libraries FORMAT TABLES` reads a file from its standard input and
+`python -P -m jointstiff.service.importing.libraries FORMAT TABLES` reads a file from its standard input and
 writes one JSON document. Nothing is unpickled, and no other file is opened.
 """
 

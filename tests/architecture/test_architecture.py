@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from support.sources import nodes
 
 from jointstiff import solver
+from jointstiff.service.process import build_own_command
 
 ROOT = Path(__file__).parents[2]
 REFUSED = (
@@ -243,6 +244,12 @@ def test_packages_that_are_not_permissive_are_named():
         stated = " ".join([metadata.get("License-Expression", ""), *(metadata.get_all("Classifier") or [])])
         if re.search("GPL|GNU|MPL|Mozilla", stated):
             assert name in NOTICES, name
+
+
+def test_processes_of_our_modules_do_not_search_the_working_folder():
+    assert build_own_command("jointstiff.x", "1") == [sys.executable, "-P", "-m", "jointstiff.x", "1"]
+    starting = [path.name for path in (ROOT / "service").rglob("*.py") if '"-m"' in path.read_text("utf-8")]
+    assert starting == ["process.py"], "start modules by `build_own_command`"
 
 
 def test_a_process_of_an_unmarked_test_is_refused():

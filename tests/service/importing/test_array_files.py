@@ -1,9 +1,12 @@
 """Files of arrays (MATLAB, HDF5, Parquet): tables with the numbers of the file, or refused in a sentence."""
 
+import os
 import random
 import re
 import struct
+import sys
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -343,6 +346,33 @@ def test_a_file_that_takes_too_long_is_refused(monkeypatch):
     monkeypatch.setattr(room, "MOST_SECONDS", 0.0)
     (said,) = refusals(("a.mat", matlab()))
     assert "ended without a result: it is damaged, or takes over 384 MiB or 60 s" in said
+
+
+def in_folder_with(names, folder, monkeypatch):
+    """Work in a folder with modules of these names; return the file that such a module writes when it runs."""
+    for name in names:
+        lines = f"open({str(folder / 'ran')!r}, 'w').close()", "raise SystemExit"
+        (folder / f"{name}.py").write_text("\n".join(lines))
+    paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(str(Path(path).resolve()) for path in paths if path))
+    monkeypatch.chdir(folder)
+    return folder / "ran"
+
+
+@pytest.mark.parametrize("kind", ["mat", "hdf5", "parquet"])
+def test_modules_in_the_working_folder_are_not_run(kind, tmp_path, monkeypatch):
+    content = {"mat": matlab, "hdf5": lambda: hdf5(of_matrices), "parquet": lambda: parquet(COLUMNS)}[kind]()
+    ran = in_folder_with(("h5py", "numpy", "pyarrow", "scipy"), tmp_path, monkeypatch)
+    assert numbers_of(answered((f"a.{kind}", content))) == CAMPAIGN_NUMBERS
+    assert not ran.exists()
+
+
+@pytest.mark.parametrize("said_by_process", ["", "[1]", "not JSON", '{"arr'])
+def test_a_process_that_ends_without_an_answer_is_no_fault_of_ours(said_by_process, monkeypatch):
+    command = [sys.executable, "-c", f"print({said_by_process!r}, end='')"]
+    monkeypatch.setattr(room, "build_own_command", lambda *_: command)
+    (said,) = refusals(("a.mat", matlab()))
+    assert "reading a MATLAB file ended without a result" in said
 
 
 @pytest.mark.parametrize("seed", range(4))
