@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from jointstiff.schemas.imports import FilePreview
-from jointstiff.service.importing import grammar, grid
+from jointstiff.service.importing import grammar, grid, limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grid import ArrayFormat, CellKind, Grid, Row
 from jointstiff.service.process import build_own_command
@@ -32,8 +32,10 @@ _NO_UNITS: Final = frozenset(("", "-", "1", "none"))
 """Texts of an attribute `units` that state no unit."""
 _REMEDY: Final = "save vectors and matrices of numbers with one row per observation, or write a CSV file"
 _TOO_LARGE: Final = (
-    "the arrays of the file are larger than 64 MiB, 320,000 rows, 256 columns or 1,000,000 cells"
+    f"the arrays of the file are larger than {limits.MAX_UNPACKED_BYTES >> 20} MiB, "
+    f"{limits.MAX_ROWS:,} rows, {limits.MAX_COLUMNS} columns or {limits.MAX_CELLS:,} cells"
 )
+_TOO_LONG: Final = f"it is damaged, or takes over {limits.MAX_MEMORY >> 20} MiB or {limits.MAX_SECONDS} s"
 
 _Answer = dict[str, Any]
 
@@ -86,7 +88,7 @@ def _ask_library(file: str, content: bytes, kind: ArrayFormat, wanted: list[str]
         raise ImportFileError(place, reason, "save the file again")
     answer = _parse_answer(output) if status == 0 else None
     if answer is None:
-        reason = f"reading {words} ended without a result: it is damaged, or takes over 384 MiB or 60 s"
+        reason = f"reading {words} ended without a result: {_TOO_LONG}"
         raise ImportFileError(place, reason, "save it again with fewer arrays, or write a CSV file")
     if "large" in answer:
         raise ImportFileError(place, _TOO_LARGE, "save fewer arrays, or split the file")
@@ -144,7 +146,11 @@ def _build_grid(file: str, kind: ArrayFormat, table: str, arrays: Sequence[Any])
     count = len(next(iter(columns.values()), ()))
     if not columns or count < 1:
         raise ImportFileError(Place(file), "the file has no arrays of numbers with rows", _REMEDY)
-    if len(columns) > grid.MAX_COLUMNS or len(columns) * count > grid.MAX_CELLS or count > grid.MAX_ROWS:
+    if (
+        len(columns) > limits.MAX_COLUMNS
+        or len(columns) * count > limits.MAX_CELLS
+        or count > limits.MAX_ROWS
+    ):
         raise grid.too_large_error(file, 1)
     text: CellKind = "text"
     header = Row(1, tuple(columns), (text,) * len(columns))

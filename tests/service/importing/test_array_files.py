@@ -14,6 +14,7 @@ from support.importing_samples import CAMPAIGN_NUMBERS, answered, numbers_of, re
 from support.workbooks import arrays, hdf5, parquet, rows_of_values
 
 from jointstiff.service.importing import arrays as room
+from jointstiff.service.importing.columns import NamedArray, tabulate
 from jointstiff.service.limited import belongs_to_child
 
 pytestmark = pytest.mark.process
@@ -267,6 +268,25 @@ def of_pandas(file):
     file.create_group("frame").attrs["pandas_type"] = np.bytes_("frame")
 
 
+def long_unit(file):
+    of_matrices(file)
+    file["J_deg"].attrs["units"] = "y" * 60_000  # of variable length: 16 bytes are stored
+
+
+def long_name(file):
+    of_matrices(file)
+    file["n" * 50_000] = np.zeros(3)
+
+
+def long_path(file):
+    of_matrices(file)
+    file["/".join("g" * 100 for _ in range(3))] = np.zeros(3)
+
+
+def long_field(file):
+    file["r"] = np.zeros(3, [("n" * 300, "f8"), ("x", "f8")])
+
+
 LARGE = "larger than 64 MiB, 320,000 rows, 256 columns or 1,000,000 cells"
 HARM = [
     (huge, LARGE),
@@ -275,6 +295,10 @@ HARM = [
     (virtual, "is stored in other files; copy it into one file"),
     (packed_otherwise, "is packed by a filter other than gzip; save it with gzip, or unpacked"),
     (of_pandas, "a frame of pandas, whose names and texts are pickled .* `to_parquet`"),
+    (long_unit, "a name or unit of an array has more than 256 characters; give the array a shorter one"),
+    (long_name, "a name or unit of an array has more than 256 characters"),
+    (long_path, "a name or unit of an array has more than 256 characters"),
+    (long_field, "a name or unit of an array has more than 256 characters"),
     (lambda _: None, "no arrays of numbers with rows"),
 ]
 
@@ -284,6 +308,70 @@ def test_hdf5_that_means_harm_is_refused_in_a_sentence(fill, reason):
     (said,) = refusals(("a.h5", hdf5(fill)))
     assert len(said) < 250
     assert re.search(reason, said), said
+
+
+def test_no_array_is_read_beyond_the_columns_of_a_table():
+    read = []
+
+    def arrays_of_file():
+        for k in range(10_000):
+            read.append(k)
+            yield NamedArray(f"a{k}", np.zeros((100, 10)))
+
+    with pytest.raises(MemoryError):
+        tabulate(arrays_of_file())
+    assert len(read) == 26
+
+
+def test_many_short_arrays_are_refused_as_too_large():
+    def fill(file):
+        for k in range(1_900):
+            file[f"a{k}"] = np.zeros(100)
+
+    (said,) = refusals(("a.h5", hdf5(fill)))
+    assert LARGE in said
+
+
+def test_many_groups_are_refused_as_too_large():
+    def fill(file):
+        for k in range(2_001):
+            file.create_group(f"g{k}")
+
+    (said,) = refusals(("a.h5", hdf5(fill)))
+    assert LARGE in said
+
+
+def test_an_image_beside_a_table_is_left_out_and_named():
+    def fill(file):
+        of_matrices(file)
+        file["image"] = np.zeros((480, 640), "u1")
+
+    answer = answered(("a.h5", hdf5(fill)))
+    assert numbers_of(answer) == CAMPAIGN_NUMBERS
+    assert answer.files[0].assumptions == ["variables that are no tables were skipped: 'image, note'"]
+
+
+def test_empty_variables_of_matlab_are_left_out_and_named():
+    """MATLAB 7.3 stores the shape of an empty variable in its place: 0 × 3 as the numbers 0 and 3."""
+
+    def fill(file):
+        of_matlab(file)
+        for name, kind in (("empty", "double"), ("no_text", "char"), ("no_cell", "cell")):
+            file[name] = np.array([0, 3, 3], "u8")[: len(LABELS)]
+            file[name].attrs["MATLAB_class"] = np.bytes_(kind)
+            file[name].attrs["MATLAB_empty"] = np.uint8(1)
+
+    answer = answered(("a.mat", hdf5(fill)))
+    assert numbers_of(answer) == CAMPAIGN_NUMBERS
+    assert answer.files[0].assumptions == [
+        "variables that are no tables were skipped: 'empty, no_cell, no_text'"
+    ]
+
+
+def test_empty_variables_of_older_matlab_are_left_out_and_named():
+    answer = answered(("a.mat", matlab(empty=np.zeros((0, 300)))))
+    assert numbers_of(answer) == CAMPAIGN_NUMBERS
+    assert answer.files[0].assumptions == ["variables that are no tables were skipped: 'empty'"]
 
 
 def test_storage_in_another_file_is_not_read(tmp_path):
@@ -349,7 +437,7 @@ def test_a_file_that_takes_too_long_is_refused(monkeypatch):
 
 
 def in_folder_with(names, folder, monkeypatch):
-    """Work in a folder with modules of these names; return the file that such a module writes when it runs."""
+    """Work in a folder with such modules; return the file that a module writes when it runs."""
     for name in names:
         lines = f"open({str(folder / 'ran')!r}, 'w').close()", "raise SystemExit"
         (folder / f"{name}.py").write_text("\n".join(lines))
