@@ -19,7 +19,7 @@ from jointstiff.service.process import build_own_command
 _WORDS: Final = MappingProxyType(
     {"mat": "a MATLAB file", "hdf5": "an HDF5 file", "parquet": "a Parquet file"}
 )
-_LIBRARIES: Final = MappingProxyType({"hdf5": "h5py", "parquet": "pyarrow"})
+LIBRARIES: Final = MappingProxyType({"hdf5": "h5py", "parquet": "pyarrow"})
 """Library of a format that the extra `tables` installs."""
 MOST_SECONDS: Final = 120.0
 """Time that the reading of one file may take [s]."""
@@ -58,7 +58,7 @@ def read_arrays(file: str, content: bytes, kind: ArrayFormat, names: Sequence[st
         ImportFileError: the library is missing; the file is damaged or too large, has no arrays with the same
             number of rows, or several tables without a choice of one.
     """
-    library = _LIBRARIES.get(kind)
+    library = LIBRARIES.get(kind)
     if library and find_spec(library) is None:
         reason = f"{_WORDS[kind]} needs the extra `tables`, which is not installed"
         remedy = 'pip install "jointstiff[tables]", or write the readings as CSV'

@@ -656,7 +656,7 @@ ARRAYS = {
         "needs the extra `tables`",
         {"a.h5": b"\x89HDF\r\n\x1a\n"},
         {"a.csv": CAMPAIGN},
-        limits={"arrays._LIBRARIES": {"hdf5": "a_library_that_is_not_installed"}},
+        limits={"arrays.LIBRARIES": {"hdf5": "a_library_that_is_not_installed"}},
     ),
     "damaged arrays": Case("a MATLAB file that is damaged", {"a.mat": READINGS[:150]}, {"a.mat": READINGS}),
     "slow arrays": Case(
