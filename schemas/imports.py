@@ -131,7 +131,7 @@ class ColumnMeaning(Message):
         description="Meaning, as `columns` accepts it; `unknown` if not understood.",
         examples=["P10 unloaded x", "joint 1", "ignored"],
     )
-    unit: str | None = Field(description="Unit of the numbers; null for a column without numbers.")
+    unit: str | None = Field(description="Unit of the numbers; null without a unit.")
     guessed: StrictBool = Field(
         default=False,
         description="True if the meaning was assumed (from two rows, a comment, a unit without brackets): "

@@ -3,7 +3,7 @@
 A parser blocks all other threads of its process, and its result takes many times the memory of the body.
 The child builds the same application as the service, which has checked the key of the requester before. The
 two processes exchange JSON and bytes only, never code or pickles. The service starts the child as
-`python -m jointstiff.service.limited DESCRIPTOR`, with the file descriptor of the pipe between them.
+`python -P -m jointstiff.service.limited DESCRIPTOR`, with the file descriptor of the pipe between them.
 """
 
 from __future__ import annotations
@@ -31,7 +31,13 @@ from starlette.types import Message, Scope
 from jointstiff.service.api.middleware import KNOWN_ID
 from jointstiff.service.app import create_app
 from jointstiff.service.importing.grid import PACKED_SIGNATURES
-from jointstiff.service.process import FORMAT_VARIABLE, REQUEST_ID, LogFormat, set_log_format
+from jointstiff.service.process import (
+    FORMAT_VARIABLE,
+    REQUEST_ID,
+    LogFormat,
+    build_own_command,
+    set_log_format,
+)
 from jointstiff.service.security.access import REQUESTER, Requester, get_requester
 from jointstiff.service.security.admission import AccessPolicy
 from jointstiff.service.store.store import Store
@@ -207,7 +213,7 @@ class LimitedChild:
         connection, child_end = Pipe()
         with child_end:
             self._process = subprocess.Popen(  # noqa: S603 - no part of the command comes from outside
-                [sys.executable, "-m", "jointstiff.service.limited", str(child_end.fileno())],
+                build_own_command("jointstiff.service.limited", str(child_end.fileno())),
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 pass_fds=[child_end.fileno()],

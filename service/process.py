@@ -13,6 +13,7 @@ import logging
 import os
 import platform
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -188,6 +189,14 @@ class JsonFormatter(logging.Formatter):
             line["exception"] = self.formatException(record.exc_info)
         text = json.dumps(line, ensure_ascii=False)
         return _CONTROL_CHARACTERS.sub(lambda character: f"\\u{ord(character[0]):04x}", text)
+
+
+def build_own_command(module: str, *arguments: str) -> list[str]:
+    """Return the command that runs a module of this package in a process of its own.
+
+    With `-m` alone, Python would first search the working folder: a file `numpy.py` among readings would run.
+    """
+    return [sys.executable, "-P", "-m", module, *arguments]
 
 
 def set_log_format(log_format: LogFormat) -> None:

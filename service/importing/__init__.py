@@ -7,4 +7,6 @@ reading      files to readings: the way through; rows of all files put together 
 └── grid     rows of cells, of delimited text
     ├── excel    of workbooks
     └── arrays > libraries   of MATLAB, HDF5 and Parquet, in a process of its own
+
+`limits` has the greatest sizes of tables, for all of these.
 """

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib.util import find_spec
@@ -12,9 +11,10 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from jointstiff.schemas.imports import FilePreview
-from jointstiff.service.importing import grammar, grid
+from jointstiff.service.importing import grammar, grid, limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
 from jointstiff.service.importing.grid import ArrayFormat, CellKind, Grid, Row
+from jointstiff.service.process import build_own_command
 
 _WORDS: Final = MappingProxyType(
     {"mat": "a MATLAB file", "hdf5": "an HDF5 file", "parquet": "a Parquet file"}
@@ -32,8 +32,10 @@ _NO_UNITS: Final = frozenset(("", "-", "1", "none"))
 """Texts of an attribute `units` that state no unit."""
 _REMEDY: Final = "save vectors and matrices of numbers with one row per observation, or write a CSV file"
 _TOO_LARGE: Final = (
-    "the arrays of the file are larger than 64 MiB, 320,000 rows, 256 columns or 1,000,000 cells"
+    f"the arrays of the file are larger than {limits.MAX_UNPACKED_BYTES >> 20} MiB, "
+    f"{limits.MAX_ROWS:,} rows, {limits.MAX_COLUMNS} columns or {limits.MAX_CELLS:,} cells"
 )
+_TOO_LONG: Final = f"it is damaged, or takes over {limits.MAX_MEMORY >> 20} MiB or {limits.MAX_SECONDS} s"
 
 _Answer = dict[str, Any]
 
@@ -72,23 +74,22 @@ def _ask_library(file: str, content: bytes, kind: ArrayFormat, wanted: list[str]
     Raises:
         ImportFileError: the process refuses the file, or has exceeded its limits.
     """
-    command = [sys.executable, "-m", "jointstiff.service.importing.libraries", kind]
+    command = build_own_command("jointstiff.service.importing.libraries", kind, json.dumps(wanted or None))
     place, words = Place(file), _WORDS[kind]
     status, output, errors = _EXCEEDED, b"", b""
     with suppress(subprocess.TimeoutExpired):
         process = subprocess.run(  # noqa: S603 - the names in the command are JSON
-            [*command, json.dumps(wanted or None)],
-            input=content, capture_output=True, check=False, timeout=MAX_SECONDS,
+            command, input=content, capture_output=True, check=False, timeout=MAX_SECONDS
         )  # fmt: skip
         status, output, errors = process.returncode, process.stdout, process.stderr
     if status > 0:  # an error of the library, whose name is in the last line of its traceback
         error = errors.decode(errors="replace").strip().rpartition("\n")[2].partition(":")[0]
         reason = f"the file is {words} that is damaged ({quote(error)})"
         raise ImportFileError(place, reason, "save the file again")
-    if status < 0:
-        reason = f"reading {words} ended without a result: it is damaged, or takes over 384 MiB or 60 s"
+    answer = _parse_answer(output) if status == 0 else None
+    if answer is None:
+        reason = f"reading {words} ended without a result: {_TOO_LONG}"
         raise ImportFileError(place, reason, "save it again with fewer arrays, or write a CSV file")
-    answer: _Answer = json.loads(output)
     if "large" in answer:
         raise ImportFileError(place, _TOO_LARGE, "save fewer arrays, or split the file")
     if "reason" in answer:
@@ -96,6 +97,14 @@ def _ask_library(file: str, content: bytes, kind: ArrayFormat, wanted: list[str]
     if "tables" in answer:
         _refuse_choice(place, answer["tables"], answer["missing"])
     return answer
+
+
+def _parse_answer(output: bytes) -> _Answer | None:
+    """Return the answer that a process wrote; None if its output is no whole answer."""
+    with suppress(ValueError):
+        answer = json.loads(output)
+        return answer if isinstance(answer, dict) else None
+    return None
 
 
 def _refuse_choice(place: Place, tables: list[str], missing: list[str]) -> None:
@@ -137,7 +146,11 @@ def _build_grid(file: str, kind: ArrayFormat, table: str, arrays: Sequence[Any])
     count = len(next(iter(columns.values()), ()))
     if not columns or count < 1:
         raise ImportFileError(Place(file), "the file has no arrays of numbers with rows", _REMEDY)
-    if len(columns) > grid.MAX_COLUMNS or len(columns) * count > grid.MAX_CELLS or count > grid.MAX_ROWS:
+    if (
+        len(columns) > limits.MAX_COLUMNS
+        or len(columns) * count > limits.MAX_CELLS
+        or count > limits.MAX_ROWS
+    ):
         raise grid.too_large_error(file, 1)
     text: CellKind = "text"
     header = Row(1, tuple(columns), (text,) * len(columns))

@@ -1,4 +1,4 @@
-"""Arrays of a file as columns of text: for the process that reads them, so without other modules of ours."""
+"""Arrays of a file as columns of text: for the process that reads them, with few modules of ours."""
 
 from __future__ import annotations
 
@@ -8,15 +8,8 @@ from typing import Final, NamedTuple, TypedDict
 
 import numpy as np
 
-MAX_UNPACKED_BYTES: Final = 64 * 1024 * 1024
-"""Bytes of all arrays of a file together."""
-MAX_OBJECTS: Final = 10_000
-"""Groups and arrays of a file."""
-MAX_CELLS: Final = 1_000_000
-MAX_ROWS: Final = 320_000
-MAX_COLUMNS: Final = 256
-MAX_TEXT: Final = 256
-"""Characters of a cell."""
+from jointstiff.service.importing import limits
+
 _WHOLE: Final = 2.0**53
 """Numbers below are written without a point if they are whole, as labels are."""
 
@@ -50,14 +43,20 @@ def tabulate(arrays: Iterable[NamedArray]) -> list[Array]:
     """Return arrays as columns of one table, with the number of rows that most columns have.
 
     A vector may stand as a row or as a column. Arrays with another number of rows have no columns.
+
+    Raises:
+        MemoryError: more arrays have the same number of rows than a table may have columns; further arrays
+            are then not read.
+        UnreadableError: a name or a unit is longer than a cell may be.
     """
-    found = list(arrays)
+    found = list[NamedArray]()
     votes: Counter[int] = Counter()
-    for each in found:
-        shape = () if each.values is None else each.values.shape
-        if len(shape) in (1, 2) and max(shape) > 1:
-            is_vector = min(shape) == 1 or len(shape) == 1
-            votes[max(shape) if is_vector else shape[0]] += 1 if is_vector else shape[1]
+    for each in arrays:
+        found.append(each._replace(name=check_name(each.name), unit=check_name(each.unit or "") or None))
+        if each.values is not None and (shape := _find_shape(each.values)) and shape[0] > 1:
+            votes[shape[0]] += shape[1]
+            if votes[shape[0]] > limits.MAX_COLUMNS:  # all votes are for arrays that can be columns
+                raise MemoryError
     count = max(votes, key=lambda rows: (votes[rows], rows), default=0)
     return [
         Array(
@@ -70,21 +69,44 @@ def tabulate(arrays: Iterable[NamedArray]) -> list[Array]:
     ]
 
 
+def _find_shape(array: np.ndarray) -> tuple[int, int] | None:
+    """Return rows and columns of a vector or matrix; None for an array that cannot be columns of a table."""
+    if array.ndim not in (1, 2) or array.size == 0:
+        return None
+    is_vector = array.ndim == 1 or min(array.shape) == 1
+    rows, columns = (array.size, 1) if is_vector else array.shape
+    is_text = array.dtype.kind in "SUO" and columns == 1
+    is_small = rows <= limits.MAX_ROWS and columns <= limits.MAX_COLUMNS
+    return (rows, columns) if is_small and (is_text or array.dtype.kind in "iubf") else None
+
+
 def _list_columns(array: np.ndarray, count: int) -> list[list[str | None]] | None:
     """Return the cells of each column of a vector or matrix with `count` rows; None for other arrays.
 
     NaN, the mark of a missing number in arrays, is an empty cell.
     """
-    if array.ndim == 1 or (array.ndim == 2 and array.shape == (1, count)):
-        array = array.reshape(-1, 1)
-    if array.ndim != 2 or len(array) != count or array.shape[1] > MAX_COLUMNS or count > MAX_ROWS:
+    shape = _find_shape(array)
+    if shape is None or shape[0] != count:
         return None
+    array = array.reshape(shape)
     if array.dtype.kind in "iubf":
         columns = (array.astype(float) if array.dtype.kind == "f" else array).T.tolist()
         return [list(map(write_number, column)) for column in columns]
-    if array.dtype.kind in "SUO" and array.shape[1] == 1:
-        return [[clean_text(each) for each in array[:, 0].tolist()]]
-    return None
+    return [[clean_text(each) for each in array[:, 0].tolist()]]
+
+
+def check_name(name: str) -> str:
+    """Return the name or unit of an array if it is short.
+
+    Raises:
+        UnreadableError: the text is longer than a cell may be.
+    """
+    if len(name) > limits.MAX_CELL_LENGTH:
+        raise UnreadableError(
+            f"a name or unit of an array has more than {limits.MAX_CELL_LENGTH} characters",
+            "give the array a shorter one",
+        )
+    return name
 
 
 def clean_text(text: object) -> str:
@@ -96,8 +118,10 @@ def clean_text(text: object) -> str:
     if isinstance(text, bytes):
         text = text.decode("utf-8", "replace")
     cleaned = str(text).strip(" \t\r\n\0")
-    if len(cleaned) > MAX_TEXT:
-        raise UnreadableError(f"a text has more than {MAX_TEXT} characters", "leave it out, or cut it")
+    if len(cleaned) > limits.MAX_CELL_LENGTH:
+        raise UnreadableError(
+            f"a text has more than {limits.MAX_CELL_LENGTH} characters", "leave it out, or cut it"
+        )
     return cleaned
 
 
@@ -113,7 +137,7 @@ class ByteCount:
     """Count of the bytes that arrays need."""
 
     def __init__(self) -> None:
-        self._left = MAX_UNPACKED_BYTES
+        self._left = limits.MAX_UNPACKED_BYTES
 
     def take(self, size: int) -> None:
         """Count the bytes of an array before it is read; raise `MemoryError` if there are too many."""

@@ -21,12 +21,10 @@ from typing import IO, Final
 from xml.etree.ElementTree import Element, ParseError, XMLParser, iterparse
 
 from jointstiff.schemas.imports import FilePreview
-from jointstiff.service.importing import grid
+from jointstiff.service.importing import grid, limits
 from jointstiff.service.importing.errors import ImportFileError, Place, quote
-from jointstiff.service.importing.grid import MAX_COLUMNS, CellKind, Grid, Remark, Row
+from jointstiff.service.importing.grid import CellKind, Grid, Remark, Row
 
-MAX_UNPACKED_BYTES: Final = 64 * 1024 * 1024
-"""All parts of an Excel file together, unpacked."""
 MAX_SHEET_CELLS: Final = 500_000
 """Cells of a sheet, which take longer to read than those of a text."""
 MAX_XML_TAGS: Final = 2_500_000
@@ -97,7 +95,7 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     archive = Archive(file, content)
     sheet_parts, text_part, style_part = _find_parts(archive)
     elements = () if text_part is None else archive.elements(text_part, "si")
-    max_length = grid.MAX_CELL_LENGTH + 1  # one character more than allowed is enough to refuse a text
+    max_length = limits.MAX_CELL_LENGTH + 1  # one character more than allowed is enough to refuse a text
     texts = [_join_text(archive, text)[:max_length] for text in elements]
     kinds = _find_number_kinds(archive, style_part)
     sheets = {name: _Sheet(archive, part, texts, kinds) for name, part in sheet_parts.items()}
@@ -117,7 +115,7 @@ def read_workbook(file: str, content: bytes, sheet: str | None) -> Grid:
     if not rows:
         raise grid.no_rows_error(file)
     width = max(len(row.cells) for row in rows)
-    if width * len(rows) > grid.MAX_CELLS:
+    if width * len(rows) > limits.MAX_CELLS:
         raise grid.too_large_error(file, rows[0].line)
     notes = sheets[name].notes
     if comments:
@@ -292,8 +290,8 @@ class _Sheet:
             row = self._read_row(element) if _LOCAL_NAMES[element.tag] == "row" else None
             if row is not None:
                 filled_count += 1
-                if filled_count > grid.MAX_ROWS:
-                    raise self._workbook_error(f"the sheet has more than {grid.MAX_ROWS} rows")
+                if filled_count > limits.MAX_ROWS:
+                    raise self._workbook_error(f"the sheet has more than {limits.MAX_ROWS} rows")
                 yield row
 
     def _read_row(self, element: Element) -> Row | None:
@@ -329,9 +327,9 @@ class _Sheet:
             column = stated_column
         self._count += column - self._column
         self._column = column
-        if column > MAX_COLUMNS or self._count > MAX_SHEET_CELLS:
+        if column > limits.MAX_COLUMNS or self._count > MAX_SHEET_CELLS:
             raise self._workbook_error(
-                f"the sheet has more than {MAX_COLUMNS} columns or {MAX_SHEET_CELLS} cells"
+                f"the sheet has more than {limits.MAX_COLUMNS} columns or {MAX_SHEET_CELLS} cells"
             )
 
     def _read_cell(self, cell: Element) -> tuple[str, CellKind]:
@@ -367,8 +365,8 @@ class _Sheet:
                     f"a cell refers to a shared text that the workbook lacks, {quote(value)}"
                 )
             value = self._texts[int(value)]
-        if len(value) > grid.MAX_CELL_LENGTH:
-            raise self._workbook_error(f"a cell has more than {grid.MAX_CELL_LENGTH} characters")
+        if len(value) > limits.MAX_CELL_LENGTH:
+            raise self._workbook_error(f"a cell has more than {limits.MAX_CELL_LENGTH} characters")
         return value.strip()
 
     def _workbook_error(self, reason: str) -> ImportFileError:
@@ -400,9 +398,9 @@ class Archive:
             raise self.build_error(
                 f"the file has more than {_MAX_PARTS} parts, or two parts with the same name"
             )
-        if sum(part.file_size for part in parts) > MAX_UNPACKED_BYTES:
+        if sum(part.file_size for part in parts) > limits.MAX_UNPACKED_BYTES:
             raise self.build_error(
-                f"the file has more than {MAX_UNPACKED_BYTES // 1024**2} MiB when it is unpacked"
+                f"the file has more than {limits.MAX_UNPACKED_BYTES // 1024**2} MiB when it is unpacked"
             )
         if any(part.file_size > _MAX_PLAIN_BYTES + _MAX_RATIO * part.compress_size for part in parts):
             raise self.build_error(

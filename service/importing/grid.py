@@ -15,6 +15,7 @@ from typing import Final, Literal, NamedTuple
 
 from jointstiff.schemas.fields import MAX_MAGNITUDE
 from jointstiff.schemas.imports import DecimalMark, Delimiter, FilePreview
+from jointstiff.service.importing import limits
 from jointstiff.service.importing.errors import NOWHERE, ImportFileError, Place, quote
 
 # ---- limits: files are hostile until parsed
@@ -23,14 +24,9 @@ MAX_FILE_BYTES: Final = 8 * 1024 * 1024
 """All files of an import together, as they are sent: as much as a measurement set that is posted."""
 MAX_FILES: Final = 64
 """Files of an import: a table, and one for each of 16 targets in each state."""
-MAX_ROWS: Final = 320_000
-"""Rows of a file: 10,000 observations of 16 targets in two states."""
 MAX_LINES: Final = 400_000
 """Lines of all files together: rows, comments, empty lines. Each takes 200 bytes until it is understood."""
-MAX_COLUMNS: Final = 256
-MAX_CELLS: Final = 1_000_000
-MAX_CELL_LENGTH: Final = 256
-MAX_LINE_LENGTH: Final = MAX_COLUMNS * MAX_CELL_LENGTH
+MAX_LINE_LENGTH: Final = limits.MAX_COLUMNS * limits.MAX_CELL_LENGTH
 MAX_NUMBER_LENGTH: Final = 40
 
 COMMENT_MARKS: Final = ("#", "//", "%")
@@ -86,7 +82,7 @@ def no_rows_error(file: str) -> ImportFileError:
 
 def too_large_error(file: str, line: int) -> ImportFileError:
     """Return the error that a table has too many columns or cells; `line` is where the limit is exceeded."""
-    reason = f"the file has more than {MAX_COLUMNS} columns or {MAX_CELLS} cells"
+    reason = f"the file has more than {limits.MAX_COLUMNS} columns or {limits.MAX_CELLS} cells"
     return ImportFileError(Place(file, line), reason, "remove columns that are not needed, or split the file")
 
 
@@ -325,12 +321,12 @@ def _split_lines(file: str, lines: Iterable[_Line], delimiter: Delimiter) -> Ite
     """
     cell_count = 0
     for index, (number, text) in enumerate(lines):
-        if index == MAX_ROWS:
-            reason = f"the file has more than {MAX_ROWS} rows"
+        if index == limits.MAX_ROWS:
+            reason = f"the file has more than {limits.MAX_ROWS} rows"
             raise ImportFileError(Place(file, number), reason, "split the file")
         row = _split_line(file, number, text, delimiter)
         cell_count += len(row.cells) if any(row.cells) else 0
-        if len(row.cells) > MAX_COLUMNS or cell_count > MAX_CELLS:
+        if len(row.cells) > limits.MAX_COLUMNS or cell_count > limits.MAX_CELLS:
             raise too_large_error(file, number)
         yield row
 
@@ -354,8 +350,8 @@ def _split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
         raise ImportFileError(place, "quotation marks do not enclose a whole cell", remedy) from None
     stripped = tuple(cell.strip(" \t") for cell in cells)
     for column, cell in enumerate(stripped, start=1):
-        if len(cell) > MAX_CELL_LENGTH:
-            reason = f"a cell has more than {MAX_CELL_LENGTH} characters: {quote(cell)}"
+        if len(cell) > limits.MAX_CELL_LENGTH:
+            reason = f"a cell has more than {limits.MAX_CELL_LENGTH} characters: {quote(cell)}"
             remedy = "check for a missing quotation mark or delimiter"
             raise ImportFileError(place._replace(column=column), reason, remedy)
         if '"' in cell:

@@ -9,22 +9,22 @@ from typing import Final
 import h5py
 import numpy as np
 
+from jointstiff.service.importing import limits
 from jointstiff.service.importing.columns import (
-    MAX_CELLS,
-    MAX_OBJECTS,
-    MAX_ROWS,
-    MAX_TEXT,
     Array,
     ByteCount,
     NamedArray,
     Tables,
     UnreadableError,
+    check_name,
     clean_text,
     tabulate,
 )
 
 _TEXTS_AT_ONCE: Final = 16
 """Texts of variable length that are read at once: each may be as long as the file."""
+_MAX_TEXTS_OF_CELLS: Final = 10_000
+"""Texts of a cell array of MATLAB: an array for each."""
 _FILTERS: Final = frozenset((1, 2, 3))
 """Filters of chunks that are read: deflate (gzip), shuffle, fletcher32."""
 
@@ -70,7 +70,8 @@ def _walk(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
     """Yield path and array of each array in a file; links to names and to other files are not followed.
 
     Raises:
-        UnreadableError: the file has too many objects, or a frame of pandas.
+        MemoryError: the file has too many objects.
+        UnreadableError: the file has a frame of pandas, or a path that is longer than a cell may be.
     """
     remaining, count = [("", file)], 0
     seen = {h5py.h5o.get_info(file.id).addr}  # groups that were found: links may make circles
@@ -83,13 +84,13 @@ def _walk(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
             )
         for name in group:
             count += 1
-            if count > MAX_OBJECTS:
+            if count > limits.MAX_OBJECTS:
                 raise MemoryError
             is_hard = isinstance(group.get(name, getlink=True), h5py.HardLink)
             if not is_hard or name.startswith("#"):
                 continue
             member = group[name]
-            inner = f"{path}/{name}" if path else name
+            inner = check_name(f"{path}/{name}" if path else name)
             if isinstance(member, h5py.Dataset):
                 yield inner, member
             elif isinstance(member, h5py.Group) and (place := h5py.h5o.get_info(member.id).addr) not in seen:
@@ -120,8 +121,10 @@ def _check_storage(dataset: h5py.Dataset, count: ByteCount) -> None:
 def _read_dataset(dataset: h5py.Dataset, count: ByteCount) -> NamedArray:
     """Return an array of numbers or texts; MATLAB's are transposed, and its texts are numbers of signs."""
     name, matlab_class = dataset.name.rpartition("/")[2], _read_attribute(dataset, "MATLAB_class")
+    if matlab_class and _read_number_attribute(dataset, "MATLAB_empty"):  # has the variable's shape as values
+        return NamedArray(name, None)
     unit = _read_attribute(dataset, "units") or _read_attribute(dataset, "unit")
-    if dataset.shape is None or not 1 <= dataset.ndim <= 2 or dataset.size > MAX_CELLS:
+    if dataset.shape is None or not 1 <= dataset.ndim <= 2 or dataset.size > limits.MAX_CELLS:
         return NamedArray(name, None)
     _check_storage(dataset, count)
     values: np.ndarray | None = None
@@ -138,21 +141,25 @@ def _read_dataset(dataset: h5py.Dataset, count: ByteCount) -> NamedArray:
 
 
 def _read_attribute(dataset: h5py.Dataset, name: str) -> str | None:
-    """Return the text of an attribute; None without it, and if it is no short text."""
+    """Return the text of an attribute; None without it, and if it is no text.
+
+    Raises:
+        UnreadableError: the text is longer than a cell may be.
+    """
     if name not in dataset.attrs:
         return None
     attribute = dataset.attrs.get_id(name)
-    if attribute.shape not in ((), (1,)) or attribute.get_storage_size() > 1024:
+    if attribute.shape not in ((), (1,)) or h5py.check_string_dtype(attribute.dtype) is None:
         return None
     value = dataset.attrs[name]
     value = value[0] if isinstance(value, np.ndarray) and value.size == 1 else value
     text = value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-    return text.strip(" \0") if isinstance(text, str) else None
+    return check_name(text.strip(" \0")) if isinstance(text, str) else None
 
 
 def _read_long_texts(dataset: h5py.Dataset) -> np.ndarray:
     """Return texts of variable length, read some at once."""
-    if len(dataset) > MAX_ROWS:
+    if len(dataset) > limits.MAX_ROWS:
         raise MemoryError
     texts: list[str] = []
     for start in range(0, len(dataset), _TEXTS_AT_ONCE):
@@ -162,14 +169,18 @@ def _read_long_texts(dataset: h5py.Dataset) -> np.ndarray:
 
 def _read_texts_of_cells(dataset: h5py.Dataset) -> np.ndarray | None:
     """Return the texts of a cell array of MATLAB, which refers to an array for each text."""
-    if h5py.check_ref_dtype(dataset.dtype) is None or min(dataset.shape) != 1 or dataset.size > MAX_OBJECTS:
+    if (
+        h5py.check_ref_dtype(dataset.dtype) is None
+        or min(dataset.shape) != 1
+        or dataset.size > _MAX_TEXTS_OF_CELLS
+    ):
         return None
     texts = []
     for reference in dataset[()].ravel():
         text = dataset.file[reference] if reference else None
         if not isinstance(text, h5py.Dataset) or _read_attribute(text, "MATLAB_class") != "char":
             return None
-        if text.dtype.kind != "u" or text.size > MAX_TEXT or text.shape is None:
+        if text.dtype.kind != "u" or text.size > limits.MAX_CELL_LENGTH or text.shape is None:
             return None
         _check_storage(text, ByteCount())
         is_empty = _read_number_attribute(text, "MATLAB_empty")

@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 from jointstiff.schemas.imports import ImportOptions
 from jointstiff.schemas.robot import MAX_JOINTS
-from jointstiff.service.importing import grammar
+from jointstiff.service.importing import grammar, limits
 from jointstiff.service.importing.errors import NOWHERE, Faults, ImportFileError, Place, quote
 from jointstiff.service.importing.grammar import (
     POINTS,
@@ -22,7 +22,6 @@ from jointstiff.service.importing.grammar import (
     name_unit,
 )
 from jointstiff.service.importing.grid import (
-    MAX_COLUMNS,
     Grid,
     Remark,
     Row,
@@ -461,7 +460,7 @@ class ColumnReader:
         `rotation` has the indices of the columns of a quaternion, which are ignored like empty columns.
         """
         meanings: list[Meaning] = []
-        header_faults = Faults(MAX_COLUMNS)
+        header_faults = Faults(limits.MAX_COLUMNS)
         for column, header in enumerate(self._headers):
             is_unused = column in rotation or not (header or any(row.cells[column] for row in self._rows))
             meaning = Meaning(Quantity("unknown"))  # remains if the block below raises an error

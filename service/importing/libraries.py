@@ -1,7 +1,7 @@
 """Read files of arrays by their libraries, in a process of its own with limits: scipy, h5py, pyarrow.
 
 These libraries trust a file: few bytes unpack to gigabytes, and a damaged file can end the process.
-`python -m jointstiff.service.importing.libraries FORMAT TABLES` reads a file from its standard input and
+`python -P -m jointstiff.service.importing.libraries FORMAT TABLES` reads a file from its standard input and
 writes one JSON document. Nothing is unpickled, and no other file is opened.
 """
 
@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from jointstiff.service.importing import limits
 from jointstiff.service.importing.columns import (
     ByteCount,
     NamedArray,
@@ -27,10 +28,6 @@ from jointstiff.service.importing.columns import (
     tabulate,
 )
 
-_MAX_MEMORY: Final = 384 * 1024 * 1024
-"""Memory of the process in addition to that of numpy [bytes]."""
-_MAX_SECONDS: Final = 60
-"""Processor time of the process [s]."""
 _MAX_NAMES: Final = 64
 """Names of tables from which one has to be chosen."""
 
@@ -78,10 +75,10 @@ def _limit_this_process() -> None:
     """Limit memory and processor time of this process."""
     with suppress(OSError, ValueError):  # without /proc there is no limit of memory
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
-        most = pages * resource.getpagesize() + _MAX_MEMORY
+        most = pages * resource.getpagesize() + limits.MAX_MEMORY
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     with suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_CPU, (_MAX_SECONDS, _MAX_SECONDS))
+        resource.setrlimit(resource.RLIMIT_CPU, (limits.MAX_SECONDS, limits.MAX_SECONDS))
     with suppress(OSError, ValueError):
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import pyarrow as pa
 from pyarrow import parquet
 
+from jointstiff.service.importing import limits
 from jointstiff.service.importing.columns import (
-    MAX_CELLS,
-    MAX_COLUMNS,
-    MAX_ROWS,
     Array,
     ByteCount,
     Tables,
     UnreadableError,
+    check_name,
     clean_text,
     write_number,
 )
@@ -23,16 +22,16 @@ def read_parquet(content: bytes) -> Tables:
     pa.set_cpu_count(1)
     pa.set_io_thread_count(1)
     source = pa.BufferReader(content)
-    limits = {"thrift_string_size_limit": 8 * 1024**2, "thrift_container_size_limit": 100_000}
-    schema = parquet.ParquetFile(source, **limits).schema_arrow
+    thrift_limits = {"thrift_string_size_limit": 8 * 1024**2, "thrift_container_size_limit": 100_000}
+    schema = parquet.ParquetFile(source, **thrift_limits).schema_arrow
     texts = [field.name for field in schema if pa.types.is_string(field.type) or _is_text(field.type)]
-    file = parquet.ParquetFile(source, read_dictionary=texts, arrow_extensions_enabled=False, **limits)
+    file = parquet.ParquetFile(source, read_dictionary=texts, arrow_extensions_enabled=False, **thrift_limits)
     meta = file.metadata
-    is_wide = meta.num_columns > MAX_COLUMNS or meta.num_rows > MAX_ROWS
-    if is_wide or meta.num_rows * meta.num_columns > MAX_CELLS:
+    is_wide = meta.num_columns > limits.MAX_COLUMNS or meta.num_rows > limits.MAX_ROWS
+    if is_wide or meta.num_rows * meta.num_columns > limits.MAX_CELLS:
         raise MemoryError
     ByteCount().take(sum(meta.row_group(i).total_byte_size for i in range(meta.num_row_groups)))
-    names = [field.name for field in schema]
+    names = [check_name(field.name) for field in schema]
     if len(set(names)) < len(names):
         raise UnreadableError("two columns have the same name", "give each column a name of its own")
     return {"": lambda: [_read_column(file, name) for name in names]}
@@ -72,11 +71,11 @@ def _list_columns_of_lists(values: pa.Array) -> list[list[str | None]] | None:
     is_list = pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind)
     if not is_list or not (pa.types.is_floating(kind.value_type) or pa.types.is_integer(kind.value_type)):
         return None
-    if len(values.flatten()) > MAX_CELLS:
+    if len(values.flatten()) > limits.MAX_CELLS:
         raise MemoryError
     rows = values.to_pylist()
     lengths = {len(row) for row in rows if row is not None}
-    if len(lengths) != 1 or max(lengths) > MAX_COLUMNS:
+    if len(lengths) != 1 or max(lengths) > limits.MAX_COLUMNS:
         return None
     (length,) = lengths
     return [[None if row is None else write_number(row[i]) for row in rows] for i in range(length)]

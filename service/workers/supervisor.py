@@ -7,13 +7,12 @@ import os
 import secrets
 import select
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
 from typing import Final
 
-from jointstiff.service.process import ONE_THREAD
+from jointstiff.service.process import ONE_THREAD, build_own_command
 
 DATABASE_VARIABLE: Final = "JOINTSTIFF_DATABASE"
 """Environment variable in which a worker finds the URL of the store."""
@@ -131,7 +130,7 @@ class Supervisor:
         """Start a worker process, wait for its end, and log an end that was not requested."""
         executor = process_name(name)
         with subprocess.Popen(
-            [sys.executable, "-m", "jointstiff.service.workers", executor],
+            build_own_command("jointstiff.service.workers", executor),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             # Not as an argument, which all users can see: the URL may hold a password.

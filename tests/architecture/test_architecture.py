@@ -17,6 +17,8 @@ from scipy.sparse.csgraph import connected_components
 from support.sources import nodes
 
 from jointstiff import solver
+from jointstiff.service.importing.arrays import LIBRARIES
+from jointstiff.service.process import build_own_command
 
 ROOT = Path(__file__).parents[2]
 REFUSED = (
@@ -243,6 +245,21 @@ def test_packages_that_are_not_permissive_are_named():
         stated = " ".join([metadata.get("License-Expression", ""), *(metadata.get_all("Classifier") or [])])
         if re.search("GPL|GNU|MPL|Mozilla", stated):
             assert name in NOTICES, name
+
+
+def test_a_service_reads_all_files_that_its_page_offers():
+    """`[service]` and the container have the libraries; a user of the page cannot install them."""
+    page = (ROOT / "dashboard/src/views/flow.tsx").read_text("utf-8")
+    lock = (ROOT / "requirements.lock").read_text("utf-8")
+    for kind, library in LIBRARIES.items():
+        assert f".{kind}" in page
+        assert re.search(rf"^{library}==", lock, re.MULTILINE), f"scripts/lock leaves out {library}"
+
+
+def test_processes_of_our_modules_do_not_search_the_working_folder():
+    assert build_own_command("jointstiff.x", "1") == [sys.executable, "-P", "-m", "jointstiff.x", "1"]
+    starting = [path.name for path in (ROOT / "service").rglob("*.py") if '"-m"' in path.read_text("utf-8")]
+    assert starting == ["process.py"], "start modules by `build_own_command`"
 
 
 def test_a_process_of_an_unmarked_test_is_refused():

@@ -1,9 +1,12 @@
 """Files of arrays (MATLAB, HDF5, Parquet): tables with the numbers of the file, or refused in a sentence."""
 
+import os
 import random
 import re
 import struct
+import sys
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +14,7 @@ from support.importing_samples import CAMPAIGN_NUMBERS, answered, numbers_of, re
 from support.workbooks import arrays, hdf5, parquet, rows_of_values
 
 from jointstiff.service.importing import arrays as room
+from jointstiff.service.importing.columns import NamedArray, tabulate
 from jointstiff.service.limited import belongs_to_child
 
 pytestmark = pytest.mark.process
@@ -264,6 +268,25 @@ def of_pandas(file):
     file.create_group("frame").attrs["pandas_type"] = np.bytes_("frame")
 
 
+def long_unit(file):
+    of_matrices(file)
+    file["J_deg"].attrs["units"] = "y" * 60_000  # of variable length: 16 bytes are stored
+
+
+def long_name(file):
+    of_matrices(file)
+    file["n" * 50_000] = np.zeros(3)
+
+
+def long_path(file):
+    of_matrices(file)
+    file["/".join("g" * 100 for _ in range(3))] = np.zeros(3)
+
+
+def long_field(file):
+    file["r"] = np.zeros(3, [("n" * 300, "f8"), ("x", "f8")])
+
+
 LARGE = "larger than 64 MiB, 320,000 rows, 256 columns or 1,000,000 cells"
 HARM = [
     (huge, LARGE),
@@ -272,6 +295,10 @@ HARM = [
     (virtual, "is stored in other files; copy it into one file"),
     (packed_otherwise, "is packed by a filter other than gzip; save it with gzip, or unpacked"),
     (of_pandas, "a frame of pandas, whose names and texts are pickled .* `to_parquet`"),
+    (long_unit, "a name or unit of an array has more than 256 characters; give the array a shorter one"),
+    (long_name, "a name or unit of an array has more than 256 characters"),
+    (long_path, "a name or unit of an array has more than 256 characters"),
+    (long_field, "a name or unit of an array has more than 256 characters"),
     (lambda _: None, "no arrays of numbers with rows"),
 ]
 
@@ -281,6 +308,70 @@ def test_hdf5_that_means_harm_is_refused_in_a_sentence(fill, reason):
     (said,) = refusals(("a.h5", hdf5(fill)))
     assert len(said) < 250
     assert re.search(reason, said), said
+
+
+def test_no_array_is_read_beyond_the_columns_of_a_table():
+    read = []
+
+    def arrays_of_file():
+        for k in range(10_000):
+            read.append(k)
+            yield NamedArray(f"a{k}", np.zeros((100, 10)))
+
+    with pytest.raises(MemoryError):
+        tabulate(arrays_of_file())
+    assert len(read) == 26
+
+
+def test_many_short_arrays_are_refused_as_too_large():
+    def fill(file):
+        for k in range(1_900):
+            file[f"a{k}"] = np.zeros(100)
+
+    (said,) = refusals(("a.h5", hdf5(fill)))
+    assert LARGE in said
+
+
+def test_many_groups_are_refused_as_too_large():
+    def fill(file):
+        for k in range(2_001):
+            file.create_group(f"g{k}")
+
+    (said,) = refusals(("a.h5", hdf5(fill)))
+    assert LARGE in said
+
+
+def test_an_image_beside_a_table_is_left_out_and_named():
+    def fill(file):
+        of_matrices(file)
+        file["image"] = np.zeros((480, 640), "u1")
+
+    answer = answered(("a.h5", hdf5(fill)))
+    assert numbers_of(answer) == CAMPAIGN_NUMBERS
+    assert answer.files[0].assumptions == ["variables that are no tables were skipped: 'image, note'"]
+
+
+def test_empty_variables_of_matlab_are_left_out_and_named():
+    """MATLAB 7.3 stores the shape of an empty variable in its place: 0 × 3 as the numbers 0 and 3."""
+
+    def fill(file):
+        of_matlab(file)
+        for name, kind in (("empty", "double"), ("no_text", "char"), ("no_cell", "cell")):
+            file[name] = np.array([0, 3, 3], "u8")[: len(LABELS)]
+            file[name].attrs["MATLAB_class"] = np.bytes_(kind)
+            file[name].attrs["MATLAB_empty"] = np.uint8(1)
+
+    answer = answered(("a.mat", hdf5(fill)))
+    assert numbers_of(answer) == CAMPAIGN_NUMBERS
+    assert answer.files[0].assumptions == [
+        "variables that are no tables were skipped: 'empty, no_cell, no_text'"
+    ]
+
+
+def test_empty_variables_of_older_matlab_are_left_out_and_named():
+    answer = answered(("a.mat", matlab(empty=np.zeros((0, 300)))))
+    assert numbers_of(answer) == CAMPAIGN_NUMBERS
+    assert answer.files[0].assumptions == ["variables that are no tables were skipped: 'empty'"]
 
 
 def test_storage_in_another_file_is_not_read(tmp_path):
@@ -343,6 +434,33 @@ def test_a_file_that_takes_too_long_is_refused(monkeypatch):
     monkeypatch.setattr(room, "MAX_SECONDS", 0.0)
     (said,) = refusals(("a.mat", matlab()))
     assert "ended without a result: it is damaged, or takes over 384 MiB or 60 s" in said
+
+
+def in_folder_with(names, folder, monkeypatch):
+    """Work in a folder with such modules; return the file that a module writes when it runs."""
+    for name in names:
+        lines = f"open({str(folder / 'ran')!r}, 'w').close()", "raise SystemExit"
+        (folder / f"{name}.py").write_text("\n".join(lines))
+    paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(str(Path(path).resolve()) for path in paths if path))
+    monkeypatch.chdir(folder)
+    return folder / "ran"
+
+
+@pytest.mark.parametrize("kind", ["mat", "hdf5", "parquet"])
+def test_modules_in_the_working_folder_are_not_run(kind, tmp_path, monkeypatch):
+    content = {"mat": matlab, "hdf5": lambda: hdf5(of_matrices), "parquet": lambda: parquet(COLUMNS)}[kind]()
+    ran = in_folder_with(("h5py", "numpy", "pyarrow", "scipy"), tmp_path, monkeypatch)
+    assert numbers_of(answered((f"a.{kind}", content))) == CAMPAIGN_NUMBERS
+    assert not ran.exists()
+
+
+@pytest.mark.parametrize("said_by_process", ["", "[1]", "not JSON", '{"arr'])
+def test_a_process_that_ends_without_an_answer_is_no_fault_of_ours(said_by_process, monkeypatch):
+    command = [sys.executable, "-c", f"print({said_by_process!r}, end='')"]
+    monkeypatch.setattr(room, "build_own_command", lambda *_: command)
+    (said,) = refusals(("a.mat", matlab()))
+    assert "reading a MATLAB file ended without a result" in said
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -16,7 +16,7 @@ from support.workbooks import SHEET, repacked, table_of, workbook
 import jointstiff
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
-from jointstiff.service.importing import grid
+from jointstiff.service.importing import grid, limits
 from jointstiff.service.importing.errors import ImportFileError
 from jointstiff.service.importing.grid import MAX_FILE_BYTES
 from jointstiff.simulator import default_arm
@@ -263,8 +263,8 @@ def test_the_poses_of_a_real_robot_give_its_geometry(imported, count, step, sigm
 
 def test_limits(monkeypatch):
     assert MAX_FILE_BYTES == MAX_SET_BYTES
-    assert (grid.MAX_ROWS, grid.MAX_LINES) == (320_000, 400_000)
-    monkeypatch.setattr(grid, "MAX_ROWS", 300)
+    assert (limits.MAX_ROWS, grid.MAX_LINES) == (320_000, 400_000)
+    monkeypatch.setattr(limits, "MAX_ROWS", 300)
     with pytest.raises(ImportFileError, match=r"line 301: .*more than 300 rows"):
         read(("a.csv", b"a\n" * 301))
     monkeypatch.setattr(grid, "MAX_LINES", 400)

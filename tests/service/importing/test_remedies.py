@@ -332,7 +332,7 @@ ROWS = {
         "more than 3 rows",
         {"a.csv": CAMPAIGN},
         {"a.csv": CAMPAIGN.rpartition("c03")[0]},
-        **{"grid.MAX_ROWS": 3},
+        **{"limits.MAX_ROWS": 3},
     ),
     "control character": mistake("control character", "c02", "c\x002"),
     "damaged text": table("the text is damaged", "posé;1;2;3\n".encode() + b"b\xff;1;2;3", CAMPAIGN),

@@ -246,6 +246,7 @@ def test_observations_are_held_out_by_a_column():
     answer = answered(held("1", "", "0"))
     assert (answer.leave_out, numbers_of(answer)) == (["c01"], CAMPAIGN_NUMBERS)
     assert answer.assumptions == ["observations held out from the fit, to check the fit: c01"]
+    assert [each.unit for each in answer.files[0].columns if each.meaning == "validation"] == [None]
     assert refusals(held("yes", "", "0")) == [
         "a.csv:2:2: 'yes' is neither 0 nor 1; write 1 to hold the observation out from the fit, else 0"
     ]

@@ -10,7 +10,8 @@ from support.importing_samples import CAMPAIGN_NUMBERS, answered, numbers_of, re
 from support.workbooks import SHEET, bomb, repacked, rows_of_values, workbook
 
 from jointstiff.service.importing.errors import ImportFileError
-from jointstiff.service.importing.excel import MAX_UNPACKED_BYTES, MAX_XML_TAGS, Archive
+from jointstiff.service.importing.excel import MAX_XML_TAGS, Archive
+from jointstiff.service.importing.limits import MAX_UNPACKED_BYTES
 
 SAVE_AGAIN = "open the file in Excel and save it again as .xlsx, or save the sheet as CSV"
 ENTER = (
