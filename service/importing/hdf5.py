@@ -35,7 +35,7 @@ def read_hdf5(content: bytes) -> Tables:
     groups: dict[str, list[h5py.Dataset]] = {}
     records: dict[str, h5py.Dataset] = {}
     for path, dataset in _walk(file):
-        if dataset.dtype.names:
+        if dataset.dtype.names and dataset.shape is not None:
             records[path] = dataset
         else:
             groups.setdefault(path.rpartition("/")[0], []).append(dataset)
@@ -53,7 +53,7 @@ def read_hdf5(content: bytes) -> Tables:
 
     tables: dict[str, Callable[[], list[Array]]] = {}
     for path, datasets in groups.items():
-        if any(each.ndim in (1, 2) and each.size > 1 for each in datasets):
+        if any(each.shape and len(each.shape) <= 2 and each.size > 1 for each in datasets):
             tables[path or "/"] = lambda datasets=datasets: read_group(datasets)  # type: ignore[misc]
     for path, dataset in records.items():
         tables[path] = lambda dataset=dataset: read_records(dataset)  # type: ignore[misc]

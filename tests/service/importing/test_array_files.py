@@ -287,6 +287,11 @@ def long_field(file):
     file["r"] = np.zeros(3, [("n" * 300, "f8"), ("x", "f8")])
 
 
+def long_log(file):
+    file["J_deg"] = np.zeros((400_000, 2), "u1")
+    file["calibration"] = np.zeros(6)
+
+
 LARGE = "larger than 64 MiB, 320,000 rows, 256 columns or 1,000,000 cells"
 HARM = [
     (huge, LARGE),
@@ -295,6 +300,7 @@ HARM = [
     (virtual, "is stored in other files; copy it into one file"),
     (packed_otherwise, "is packed by a filter other than gzip; save it with gzip, or unpacked"),
     (of_pandas, "a frame of pandas, whose names and texts are pickled .* `to_parquet`"),
+    (long_log, LARGE),
     (long_unit, "a name or unit of an array has more than 256 characters; give the array a shorter one"),
     (long_name, "a name or unit of an array has more than 256 characters"),
     (long_path, "a name or unit of an array has more than 256 characters"),
@@ -372,6 +378,24 @@ def test_empty_variables_of_older_matlab_are_left_out_and_named():
     answer = answered(("a.mat", matlab(empty=np.zeros((0, 300)))))
     assert numbers_of(answer) == CAMPAIGN_NUMBERS
     assert answer.files[0].assumptions == ["variables that are no tables were skipped: 'empty'"]
+
+
+def test_arrays_without_a_space_are_left_out():
+    """HDF5 arrays may have no shape at all, as an empty array of records that h5py saves."""
+
+    def fill(file):
+        import h5py
+
+        of_matrices(file)
+        file["nothing"] = h5py.Empty("f8")
+        file["no_records"] = h5py.Empty(np.dtype([("x", "f8")]))
+        file.create_group("alone")["nothing"] = h5py.Empty("f8")
+
+    answer = answered(("a.h5", hdf5(fill)))
+    assert numbers_of(answer) == CAMPAIGN_NUMBERS
+    assert answer.files[0].assumptions == [
+        "variables that are no tables were skipped: 'no_records, note, nothing'"
+    ]
 
 
 def test_storage_in_another_file_is_not_read(tmp_path):
