@@ -28,7 +28,8 @@ from jointstiff.schemas.job import FromRun, Job
 from jointstiff.schemas.measurement import Units
 from jointstiff.schemas.robot import MAX_JOINTS
 
-MAX_FILES = 4
+MAX_FILES = 13
+"""Greatest number of posted files: of a program, and a table of its loads."""
 MAX_FRAMES = 64
 MAX_SEGMENTS = 1_000
 MAX_LINE = 10_000_000
@@ -279,7 +280,7 @@ class ProgramRequest(ProgramOptions):
     run_id: Identifier = Field(description="Id of the run whose model is used.")
     files: Annotated[list[ProgramFile], Field(max_length=MAX_FILES)] = Field(
         default_factory=list,
-        description="Program, or a .src with its .dat and $config.dat; and the table of loads. Post them "
+        description="Files of the program, first the file to correct, then the table of loads. Post them "
         "as the form's `files`.",
     )
 

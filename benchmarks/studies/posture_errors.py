@@ -30,6 +30,8 @@ __all__ = ["run"]
 
 _STREAM = 89
 _CAMPAIGNS = 120
+_DRIFTING = 360
+"""Campaigns with each drift: many of them are named, and only the others count."""
 _POSTURES = (12, 19)
 _POINTS: FloatArray = np.array(list(TARGETS.values()))
 Generator = np.random.Generator
@@ -141,7 +143,7 @@ def _drifts(*, quick: bool) -> Section:
     rows, shares = [], list[float]()
     for size in _DRIFTS:
         for stated in (True, False):
-            found = [_drift(size, stated=stated, seed=seed) for seed in range(3 if quick else _CAMPAIGNS)]
+            found = [_drift(size, stated=stated, seed=seed) for seed in range(3 if quick else _DRIFTING)]
             said = sum(each for each, _ in found)
             held = [one for each, joints in found if not each for one in joints]
             what = f"{1e6 * size:g} µm, {'sigma stated' if stated else 'nothing stated'}"

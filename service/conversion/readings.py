@@ -800,7 +800,7 @@ def _refuse_other_joints(header: MeasurementSetHeader, readings: ReadingArrays, 
         )
         units = JOINT_UNITS[joint_kind or "revolute"]
         raise MeasurementError(
-            f"the readings of joint {joint_name} are "
+            f"joint {joint_name} is read as "
             f"{'an angle' if units.dimension == 'length' else 'a length'}, but in the robot this joint is "
             f"{joint_kind}",
             where="joint_kinds",

@@ -21,7 +21,7 @@ _WORDS: Final = MappingProxyType(
 )
 LIBRARIES: Final = MappingProxyType({"hdf5": "h5py", "parquet": "pyarrow"})
 """Library of a format that the extra `tables` installs."""
-MOST_SECONDS: Final = 120.0
+MAX_SECONDS: Final = 120.0
 """Time that the reading of one file may take [s]."""
 _EXCEEDED: Final = -9
 """Status of a process that its limits have ended."""
@@ -56,7 +56,7 @@ def read_arrays(file: str, content: bytes, kind: ArrayFormat, names: Sequence[st
 
     Raises:
         ImportFileError: the library is missing; the file is damaged or too large, has no arrays with the same
-            number of rows, or several tables without a choice of one.
+            number of rows, or several tables and no choice.
     """
     library = LIBRARIES.get(kind)
     if library and find_spec(library) is None:
@@ -79,7 +79,7 @@ def _ask_library(file: str, content: bytes, kind: ArrayFormat, wanted: list[str]
     status, output, errors = _EXCEEDED, b"", b""
     with suppress(subprocess.TimeoutExpired):
         process = subprocess.run(  # noqa: S603 - the names in the command are JSON
-            command, input=content, capture_output=True, check=False, timeout=MOST_SECONDS
+            command, input=content, capture_output=True, check=False, timeout=MAX_SECONDS
         )  # fmt: skip
         status, output, errors = process.returncode, process.stdout, process.stderr
     if status > 0:  # an error of the library, whose name is in the last line of its traceback

@@ -31,7 +31,7 @@ _FIELDS: Final = (
 # takes the active one. Registers, signals, timers, messages, speeds, collision detection: no position and no
 # frame changes by them.
 _HARMLESS: Final = (
-    r"(?!(?:P|UFRAME|UTOOL)\[)[A-Z][A-Z_]*\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
+    r"(?:R|SR|F|[DRGAWUS][IO]|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED|RESUME_PROG)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
     r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$WAITTMOUT=|\$[\w$.\[\]\0]*OVERRIDE=) ?(.+?)(?:\(sec\)| ?%)?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|TC_ONLINE|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+)"
     r"|(?:PAYLOAD|UALM|DIAG_REC)\[(.*)\]|COL GUARD ADJUST ?(.+)"
@@ -40,8 +40,7 @@ _HARMLESS: Final = (
     r"|Weave [\w ]+(?:\[[^\[\]]*\])?|(?:SKIP|(?:TOOL_|V)?OFFSET) CONDITION .+|MONITOR END \w+"
     r"|VISION (?:RUN_FIND|GET_NFOUND|SET_REFERENCE) .*"
     # A search moves to contact by moves that say Search, which are left; a pattern of a pallet is a register.
-    r"|Search (?:Start|End).*|PALLETIZING-\w+"
-    r"|(?!TRACK|TOUCH|SOFT|FOLLOW|LINE|FORCE)[A-Z]+=(?:ON|OFF|OPEN|CLOSE)"
+    r"|Search (?:Start|End).*|PALLETIZING-\w+|(?:GUN|BACKUP)=(?:ON|OFF|OPEN|CLOSE)"
 )
 # Instructions of words alone that displace targets, or soften the arm, until others end them
 _LASTING_WORDS: Final = (

@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from jointstiff.schemas.program import MAX_FILES
 from jointstiff.service.programs import fanuc, krl, rapid, table, ur
 from jointstiff.service.programs.errors import Fault, ProgramError, ReadMove, quote_text
 from jointstiff.service.programs.interpreter import Machine
@@ -23,7 +24,7 @@ MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
 MAX_LINES: Final = 2_000_000
 MAX_LINE: Final = 4096
 """Characters of a line."""
-_MOST_FILES: Final = {"krl": 12, "rapid": 12}
+_MOST_FILES: Final = {"krl": MAX_FILES - 1, "rapid": MAX_FILES - 1}
 """Most files of a program, by its format; one in other formats."""
 _UNSUPPORTED_SUFFIXES: Final = {".nc", ".cnc", ".mpf", ".apt", ".cls", ".aptsource", ".gcode"}
 MARK: Final = "Jointstiff run "

@@ -439,7 +439,7 @@ LANGUAGE: Final = ir.Language(
     # KSS: arithmetic, strings, the state of variables, pulses, what inline forms set speeds by, messages,
     # channels, the number of the program; Ethernet KRL: connections; ArcTech: the arc
     functions=r"ABS|SQRT|SIN|COS|TAN|ACOS|ATAN2|ROUND|TRUNC|INV_POS|VARSTATE|GET_SYSTEM_DATA|PULSE"
-    r"|STR(?:ADD|CLEAR|COMP|COPY|DECLLEN|FIND|LEN|TOINT|TOREAL)|S(?:VEL|ACC)_(?:JOINT|CP)|SAPO(?:_PTP)?|SORI_TYP"
+    r"|STR(?:ADD|CLEAR|COMP|COPY|DECLLEN|FIND|LEN)|S(?:VEL|ACC)_(?:JOINT|CP)|SAPO(?:_PTP)?|SORI_TYP"
     r"|S(?:GEAR_)?JERK|SLOAD|SIPO_MODE|SCIRC_TYPE|USE_CM_PRO_VALUES|(?:SET|CLEAR|EXISTS)_KRL(?:MSG|DLG)"
     r"|MSG(?:NOTIFY|QUIT|STATE|LOG)|C(?:OPEN|CLOSE)|P00"
     r"|EKI_(?:INIT|OPEN|CLOSE|CLEAR\w*|CHECK\w*|LOCK|UNLOCK|SEND|SET\w+)|ARC(?:MAINNG|GET\w+)",
@@ -512,7 +512,7 @@ LANGUAGE: Final = ir.Language(
             _translate_declaration,
         ),
         (
-            rf"(?:(?P<status>{_NAME})=)?(?:EKI_GET\w+|[CS]READ|CAST_(?:TO|FROM))\((?P<arguments>.*)\)",
+            rf"(?:(?P<status>{_NAME})=)?(?:EKI_GET\w+|[CS]READ|CAST_(?:TO|FROM)|STRTO(?:INT|REAL))\((?P<arguments>.*)\)",
             _translate_reading,
         ),
         (r"@{name}\(.*\)", lambda line: line.read_expression(line.text)),

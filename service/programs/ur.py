@@ -203,7 +203,7 @@ LANGUAGE: Final = ir.Language(
     is_reached=lambda name: name == _ACTIVE,
     lasting=_KINDS.pattern,
     # the tool, and words of branches, loops and routines
-    forgets=r"tcp|\b(?:def|sec|thread|end|if|elif|else|while|for|switch|case|default|return|break|run)\b",
+    forgets=r"(?i:tcp)|\b(?:def|sec|thread|end|if|elif|else|while|for|switch|case|default|return|break|run)\b",
     constants={"robot base": np.eye(4)},
     rules=(
         (r"\$ ?\0(?: ?\"[^\"]*\")*", ""),  # PolyScope numbers its nodes: $ 3 "Waypoint_1"

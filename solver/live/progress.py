@@ -19,7 +19,7 @@ from jointstiff.schemas.finding import Finding
 from jointstiff.schemas.joints import JOINT_UNITS
 from jointstiff.schemas.live import LiveJoint
 from jointstiff.schemas.options import OwnWeight, RunOptions, StiffnessPrior
-from jointstiff.schemas.plan import Goal, JointsGoal
+from jointstiff.schemas.plan import DecisionGoal, Goal, JointsGoal
 from jointstiff.schemas.run import Budget, Goodness, RunResult
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import JointstiffError
@@ -350,11 +350,22 @@ class Progress:
         """
         if self.is_checked:
             confirmed = "the held-out reading is as near to its prediction as 90 % of good readings"
-            return "reached", f"reached after {read}{self._describe_assumed_errors()}; {confirmed}"
+            answer = self._describe_decision() + self._describe_assumed_errors()
+            return "reached", f"reached after {read}{answer}; {confirmed}"
         check = self.so_far.check
         is_far = "is further from its prediction than 90 % of good readings"
         failed = "" if check is None else f"held-out {check.label} {is_far}; "
         return "measuring", f"{failed}the goal is met; one held-out reading checks it"
+
+    def _describe_decision(self) -> str:
+        """Return whether the deflection is below the limit, if this is the goal; else an empty string."""
+        share = self.share
+        if not isinstance(self.goal, DecisionGoal) or share.greatest is None or share.uncertainty is None:
+            return ""
+        side = "below" if share.greatest < self.goal.limit else "above"
+        deflection = f"{length_text(share.greatest)} ± {length_text(share.uncertainty)} (95 %)"
+        limit = length_text(self.goal.limit)
+        return f": the greatest deflection in the work area is {deflection}, {side} {limit}"
 
     def _describe_assumed_errors(self) -> str:
         """Return a remark if assumed errors would raise the uncertainty above the goal; else an empty string.

@@ -18,6 +18,7 @@ from jointstiff.schemas.plan import (
 )
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
+from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number_formatter
@@ -291,12 +292,32 @@ def make_campaign_to_fill_in(source: RobotDocument | Campaign, plan: Plan) -> di
             "units": {"length": "m", "angle": "rad", "force": "N"},
             "encoders": encoders,
             **({"flange_targets": targets} if options.directions else {}),
-            **({} if options.sigma is None else {"noise": {"sigma": options.sigma}}),
+            **({"noise": noise} if (noise := _describe_noise(source, options.sigma)) else {}),
             "load_point": (0.0, 0.0, 0.0) if result is None else result.load_point,
             "observations": observations,
         },
         "run": {"method": "partial_pose"},
     }
+
+
+def _describe_noise(source: RobotDocument | Campaign, sigma: float | None) -> dict[str, Any]:
+    """Return the noise of planned readings, in m and rad: as the request or the campaign states it.
+
+    Of a campaign in other units, or in the frame of the tracker, only what is a length or an angle remains.
+    """
+    stated = source.measurement_set.noise if isinstance(source, Campaign) else None
+    noise: dict[str, Any] = {}
+    if isinstance(source, Campaign) and stated is not None:
+        units = source.measurement_set.units
+        is_in_r0 = source.measurement_set.frame is None
+        if is_in_r0 and (units.length, units.angle, units.force) == ("m", "rad", "N"):
+            noise = stated.model_dump(mode="json", exclude_none=True, exclude={"encoder_sigma", "refuted"})
+        else:
+            factors = dict.fromkeys(("sigma", "load_point", "target_places", "drift"), LENGTH[units.length])
+            factors["repeatability"] = ANGLE[units.angle]
+            values = {name: getattr(stated, name) for name in factors}
+            noise = {name: factors[name] * value for name, value in values.items() if value is not None}
+    return noise | ({} if sigma is None else {"sigma": sigma})
 
 
 def make_charts(result: PlanResult) -> list[Chart]:

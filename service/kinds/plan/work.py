@@ -489,7 +489,7 @@ def choose_targets(
         raise RequestError(
             "the positions of the targets are missing",
             where="targets",
-            remedy="give `targets`: name and position of at least one target, in the flange frame, in m",
+            remedy="give `targets`: name and position of at least one target, in the flange frame",
         )
     positions = targets_in_flange(robot, campaign_readings)
     if campaign_readings.direction is None:

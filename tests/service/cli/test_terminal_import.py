@@ -130,9 +130,9 @@ def test_readings_with_errors_are_written_only_despite_them():
     errors = (
         "do not use: the angles seem to be in rad, not in deg as declared: no joint turns by more than "
         f"2.79° in 6 observations; over 6.28° is believed; set `units.angle` to rad; {past} do not use: the "
-        "angles seem to be in rad, not in deg as declared: as given, the targets keep one position on the "
-        "flange (up to 20 mm apart is believed) in 1 of 6 observations; with all angles taken as radians, "
-        f"in 6 of 6, within 56.3 µm; set `units.angle` to rad; {past}"
+        "angles seem to be in rad, not in deg as declared: with the data as given, the targets keep one "
+        "position on the flange (up to 20 mm apart is believed) in only 1 of 6 observations; with all angles "
+        f"taken as radians, they do so in 6 of 6, within 56.3 µm; set `units.angle` to rad; {past}"
     )
     assert_said(
         typed(line, status=1),

@@ -264,6 +264,21 @@ def test_the_list_of_a_plan_is_filled_in_and_read_back():
 
 
 @pytest.mark.parametrize(
+    ("units", "length", "angle"), [(("m", "rad", "N"), 1.0, 1.0), (("mm", "deg", "N"), 1e-3, np.pi / 180.0)]
+)
+def test_planned_readings_have_the_noise_of_their_campaign_in_m_and_rad(units, length, angle):
+    document = simulate_campaign(ARM, configurations=12)
+    document["measurement_set"] |= {
+        "units": dict(zip(("length", "angle", "force"), units, strict=True)),
+        "noise": {"sigma": 2e-5 / length, "repeatability": 1e-5 / angle, "load_point": 1e-3 / length},
+    }
+    source = Campaign.model_validate_json(json.dumps(document))
+    found = plan(simulate_campaign(ARM, configurations=12), readings=4, candidates=100)
+    noise = make_campaign_to_fill_in(source, found)["measurement_set"]["noise"]
+    assert noise == pytest.approx({"sigma": 2e-5, "repeatability": 1e-5, "load_point": 1e-3})
+
+
+@pytest.mark.parametrize(
     "directions",
     [
         pytest.param([(0.0, 0.0, 1.0), (0.0, 1.0, 0.0)], marks=pytest.mark.slow),

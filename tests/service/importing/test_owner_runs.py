@@ -199,7 +199,8 @@ def write_bag(folder):
         for number, each in enumerate(SET["observations"]):
             message = kind(
                 header=header, name=[f"joint_{i}" for i in (3, 2, 1, 4, 5, 6)],
-                position=np.radians(each["joints"])[[2, 1, 0, 3, 4, 5]], velocity=np.zeros(6), effort=np.zeros(6),
+                position=np.radians(each["joints"])[[2, 1, 0, 3, 4, 5]],
+                velocity=np.zeros(6), effort=np.zeros(6),
             )  # fmt: skip
             writer.write(topic, number, store.serialize_cdr(message, kind.__msgtype__))
 

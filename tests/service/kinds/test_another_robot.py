@@ -49,9 +49,10 @@ def test_of_a_tie_the_terminal_offers_to_apply_the_first():
     result = js.identify(campaign("FANUC R-2000iC/165F")).result
     first, second = remedies(result.assessment, applies=True)
     assert first.endswith(
-        "'FANUC R-2000iC/165F', choose it, or repeat the command with `--apply choose_robot`"
+        "'FANUC R-2000iC/165F' was measured, choose this robot, or repeat the command with `--apply "
+        "choose_robot`"
     )
-    assert second.endswith("'FANUC R-2000iC/210F', choose it")
+    assert second.endswith("'FANUC R-2000iC/210F' was measured, choose this robot")
 
 
 def test_only_its_own_action_names_a_robot():

@@ -266,7 +266,7 @@ class TestThePlansListIsFilledIn:
         assert answer.joint_kinds == ["prismatic", *["revolute"] * 6]
         assert answer.first_labels == ["v1", "p2", "p3", "p4", "p5"]
         assert (answer.targets, answer.leave_out) == (["P10", "P11", "P12"], ["v1"])
-        assert answer.assumptions == ["observations held out from the fit, to check it: v1"]
+        assert answer.assumptions == ["observations held out from the fit, to check the fit: v1"]
         meanings = [f"{each.meaning} [{each.unit}]" for each in answer.files[0].columns[1:14]]
         assert meanings[:2] == ["joint 1 [mm]", "joint 2 [deg]"]
         assert meanings[7:] == [
@@ -284,13 +284,13 @@ class TestThePlansListIsFilledIn:
         [
             (
                 ("joint_1 [mm]", "joint_1 [deg]"),
-                "joint joint_1 is read as an angle, but in the robot this joint is prismatic; give its "
-                "lengths, in `units.length`, or check the robot and the order of the joints",
+                "joint joint_1 is read as an angle, but in the robot this joint is prismatic; give "
+                "lengths of this joint, in `units.length`, or check the robot and the order of the joints",
             ),
             (
                 ("joint_2 [deg]", "joint_2 [mm]"),
-                "joint joint_2 is read as a length, but in the robot this joint is revolute; give its "
-                "angles, in `units.angle`, or check the robot and the order of the joints",
+                "joint joint_2 is read as a length, but in the robot this joint is revolute; give "
+                "angles of this joint, in `units.angle`, or check the robot and the order of the joints",
             ),
         ],
     )
@@ -319,8 +319,8 @@ class TestWhatDoesNotGoWithASlide:
         document = changed(sliding("scara", SI), ("measurement_set.joint_kinds", ["revolute"] * 4))
         assert refused(js.identify, document) == (
             "measurement_set.joint_kinds | joint joint_3 is read as an angle, but in the robot this joint "
-            "is prismatic | give its lengths, in `units.length`, or check the robot and the order of the "
-            "joints"
+            "is prismatic | give lengths of this joint, in `units.length`, or check the robot and the "
+            "order of the joints"
         )
 
     def test_secondary_encoders(self):

@@ -397,7 +397,7 @@ def test_a_geometry_without_a_fault_is_for_use():
 def test_a_program_with_a_capped_point_needs_a_confirmation(run):
     with pytest.raises(js.CampaignError, match="do not use") as refused:
         ABSURD["program, all capped"](run, None)
-    assert "limits reduce the corrections of 4 of 4" in str(refused.value.problem.errors)
+    assert "limits reduce the correction of 4 of 4" in str(refused.value.problem.errors)
     program = ABSURD["program, all capped, accepted"](run, None)
     assert program.result.assessment.verdict == "do_not_use"
     assert "limits reduce the corrections" in program.result.assessment.reasons[0].message

@@ -297,7 +297,8 @@ def test_a_goal_of_a_deflection_is_reached_by_its_uncertainty(client):
 
 def test_a_decision_is_reached_where_the_deflection_is_below_its_limit(client):
     state = measured(client, declared(client, goal={"kind": "decision", "limit": 0.004}, **AREA), 20)
-    assert (state["state"], state["message"]) == ("reached", f"reached after 6 readings; {CHECKED}")
+    answer = "the greatest deflection in the work area is 3.11 mm ± 15.1 µm (95 %), below 4 mm"
+    assert (state["state"], state["message"]) == ("reached", f"reached after 6 readings: {answer}; {CHECKED}")
     greatest, uncertainty = state["greatest_deflection"], state["deflection_uncertainty"]
     assert (greatest, uncertainty) == pytest.approx((3.10801e-3, 1.5101e-5), rel=1e-3)
     assert state["share"] == pytest.approx(uncertainty / (0.004 - greatest), rel=1e-3)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from jointstiff.schemas.program import ProgramRequest
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import read_program
 
@@ -72,6 +73,8 @@ URSCRIPT = {
         end"""
     for name in ("force_mode", "freedrive_mode", "path_offset_enable", "track_conveyor_linear")
 }
+UNITS = {"length": "m", "angle": "rad", "force": "N"}
+LOAD = {"force": [0, 0, -500]}
 MODULE = """MODULE m
     CONST robtarget p1:=[[500,0,500],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
     PERS tooldata t1:=[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
@@ -98,3 +101,20 @@ PROGRAMS = [
 def test_no_move_is_corrected_whose_frame_may_have_changed(name, text):
     with pytest.raises(ProgramError):  # a program without a move that can be corrected is refused
         read_program([(name, text.encode())], leave_others=True)
+
+
+def test_twelve_modules_of_a_task_and_a_table_of_loads_can_be_posted():
+    """What the request takes, the reader takes; only one more module is refused."""
+    head, _, _ = MODULE.partition("NAME")
+    main = f"{head}MoveL p1,v5,z1,t1;\nENDPROC\nENDMODULE"
+    modules = [("m.mod", main), *((f"m{i}.mod", f"MODULE m{i}\nENDMODULE") for i in range(1, 13))]
+    sent = [(name, text.encode()) for name, text in modules]
+    files = [
+        {"name": name, "content": text, "bytes": len(text)}
+        for name, text in [*modules[:12], ("loads.csv", "point\n")]
+    ]
+    request = {"run_id": "r", "files": files, "units": UNITS, "accuracy_option": "off", "load": LOAD}
+    assert len(ProgramRequest.model_validate(request).files) == 13
+    assert read_program(sent[:12], leave_others=True).moves.line.size > 0
+    with pytest.raises(ProgramError, match="more files were sent"):
+        read_program(sent, leave_others=True)
