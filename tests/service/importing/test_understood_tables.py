@@ -138,8 +138,8 @@ def test_deflections_need_targets_and_a_load_point_that_a_tool_reaches():
         ("flange_targets", "the targets' positions in the flange frame (`flange_targets`), for deflections"),
         (
             "accept_unusual",
-            "a confirmation (`accept_unusual`) that these values are correct: the load point is 120 m from the flange "
-            "(up to 5 m is believed)",
+            "a confirmation (`accept_unusual`) that these values are correct: the load point is 120 m from "
+            "the flange (up to 5 m is believed)",
         ),
     ]
 
