@@ -28,7 +28,11 @@ from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 MOST_OBSERVATIONS: Final = 2_000
-"""Greatest number of postures that are rehearsed within a request: 2,000 take some 2 s."""
+"""Greatest number of postures that are rehearsed within a request."""
+MOST_READINGS: Final = 20_000
+"""Greatest number of postures times targets: 20,000 take some 3 s of a processor, twice if a plan goes on."""
+MOST_CROSS_VALIDATED: Final = 15_000
+"""Greatest number of readings × folds × draws, unless only joints bend: 30,000 take some 7 s with links."""
 
 
 def write_rehearsal(parts: Parts, job: Run | Plan, seed: int, unit: StiffnessUnit) -> str:
@@ -53,11 +57,7 @@ def write_rehearsal(parts: Parts, job: Run | Plan, seed: int, unit: StiffnessUni
     else:
         assert job.result is not None  # noqa: S101 - for mypy: the caller has checked the result
         campaign, robot, measured = _read_plan(parts, job, job.result)
-    if len(campaign.measurement_set.observations) > MOST_OBSERVATIONS:
-        raise RequestError(
-            f"a campaign of more than {MOST_OBSERVATIONS:,} postures is not rehearsed here",
-            remedy="rehearse it with `jointstiff rehearse`",
-        )
+    _refuse_large_campaign(campaign)
     rehearsal = rehearse_campaign(campaign, robot, measured, seed=seed)
     document = {
         "lines": [*describe_verdict(rehearsal), *rehearsal.remarks],
@@ -108,9 +108,35 @@ def _read_plan(
         return Campaign.model_validate(fill_missing_readings(document)[0]), robot, None
     options: dict[str, Any] = {"causes": request.causes, "leave_out": request.leave_out}
     campaign, robot = _read_campaign(parts, request.measurement_set_id, options)
+    going_on = add_planned_readings(campaign, result, robot.robot)
+    _refuse_large_campaign(going_on)  # before the readings so far are identified
     measured = None
     with suppress(JointstiffError):  # readings that determine no stiffness: plausible ones are planted
         identify = RunRequest(**options, measurement_set_id=request.measurement_set_id)
         work = prepare_identification(parts, identify)
         measured = work.conclude([work.compute(span) for span in work.steps()])
-    return add_planned_readings(campaign, result, robot.robot), robot, measured
+    return going_on, robot, measured
+
+
+def _refuse_large_campaign(campaign: Campaign) -> None:
+    """Refuse a campaign whose rehearsal would occupy a processor for more than some 10 s.
+
+    Raises:
+        RequestError: the campaign has too many postures, readings, or fits of the cross-validation.
+    """
+    observations, options = campaign.measurement_set.observations, campaign.run
+    readings = sum(len(observation.readings) for observation in observations)
+    validation = options.cross_validation
+    fits = 1 if options.elasticity == "joints" else validation.folds * validation.draws
+    reason = None
+    if len(observations) > MOST_OBSERVATIONS:
+        reason = f"a campaign of more than {MOST_OBSERVATIONS:,} postures"
+    elif readings > MOST_READINGS:
+        reason = f"a campaign of more than {MOST_READINGS:,} postures × targets"
+    elif fits > 1 and readings * fits > MOST_CROSS_VALIDATED:
+        reason = f"a campaign of more than {MOST_CROSS_VALIDATED:,} postures × targets × folds × draws"
+    if reason is not None:
+        raise RequestError(
+            f"{reason} is not rehearsed by the service",
+            remedy="rehearse the campaign with `jointstiff rehearse`",
+        )

@@ -58,14 +58,22 @@ def rehearse_campaign(
         seed: random seed of the noise and of plausible stiffnesses.
 
     Raises:
-        RequestError: the load is the own weight, a load has no balance, or a stated stiffness is wrong.
+        RequestError: the only load is the own weight, no load is stated, a load has no balance, or a stated
+            stiffness is wrong.
         JointstiffError: the simulated readings cannot be identified.
     """
-    if campaign.run.weight is not None or not any(map(_has_load, campaign.measurement_set.observations)):
+    is_unloaded = not any(map(_has_load, campaign.measurement_set.observations))
+    if campaign.run.weight is not None or (is_unloaded and robot.robot.bodies):
         raise RequestError(
             "a run by the robot's own weight cannot be rehearsed",
             where="run.weight",
             remedy="rehearse a campaign with loads",
+        )
+    if is_unloaded:
+        raise RequestError(
+            "no observation has a force or a moment",
+            where="measurement_set.observations",
+            remedy="state the load of each observation in `force` or `moment`",
         )
     generator, remarks = np.random.default_rng(seed), list[str]()
     planted, planted_by = _choose_stiffness(robot.robot, measured, stated_stiffness, generator)
