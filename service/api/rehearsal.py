@@ -21,6 +21,7 @@ from jointstiff.service.live.rehearsal import (
     describe_verdict,
     fill_missing_readings,
     make_joints_table,
+    refuse_long_identification,
     rehearse_campaign,
 )
 from jointstiff.service.resources.stored import robot_from_record
@@ -31,8 +32,6 @@ MOST_OBSERVATIONS: Final = 2_000
 """Greatest number of postures that are rehearsed within a request."""
 MOST_READINGS: Final = 20_000
 """Greatest number of postures times targets: 20,000 take some 3 s of a processor, twice if a plan goes on."""
-MOST_CROSS_VALIDATED: Final = 15_000
-"""Greatest number of readings × folds × draws, unless only joints bend: 30,000 take some 7 s with links."""
 
 
 def write_rehearsal(parts: Parts, job: Run | Plan, seed: int, unit: StiffnessUnit) -> str:
@@ -48,7 +47,7 @@ def write_rehearsal(parts: Parts, job: Run | Plan, seed: int, unit: StiffnessUni
 
     Raises:
         NotFoundError: robot or set have been deleted.
-        RequestError: the campaign has no loads, or too many postures.
+        RequestError: the campaign has no loads or too many postures, or models of elastic links are compared.
         JointstiffError: the simulated readings cannot be identified.
     """
     if isinstance(job, Run):
@@ -58,7 +57,7 @@ def write_rehearsal(parts: Parts, job: Run | Plan, seed: int, unit: StiffnessUni
         assert job.result is not None  # noqa: S101 - for mypy: the caller has checked the result
         campaign, robot, measured = _read_plan(parts, job, job.result)
     _refuse_large_campaign(campaign)
-    rehearsal = rehearse_campaign(campaign, robot, measured, seed=seed)
+    rehearsal = rehearse_campaign(campaign, robot, measured, seed=seed, quick_only=True)
     document = {
         "lines": [*describe_verdict(rehearsal), *rehearsal.remarks],
         "tables": [make_joints_table(rehearsal, unit).shown()],
@@ -110,11 +109,15 @@ def _read_plan(
     campaign, robot = _read_campaign(parts, request.measurement_set_id, options)
     going_on = add_planned_readings(campaign, result, robot.robot)
     _refuse_large_campaign(going_on)  # before the readings so far are identified
-    measured = None
-    with suppress(JointstiffError):  # readings that determine no stiffness: plausible ones are planted
+    work, measured = None, None
+    # readings that determine no stiffness: plausible ones are planted
+    with suppress(JointstiffError):
         identify = RunRequest(**options, measurement_set_id=request.measurement_set_id)
         work = prepare_identification(parts, identify)
-        measured = work.conclude([work.compute(span) for span in work.steps()])
+    if work is not None:
+        refuse_long_identification(work)
+        with suppress(JointstiffError):
+            measured = work.conclude([])
     return going_on, robot, measured
 
 
@@ -122,19 +125,15 @@ def _refuse_large_campaign(campaign: Campaign) -> None:
     """Refuse a campaign whose rehearsal would occupy a processor for more than some 10 s.
 
     Raises:
-        RequestError: the campaign has too many postures, readings, or fits of the cross-validation.
+        RequestError: the campaign has too many postures or readings.
     """
-    observations, options = campaign.measurement_set.observations, campaign.run
+    observations = campaign.measurement_set.observations
     readings = sum(len(observation.readings) for observation in observations)
-    validation = options.cross_validation
-    fits = 1 if options.elasticity == "joints" else validation.folds * validation.draws
     reason = None
     if len(observations) > MOST_OBSERVATIONS:
         reason = f"a campaign of more than {MOST_OBSERVATIONS:,} postures"
     elif readings > MOST_READINGS:
         reason = f"a campaign of more than {MOST_READINGS:,} postures × targets"
-    elif fits > 1 and readings * fits > MOST_CROSS_VALIDATED:
-        reason = f"a campaign of more than {MOST_CROSS_VALIDATED:,} postures × targets × folds × draws"
     if reason is not None:
         raise RequestError(
             f"{reason} is not rehearsed by the service",
