@@ -366,9 +366,10 @@ class ProcessWork(ProgramWork):
                 low, high = (figure(1e6 * each, ".3g") for each in interval)
                 text = f"is within {low} to {high} µm"
             message = f"the difference of the deflections before and after {text}, so that no order is stated"
-            remedy = (
-                "before you trust the choice, measure more, or measure with loads like those of the process"
-            )
+            measure = "measure more, or measure with loads like those of the process"
+            if self._request.cut is not None or self._request.force_uncertainty:
+                measure = f"measure the force of the process, and state the force; or {measure}"
+            remedy = f"before you trust the choice, {measure}"
         verdict: Verdict = "use_with_care"
         return [make_reason("no_order", verdict, message, remedy)]
 

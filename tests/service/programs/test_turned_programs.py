@@ -407,7 +407,9 @@ def test_a_run_that_cannot_rank_says_so_first(run):
         **array_options(p),
     )
     assert weak.result.gain == "no_order"
-    assert weak.result.assessment.reasons[0].code == "no_order"
+    reason = weak.result.assessment.reasons[0]
+    assert reason.code == "no_order"
+    assert "measure the force of the process" in reason.remedy
 
 
 def test_an_error_of_the_force_goes_with_the_workpiece():
