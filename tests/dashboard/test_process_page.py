@@ -25,8 +25,8 @@ def fill_form(page):
     """Send the program, its frames, a force along R0 and a spindle across the last axis."""
     page.locator("input[type=file]").first.set_input_files(file_of("pocket.src", PROGRAM))
     page.get_by_label("Accuracy option of the controller").select_option("off")
-    page.get_by_label("Tool, if the program only names it").fill("10, -20, 215.5, 0, 0, 0")
-    page.get_by_label("Base, if the program only names it").fill("0 0 0 0 0 0")
+    page.get_by_label("Tool frame, if the program states only its name").fill("10, -20, 215.5, 0, 0, 0")
+    page.get_by_label("Base frame, if the program states only its name").fill("0 0 0 0 0 0")
     degrees = " ".join(f"{angle * 57.29577951:.3f}" for angle in START)
     page.get_by_label("Controller's joints near the first target").fill(degrees)
     page.get_by_label("Process force on the tool").fill("300, 400, -1400")
@@ -72,6 +72,10 @@ def test_from_a_run_to_a_turned_and_placed_program(visit, run, api):
     with page.expect_download() as download:
         page.get_by_role("link", name="Download pocket.src").click()
     assert b"LIN" in download.value.path().read_bytes()
+    table = page.get_by_role("table").filter(has_text="left after correction")
+    for width in (360, 390):  # on a phone, all intervals are there
+        page.set_viewport_size({"width": width, "height": 844})
+        assert table.evaluate("(table) => table.parentElement.scrollWidth") <= width - 48
 
 
 def test_a_cut_and_limits_of_the_turn_are_what_is_posted(visit, run, api):
@@ -123,8 +127,8 @@ def test_an_arm_that_nobody_measured_is_answered_by_its_prior(visit, run, api):
     table = f"x [mm],y [mm],z [mm],a [deg],b [deg],c [deg]\n{rows}"
     page.locator("input[type=file]").first.set_input_files(file_of("trim.csv", table))
     page.get_by_label("Accuracy option of the controller").select_option("off")
-    page.get_by_label("Tool, if the program only names it").fill("100, 0, 300, 0, 90, 0")
-    page.get_by_label("Base, if the program only names it").fill("0 0 0 0 0 0")
+    page.get_by_label("Tool frame, if the program states only its name").fill("100, 0, 300, 0, 90, 0")
+    page.get_by_label("Base frame, if the program states only its name").fill("0 0 0 0 0 0")
     page.get_by_label("Process force on the tool").fill("-100, -150, -50")
     page.locator("summary", has_text="Advanced").click()
     page.get_by_label("Branch of the arm").select_option("free")
