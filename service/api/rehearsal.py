@@ -21,6 +21,7 @@ from jointstiff.service.live.rehearsal import (
     describe_verdict,
     fill_missing_readings,
     make_joints_table,
+    refuse_long_identification,
     rehearse_campaign,
 )
 from jointstiff.service.resources.stored import robot_from_record
@@ -28,7 +29,9 @@ from jointstiff.service.tables.stiffness import StiffnessUnit
 from jointstiff.solver.errors import JointstiffError, RequestError
 
 MOST_OBSERVATIONS: Final = 2_000
-"""Greatest number of postures that are rehearsed within a request: 2,000 take some 2 s."""
+"""Greatest number of postures that are rehearsed within a request."""
+MOST_READINGS: Final = 20_000
+"""Greatest number of postures times targets: 20,000 take some 3 s of a processor, twice if a plan goes on."""
 
 
 def write_rehearsal(parts: Parts, job: Run | Plan, seed: int, unit: StiffnessUnit) -> str:
@@ -44,7 +47,7 @@ def write_rehearsal(parts: Parts, job: Run | Plan, seed: int, unit: StiffnessUni
 
     Raises:
         NotFoundError: robot or set have been deleted.
-        RequestError: the campaign has no loads, or too many postures.
+        RequestError: the campaign has no loads or too many postures, or models of elastic links are compared.
         JointstiffError: the simulated readings cannot be identified.
     """
     if isinstance(job, Run):
@@ -53,12 +56,8 @@ def write_rehearsal(parts: Parts, job: Run | Plan, seed: int, unit: StiffnessUni
     else:
         assert job.result is not None  # noqa: S101 - for mypy: the caller has checked the result
         campaign, robot, measured = _read_plan(parts, job, job.result)
-    if len(campaign.measurement_set.observations) > MOST_OBSERVATIONS:
-        raise RequestError(
-            f"a campaign of more than {MOST_OBSERVATIONS:,} postures is not rehearsed here",
-            remedy="rehearse it with `jointstiff rehearse`",
-        )
-    rehearsal = rehearse_campaign(campaign, robot, measured, seed=seed)
+    _refuse_large_campaign(campaign)
+    rehearsal = rehearse_campaign(campaign, robot, measured, seed=seed, quick_only=True)
     document = {
         "lines": [*describe_verdict(rehearsal), *rehearsal.remarks],
         "tables": [make_joints_table(rehearsal, unit).shown()],
@@ -108,9 +107,35 @@ def _read_plan(
         return Campaign.model_validate(fill_missing_readings(document)[0]), robot, None
     options: dict[str, Any] = {"causes": request.causes, "leave_out": request.leave_out}
     campaign, robot = _read_campaign(parts, request.measurement_set_id, options)
-    measured = None
-    with suppress(JointstiffError):  # readings that determine no stiffness: plausible ones are planted
+    going_on = add_planned_readings(campaign, result, robot.robot)
+    _refuse_large_campaign(going_on)  # before the readings so far are identified
+    work, measured = None, None
+    # readings that determine no stiffness: plausible ones are planted
+    with suppress(JointstiffError):
         identify = RunRequest(**options, measurement_set_id=request.measurement_set_id)
         work = prepare_identification(parts, identify)
-        measured = work.conclude([work.compute(span) for span in work.steps()])
-    return add_planned_readings(campaign, result, robot.robot), robot, measured
+    if work is not None:
+        refuse_long_identification(work)
+        with suppress(JointstiffError):
+            measured = work.conclude([])
+    return going_on, robot, measured
+
+
+def _refuse_large_campaign(campaign: Campaign) -> None:
+    """Refuse a campaign whose rehearsal would occupy a processor for more than some 10 s.
+
+    Raises:
+        RequestError: the campaign has too many postures or readings.
+    """
+    observations = campaign.measurement_set.observations
+    readings = sum(len(observation.readings) for observation in observations)
+    reason = None
+    if len(observations) > MOST_OBSERVATIONS:
+        reason = f"a campaign of more than {MOST_OBSERVATIONS:,} postures"
+    elif readings > MOST_READINGS:
+        reason = f"a campaign of more than {MOST_READINGS:,} postures × targets"
+    if reason is not None:
+        raise RequestError(
+            f"{reason} is not rehearsed by the service",
+            remedy="rehearse the campaign with `jointstiff rehearse`",
+        )

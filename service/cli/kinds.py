@@ -77,8 +77,8 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             list[Path],
             cli.file_argument(
                 "PROGRAM",
-                "File of the robot program, or CSV table of poses; for KUKA, the .src file and its .dat "
-                "file.",
+                "Robot program, or CSV table of poses; for KUKA, the .src and its .dat, for ABB, the "
+                "modules of the task.",
             ),
         ]
     },

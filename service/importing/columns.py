@@ -45,8 +45,8 @@ def tabulate(arrays: Iterable[NamedArray]) -> list[Array]:
     A vector may stand as a row or as a column. Arrays with another number of rows have no columns.
 
     Raises:
-        MemoryError: more arrays have the same number of rows than a table may have columns; further arrays
-            are then not read.
+        MemoryError: the table has too many rows; or more arrays have the same number of rows than a table may
+            have columns, and further arrays are then not read.
         UnreadableError: a name or a unit is longer than a cell may be.
     """
     found = list[NamedArray]()
@@ -58,6 +58,8 @@ def tabulate(arrays: Iterable[NamedArray]) -> list[Array]:
             if votes[shape[0]] > limits.MAX_COLUMNS:  # all votes are for arrays that can be columns
                 raise MemoryError
     count = max(votes, key=lambda rows: (votes[rows], rows), default=0)
+    if count > limits.MAX_ROWS:
+        raise MemoryError
     return [
         Array(
             name=each.name,
@@ -76,8 +78,8 @@ def _find_shape(array: np.ndarray) -> tuple[int, int] | None:
     is_vector = array.ndim == 1 or min(array.shape) == 1
     rows, columns = (array.size, 1) if is_vector else array.shape
     is_text = array.dtype.kind in "SUO" and columns == 1
-    is_small = rows <= limits.MAX_ROWS and columns <= limits.MAX_COLUMNS
-    return (rows, columns) if is_small and (is_text or array.dtype.kind in "iubf") else None
+    is_of_numbers = array.dtype.kind in "iubf" and columns <= limits.MAX_COLUMNS
+    return (rows, columns) if is_text or is_of_numbers else None
 
 
 def _list_columns(array: np.ndarray, count: int) -> list[list[str | None]] | None:

@@ -35,7 +35,7 @@ def read_hdf5(content: bytes) -> Tables:
     groups: dict[str, list[h5py.Dataset]] = {}
     records: dict[str, h5py.Dataset] = {}
     for path, dataset in _walk(file):
-        if dataset.dtype.names:
+        if dataset.dtype.names and dataset.shape is not None:
             records[path] = dataset
         else:
             groups.setdefault(path.rpartition("/")[0], []).append(dataset)
@@ -53,7 +53,7 @@ def read_hdf5(content: bytes) -> Tables:
 
     tables: dict[str, Callable[[], list[Array]]] = {}
     for path, datasets in groups.items():
-        if any(each.ndim in (1, 2) and each.size > 1 for each in datasets):
+        if any(each.shape and len(each.shape) <= 2 and each.size > 1 for each in datasets):
             tables[path or "/"] = lambda datasets=datasets: read_group(datasets)  # type: ignore[misc]
     for path, dataset in records.items():
         tables[path] = lambda dataset=dataset: read_records(dataset)  # type: ignore[misc]
@@ -105,17 +105,24 @@ def _check_storage(dataset: h5py.Dataset, count: ByteCount) -> None:
         MemoryError: the array is too large.
         UnreadableError: the array is stored in another file, or by another filter.
     """
-    name = dataset.name.lstrip("/")
     if dataset.is_virtual or dataset.external:
-        raise UnreadableError(f"the array {name!r} is stored in other files", "copy it into one file")
+        raise UnreadableError(
+            f"the array {_find_name(dataset)!r} is stored in other files", "copy it into one file"
+        )
     count.take(dataset.size * dataset.dtype.itemsize)
     if dataset.chunks:
         count.take(int(np.prod(dataset.chunks, dtype=object)) * dataset.dtype.itemsize)
     filters = dataset.id.get_create_plist()
     if any(filters.get_filter(i)[0] not in _FILTERS for i in range(filters.get_nfilters())):
         raise UnreadableError(
-            f"the array {name!r} is packed by a filter other than gzip", "save it with gzip, or unpacked"
+            f"the array {_find_name(dataset)!r} is packed by a filter other than gzip",
+            "save it with gzip, or unpacked",
         )
+
+
+def _find_name(dataset: h5py.Dataset) -> str:
+    """Return the path of an array; HDF5 searches the whole file for the name of one found by reference."""
+    return str(dataset.name).lstrip("/")
 
 
 def _read_dataset(dataset: h5py.Dataset, count: ByteCount) -> NamedArray:

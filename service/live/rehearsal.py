@@ -14,7 +14,7 @@ from jointstiff.schemas.rehearsal import RehearsalResult, RehearsedJoint
 from jointstiff.schemas.run import Campaign, JointResult, RunRequest, RunResult
 from jointstiff.service.conversion.prepared import PreparedRobot, read_stated_transform
 from jointstiff.service.conversion.units import ANGLE, FORCE, LENGTH, MOMENT
-from jointstiff.service.kinds.run.work import prepare_identification
+from jointstiff.service.kinds.run.work import RunWork, prepare_identification
 from jointstiff.service.live.sources import draw_plausible_stiffness
 from jointstiff.service.resources.inputs import InMemoryInputs
 from jointstiff.service.tables.stiffness import StiffnessUnit
@@ -44,6 +44,8 @@ def rehearse_campaign(
     measured: RunResult | None = None,
     stated_stiffness: Mapping[str, float] | None = None,
     seed: int = 1,
+    *,
+    quick_only: bool = False,
 ) -> RehearsalResult:
     """Simulate the readings of a campaign with known stiffnesses, identify them, and compare.
 
@@ -56,16 +58,25 @@ def rehearse_campaign(
             campaign is not measured.
         stated_stiffness: planted stiffnesses by joint name, which take precedence [N·m/rad, N/m].
         seed: random seed of the noise and of plausible stiffnesses.
+        quick_only: True to refuse an identification that compares models of elastic links.
 
     Raises:
-        RequestError: the load is the own weight, a load has no balance, or a stated stiffness is wrong.
+        RequestError: the only load is the own weight, no load is stated, a load has no balance, or a stated
+            stiffness is wrong.
         JointstiffError: the simulated readings cannot be identified.
     """
-    if campaign.run.weight is not None or not any(map(_has_load, campaign.measurement_set.observations)):
+    is_unloaded = not any(map(_has_load, campaign.measurement_set.observations))
+    if campaign.run.weight is not None or (is_unloaded and robot.robot.bodies):
         raise RequestError(
             "a run by the robot's own weight cannot be rehearsed",
             where="run.weight",
             remedy="rehearse a campaign with loads",
+        )
+    if is_unloaded:
+        raise RequestError(
+            "no observation has a force or a moment",
+            where="measurement_set.observations",
+            remedy="state the load of each observation in `force` or `moment`",
         )
     generator, remarks = np.random.default_rng(seed), list[str]()
     planted, planted_by = _choose_stiffness(robot.robot, measured, stated_stiffness, generator)
@@ -75,6 +86,8 @@ def rehearse_campaign(
     options = dict(campaign.run) | {"resampling": None}
     request = RunRequest(**options, measurement_set_id=inputs.add_set(readings, robot))
     work = prepare_identification(inputs, request)
+    if quick_only:
+        refuse_long_identification(work)
     result = work.conclude([work.compute(span) for span in work.steps()])
     joints = [
         _compare_with_planted(joint, float(value))
@@ -91,6 +104,20 @@ def rehearse_campaign(
         assessment=result.assessment,
         remarks=remarks,
     )
+
+
+def refuse_long_identification(work: RunWork) -> None:
+    """Refuse an identification in steps, which cross-validates elastic links and may last minutes.
+
+    Raises:
+        RequestError: the identification has steps.
+    """
+    if work.steps():
+        raise RequestError(
+            "a campaign whose models of elastic links are compared is not rehearsed by the service",
+            where="run.elasticity",
+            remedy="rehearse the campaign with `jointstiff rehearse`",
+        )
 
 
 def describe_verdict(rehearsal: RehearsalResult) -> Iterator[str]:

@@ -238,12 +238,14 @@ class PathDeflection:
         """Compare this way with another: the interval of the difference of their sizes.
 
         Errors of readings and forces are common to both ways. The model errors of the ways are independent
-        of each other, and common to all points of a way. The interval with the model error is unknown if the
-        spread of the model error is.
+        of each other, and common to all points of a way; a way that is the other way has the same model
+        error. The interval with the model error is unknown if the spread of the model error is.
         """
         effect = None if self.effect is None or other.effect is None else self.effect - other.effect
         half = self._half_width(effect, confidence)
         deviation = hypot(self._sum_errors(self.deviation), other._sum_errors(other.deviation))
+        if effect is not None and not effect.any() and np.array_equal(self.deviation, other.deviation):
+            deviation = 0.0
         wide = hypot(half, student_quantile(0.5 * (1.0 + confidence), self.freedom) * deviation)
         return Ranking(_make_band(self.size - other.size, half, wide))
 

@@ -245,7 +245,9 @@ def test_the_next_two_postures_are_there_without_a_network(browser, bundle, tmp_
     read(page, "m03")
     page.reload()
     read(page, "m04")
-    expect(page.get_by_text("The next posture comes when the service is back.")).to_be_visible()
+    expect(
+        page.get_by_text("The service sends the next posture when the connection is back.")
+    ).to_be_visible()
     with serving(database, 1, port) as service:
         with httpx2.Client(base_url=ready(service).url, timeout=180.0) as api:
             for _ in range(600):

@@ -122,7 +122,7 @@ def test_an_arm_that_nobody_measured_is_answered_by_its_prior(visit, run, api):
     robot = post(api, "/v1/robots", {"name": "before the tracker", "model": arm, "payload": 210.0})["id"]
     page = visit("tablet", view=f"#/robots/{robot}").page
     page.get_by_role("link", name="Turn and place").click()
-    expect(page.get_by_text("right within a factor of two").first).to_be_visible()
+    expect(page.get_by_text("within a factor of two").first).to_be_visible()
     rows = "".join(f"1900,{y},900,0,30,180\n" for y in (-150, -50, 50, 150))
     table = f"x [mm],y [mm],z [mm],a [deg],b [deg],c [deg]\n{rows}"
     page.locator("input[type=file]").first.set_input_files(file_of("trim.csv", table))

@@ -195,7 +195,13 @@ export class Stage {
     this.#box ??= import("./box").then(
       ({ HeldBox: Make }) => new Make(this.#camera, this.canvas, (held) => this.#orbit.pause(held), this.#moved),
     );
-    const drawn = await this.#box;
+    let drawn: HeldBox;
+    try {
+      drawn = await this.#box;
+    } catch {
+      this.#box = undefined; // offline, or of another release: the next picture tries again
+      return;
+    }
     if (this.#gone) return drawn.dispose();
     if (this.#boxDrawn === null) {
       this.#boxDrawn = drawn;

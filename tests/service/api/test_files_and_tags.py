@@ -12,8 +12,8 @@ from support.refusals import told
 
 POSTED = campaign()
 FILES = (
-    "tables.json, report.pdf, report.html, report.xml, model.csv, model.xlsx, model.mjcf, joints.csv, "
-    "residuals.csv"
+    "tables.json, report.pdf, report.html, report.xml, model.csv, model.xlsx, model.mjcf, rehearsal.json, "
+    "joints.csv, residuals.csv"
 )
 
 

@@ -124,7 +124,30 @@ def test_what_cannot_be_rehearsed_is_refused_with_a_remedy(local, run, monkeypat
     monkeypatch.setattr(of_service, "MOST_OBSERVATIONS", POSTURES - 1)
     refused = local.get(file_at(run, "rehearsal.json"))
     assert refused.status_code == 422
-    assert refused.json()["remedy"] == "rehearse it with `jointstiff rehearse`"
+    assert refused.json()["remedy"] == "rehearse the campaign with `jointstiff rehearse`"
+
+
+@pytest.mark.parametrize("limit", ["MOST_OBSERVATIONS", "MOST_READINGS"])
+def test_a_large_plan_that_goes_on_is_refused_before_its_readings_are_identified(
+    local, run, monkeypatch, limit
+):
+    set_id = run["request"]["measurement_set_id"]
+    options = {"readings": 6, "candidates": 200, "load": LOAD, "measurement_set_id": set_id}
+    plan = post(local, "/v1/plans", options)
+    monkeypatch.setattr(
+        of_service, "prepare_identification", lambda *_: pytest.fail("the readings so far were identified")
+    )
+    monkeypatch.setattr(of_service, limit, POSTURES + 5)  # the set with the plan has one posture more
+    refused = local.get(file_at(plan, "rehearsal.json"))
+    assert refused.status_code == 422
+    assert "is not rehearsed by the service" in refused.json()["detail"]
+
+
+def test_a_run_that_compares_models_of_elastic_links_is_refused(local, document):
+    run = posted(local, document, elasticity="joints_and_links", loss="squared")
+    refused = local.get(file_at(run, "rehearsal.json"))
+    assert refused.status_code == 422
+    assert "models of elastic links" in refused.json()["detail"]
 
 
 def test_own_weight_is_refused(local):

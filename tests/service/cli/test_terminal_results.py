@@ -298,7 +298,7 @@ def test_a_program_is_corrected_and_its_points_are_written():
 def test_each_file_of_a_program_is_written_under_a_name_of_its_own():
     Path("more.src").write_text("DEF more( )\nWAIT SEC 1\nEND\n")
     line = "compensate pull.json path.src more.src --options options.json --output both.src --overwrite"
-    assert_said(typed(line), "4 of 4 targets corrected", "wrote both.src", "both_more.src")
+    assert_said(typed(line), "4 of 4 targets are corrected", "wrote both.src", "both_more.src")
     assert "LIN {X 1809.8095,Y 268.9037" in Path("both.src").read_text()
     assert Path("both_more.src").read_text() == "DEF more( )\nWAIT SEC 1\nEND\n"
 

@@ -7,6 +7,7 @@ import struct
 import sys
 import zlib
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pytest
@@ -61,19 +62,19 @@ def of_records(file):
     file.create_dataset("day1", data=np.array([tuple(row) for row in RECORDS], dtype=kind))
 
 
-def of_matlab(file):
+def of_matlab(file, labels=tuple(LABELS), matrices=MappingProxyType(MATRICES)):
     """Fill a file as MATLAB 7.3 does: matrices by columns, texts as references to arrays of characters."""
     import h5py
 
     texts = file.create_group("#refs#")
     references = []
-    for number, label in enumerate(LABELS):
+    for number, label in enumerate(labels):
         text = texts.create_dataset(str(number), data=np.array([list(map(ord, label))], dtype="u2").T)
         text.attrs["MATLAB_class"] = np.bytes_("char")
         references.append(text.ref)
     file.create_dataset("label", data=np.array([references], dtype=h5py.ref_dtype))
     file["label"].attrs["MATLAB_class"] = np.bytes_("cell")
-    for name, values in MATRICES.items():
+    for name, values in matrices.items():
         file[name] = values.T
         file[name].attrs["MATLAB_class"] = np.bytes_("double")
 
@@ -287,6 +288,11 @@ def long_field(file):
     file["r"] = np.zeros(3, [("n" * 300, "f8"), ("x", "f8")])
 
 
+def long_log(file):
+    file["J_deg"] = np.zeros((400_000, 2), "u1")
+    file["calibration"] = np.zeros(6)
+
+
 LARGE = "larger than 64 MiB, 320,000 rows, 256 columns or 1,000,000 cells"
 HARM = [
     (huge, LARGE),
@@ -295,6 +301,7 @@ HARM = [
     (virtual, "is stored in other files; copy it into one file"),
     (packed_otherwise, "is packed by a filter other than gzip; save it with gzip, or unpacked"),
     (of_pandas, "a frame of pandas, whose names and texts are pickled .* `to_parquet`"),
+    (long_log, LARGE),
     (long_unit, "a name or unit of an array has more than 256 characters; give the array a shorter one"),
     (long_name, "a name or unit of an array has more than 256 characters"),
     (long_path, "a name or unit of an array has more than 256 characters"),
@@ -372,6 +379,34 @@ def test_empty_variables_of_older_matlab_are_left_out_and_named():
     answer = answered(("a.mat", matlab(empty=np.zeros((0, 300)))))
     assert numbers_of(answer) == CAMPAIGN_NUMBERS
     assert answer.files[0].assumptions == ["variables that are no tables were skipped: 'empty'"]
+
+
+@pytest.mark.slow
+def test_labels_of_the_largest_campaign_are_read_in_time():
+    """HDF5 searches the file for the name of each text: with names, 10,000 texts took over 60 s."""
+    count = 10_000
+    labels = [f"c{k:05d}" for k in range(count)]
+    content = hdf5(lambda file: of_matlab(file, labels, {"J_deg": np.zeros((count, 2))}))
+    (table,) = room.read_arrays("a.mat", content, "hdf5", [None])
+    assert [row.cells[2] for row in table.rows[1:]] == labels
+
+
+def test_arrays_without_a_space_are_left_out():
+    """HDF5 arrays may have no shape at all, as an empty array of records that h5py saves."""
+
+    def fill(file):
+        import h5py
+
+        of_matrices(file)
+        file["nothing"] = h5py.Empty("f8")
+        file["no_records"] = h5py.Empty(np.dtype([("x", "f8")]))
+        file.create_group("alone")["nothing"] = h5py.Empty("f8")
+
+    answer = answered(("a.h5", hdf5(fill)))
+    assert numbers_of(answer) == CAMPAIGN_NUMBERS
+    assert answer.files[0].assumptions == [
+        "variables that are no tables were skipped: 'no_records, note, nothing'"
+    ]
 
 
 def test_storage_in_another_file_is_not_read(tmp_path):

@@ -39,7 +39,7 @@ def test_joints_that_differ_more_are_told_once_with_the_greatest_difference():
     wrong = UNLOADED.replace("unloaded", "loaded").replace("-35.125", "-35.2").replace("10.5;", "10.55;")
     assert refusals(("u.csv", UNLOADED), ("l.csv", wrong)) == [
         "l.csv:3: the joint angles of 'c02' differ by 0.075 from those at 'u.csv', line 3; up to 0.01 (deg "
-        "or mm) is believed; give each observation a unique label, correct one of them, or raise "
+        "or mm) is believed; give each observation a unique label, correct one of the two rows, or raise "
         "`joint_tolerance` [joint_tolerance]"
     ]
 
@@ -95,7 +95,7 @@ def row_of(statistic, name, digits=4):
 def test_rows_with_the_means_of_all_others_are_left_out_by_any_name(rows):
     answer = answered(("a.csv", CAMPAIGN + "\n".join(rows) + "\n"))
     assert numbers_of(answer) == CAMPAIGN_NUMBERS
-    assert any(f"statistics were left out: {len(rows)}" in note for note in answer.files[0].assumptions)
+    assert any(f"statistics were omitted: {len(rows)}" in note for note in answer.files[0].assumptions)
 
 
 def test_a_last_row_that_is_near_the_means_is_an_observation():

@@ -138,8 +138,8 @@ def test_deflections_need_targets_and_a_load_point_that_a_tool_reaches():
         ("flange_targets", "the targets' positions in the flange frame (`flange_targets`), for deflections"),
         (
             "accept_unusual",
-            "a confirmation (`accept_unusual`) that this is right: the load point is 120 m from the flange "
-            "(up to 5 m is believed)",
+            "a confirmation (`accept_unusual`) that these values are correct: the load point is 120 m from "
+            "the flange (up to 5 m is believed)",
         ),
     ]
 
@@ -296,7 +296,7 @@ def test_numbers_far_from_their_column_are_asked_about():
     answer = answered(file)
     assert (answer.missing_fields, answer.measurement_set) == (["accept_unusual"], None)
     assert answer.missing == [
-        "a confirmation (`accept_unusual`) that this is right: "
+        "a confirmation (`accept_unusual`) that these values are correct: "
         "joint 1 90500 ('day.csv', line 11) is 1608 times the spread of the "
         "other values away from the median (up to 100 times is believed); "
         "P1 unloaded x 12495 ('day.csv', line 9, column 6) is 287 times the spread of the "

@@ -76,10 +76,13 @@ def test_without_a_payload_nothing_shows():
 def test_the_terminal_offers_to_apply_the_first_unit():
     first, second = remedies(js.identify(noted("kgf", "N"), **OPTIONS).result.assessment, applies=True)
     assert first == (
-        "check in which unit the forces were read; if in kgf, set `units.force` to kgf, or repeat the "
-        "command with `--apply convert_units`"
+        "check in which unit the forces were read; if in kgf, set `units.force` to kgf; omit a `payload` "
+        "that is not known, or repeat the command with `--apply convert_units`"
     )
-    assert second == "check in which unit the forces were read; if in lbf, set `units.force` to lbf"
+    assert second == (
+        "check in which unit the forces were read; if in lbf, set `units.force` to lbf; omit a `payload` "
+        "that is not known"
+    )
 
 
 def test_a_service_offers_each_unit_and_keeps_the_payload(client, clean):

@@ -400,7 +400,7 @@ def test_a_program_with_a_capped_point_needs_a_confirmation(run):
     assert "limits reduce the correction of 4 of 4" in str(refused.value.problem.errors)
     program = ABSURD["program, all capped, accepted"](run, None)
     assert program.result.assessment.verdict == "do_not_use"
-    assert "limits reduce the corrections" in program.result.assessment.reasons[0].message
+    assert "limits reduce the correction" in program.result.assessment.reasons[0].message
 
 
 def test_the_greatest_deflection_and_the_farthest_point_decide(run):

@@ -163,3 +163,13 @@ def test_a_run_by_own_weight_is_not_rehearsed(document):
     weighed = document | {"run": {"weight": {}}}
     with pytest.raises(Exception, match="a run by the robot's own weight cannot be rehearsed"):
         js.rehearse(weighed)
+
+
+def test_a_campaign_without_a_load_is_refused_by_what_is_missing(document):
+    unloaded = json.loads(json.dumps(document))
+    for observation in unloaded["measurement_set"]["observations"]:
+        observation["force"] = [0, 0, 0]
+        for reading in observation["readings"]:
+            reading["loaded"] = None
+    with pytest.raises(Exception, match="no observation has a force or a moment"):
+        js.rehearse(unloaded)

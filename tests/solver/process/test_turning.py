@@ -172,7 +172,7 @@ def test_a_point_out_of_reach_is_named():
     p = path()
     far = replace(p, poses=p.poses + 0.0)
     far.poses[7, 0, 3] += 9.0
-    with pytest.raises(RequestError, match="point 8 of the path: the robot does not reach it"):
+    with pytest.raises(RequestError, match="point 8 of the path: the robot does not reach the point"):
         choose_turns(MODEL, INVERSE, far, TASK)
 
 
