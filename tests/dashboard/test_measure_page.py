@@ -140,6 +140,59 @@ def test_a_phone_shows_a_reading_on_one_screen(visit, api):
     expect(page.get_by_label("P1, Unloaded x")).to_have_value("-12.5")
 
 
+CUT = """
+() => [...document.querySelectorAll(".live-joints > li")].flatMap((row) => {
+  const box = row.getBoundingClientRect();
+  const words = document.createRange();
+  const rects = [...row.querySelectorAll("b, .value")].flatMap((part) => {
+    words.selectNodeContents(part);
+    const clips = part.scrollWidth > part.clientWidth + 1 && getComputedStyle(part).overflowX !== "visible";
+    return clips ? [new DOMRect(box.right, 0, 99, 0)] : [...words.getClientRects()];
+  });
+  rects.push(row.querySelector("svg").getBoundingClientRect());
+  const inside = (rect) => rect.width > 0 && rect.left >= box.left - 1 && rect.right <= box.right + 1;
+  return rects.every(inside) && box.right <= innerWidth ? [] : [row.textContent];
+})
+"""
+"""Rows of joints whose words or bar leave their row, or are cut."""
+LENGTHEN = """
+() => {
+  const put = (part, text) => { if (part) part.textContent = text; };
+  for (const row of document.querySelectorAll(".live-joints > li")) {
+    put(row.querySelector("bdi"), "joint_of_the_shoulder_at_the_column");
+    put(row.querySelector("small"), "\u00b1 1\u202f800\u00a0%");
+    put(row.querySelector(".reason"), "the load never twists this joint, and no posture of this robot would");
+  }
+}
+"""
+
+
+@pytest.mark.parametrize("width", [360, 390])
+def test_a_phone_shows_each_joint_with_its_interval(visit, width):
+    """Name, bar and value with ± fit, before and after a doubtful reading, and with long words."""
+    page = (visited := visit("phone")).page
+    page.set_viewport_size({"width": width, "height": 844})
+    simulated(visited)
+
+    def look(joints: int) -> None:
+        values = page.locator(".live-joints .value")
+        expect(values).to_have_count(6)
+        expect(values.filter(has_text="±")).to_have_count(joints)
+        for _ in ("as they are", "with long words"):
+            assert page.evaluate(CUT) == []
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            page.evaluate(LENGTHEN)
+
+    for number in range(1, 6):
+        read(page, f"m{number:02d}")
+    expect(page.get_by_role("heading", name="Next: m06")).to_be_visible()
+    look(5)  # a weight never twists the first
+    page.reload()  # without the long words
+    read(page, "m06", "Simulate a mistake")
+    expect(page.get_by_role("alert", name="m06 is doubtful")).to_be_visible()
+    look(5)
+
+
 def test_no_reading_is_lost_when_the_service_is_started_again(browser, bundle, tmp_path):
     """The page is loaded again meanwhile, and what waits is sent from another view."""
     database, port = f"sqlite:///{tmp_path / 'jointstiff.db'}", free_port()

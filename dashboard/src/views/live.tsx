@@ -810,7 +810,9 @@ function Joints({ state, goal, read }: { state: LiveState; goal: number | null; 
             </svg>
             <span class="value">
               {stiffness === null || relative === null ? (
-                <span class="soft">{reason ?? (read < FEW ? words.unknown : words.undetermined)}</span>
+                <span class={reason === null ? "soft" : "soft reason"}>
+                  {reason ?? (read < FEW ? words.unknown : words.undetermined)}
+                </span>
               ) : (
                 <>
                   {significant(inUnit(stiffness, unit, kind), 3)} <small class="soft">± {percent(relative)}</small>

@@ -12,6 +12,9 @@ import { useSettings } from "../state/session";
 
 const words = later.rehearsal;
 
+/** What was planted stands last: a phone shows at first what was found, and its interval. */
+const plantedLast = <T,>([joint, planted, ...found]: T[]): T[] => [joint, ...found, planted] as T[];
+
 export function Rehearsal({ job }: { job: string }) {
   const [seed, setSeed] = useState(0); // 0: not rehearsed yet
   const unit = STIFFNESS_UNITS[useSettings().unit].name;
@@ -44,7 +47,7 @@ export function Rehearsal({ job }: { job: string }) {
       {data?.tables.map(({ caption, head, rows, texts }) => (
         <>
           <p class="soft">{sentence(caption)}</p>
-          <DataTable caption={words.title} table={{ columns: head, rows, texts }} />
+          <DataTable caption={words.title} table={{ columns: plantedLast(head), rows: rows.map(plantedLast), texts }} />
         </>
       ))}
     </section>
