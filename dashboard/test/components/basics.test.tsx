@@ -57,7 +57,7 @@ describe("an action", () => {
   });
 
   it.each([
-    [new ApiError({ title: "Refused", detail: "no such set" } as Problem), "no such set"],
+    [new ApiError({ title: "Refused", detail: "no such set" } as Problem), "No such set"],
     [new TypeError("x is undefined"), "x is undefined"],
   ])("shows %s", async (error, shown) => {
     const root = await drawn(<Starter act={() => Promise.reject(error)} />);
@@ -78,7 +78,7 @@ describe("a refusal", () => {
       errors: [{ where, reason, remedy: null }],
     };
     const root = await drawn(<ProblemNote problem={problem} />);
-    for (const once of [where, reason, "see docs"]) expect(root.textContent?.split(once)).toHaveLength(2);
+    for (const once of [where, reason, "See docs"]) expect(root.textContent?.split(once)).toHaveLength(2);
   });
 });
 

@@ -47,6 +47,6 @@ describe("deletion of a robot or a set", () => {
     await press(root, "Continue");
     await settled(() => {});
     expect(root.textContent).toContain("2 measurement sets refer to it");
-    expect(root.textContent).toContain("delete those first");
+    expect(root.textContent).toContain("Delete those first");
   });
 });

@@ -38,7 +38,7 @@ describe("what was deleted", () => {
         {() => null}
       </Show>,
     );
-    expect(root.textContent).toContain("check the address");
+    expect(root.textContent).toContain("Check the address");
     expect(root.textContent).not.toContain("Restore");
   });
 });
