@@ -66,6 +66,23 @@ def test_an_example_is_tried_where_there_is_nothing_yet(visit):
     expect(page.get_by_role("link", name="Correct a program")).to_be_visible()
 
 
+@pytest.mark.parametrize("width", [1024, 1280, 1440])
+def test_a_plan_shows_every_joint_and_the_load(visit, stored, width):
+    """Nothing of the list of postures stands beyond its card."""
+    page = visit("desktop").page
+    page.set_viewport_size({"width": width, "height": 900})
+    page.goto(f"#/plans/{stored.plan}")
+    table = page.locator("table.postures")
+    expect(table.get_by_role("columnheader")).to_have_count(8)
+    table.evaluate(
+        """(table) => { for (const load of table.querySelectorAll("tbody td:last-child"))
+          load.textContent = "1500 N along (−0.64, −0.65, −0.41) in R0"; }"""
+    )
+    assert table.evaluate("(table) => table.parentElement.scrollWidth - table.parentElement.clientWidth") <= 0
+    heights = [row.bounding_box()["height"] for row in table.get_by_role("row").all()]
+    assert width < 1280 or max(heights) <= 44  # two lines
+
+
 @pytest.mark.parametrize("width", [360, 390])
 def test_a_phone_shows_all_of_a_rehearsal(visit, stored, width):
     """The found stiffness, its interval and half-width stand within the screen."""

@@ -123,10 +123,13 @@ function shown(cell: Cell, column: Column | undefined): string | VNode {
   return typeof cell === "number" ? (show ?? ((value) => significant(value, 4)))(cell) : cell;
 }
 
+/** After the word between the ends of an interval. */
+const BETWEEN = /(?<=…|\bto)(?= )/;
+
 /** An interval may stand in two lines, each number in one with its unit. */
 const inPieces = (content: string | VNode): ComponentChildren =>
-  typeof content === "string" && content.includes("… ")
-    ? content.split(/(?<=…)(?= )/).map((piece) => (
+  typeof content === "string" && BETWEEN.test(content)
+    ? content.split(BETWEEN).map((piece) => (
         <>
           {piece.startsWith(" ") && " "}
           <span class="piece-of-number">{piece.trimStart()}</span>
