@@ -18,7 +18,6 @@ from jointstiff.schemas.plan import (
 )
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Campaign
-from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.service.kinds.kind import READINGS_BYTES, File, Kind
 from jointstiff.service.tables.report import Report, View
 from jointstiff.service.tables.table import Chart, Column, Line, Sheet, Table, number_formatter
@@ -305,6 +304,9 @@ def _describe_noise(source: RobotDocument | Campaign, sigma: float | None) -> di
 
     Of a campaign in other units, or in the frame of the tracker, only what is a length or an angle remains.
     """
+    # A client knows this kind without numpy, which the units need.
+    from jointstiff.service.conversion.units import ANGLE, LENGTH
+
     stated = source.measurement_set.noise if isinstance(source, Campaign) else None
     noise: dict[str, Any] = {}
     if isinstance(source, Campaign) and stated is not None:
