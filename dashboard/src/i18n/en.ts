@@ -230,6 +230,7 @@ export const en = {
     shared: "Link copied",
     delete: "Delete",
     download: "JSON",
+    rehearse: "Rehearse",
     pdf: "PDF report",
     downloadHint: "Download this run as JSON",
     summary: {

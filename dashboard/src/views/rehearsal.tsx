@@ -1,5 +1,5 @@
 /** The rehearsal of a run or a plan: its readings simulated with known stiffnesses, and identified. */
-import { useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 import { queries } from "../api/queries";
 import { ActionButton, Prose } from "../components/basics";
 import { DataTable } from "../components/table";
@@ -15,7 +15,7 @@ const words = later.rehearsal;
 /** What was planted stands last: a phone shows at first what was found, and its interval. */
 const plantedLast = <T,>([joint, planted, ...found]: T[]): T[] => [joint, ...found, planted] as T[];
 
-export function Rehearsal({ job }: { job: string }) {
+export function Rehearsal({ job, atOnce = false }: { job: string; atOnce?: boolean }) {
   const [seed, setSeed] = useState(0); // 0: not rehearsed yet
   const unit = STIFFNESS_UNITS[useSettings().unit].name;
   const rehearsed = (of: number) => queries.rehearsal(job, { unit, seed: String(of) });
@@ -23,6 +23,9 @@ export function Rehearsal({ job }: { job: string }) {
     await ask(rehearsed(seed + 1));
     setSeed(seed + 1);
   }, "rehearsal");
+  useEffect(() => {
+    if (atOnce) rehearse.run();
+  }, []);
   const { data } = useQuery({ ...rehearsed(seed), enabled: seed > 0 });
   const [verdict, ...lines] = data?.lines ?? [];
   return (

@@ -9,6 +9,7 @@ import {
   When,
   Term,
   ActionButton,
+  Button,
   Download,
   LinkButton,
   lazy,
@@ -155,10 +156,21 @@ export function StiffnessPart({ context, result }: PartProps) {
       {(result.links || result.choice?.models.length || result.resampling) && (
         <JobTables collection="runs" id={run.id} from={1} />
       )}
-      {!run.request.weight && <Rehearsal job={run.id} />}
+      {!run.request.weight && <RehearsalPart job={run.id} />}
       <Further warnings={unsaid(result.warnings, result.assessment.reasons)} />
       <Evidence context={context} result={result} />
     </>
+  );
+}
+
+/** The rehearsal, whose program and words are loaded on demand. */
+function RehearsalPart({ job }: { job: string }) {
+  const [isOpen, setOpen] = useState(false);
+  if (isOpen) return <Rehearsal job={job} atOnce />;
+  return (
+    <section class="card">
+      <Button onClick={() => setOpen(true)}>{text.run.rehearse}</Button>
+    </section>
   );
 }
 
