@@ -51,7 +51,7 @@ export const alike = (titles: string[], unit: string | undefined, show?: (value:
 export function DataTable({ table, caption }: { table: Table; caption: string }) {
   return (
     <Scroll label={caption}>
-      <table class="data">
+      <table>
         <caption class="hidden">{caption}</caption>
         <thead>
           <tr>
@@ -72,7 +72,7 @@ export function DataTable({ table, caption }: { table: Table; caption: string })
                     {content}
                   </th>
                 ) : (
-                  <td class={number ? "number" : undefined}>{number ? inPieces(content) : content}</td>
+                  <td class={number ? "number" : undefined}>{content}</td>
                 );
               })}
             </tr>
@@ -122,20 +122,6 @@ function shown(cell: Cell, column: Column | undefined): string | VNode {
   const show = typeof column === "object" ? column.show : undefined;
   return typeof cell === "number" ? (show ?? ((value) => significant(value, 4)))(cell) : cell;
 }
-
-/** After the word between the ends of an interval. */
-const BETWEEN = /(?<=…|\bto)(?= )/;
-
-/** An interval may stand in two lines, each number in one with its unit. */
-const inPieces = (content: string | VNode): ComponentChildren =>
-  typeof content === "string" && BETWEEN.test(content)
-    ? content.split(BETWEEN).map((piece) => (
-        <>
-          {piece.startsWith(" ") && " "}
-          <span class="piece-of-number">{piece.trimStart()}</span>
-        </>
-      ))
-    : content;
 
 const STYLED = `fill fill-opacity stroke stroke-width stroke-dasharray stroke-opacity opacity font-size font-weight
   font-family text-anchor dominant-baseline paint-order pointer-events`.split(/\s+/);

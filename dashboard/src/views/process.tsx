@@ -75,7 +75,9 @@ export function ProcessView({ id }: { id: string }) {
           <JobLines collection="processes" id={id} />
           <Along loaded={loaded} result={result} />
           {loaded.places.length > 0 && <Places loaded={loaded} result={result} />}
-          <JobTables collection="processes" id={id} />
+          <div class="wraps">
+            <JobTables collection="processes" id={id} />
+          </div>
         </>
       )}
     </JobPage>

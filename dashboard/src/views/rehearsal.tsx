@@ -29,7 +29,7 @@ export function Rehearsal({ job, atOnce = false }: { job: string; atOnce?: boole
   const { data } = useQuery({ ...rehearsed(seed), enabled: seed > 0 });
   const [verdict, ...lines] = data?.lines ?? [];
   return (
-    <section class="card" aria-labelledby="rehearsal">
+    <section class="card wraps" aria-labelledby="rehearsal">
       <h2 id="rehearsal">{words.title}</h2>
       <p class="soft">{words.intro}</p>
       <ActionButton action={rehearse} going={words.going}>
