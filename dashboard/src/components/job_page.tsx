@@ -103,16 +103,22 @@ interface JobTablesProps {
   /** The first one shown, and the first one not shown. */
   from?: number;
   to?: number | undefined;
+  /** How a cell is shown. */
+  cell?: (each: string | number | null) => string | number | null;
 }
 
-export function JobTables({ collection, id, from = 0, to }: JobTablesProps) {
+export function JobTables({ collection, id, from = 0, to, cell = (each) => each }: JobTablesProps) {
   return (
     <Show of={useTables(collection, id)}>
       {({ tables }) =>
         tables
           .slice(from, to)
           .map(({ title, caption, head, rows, texts }) => (
-            <TableCard title={title || (head[1] ?? "")} note={caption} table={{ columns: head, rows, texts }} />
+            <TableCard
+              title={title || (head[1] ?? "")}
+              note={caption}
+              table={{ columns: head, rows: rows.map((row) => row.map(cell)), texts }}
+            />
           ))
       }
     </Show>

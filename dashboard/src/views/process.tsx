@@ -7,6 +7,7 @@ import { AlongPath } from "../charts/along_path";
 import { Busy, Choice, Download, Facts, NameLink, useWidth } from "../components/basics";
 import { Handle } from "../components/fields";
 import { JobLines, JobPage, JobTables } from "../components/job_page";
+import { inTwoLines } from "./rehearsal";
 import { extent, fixed, percent, significant } from "../lib/format";
 import * as maps from "../lib/map";
 import { type ProcessPoint, processPointsOf, type SearchedPlace, searchedPlacesOf, type Stage } from "../lib/process";
@@ -76,7 +77,7 @@ export function ProcessView({ id }: { id: string }) {
           <Along loaded={loaded} result={result} />
           {loaded.places.length > 0 && <Places loaded={loaded} result={result} />}
           <div class="wraps">
-            <JobTables collection="processes" id={id} />
+            <JobTables collection="processes" id={id} cell={inTwoLines} />
           </div>
         </>
       )}

@@ -12,6 +12,10 @@ import { useSettings } from "../state/session";
 
 const words = later.rehearsal;
 
+/** An interval stands in two lines at most: the word between its ends stays with the first one. */
+export const inTwoLines = <T,>(cell: T): T =>
+  (typeof cell === "string" ? cell.replace(/ (to|…) /, "\u00a0$1 ") : cell) as T;
+
 /** What was planted stands last: a phone shows at first what was found, and its interval. */
 const plantedLast = <T,>([joint, planted, ...found]: T[]): T[] => [joint, ...found, planted] as T[];
 
@@ -50,7 +54,10 @@ export function Rehearsal({ job, atOnce = false }: { job: string; atOnce?: boole
       {data?.tables.map(({ caption, head, rows, texts }) => (
         <>
           <p class="soft">{sentence(caption)}</p>
-          <DataTable caption={words.title} table={{ columns: plantedLast(head), rows: rows.map(plantedLast), texts }} />
+          <DataTable
+            caption={words.title}
+            table={{ columns: plantedLast(head), rows: rows.map((row) => plantedLast(row).map(inTwoLines)), texts }}
+          />
         </>
       ))}
     </section>
