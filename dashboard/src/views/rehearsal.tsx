@@ -14,7 +14,7 @@ const words = later.rehearsal;
 
 /** An interval stands in two lines at most: the word between its ends stays with the first one. */
 export const inTwoLines = <T,>(cell: T): T =>
-  (typeof cell === "string" ? cell.replace(/ (to|…) /, "\u00a0$1 ") : cell) as T;
+  (typeof cell === "string" ? cell.replace(/(?<!\b(?:to)|…) /g, "\u00a0") : cell) as T;
 
 /** What was planted stands last: a phone shows at first what was found, and its interval. */
 const plantedLast = <T,>([joint, planted, ...found]: T[]): T[] => [joint, ...found, planted] as T[];
