@@ -94,7 +94,7 @@ def test_a_phone_shows_all_of_a_rehearsal(visit, stored, width):
     expect(table.get_by_role("row", name="joint_2")).to_contain_text("±")
     shown = table.get_by_role("row", name="joint_2").get_by_role("cell")
     assert re.search(r"\d\s… \d", shown.nth(1).inner_text())
-    assert re.fullmatch("± .* %", shown.nth(2).inner_text())
+    assert re.fullmatch(r"±\s.*\s%", shown.nth(2).inner_text())
     assert (box := shown.nth(2).bounding_box())["x"] + box["width"] <= width - 24
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
