@@ -41,7 +41,7 @@ _REMEDIES: Final = {
     404: "see /openapi.json for the existing addresses",
     405: "see /openapi.json for the methods of this address",
     409: "check `state` and `error` of the resource",
-    413: "send fewer data in one request",
+    413: "send less data in one request",
 }
 
 RETRY_SECONDS: Final = {429: 10, 503: 5}

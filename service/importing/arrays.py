@@ -21,8 +21,8 @@ _WORDS: Final = MappingProxyType(
 )
 LIBRARIES: Final = MappingProxyType({"hdf5": "h5py", "parquet": "pyarrow"})
 """Library of a format that the extra `tables` installs."""
-MAX_SECONDS: Final = 120.0
-"""Time that the reading of one file may take [s]."""
+MAX_WAIT: Final = 120.0
+"""Time for which the process that reads one file is waited for [s]; `limits` has its processor time."""
 _EXCEEDED: Final = -9
 """Status of a process that its limits have ended."""
 _AXES: Final = "xyz"
@@ -79,8 +79,8 @@ def _ask_library(file: str, content: bytes, kind: ArrayFormat, wanted: list[str]
     status, output, errors = _EXCEEDED, b"", b""
     with suppress(subprocess.TimeoutExpired):
         process = subprocess.run(  # noqa: S603 - the names in the command are JSON
-            command, input=content, capture_output=True, check=False, timeout=MAX_SECONDS
-        )  # fmt: skip
+            command, input=content, capture_output=True, check=False, timeout=MAX_WAIT
+        )
         status, output, errors = process.returncode, process.stdout, process.stderr
     if status > 0:  # an error of the library, whose name is in the last line of its traceback
         error = errors.decode(errors="replace").strip().rpartition("\n")[2].partition(":")[0]

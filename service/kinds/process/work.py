@@ -373,9 +373,9 @@ class ProcessWork(ProgramWork):
         verdict: Verdict = "use_with_care"
         return [make_reason("no_order", verdict, message, remedy)]
 
-    def _must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
+    def must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
         """Return whether the written program gets a comment that marks it as compensated."""
-        return self.corrects and super()._must_mark(assessment, unchanged_moves)
+        return self.corrects and super().must_mark(assessment, unchanged_moves)
 
     def _check_written(self, contents: Sequence[bytes], points: WrittenPoints) -> None:
         """Read the written files back, and compare the joints with those that were meant.
@@ -470,9 +470,9 @@ class ProcessWork(ProgramWork):
             f"as a joint would differ by {np.degrees(np.abs(read[i] - self._meant[i]).max()):.3g}°"
         )
 
-    def _list_remarks(self) -> list[str]:
+    def list_remarks(self) -> list[str]:
         """Return the remarks of a compensated program, and what free branches need."""
-        remarks = super()._list_remarks()
+        remarks = super().list_remarks()
         if self._unwritten is not None:
             reason = f"no program is written, so move the robot to the joints in turns.csv: {self._unwritten}"
             return [reason, *remarks]

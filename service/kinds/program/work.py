@@ -640,7 +640,7 @@ class ProgramWork(Work):
         self._check_written(contents, points)
         program, unchanged_moves = self._program, len(self._program.left_moves)
         assessment = self._assess_corrections(corrections)
-        if self._must_mark(assessment, unchanged_moves) and points.changed.any():
+        if self.must_mark(assessment, unchanged_moves) and points.changed.any():
             # The comment that marks the program as compensated goes into the first file.
             contents[0] = insert_mark(
                 program.format,
@@ -657,7 +657,7 @@ class ProgramWork(Work):
     def _check_written(self, contents: Sequence[bytes], points: WrittenPoints) -> None:
         """Check the written files, without marks; a compensated program needs no further check."""
 
-    def _must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
+    def must_mark(self, assessment: Assessment, unchanged_moves: int) -> bool:
         """Return whether the written program gets a comment that marks it as compensated."""
         return self._request.mark or assessment.verdict == "do_not_use" or bool(unchanged_moves)
 
@@ -758,12 +758,12 @@ class ProgramWork(Work):
             rounding=points.summarize_sizes(points.rounding),
             confidence=self._request.confidence,
             worst=points.list_worst_points(),
-            remarks=self._list_remarks(),
+            remarks=self.list_remarks(),
             files=files,
             table=compress_file("points", points.pack_table()),
         )
 
-    def _list_remarks(self) -> list[str]:
+    def list_remarks(self) -> list[str]:
         """Return remarks on the run's model, then a remark for each reason why lines were not corrected."""
         lines: dict[str, list[int]] = {}
         for remark in self._program.left_alone:

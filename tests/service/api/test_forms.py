@@ -22,7 +22,7 @@ WRITTEN = "send multipart/form-data as browsers, curl -F and HTTP libraries do"
 NOT_A_FORM = "send a form, with the header Content-Type: multipart/form-data"
 FILE_NAME = "a file has no name, or a name that cannot be displayed"
 ONCE = "send each file once"
-FEWER = "send fewer data in one request"
+FEWER = "send less data in one request"
 NAMED = "send the file with a `filename` of 1 to 200 printable characters"
 
 

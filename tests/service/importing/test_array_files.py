@@ -466,7 +466,7 @@ def test_arrays_in_cells_of_matlab_are_not_unpacked_without_limit():
 
 
 def test_a_file_that_takes_too_long_is_refused(monkeypatch):
-    monkeypatch.setattr(room, "MAX_SECONDS", 0.0)
+    monkeypatch.setattr(room, "MAX_WAIT", 0.0)
     (said,) = refusals(("a.mat", matlab()))
     assert "ended without a result: it is damaged, or takes over 384 MiB or 60 s" in said
 
