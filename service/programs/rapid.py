@@ -66,7 +66,10 @@ _FUNCTIONS: Final = (
     r"|(?:NUM|VAL|BYTE)TOSTR|STR(?:LEN|PART)|C(?:ROBT|JOINTT|POS|TOOL|WOBJ|DATE|TIME)|OPMODE|RUNMODE|OFFS|RELTOOL"
     r"|POSE(?:MULT|INV|VECT)|(?:ORIENT|EULER)ZYX|DISTANCE|MAXROBSPEED|IS(?:PERS|VAR)"
 )
-_REMEDY: Final = "write [[x, y, z], [q1 ... q4], [cf1 ... cfx], [external axes]] in numbers, or declare it so"
+_REMEDY: Final = (
+    "write the target as [[x, y, z], [q1 ... q4], [cf1 ... cfx], [external axes]] in numbers, or "
+    "declare such a target"
+)
 _ONE_MODULE: Final = "send one module"
 _FRAME_REMEDY: Final = "declare the frame in numbers"
 _WORD: Final = r"[^\W\d]\w*+"
@@ -129,7 +132,7 @@ def _translate_instruction(line: Line) -> list[Op]:
     found = line.read_expression(arguments)
     names = _find_names(found)
     if _CHANGES_ARGUMENTS.fullmatch(name):
-        return [*found, ir.MakeUnknown(names, f"{name} changes it while the program runs", _REMEDY)]
+        return [*found, ir.MakeUnknown(names, f"{name} changes the value while the program runs", _REMEDY)]
     if name == "SINGAREA" and "WRIST" in line["arguments"]:
         note = ir.Note("SingArea \\Wrist: near singularities the tool turns away from its stated orientation")
         return [*found, note]
@@ -162,7 +165,7 @@ def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op
     `found` are the operations of its arguments.
     """
     name, count = line["name"], 1 + (letter == "C")
-    remedy = "write it as MoveL, MoveJ or MoveC"
+    remedy = "write the move as MoveL, MoveJ or MoveC"
     try:
         spans, work_object, _ = _split_arguments(line, line.span("arguments")[0], _PROCESS_OPTIONS)
     except Misread as fault:
@@ -188,7 +191,7 @@ def _translate_search(line: Line, found: list[Op], names: frozenset[str]) -> lis
 
     `found` are the operations of its arguments, `names` their names.
     """
-    reason, remedy = f"{line['name']} moves until a signal comes", "omit it"
+    reason, remedy = f"{line['name']} moves until a signal comes", "omit the statement"
     plain = [each for each in line["arguments"].split(",") if not each.lstrip().startswith("\\")]
     if len(plain) > 1 and re.fullmatch(_WORD, plain[1]):
         names = frozenset({plain[1]})
@@ -200,18 +203,18 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
     if name in _END_OF_LASTING:
         return [ir.end_lasting(_END_OF_LASTING[name])]
     if _WRITES_DATA.fullmatch(name):
-        return [ir.MakeUnknown(each, f"{name} may move targets or frames", "omit it")
+        return [ir.MakeUnknown(each, f"{name} may move targets or frames", "omit the statement")
                 for each in (names, frozenset({ir.MODE}))]  # fmt: skip
     if match := _LASTING.fullmatch(name):
         reason = f"{name} may move targets or frames"
-        begin = ir.begin_lasting(match[1], reason, "omit it")
+        begin = ir.begin_lasting(match[1], reason, "omit the statement")
         is_move = _FORCE_MOVE.fullmatch(name) is not None
-        return ir.make_uncorrected_move([begin], reason, "omit it") if is_move else [begin]
+        return ir.make_uncorrected_move([begin], reason, "omit the statement") if is_move else [begin]
     if match := _SHIFT.match(name):
         reason = f"{name} moves targets or frames"
         if match[0] == "WAITWOBJ":  # a conveyor moves this work object, and no other one
-            return [ir.MakeUnknown(names, reason, "omit it", anytime=True)]
-        return [ir.begin_lasting(match[0], reason, "omit it")]
+            return [ir.MakeUnknown(names, reason, "omit the statement", anytime=True)]
+        return [ir.begin_lasting(match[0], reason, "omit the statement")]
     return []
 
 
@@ -366,7 +369,9 @@ def _split_arguments(
         for option in options:
             name, _, value = text[slice(*option)].partition(":=")
             if not known_options.fullmatch(name):
-                raise Misread(f"the argument \\{name} moves the target, or is not known", "omit it")
+                raise Misread(
+                    f"the argument \\{name} moves the target, or is not known", "omit the statement"
+                )
             found += line.read_expression(value)
             if name == "WOBJ":
                 if not re.fullmatch(_WORD, value):
@@ -404,15 +409,15 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
     if len(modules) > 1:
         if routines := _find_ambiguous_names(modules, _LOCAL_ROUTINE):
             reason = (
-                f"{quote_text(min(routines))} is LOCAL in one of the modules, and another one uses its name"
+                f"{quote_text(min(routines))} is LOCAL in one module, and another module uses the same name"
             )
             index, line = places[1]
             machine.refuse(line, reason, _ONE_MODULE, index)
-        reason = "it is LOCAL in one of the modules"
+        reason = "the name is LOCAL in one of the modules"
         machine.forget_anytime(_find_ambiguous_names(modules, _LOCAL_DATA), reason, _ONE_MODULE)
     own = {name for text in modules for name in re.findall(_ROUTINE, text) if _PROCESS_MOVE.fullmatch(name)}
     if own:
-        reason = f"the program has a routine {min(own)} of its own, with the name of a move of a process"
+        reason = f"the program has its own routine {min(own)}, but a move of a process has the same name"
         machine.forget_anytime(frozenset({ir.MODE}), reason, "give the routine another name")
 
 

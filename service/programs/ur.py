@@ -48,7 +48,9 @@ _RESERVED: Final = (
     r"def|sec|thread|end|if|elif|else|while|for|switch|case|default|return|break|continue|pass|global|local|kill"
     r"|join|set_tcp|move[jlpc]"
 )
-_REMEDY: Final = "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or a variable that gets them once"
+_REMEDY: Final = (
+    "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or use a variable that gets these numbers once"
+)
 _WORD: Final = r"[^\W\d]\w*+"
 _SIX: Final = r"\[\0(?:,\0){5}\]"
 _LITERALS: Final = ((POSE, re.compile(rf"p{_SIX}")), (JOINTS, re.compile(_SIX)))
@@ -154,7 +156,7 @@ def _translate_move(line: Line) -> list[Op]:
     for start, stop in spans[len(names) :]:
         found += line.read_expression(re.sub("^(?:a|v|t|r|mode)=", "", line.text[start:stop]))
     if ir.calls_routine(found):
-        raise Misread("the move calls a routine")
+        raise Misread("the arguments of the move call a routine")
     return [*found, ir.Move(motion, tuple(targets), tuple(bases), (ir.Copy(_ACTIVE),) * len(names))]
 
 
