@@ -318,8 +318,9 @@ def _convert_to_units_of_file(
         is_posture = quantity == "angle" and isinstance(value, list | tuple)
         if is_posture and file_unit != "deg" and file_unit in unit_sizes and len(value) > _JOINTS_OF_ARM:
             raise typer.BadParameter(
-                f"the values of linear axes cannot be converted from deg to {file_unit}, the unit of "
-                f"angles in the file of options; remedy: state `{name}` in that file, in its units",
+                f"the unit of angles in the file of options is {file_unit}, so values of linear axes in "
+                f"deg cannot be converted; remedy: state `{name}` in the file of options, in the units "
+                "of this file",
                 param_hint=option_flag(message_class, name),
             )
         if file_unit in unit_sizes:
@@ -383,7 +384,7 @@ def name_options_in_problem(
                 f": one of {', '.join(get_args(field_type))}" if get_origin(field_type) is Literal else ""
             )
             if item.where not in fields_with_option:
-                remedy = "state it in the JSON file of `--options`"
+                remedy = "state the option in the JSON file of `--options`"
         changes = {
             "reason": name_options_in_text(message_class, item.reason, form_of_field),
             "remedy": remedy,

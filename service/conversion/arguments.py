@@ -56,9 +56,9 @@ def complete_units(stated: AnyUnits | Message) -> dict[str, str]:
         if unit not in _SIZES.get(quantity, {}):
             known = "; ".join(f"{name} {', '.join(sizes)}" for name, sizes in _SIZES.items())
             raise MeasurementError(
-                f"'{unit}' is no known unit of {quantity}",
+                f"'{unit}' is not a known unit of {quantity}",
                 where="units",
-                remedy=f"use one unit of each quantity: {known}",
+                remedy=f"use one unit for each quantity: {known}",
             )
     return units
 

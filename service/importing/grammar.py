@@ -338,7 +338,7 @@ def check_unit(header: str, text: str | None, kind: Kind) -> str | None:
     if known is None or known[0] != dimension:
         reason = f"{quote(header)}: {quote(text)} is not a known unit of {dimension}"
         remedy = f"convert to one of {', '.join(_WORDS['units'][dimension])}"
-        hung = "; a hung mass is `mass [kg]`" if text == "kg" and kind == "force" else ""
+        hung = "; write a hung mass as `mass [kg]`" if text == "kg" and kind == "force" else ""
         raise ImportFileError(NOWHERE, reason, remedy + hung)
     return known[1]
 
@@ -382,7 +382,8 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
         return Meaning(Quantity(kind, target, state), sum(axes))
     if target is None or state not in (None, "deflection"):
         reason = (
-            f"{quote(header)}: a reading along an axis needs a target's name, and no state but `deflection`"
+            f"{quote(header)}: a reading along an axis needs the name of a target, and the state "
+            "`deflection` or no state"
         )
         raise ImportFileError(NOWHERE, reason, "write a header such as `tip along z [mm]`")
     return Meaning(

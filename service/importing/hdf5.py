@@ -107,7 +107,7 @@ def _check_storage(dataset: h5py.Dataset, count: ByteCount) -> None:
     """
     if dataset.is_virtual or dataset.external:
         raise UnreadableError(
-            f"the array {_find_name(dataset)!r} is stored in other files", "copy it into one file"
+            f"the array {_find_name(dataset)!r} is stored in other files", "copy the array into one file"
         )
     count.take(dataset.size * dataset.dtype.itemsize)
     if dataset.chunks:
@@ -116,7 +116,7 @@ def _check_storage(dataset: h5py.Dataset, count: ByteCount) -> None:
     if any(filters.get_filter(i)[0] not in _FILTERS for i in range(filters.get_nfilters())):
         raise UnreadableError(
             f"the array {_find_name(dataset)!r} is packed by a filter other than gzip",
-            "save it with gzip, or unpacked",
+            "save the array with gzip, or without a filter",
         )
 
 

@@ -182,7 +182,7 @@ def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
         for column, cell in enumerate(row.cells[: len(headers) - 3 - time_column_count]):
             is_number = looks_like_a_number(cell) and (column > 0 or not cell.isdigit())
             if grammar.is_key(cell) or is_number:
-                reason = f"{quote(cell)} is where a point's name must be, because there is no header"
+                reason = f"without a header, the name of a point must be where {quote(cell)} is"
                 remedy = f"give rows of {' '.join(headers)}, add a header, or give `header`"
                 raise ImportFileError(grid.place(row, column), reason, remedy, "header")
     note = f"no header found; assumed columns: {', '.join(headers)}"
@@ -535,8 +535,8 @@ class ColumnReader:
                 first, second = sorted(state_words, key=" ".join(map(str, meanings)).index)
                 self._faults.report(
                     self._heading.place(min(points)),
-                    f"{quote(first)} and {quote(second)} in the headers of positions may be states, but are "
-                    "not known",
+                    f"{quote(first)} and {quote(second)} in the headers of positions may be states, but "
+                    "their meaning is unknown",
                     f'name the state of each in `state_words`, such as {{"{first}": "unloaded", '
                     f'"{second}": "loaded"}}',
                     "state_words",
@@ -718,12 +718,16 @@ class ColumnReader:
             columns: indices of the columns.
         """
         header, others = self._headers[columns[0]], len(columns) - 1
-        others_text = f", nor {'has 1 other' if others == 1 else f'have {others} others'}" if others else ""
         example = f"{header or meaning} [{_EXAMPLE_UNITS[dimension]}]"
         remedy = f"write the unit in the header, such as `{example}`, or give `units`"
         column_text = str(meaning)
-        if meaning.quantity.target is not None:  # the target's name may be a word with another meaning
+        if (
+            meaning.quantity.target is not None
+        ):  # a header that is taken as a target's name may name another quantity
             column_text = f"{quote(header)}, read as {meaning},"
             remedy += f"; if the column means something else, give `columns`, such as {header}=x"
         place = self._heading.place(columns[0])
-        self._faults.report(place, f"{column_text} has no unit{others_text}", remedy, f"units.{dimension}")
+        reason = f"{column_text} has no unit"
+        if others:
+            reason = f"{column_text} and {others} other column{'s' * (others > 1)} have no unit"
+        self._faults.report(place, reason, remedy, f"units.{dimension}")

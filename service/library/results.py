@@ -505,7 +505,9 @@ class TabledRun(PresentedJob, Run):
             raise RequestError(
                 "the run has no reference to its campaign",
                 where="run",
-                remedy="use a run that `jointstiff.identify` returned, or the client of its service",
+                remedy="use a run that `jointstiff.identify` returned, or a run that the client of its "
+                "service "
+                "returned",
             )
         return Campaign.from_message(campaign)
 

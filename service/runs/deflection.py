@@ -147,8 +147,8 @@ def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
     max_cases = MAX_CASE_WORK // robot.n**2
     if len(request.cases) > max_cases:
         raise RequestError(
-            f"{len(request.cases)} cases for {robot.n} joints: cases times joints squared exceed "
-            f"{MAX_CASE_WORK:,}",
+            f"{len(request.cases)} cases for {robot.n} joints are too many: cases × joints² may be at "
+            f"most {MAX_CASE_WORK:,}",
             where="cases",
             remedy=f"send at most {max_cases} cases in a request",
         )

@@ -682,7 +682,10 @@ def optimise_design(problem: DesignProblem, tolerance: float | None = None) -> D
         entering = promising[np.argsort(-bound.prices[promising])[:_MOST_ENTERING]]
         active = active.join(problem.candidates.build_atoms(entering, bound.supergradient))
         weights = np.concatenate([weights, np.zeros(len(entering))])
-    raise SolverError(f"the design did not converge: its gap is {1.0 - efficiency:.1e}")
+    raise SolverError(
+        "the design did not converge: the information of the design may be a fraction "
+        f"{1.0 - efficiency:.1e} below the optimum"
+    )
 
 
 def _choose_start_atoms(problem: DesignProblem) -> Atoms:

@@ -159,7 +159,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     coordinates = (3 if request.directions is None else 1) * len(request.equipment.targets) * fitted
     if fitted < 1 or (request.so_far is None and coordinates < s):
         raise RequestError(
-            f"{fitted} readings, after those for validation are held out, do not determine {s} joints",
+            f"without the readings for validation, {fitted} readings remain, too few to determine {s} joints",
             where="readings",
             remedy="request more readings, or a smaller fraction for validation",
         )
@@ -296,7 +296,7 @@ def compute_least_mistake(robot: Robot, pool: Pool, request: PlanRequest, chosen
     """
     if request.own_weight_rows is not None:
         raise RequestError(
-            "the own weight has no load point",
+            "the load is the robot's own weight, which has no load point",
             where="goal",
             remedy='give a goal for the uncertainty of the joints, such as "15 %"',
         )
@@ -347,13 +347,18 @@ def find_least_readings(
     while (reached := compute_share(high)) > 1.0:
         if high >= most:
             of_load_point = isinstance(request.goal, LoadPointGoal)
-            what = "the least mistake of the load point that shows" if of_load_point else "the uncertainty"
+            what = (
+                ("the least mistake of the load point that the readings show")
+                if of_load_point
+                else "the uncertainty"
+            )
             greater = "mistake" if of_load_point else "uncertainty"
             raise RequestError(
                 f"with {MAX_READINGS} readings, the maximum of a plan, {what} is still "
-                f"{figure(reached, '.3g')} times that of the goal",
+                f"{figure(reached, '.3g')} times the value of the goal",
                 where="goal",
-                remedy=f"choose a goal with a greater {greater}, a greater load, more targets, or less noise",
+                remedy=f"choose a goal with a greater {greater}, apply a greater load, read more targets, or "
+                "reduce the noise",
             )
         low, high = high, min(most, max(high + 1, int(min(high * reached**2, most))))
     while high - low > 1:
@@ -390,8 +395,8 @@ def _draw_validation_readings(
             allowed &= ~distinct.find_conflicts(i)
     if len(validation) < count:
         raise RequestError(
-            f"only {len(validation)} of {count} readings for validation are in postures distinct from "
-            "all others",
+            f"only {len(validation)} of {count} readings for validation are in postures that differ "
+            "from those of all other readings",
             where="distinct_angle",
             remedy="request fewer readings, a smaller angle, or more candidates",
         )
@@ -1040,7 +1045,7 @@ class _NextReading:
             posture = f"in posture {self._labels[i]}"
         else:
             shown = posture_text(postures.joints[m].tolist(), self._kinds)
-            posture = f"in posture {shown}, if it is free of collisions,"
+            posture = f"in posture {shown}, if this posture is free of collisions,"
         load = f"apply the load of {figure(size)} N as before"
         if not (self._one_direction and np.allclose(force, self._own, rtol=1e-9)):
             direction = ", ".join(f"{part / size + 0.0:.2f}" for part in force.tolist())

@@ -606,9 +606,9 @@ class Evidence:
                 else "leaves the stiffness without an upper limit"
             )
             reason = (
-                f"{self.describe_lower_limit(j, intervals)}the standard uncertainty of its compliance, "
-                f"{1e6 * uncertainty:.2g} {units.micro_compliance}, {consequence}: add loads with more "
-                f"{units.load} {name}"
+                f"{self.describe_lower_limit(j, intervals)}the standard uncertainty of the joint's "
+                f"compliance, {1e6 * uncertainty:.2g} {units.micro_compliance}, {consequence}: add "
+                f"loads with more {units.load} {name}"
             )
         reasons = [] if reason is None else [reason]
         if np.isinf(prior_to_data):
@@ -647,7 +647,7 @@ class Evidence:
         compliance, active = self.fit.compliance, int(self.fit.active[j])
         if active and compliance[j] == 0.0:
             limit = self.describe_lower_limit(j, intervals) or "the estimated compliance is zero: "
-            return f"{limit}these readings cannot distinguish the joint from a rigid one"
+            return f"{limit}these readings cannot distinguish the joint from a rigid joint"
         if self.fit.tied[j] or active:
             visible = np.flatnonzero(~self.observability.null)
             pairs = [

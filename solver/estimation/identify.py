@@ -178,7 +178,7 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
     for refused, why, remedy in (
         (
             not_by_covariance and settings.prior is not None,
-            "does not use the uncertainty of the readings, so it cannot weigh a prior against them",
+            "does not use the uncertainty of the readings, so a prior cannot be weighed against the readings",
             "use weighting covariance, or omit `priors`",
         ),
         (
@@ -381,7 +381,7 @@ def _iterate_to_convergence(
         f"the iteration with the complementary stiffness did not converge: after {MAX_ITERATIONS} "
         f"fits the compliances still change by {(change / compliance_size).max():.1e} (relative)",
         where="complementary_stiffness",
-        remedy="neglect the complementary stiffness, or add postures and loads that excite every joint",
+        remedy="neglect the complementary stiffness, or add postures and loads that twist every joint",
     )
 
 

@@ -84,8 +84,8 @@ def _choice_sheet(name: str) -> Callable[[Process], Sheet]:
 _GAINS: Final = {
     "no_gain": "no gain: the deflection is the same at all turns, as for a spindle along the last axis",
     "no_order": (
-        "whether the deflection is less than before is not certain: the interval of the difference "
-        "contains zero, or is unknown"
+        "it is not certain that the deflection is less than before: the interval of the difference contains "
+        "zero, or is unknown"
     ),
 }
 
@@ -95,7 +95,7 @@ def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
     size = "root mean square" if result.objective == "rms" else "greatest"
     change = _GAINS.get(result.gain, "")
     if result.before is None:
-        change = "the robot does not follow the path where it was sent"
+        change = "the robot cannot follow the path with the workpiece in its programmed place"
     elif not change:
         share = 1 - result.turned.value / result.before.value
         change = f"{figure(100 * share, '.3g')} % less deflection than before"
@@ -201,7 +201,9 @@ def _place_parts(result: ProcessResult) -> list[Part]:
             for axis, low, high in zip("xyz", result.flat_low, result.flat_high, strict=True)
         ]
         count = "1 place" if result.flat_places == 1 else f"{result.flat_places} places"
-        lines.append(f"{count} of the search within 5 % of the best: {', '.join(extent)} mm")
+        lines.append(
+            f"{count} of the search with a deflection within 5 % of the best: {', '.join(extent)} mm"
+        )
     return parts + [Line(each) for each in lines]
 
 

@@ -480,7 +480,10 @@ class ProgramWork(Work):
     activity = "compensating"
     subject = "program"  # noun for the result, in its verdict
     corrects = True  # whether deflections are corrected
-    cut_remark = "the force of the cut is uncertain by 25 %, which the intervals of the points leave out"
+    cut_remark = (
+        "the force of the cut is uncertain by 25 %, but the intervals of the points do not include this "
+        "uncertainty"
+    )
 
     def __init__(
         self,

@@ -596,8 +596,8 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
             ),
         ],
         title=f"{resampling.repetitions} fits of {sample_text}",
-        caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation of one fit; "
-        "compensation: explained fraction over all configurations",
+        caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation over the resampled "
+        "fits; compensation: fraction of the deflection explained in all configurations",
     )
 
 

@@ -19,7 +19,9 @@ PLACE = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
 ROB = "[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 OF_KRL = "write X, Y, Z, A, B, C (or A1 ... A6) in numbers, and send the .dat that declares them"
 OF_FANUC = "write the numbers of positions in /POS, without PR[] and P[R[]]; choose frames by number, in a line without a condition"
-OF_UR = "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or use a variable that gets these numbers once"
+OF_UR = (
+    "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or use a variable that gets these numbers once"
+)
 OF_TABLES = (
     "name columns x, y, z and a, b, c (or w, p, r; qw ... qz; rx, ry, rz; i, j, k), or j1 ... j6, with "
     "units as in `x [mm]`"
@@ -119,9 +121,7 @@ NO_POSE = (
     "the target is neither a whole pose nor all joint angles in numbers, or the text after it is unknown"
 )
 AXIS = "an external axis or another group is away from zero, and may carry the arm or the part"
-CARRY = (
-    "if the axis or group carries neither the arm nor the part, state `external_axes: carry_nothing`; otherwise keep the axis at zero"
-)
+CARRY = "if the axis or group carries neither the arm nor the part, state `external_axes: carry_nothing`; otherwise keep the axis at zero"
 LEFT = {
     "a pose without angles": ("a.src", krl("LIN {X 1,Y 2,Z 3}"), 2, NO_POSE, OF_KRL),
     "a variable in a pose": ("a.src", krl("LIN {X x1,Y 2,Z 3,A 0,B 0,C 0}"), 2, NO_POSE, OF_KRL),
@@ -339,7 +339,8 @@ def test_the_routine_of_a_move_with_a_call_may_be_confirmed():
     assert len(program.moves) == 1
     (remark,) = program.left_alone
     assert (
-        remark.text == "P1 is called; the request states that this routine neither moves the robot nor changes frames"
+        remark.text
+        == "P1 is called; the request states that this routine neither moves the robot nor changes frames"
     )
 
 
@@ -418,7 +419,9 @@ def test_data_that_are_local_in_one_of_two_modules_are_unknown():
     second = f"MODULE b\nPROC b()\n{move.format('t1')}ENDPROC\nENDMODULE\n"
     found = list_moves([("a.mod", (first + second).encode())])
     assert [(each.line, each.corrected) for each in found] == [(4, False), (5, True), (10, False)]
-    assert {each.reason for each in found if not each.corrected} == {"the name is LOCAL in one of the modules"}
+    assert {each.reason for each in found if not each.corrected} == {
+        "the name is LOCAL in one of the modules"
+    }
 
 
 def test_a_routine_that_is_local_in_one_of_two_modules_and_used_in_the_other_is_refused():
