@@ -733,8 +733,11 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
     return True
 
 
-def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program
-    """Write the compensated files of a program, and the report if --report is given; return the job."""
+def _write_program_files(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program
+    """Write the compensated files of a program, and the table of points if `--report` names a file.
+
+    Return the job.
+    """
     from jointstiff.service.kinds.program.work import decompress_file
 
     paths = _choose_program_paths(values, sources)
@@ -745,8 +748,12 @@ def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  #
     return job
 
 
-def _write_process(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Process
-    """Write the program, the turns and the places to the files of the options; return the job."""
+def _write_process_files(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Process
+    """Write the files that the options name, and return the job.
+
+    The files are the program with new orientations (`--output`), the table of the tool's turns (`--report`)
+    and the table of the workpiece's places (`--places`).
+    """
     from jointstiff.service.kinds.program.work import decompress_file
 
     if values["output"] is not None:
@@ -830,7 +837,7 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
                 cli.path_option("CSV file to write all places to that were tried.")
             ),
         },
-        finish=_write_process,
+        finish=_write_process_files,
         list_paths=lambda values, sources: [
             *([] if values["output"] is None else _choose_program_paths(values, sources).values()),
             values["report"],
@@ -857,7 +864,7 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
             ),
             "report": _make_optional_parameter(cli.path_option("CSV file to write all points to.")),
         },
-        finish=_write_program,
+        finish=_write_program_files,
         replace_work=_explain_moves_if_requested,
         list_paths=lambda values, sources: [
             *_choose_program_paths(values, sources).values(),

@@ -122,8 +122,8 @@ def _refuse_choice(place: Place, tables: list[str], missing: list[str]) -> None:
         reason = f"the file has no group or array {quote(missing[0])}"
         remedy = f"give one of {quote(', '.join(tables))} as `sheet`"
     else:
-        reason = f"two arrays give the same column {quote(', '.join(tables))}"
-        remedy = "rename one of the two arrays"
+        reason = f"several groups or arrays have data: {quote(', '.join(tables))}"
+        remedy = "give `sheet`; separate several names by semicolons"
     raise ImportFileError(place, reason, remedy, "sheet", tuple(tables))
 
 
@@ -143,8 +143,8 @@ def _build_grid(file: str, kind: ArrayFormat, table: str, arrays: Sequence[Any])
         named = _name_columns(Place(file), array["name"], array["unit"], array["columns"])
         kinds += ["number" if array["numbers"] else "text"] * len(named)
         if set(named) & set(columns):
-            reason = f"two arrays make the column {quote(next(iter(set(named) & set(columns))))}"
-            raise ImportFileError(Place(file), reason, "rename one of them")
+            reason = f"two arrays give the same column {quote(next(iter(set(named) & set(columns))))}"
+            raise ImportFileError(Place(file), reason, "rename one of the two arrays")
         columns |= named
     count = len(next(iter(columns.values()), ()))
     if not columns or count < 1:

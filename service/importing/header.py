@@ -67,13 +67,13 @@ class Heading:
     texts: tuple[str, ...]  # text of each column; rows of a header are combined
     lines: tuple[int, ...] = ()  # lines of the header in the file; () if the header is stated or assumed
     start: int = 0  # index of the first row of data
-    guessed: bool = False  # whether the header was combined from rows, taken from a comment, or assumed
+    is_guess: bool = False  # whether the header was combined from rows, taken from a comment, or assumed
     notes: tuple[str, ...] = ()  # what was assumed, in words
 
     @property
-    def assumed(self) -> bool:
-        """Return whether the file has no header, so that its columns were assumed."""
-        return self.guessed and not self.lines
+    def columns_are_assumed(self) -> bool:
+        """Return whether the file has no header, so that the meanings of its columns were assumed."""
+        return self.is_guess and not self.lines
 
     def place(self, column: int | None = None) -> Place:
         """Return the place of the header in the file, or of its cell with an index."""
@@ -121,7 +121,7 @@ def _find_header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Headi
         for texts in splits:
             if len(texts) == width and words.count_known(texts) == width:
                 note = f"the comment in line {line} was used as the header"
-                return Heading(grid.file, texts, (line,), guessed=True, notes=(note,))
+                return Heading(grid.file, texts, (line,), is_guess=True, notes=(note,))
         if _looks_like_header(
             comment, width, is_last=comment is comments_above[-1], cell_count=len(splits[0])
         ):
@@ -186,7 +186,7 @@ def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
                 remedy = f"give rows of {' '.join(headers)}, add a header, or give `header`"
                 raise ImportFileError(grid.place(row, column), reason, remedy, "header")
     note = f"no header found; assumed columns: {', '.join(headers)}"
-    return Heading(grid.file, headers, guessed=True, notes=(note,))
+    return Heading(grid.file, headers, is_guess=True, notes=(note,))
 
 
 # ---- in rows
@@ -468,7 +468,7 @@ class ColumnReader:
                 meaning = Meaning(Quantity("ignored"))
                 if not is_unused:
                     meaning = Meaning(Quantity("unknown"))
-                    meaning = self._words.meaning(header, guessed=self._heading.guessed)
+                    meaning = self._words.meaning(header, guessed=self._heading.is_guess)
                 meanings_before = [(other.quantity, other.axis) for other in meanings]
                 if meaning.kind not in _MAY_REPEAT and (meaning.quantity, meaning.axis) in meanings_before:
                     reason = f"{quote(header)} is a second column for {meaning}"

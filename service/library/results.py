@@ -53,7 +53,7 @@ class Backend(verb.Backend, Protocol):
     def read_campaign(self, run: Run) -> messages.Campaign | None:
         """Return the campaign of a run; None if the campaign is not known."""
 
-    def read_run(self, job: Job) -> TabledRun | None:
+    def read_run_for_tables(self, job: Job) -> TabledRun | None:
         """Return the run from which a job's tables are computed again; None for jobs that store tables."""
 
     def read_contents(self, job: Job) -> tuple[Mapping[str, Sheet], Mapping[str, bytes]]:

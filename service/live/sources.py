@@ -105,7 +105,7 @@ class Source(ABC):
         """
 
     async def profile(self) -> str | None:
-        """Return a text on how readings are understood, which the user confirms once; None to ask nothing."""
+        """Describe how readings are understood, for the user to confirm once; return None to ask nothing."""
         return None
 
     async def stand(self, stand: Stand) -> None:  # noqa: B027 - most sources do not ask
@@ -113,7 +113,9 @@ class Source(ABC):
 
     @abstractmethod
     async def point(self, name: str) -> Point:
-        """Read a target; return its position [m], and its uncertainty [m] or None for that of the campaign.
+        """Read a target. Return its position (3,) [m] and the standard uncertainty of a coordinate [m].
+
+        None as uncertainty means that the uncertainty of the campaign applies.
 
         Raises:
             SourceError: the source gives no reading.
@@ -628,7 +630,7 @@ class Lines(Source):
         await self._connect()
 
     async def profile(self) -> str | None:
-        """Return a text on how lines are read; if `sample` is True, with the first reading as an example."""
+        """Describe how lines are read; with the first reading as example if the option `sample` is true."""
         if not self._sample:
             return self._profile.describe(None)
         self._request_reading(self._first_target)

@@ -948,7 +948,7 @@ class _NextReading:
         #: (n,) variances due to errors that all readings share, and that no further reading lessens
         self._shared = np.zeros(robot.n)
         if estimate.common is not None:
-            self._shared = np.square(estimate.common.responses_beside_fit).sum(axis=1)
+            self._shared = np.square(estimate.common.responses_to_unfitted_errors).sum(axis=1)
         self._own, self._strength = own, float(np.linalg.norm(own))
         self._one_direction = one_direction
         # The advice predicts the uncertainties that method partial_pose gives. If the estimate has the same

@@ -426,7 +426,7 @@ def _build_estimate(
         scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
         common_errors = _propagate_common_errors(robot, settings, last_fit, scale.sigma or 1.0)
         if common_errors is not None:
-            fit = fit.add_common_errors(common_errors.responses_beside_fit / (scale.sigma or 1.0))
+            fit = fit.add_common_errors(common_errors.responses_to_unfitted_errors / (scale.sigma or 1.0))
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
     numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
     numbers += [] if covariance is None else [covariance]

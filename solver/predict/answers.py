@@ -625,7 +625,7 @@ def _build_compliance_messages(
         lateral_blocked=compliance.stiffness_lateral_blocked(directions_or_x),
         rotation_blocked=compliance.stiffness_rotation_blocked(directions_or_x),
         compliance=compliance.compliance_along(directions_or_x),
-        standard_uncertainty=compliance.deviation_along(directions_or_x),
+        standard_uncertainty=compliance.uncertainty_along(directions_or_x),
     )
     return build_messages_where(
         cases.CartesianCompliance,

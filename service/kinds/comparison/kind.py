@@ -484,10 +484,7 @@ def _legend(
         f"≥ 0: compliances zero or positive{'' if shows_repeated else ', where the constraint acts'}"
         if any(entry.positive for entry in compared_runs)
         else "",
-        (
-            "resampled: fraction of the deflection explained in all configurations, mean & standard "
-            "deviation over the resampled fits"
-        )
+        ("drawn: explained share of all configurations, mean & standard deviation over the drawn fits")
         if resampled
         else "3.188(17): 3.188 with standard uncertainty 0.017",
         "≥ 0 gives the same numbers as free: no constraint is active" if hides_constrained else "",

@@ -93,7 +93,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
                 "the joint from a rigid joint",
                 "explains 0.0 % of the mean deflection, residual 1.45 mm rms",
                 "To do 1. change the sign of every force",
-                "2. exchange the unloaded and the loaded readings readings",
+                "2. exchange unloaded and loaded readings",
             ],
         ),
         (
