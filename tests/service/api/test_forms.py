@@ -265,7 +265,8 @@ def test_an_import_finds_exchanged_states_before_anything_is_stored(local, robot
         "the targets moved against the force in 6 of 6 observations"
     )
     assert finding.remedy == (
-        "change the sign of every force, because forces are those on the robot; or exchange the unloaded and the "
+        "change the sign of every force, because forces are those on the robot; or exchange the unloaded "
+        "and the "
         "loaded readings"
     )
     body = answer.measurement_set.model_dump(mode="json", exclude_none=True)

@@ -111,7 +111,8 @@ def test_arrays_and_records_of_hdf5_are_tables(fill):
 def test_a_group_is_chosen_by_one_answer():
     file = "a.h5", hdf5(days)
     assert refusals(file) == [
-        "a.h5: several groups or arrays have data: 'day1, day2'; give `sheet`; separate several names by semicolons [sheet]"
+        "a.h5: several groups or arrays have data: 'day1, day2'; give `sheet`; separate several names by "
+        "semicolons [sheet]"
     ]
     answer = answered(file, sheet="day2")
     assert numbers_of(answer) == CAMPAIGN_NUMBERS
