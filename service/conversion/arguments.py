@@ -175,7 +175,11 @@ class _Converter:
     def _convert_mapping(
         self, value: Mapping[Any, Any], branches: Sequence[tuple[Mapping[str, Any], Mapping[str, str]]]
     ) -> Any:  # noqa: ANN401
-        """Return a mapping in SI units: the fields of a message, or values by name."""
+        """Return a mapping in SI units: the fields of a message, or values by name.
+
+        `branches` are the alternatives of the JSON schema, each with the units of its numbers. The first
+        alternative that fits is used; if none fits, the value is returned unchanged.
+        """
         for schema, units in branches:
             if "additionalProperties" in schema and isinstance(schema["additionalProperties"], Mapping):
                 return {
@@ -183,17 +187,18 @@ class _Converter:
                     for name, each in value.items()
                 }
             properties = schema.get("properties", {})
-            constants = {name: each["const"] for name, each in properties.items() if "const" in each}
+            constants = {name: field["const"] for name, field in properties.items() if "const" in field}
             if set(value) <= set(properties) and all(
                 value.get(name, constant) == constant for name, constant in constants.items()
             ):
+                # Each field of a message states its own units.
                 return {name: self._convert(each, properties[name], {}) for name, each in value.items()}
         return value  # not understood: the message refuses the value and says why
 
     def _convert_sequence(
         self, value: Sequence[Any], branches: Sequence[tuple[Mapping[str, Any], Mapping[str, str]]]
     ) -> list[Any]:
-        """Return a sequence in SI units as a list."""
+        """Return a sequence in SI units as a list; `branches` as of `_convert_mapping`."""
         for schema, units in branches:
             parts = schema.get("prefixItems")
             if parts is not None and len(parts) == len(value):

@@ -466,7 +466,10 @@ class Vocabulary:
             return None
 
     def count_known(self, headers: Iterable[str]) -> int:
-        """Return the number of known headers; 0 if only one is known, or if two have the same meaning."""
+        """Return the number of known headers; 0 if fewer than two are known, as one may be known by chance.
+
+        0 also if two headers name the same axis of the same quantity: then these texts are no headers.
+        """
         meanings = [meaning for text in headers if text and (meaning := self.find(text))]
         axes = [(meaning.quantity, meaning.axis) for meaning in meanings if meaning.axis is not None]
         return 0 if len(set(axes)) < len(axes) or len(meanings) < 2 else len(meanings)

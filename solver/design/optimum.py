@@ -73,6 +73,7 @@ class DOptimality:
     def supergradient(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
         """Return the supergradient G = φ/s · (M⁻¹ − M₂₂⁻¹) at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
+        φ is the criterion, `information`; s is the number of parameters of interest; ⟨G, M⟩ = tr(GᵀM).
         M₂₂ is the block of the nuisance parameters; M₂₂⁻¹ is padded with zeros to (p, p). `dual` is ignored,
         as the criterion is smooth.
         """
@@ -122,7 +123,7 @@ class AOptimality:
     def supergradient(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
         """Return the supergradient G = φ² · M⁻¹ W M⁻¹ at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
-        `dual` is ignored, as the criterion is smooth.
+        φ is the criterion, `information`, and ⟨G, M⟩ = tr(GᵀM). `dual` is ignored, as φ is smooth.
         """
         inverse = np.linalg.inv(M)
         G = inverse @ self.W @ inverse / float((self.W * inverse).sum()) ** 2

@@ -111,7 +111,7 @@ class OtherPlan:
 
 @dataclass(frozen=True, eq=False)
 class CampaignPlan:
-    """Plan of a campaign: an ordered list of n readings of a robot with q joints."""
+    """Plan of a campaign: an ordered list of n readings of a robot with q joints, to determine s of them."""
 
     joints: FloatArray  #: (n, q) controller's angles [rad], in the order in which to take the readings
     force: FloatArray  #: (n, 3) force on the robot, axes of R0 [N]
@@ -138,7 +138,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     """Plan a campaign: choose the readings, add readings for validation, and put all in order.
 
     Args:
-        robot: q joints.
+        robot: robot with q joints.
         request: equipment, rules and number of readings, or a goal.
 
     Raises:
@@ -348,7 +348,7 @@ def find_least_readings(
         if high >= most:
             of_load_point = isinstance(request.goal, LoadPointGoal)
             what = (
-                ("the least mistake of the load point that the readings show")
+                "the least mistake of the load point that the readings show"
                 if of_load_point
                 else "the uncertainty"
             )

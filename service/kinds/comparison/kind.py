@@ -406,7 +406,8 @@ def _resampled_joint(entry: ComparedRun, j: int) -> ResampledJoint | None:
 def _fits_table(compared_runs: Sequence[ComparedRun], *, shows_repeated: bool) -> Table:
     """Return a table with a row for each fit: explained deflection, residual, condition number.
 
-    Without `shows_repeated`, a fit with a constraint that changes no number has no row.
+    Unless `shows_repeated` is true, a fit with the constraint of positive stiffness is omitted if its numbers
+    equal those of the fit without the constraint.
     """
     cells_of_free_run = {
         (entry.side, _method_abbreviation(entry)): _fit_cells(entry)

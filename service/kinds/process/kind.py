@@ -101,7 +101,7 @@ def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
         change = f"{figure(100 * share, '.3g')} % less deflection than before"
     parts: list[Part] = [
         Line(f"{change}; {result.points} targets, {result.moves} moves"),
-        _bands_table(result, f"Deflection along the path, {size}", job.request.confidence),
+        _deflection_table(result, f"Deflection along the path, {size}", job.request.confidence),
     ]
     allowed = [each for each in result.fixed_deflections if each is not None]
     if len(allowed) > 1:
@@ -145,8 +145,12 @@ def _micrometres(length: float) -> str:
     return figure(1e6 * length, ".4g")
 
 
-def _bands_table(result: ProcessResult, title: str, confidence: float) -> Table:
-    """Return a table of the deflection before, after turning and after correction, with its intervals."""
+def _deflection_table(result: ProcessResult, title: str, confidence: float) -> Table:
+    """Return a table of deflections, each with its intervals.
+
+    The rows are the deflection before, the deflection with the chosen turns and place, the difference of the
+    two, and the deflection that is left after the correction.
+    """
     rows = {
         "before": result.before,
         "as chosen": result.turned,

@@ -527,7 +527,7 @@ class ProcessWork(ProgramWork):
             "difference": None if self._ranking is None else _band_message(self._ranking.difference),
             "fixed_turns": self._task.angles.tolist() if len(fixed) == len(self._task.angles) else [0.0],
             "fixed_deflections": [None if np.isnan(each) else each for each in fixed.tolist()],
-            "places": self._place_messages(placed),
+            "places": self._make_place_messages(placed),
             "places_tried": len(tried),
             "places_reached": int(np.isfinite(self._sizes).sum()),
             "flat_low": None if flat is None else point(flat.low[:3]),
@@ -563,15 +563,16 @@ class ProcessWork(ProgramWork):
         everywhere[self._written.corrections.points] = values
         return everywhere
 
-    def _place_messages(self, placed: _Placed) -> list[ProcessPlace]:
-        """Return the best places as messages."""
-        middle = self._as_sent.path.middle
+    def _make_place_messages(self, placed: _Placed) -> list[ProcessPlace]:
+        """Return the best places of the workpiece as `ProcessPlace` messages, best first."""
+        middle = self._as_sent.path.middle  # centre of the path in the sent program
         return [
             ProcessPlace(
                 centre=point(place[:3]),
                 shift=point(place[:3] - middle),
                 turn=float(place[3]),
                 deflection=_band_message(band),
+                # A ranking compares a place with the best one, which has none.
                 behind_best=None if ranking is None else _band_message(ranking.difference),
                 is_worse=ranking is not None and ranking.is_ordered,
             )
