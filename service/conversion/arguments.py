@@ -24,7 +24,7 @@ AnyUnits = Units | Mapping[str, str] | str | None
 """Units of the numbers of a call, such as "mm, deg, N" or {"length": "m"}; None for `DEFAULT_UNITS`."""
 DEFAULT_UNITS: Final = "mm, deg, N, N.m"
 JointKinds = Callable[[], Mapping[str, JointKind]]
-"""Function that returns the kind of each joint by name, in order; called only if positions are converted."""
+"""Function that returns joint name → kind, in the order of the joints; called only to convert positions."""
 
 _QUANTITIES: Final = {"m": "length", "rad": "angle", "N": "force", "N.m": "moment"}
 _SIZES: Final = {"length": LENGTH, "angle": ANGLE, "force": FORCE, "moment": MOMENT}

@@ -367,7 +367,7 @@ _STEPS: Final = 60
 _CONVERGED: Final = 1e-24
 """Newton's decrement of −log φ that is rounding; the gap of a design is of the order of its root."""
 _ROUNDING: Final = 1e-13
-"""Ratio of a pivot to its diagonal entry below which only rounding makes the matrix positive definite."""
+"""A matrix counts as singular if a Cholesky pivot, divided by its diagonal entry, is below this ratio."""
 _QUADRATIC: Final = 1e-8
 """Decrement below which a full step is taken, as values of −log φ then differ by rounding only."""
 _RIDGE: Final = 1e-11

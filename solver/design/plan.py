@@ -56,8 +56,8 @@ from jointstiff.solver.mechanics.terms import LOAD_POINT
 from jointstiff.solver.text import figure, posture_text, stiffness_text
 
 _LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4
-"""Gaps (1 − efficiency) at which the search ends: if elastic links are a nuisance, and for criteria that were
-not requested."""
+"""Gaps (1 − efficiency) at which a search for optimal weights ends: the first if elastic links are a
+nuisance, the second for criteria that were not requested."""
 _WORST_PLACES: Final = 12
 """Greatest number of places for the criterion of the worst place; its dual problem has a share of each
 place."""
@@ -87,7 +87,7 @@ _MOST_RESTARTS: Final = 16
 _LONG_LIST: Final = 60
 """Number of readings of a list from which on restarts gain nothing."""
 _MANY_PARAMETERS: Final = 30
-"""Number of parameters above which restarts cost more than they gain, as with elastic links as a nuisance."""
+"""Number of parameters above which restarts are not worth their time, as with elastic links."""
 _BLOCK: Final = 4
 """Number of fitted readings in a block, which is a good plan by itself."""
 _SWAPS: Final = 600
