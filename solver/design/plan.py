@@ -146,7 +146,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
             distinct postures.
     """
     pool = Pool.from_request(robot, request)
-    s = len(pool.parameters.joints)
+    joint_count = len(pool.parameters.joints)
     distinct = DistinctPostures(pool.readings.joints, request.angle)
     criteria, worst_place = _build_criteria(pool, request)
     if request.goal is not None:
@@ -156,35 +156,20 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         )
     held_out = round(request.validation * request.readings)
     fitted = request.readings - held_out
-    coordinates = (3 if request.directions is None else 1) * len(request.equipment.targets) * fitted
-    if fitted < 1 or (request.so_far is None and coordinates < s):
-        raise RequestError(
-            f"without the readings for validation, {fitted} readings remain, too few to determine {s} joints",
-            where="readings",
-            remedy="request more readings, or a smaller fraction for validation",
-        )
+    _check_reading_count(request, fitted, joint_count)
     problem = DesignProblem(pool.candidates, criteria[request.criterion], fitted, pool.base)
     design = optimise_design(problem, _LINKS_GAP if request.links else None)
-    exact = find_exact_design(problem, design, distinct, seed=request.seed)
-    M = exact.matrix
-    # Bound the efficiency of the list by the requested criterion, and by the other smooth ones.
-    efficiencies: dict[PlanCriterion, float] = {}
-    for name, criterion in criteria.items():
-        if name == request.criterion:
-            efficiencies[name] = exact.efficiency
-        elif isinstance(criterion, SmoothCriterion):
-            other_problem = DesignProblem(pool.candidates, criterion, fitted, pool.base)
-            other_design = optimise_design(other_problem, _LINKS_GAP if request.links else _OTHERS_GAP)
-            efficiencies[name] = bound_list_efficiency(other_problem, distinct, M, other_design)
+    chosen = find_exact_design(problem, design, distinct, seed=request.seed)
+    information = chosen.matrix  # (p, p) of all p parameters, the joints first, by old and chosen readings
     deflection = None
     if worst_place is not None:
-        # The information is 1 / mean variance of the deflection.
-        information = criteria["work_area"].information(M)
-        deflection = float(information**-0.5), float(np.sqrt(worst_place.variances(M).max()))
-    validation = _draw_validation_readings(pool, distinct, exact.atoms.index, held_out, request.seed)
-    atoms = exact.atoms.join(validation)
+        # The criterion of the work area is φ = 1 / (mean variance of the deflection).
+        phi = criteria["work_area"].information(information)
+        deflection = float(phi**-0.5), float(np.sqrt(worst_place.variances(information).max()))
+    validation = _draw_validation_readings(pool, distinct, chosen.atoms.index, held_out, request.seed)
+    atoms = chosen.atoms.join(validation)
     block = _divide_into_blocks(
-        exact.atoms.information / problem.scale_squared, pool.base, criteria[request.criterion]
+        chosen.atoms.information / problem.scale_squared, pool.base, criteria[request.criterion]
     )
     anchors = pool.readings.anchor[atoms.index]
     # To change the anchor takes longer than to travel, so readings at several anchors are not divided into
@@ -202,17 +187,64 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         along=readings.along,
         validation=order >= fitted,
         block=block[order],
-        efficiency=exact.efficiency,
+        efficiency=chosen.efficiency,
         weights_gap=1.0 - design.bound.efficiency,
-        efficiencies=efficiencies,
+        efficiencies=_bound_efficiencies(pool, request, criteria, distinct, chosen, fitted),
         pool=pool,
-        uncertainty=compute_uncertainties(M, s),
-        uncertainty_before=compute_uncertainties(pool.base, s),
+        uncertainty=compute_uncertainties(information, joint_count),
+        uncertainty_before=compute_uncertainties(pool.base, joint_count),
         deflection=deflection,
-        random_plans=average_random_plans(problem, M, s, request.seed),
-        one_at_a_time=plan_one_at_a_time(problem, distinct, M, s),
-        goal_share=None if request.goal is None else compute_goal_share(robot, pool, request, exact),
+        random_plans=average_random_plans(problem, information, joint_count, request.seed),
+        one_at_a_time=plan_one_at_a_time(problem, distinct, information, joint_count),
+        goal_share=None if request.goal is None else compute_goal_share(robot, pool, request, chosen),
     )
+
+
+def _check_reading_count(request: PlanRequest, fitted: int, joint_count: int) -> None:
+    """Refuse a plan whose fitted readings have fewer coordinates than there are joints to determine.
+
+    A plan that continues a campaign may have fewer: the readings so far are fitted, too.
+
+    Raises:
+        RequestError: there are too few readings.
+    """
+    coordinates = (3 if request.directions is None else 1) * len(request.equipment.targets) * fitted
+    if fitted < 1 or (request.so_far is None and coordinates < joint_count):
+        raise RequestError(
+            f"without the readings for validation, {fitted} readings remain, too few to determine "
+            f"{joint_count} joints",
+            where="readings",
+            remedy="request more readings, or a smaller fraction for validation",
+        )
+
+
+def _bound_efficiencies(
+    pool: Pool,
+    request: PlanRequest,
+    criteria: Mapping[PlanCriterion, Criterion],
+    distinct: DistinctPostures,
+    chosen: ExactDesign,
+    fitted: int,
+) -> dict[PlanCriterion, float]:
+    """Return lower bounds on the efficiency of the chosen list: by the requested criterion and smooth ones.
+
+    Args:
+        pool: candidates of the plan.
+        request: request with the criterion.
+        criteria: criteria that apply, by name.
+        distinct: rule that postures must differ.
+        chosen: chosen list of readings.
+        fitted: number of readings in the list.
+    """
+    efficiencies: dict[PlanCriterion, float] = {}
+    for name, criterion in criteria.items():
+        if name == request.criterion:
+            efficiencies[name] = chosen.efficiency
+        elif isinstance(criterion, SmoothCriterion):
+            problem = DesignProblem(pool.candidates, criterion, fitted, pool.base)
+            design = optimise_design(problem, _LINKS_GAP if request.links else _OTHERS_GAP)
+            efficiencies[name] = bound_list_efficiency(problem, distinct, chosen.matrix, design)
+    return efficiencies
 
 
 def _build_criteria(
