@@ -278,7 +278,7 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
     if key is not None:
         if unit is not None and key not in _MAY_HAVE_UNITS:
             reason = f"the header {quote(header)} has a unit, but its column has texts"
-            raise ImportFileError(NOWHERE, reason, "check the header")
+            raise ImportFileError(NOWHERE, reason, "correct the header, or remove its unit")
         return Meaning(Quantity(key))
     if fold_word(base) in _WORD_LISTS["hung"]:
         if unit not in ("kg", "kgf"):

@@ -340,7 +340,7 @@ def _split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
     place = Place(file, number)
     if len(text) > MAX_LINE_LENGTH:
         reason = f"a line has more than {MAX_LINE_LENGTH} characters"
-        raise ImportFileError(place, reason, "check the line endings")
+        raise ImportFileError(place, reason, "save the file with a line break after each row")
     if delimiter == "whitespace":
         text = text.replace("\t", " ").strip(" ")
     try:

@@ -211,7 +211,9 @@ def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
                 break
     if first_header_row + header_row_count == len(grid.rows):
         place = grid.place(grid.rows[first_header_row])
-        raise ImportFileError(place, "the file has a header but no row of data", "check the file")
+        raise ImportFileError(
+            place, "the file has a header but no row of data", "export the file again, with its rows"
+        )
     lines = tuple(row.line for row in grid.rows[first_header_row : first_header_row + header_row_count])
     for row in grid.rows[:first_header_row]:
         # A title has at most one number, and few filled cells.
@@ -599,7 +601,9 @@ class ColumnReader:
             reason = f"column {Meaning(quantity, missing_axes[0])} is missing"
             self._faults.report(place, reason, "add the column, or correct its header")
         elif count > MAX_JOINTS:
-            self._faults.report(place, f"there are more than {MAX_JOINTS} joints", "check the headers")
+            self._faults.report(
+                place, f"there are more than {MAX_JOINTS} joints", "correct the headers of the joints"
+            )
 
     def _check_names_and_loads(
         self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
@@ -613,7 +617,7 @@ class ColumnReader:
             )
             report(place, "no column names the observations or points", remedy, "by_order")
         if not quantities:
-            report(place, "no column with numbers is recognised", "check the header")
+            report(place, "no column with numbers is recognised", "correct the header, or give `columns`")
         mass_columns, force_columns = quantities.get(Quantity("mass")), quantities.get(Quantity("force"))
         if mass_columns:
             self._notes.append("the weight of each mass, 9.80665 N per kilogram, pulls along −z of R0")

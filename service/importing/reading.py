@@ -342,7 +342,7 @@ def _read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
         ImportFileError: the file is empty, of another type, or cannot be read.
     """
     if not file.content.strip():
-        raise ImportFileError(Place(file.name), "the file is empty", "check the export")
+        raise ImportFileError(Place(file.name), "the file is empty", "export the file again")
     kind = file_type(file.content, file.name)
     if kind == grid.WORKBOOK:
         sheets = split_sheets(options.sheet)
@@ -624,7 +624,9 @@ def _drop_and_report_incomplete_readings(
         for _, place, reason in sorted(gaps, key=lambda entry: entry[0]):
             faults.report(place, reason, remedy, "allow_missing")
     if not kept_observations:
-        faults.report(observations[0].place, "no observation has a reading", "check the names")
+        faults.report(
+            observations[0].place, "no observation has a reading", "correct the names of points and files"
+        )
     return kept_observations, [*(f"{reason}; skipped" for _, _, reason in gaps), *notes]
 
 

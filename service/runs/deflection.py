@@ -364,7 +364,7 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
             raise RequestError(
                 f"'{text[:40]}' is not a number",
                 where=f"line {line}, column {number}",
-                remedy="correct the value",
+                remedy="write a number",
             ) from None
         case.setdefault(field, {})[index] = value
     return {
