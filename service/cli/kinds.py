@@ -89,7 +89,7 @@ _Output = Annotated[Path | None, cli.output_option("File to write the table to; 
 _Save = Annotated[
     Path | None,
     cli.path_option(
-        "File to write the whole result to, which every command and `jointstiff.load` read.", "RESULT.json"
+        "File for the whole result; every command and `jointstiff.load` read such a file.", "RESULT.json"
     ),
 ]
 _AsCsv = Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")]

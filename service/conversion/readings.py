@@ -867,7 +867,7 @@ def _to_encoder_readings(
         raise MeasurementError(
             "there are encoder readings, but the uncertainty of these readings is not stated",
             where="noise" if header.noise is None else "noise.encoder_sigma",
-            remedy="give both `noise.sigma` and `noise.encoder_sigma`, which weight angles against lengths",
+            remedy="give both `noise.sigma` and `noise.encoder_sigma`: the two weight angles against lengths",
         )
     angle = ANGLE[header.units.angle]
     columns = encoders.find_joint_indices(robot.joint_names)
@@ -899,8 +899,8 @@ def _get_moment_factor(units: Units, readings: ReadingArrays) -> float:
         return FORCE[units.force]
     first = int(np.flatnonzero(readings.moment.any(axis=1))[0])
     raise MeasurementError(
-        f"observation '{readings.labels[first]}' has a moment, whose unit is ambiguous when lengths are in "
-        "mm",
+        f"the unit of the moment in observation '{readings.labels[first]}' is ambiguous, because "
+        "lengths are in mm",
         where="units.moment",
         remedy=f"give `units.moment`, one of {', '.join(MOMENT)}",
     )

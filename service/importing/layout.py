@@ -398,7 +398,7 @@ def _drop_deleted_rows(
     if not kept:
         faults.report(Place(grid.file), "all rows are marked as deleted", "export the rows that are needed")
     if numbered and len(kept) < len(rows):
-        reason = "rows are marked as deleted, so that the numbers of the other rows are uncertain"
+        reason = "rows are marked as deleted, so the numbers of the other rows are uncertain"
         remedy = "give every row a label, or delete these rows from all files"
         faults.report(Place(grid.file), reason, remedy, "by_order")
     return tuple(kept)

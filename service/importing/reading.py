@@ -307,7 +307,7 @@ class _Reader:
         for option in ("columns", "ignore"):
             for header in getattr(self._options, option):
                 if collapse_blanks(header) not in known_headers:
-                    reason = f"no file has the header {quote(header)}, which `{option}` names"
+                    reason = f"`{option}` names the header {quote(header)}, but no file has this header"
                     self._faults.report(
                         NOWHERE, reason, f"write the header in `{option}` exactly as in the file", option
                     )

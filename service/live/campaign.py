@@ -353,7 +353,7 @@ class LiveCampaign:
                 raise RequestError(
                     f"'{change.skipped}' is not the next reading",
                     where="skipped",
-                    remedy="get the state of the set, which names the next reading",
+                    remedy="get the state of the set, and send the next reading that the state names",
                 )
             # The store keeps one entry of a kind and label. The posture planned in place of a skipped posture
             # has the same label and may be skipped, too: the number of skipped postures makes labels unique.

@@ -110,7 +110,7 @@ def _read_logo(folder: Path, name: str) -> Logo:
         )
     if not 1 <= min(size) <= max(size) <= MAX_LOGO_SIDE:
         raise SettingsError(
-            f"logo: {name!r} has {size[0]} × {size[1]} pixels, which is not an allowed size",
+            f"logo: the size of {name!r}, {size[0]} × {size[1]} pixels, is not allowed",
             f"reduce width and height to at most {MAX_LOGO_SIDE} pixels",
         )
     _refuse_undisplayable_logo(Logo(content, kind), name)

@@ -331,8 +331,8 @@ def _write_note(
     agreeing = max(signs.count(True), signs.count(False))
     if agreeing > 2 and 2 * agreeing > len(joints):
         return (
-            f"{agreeing} of {len(joints)} joints changed in one direction, which suggests an error of the "
-            "force: check the load of the first and of the latest campaign"
+            f"{agreeing} of {len(joints)} joints changed in one direction; this suggests an error of "
+            "the force: check the load of the first and of the latest campaign"
         )
     if same_load_point:
         without = [

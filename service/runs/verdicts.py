@@ -126,7 +126,7 @@ class RunModel:
         model, error = build_forward_model(robot, result.model, weight)
         if weight is not None and model.first_order:
             raise RequestError(
-                f"run '{run.id}' has elastic links or coupling, which do not support own weight",
+                f"run '{run.id}' has elastic links or coupling, so own weight cannot be added",
                 where="masses",
                 remedy="omit masses, or choose a run with elasticity joints",
             )
@@ -171,7 +171,7 @@ class RunModel:
                 )
             if self.run.request.complementary_stiffness == "neglected" and self.run.request.weight is None:
                 remarks.append(
-                    "the run neglects the complementary stiffness K_c, which the prediction includes: "
+                    "the run neglects the complementary stiffness K_c, but the prediction includes K_c: "
                     "identify with complementary_stiffness included"
                 )
         prefix = f"no bound of the model error at {100 * confidence:g} %"
@@ -218,9 +218,7 @@ class PriorModel:
             "the stiffness was not measured, but guessed from payload and reach: deflections may be "
             f"wrong by a factor of up to {FACTOR:g}"
         )
-        remedy = (
-            "measure a campaign, which shows the remaining deflection in µm and the benefit of a correction"
-        )
+        remedy = "measure a campaign to see the remaining deflection in µm and the benefit of a correction"
         reason = make_reason("prior_stiffness", "use_with_care", message, remedy)
         return cls(build_prior_model(robot), Assessment(verdict="use_with_care", reasons=[reason]))
 
@@ -283,7 +281,7 @@ def moment_factor(units: Units, moments: FloatArray) -> float:
     if units.length == "m" or not moments.any():
         return FORCE[units.force]
     raise RequestError(
-        "a load has a moment whose unit is not stated, and cannot be inferred, as lengths are in mm",
+        "the unit of a moment is not stated, and cannot be inferred because lengths are in mm",
         where="units.moment",
         remedy=f"state units.moment, one of {', '.join(MOMENT)}",
     )

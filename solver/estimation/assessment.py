@@ -1024,8 +1024,8 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
             code="lack_of_fit",
             weight="use_with_care",
             message=evidence_of_bending,
-            remedy="set elasticity to automatic, so that the readings choose the model; otherwise use these "
-            "stiffnesses, which include the bending of links, only for postures and loads like the measured "
-            "ones",
+            remedy="set elasticity to automatic: the readings then choose the model; otherwise use these "
+            "stiffnesses only for postures and loads like the measured ones, because the stiffnesses "
+            "include the bending of links",
             action=AdvisedAction.of("choose_model") if gain is None and screening.comparable else None,
         )

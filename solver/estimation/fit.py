@@ -769,7 +769,8 @@ def _estimate_robust_scale(problem: _HuberProblem, threshold: float) -> float:
     degrees_of_freedom = row_count - len(compliance)
     if degrees_of_freedom < 1:
         raise UnsupportedMethodError(
-            "the Huber loss needs sigma, which cannot be estimated: there are no more readings than joints",
+            "the Huber loss needs sigma, but sigma cannot be estimated: there are no more readings than "
+            "joints",
             where="loss",
             remedy="state `noise`, or add observations",
         )

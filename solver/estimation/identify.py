@@ -167,8 +167,8 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
         find_spherical_wrist(robot)
     if settings.loss != "squared" and measurements.direction is not None:
         raise UnsupportedMethodError(
-            f"loss {settings.loss} needs the length of each residual, which a reading along one direction "
-            "does not give",
+            f"loss {settings.loss} needs the length of each residual, but a reading along one direction "
+            "has no such length",
             where="loss",
             remedy="use loss squared, or omit the readings along a direction",
         )
@@ -188,7 +188,7 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
         ),
         (
             by_length and settings.method != "complete_pose",
-            f"needs rotations, which method {settings.method} does not use",
+            f"needs rotations, but method {settings.method} does not use rotations",
             "use weighting covariance, or method complete_pose",
         ),
     ):
@@ -305,7 +305,8 @@ def _require_sigma_for_prior(scale: Scale) -> float:
     """
     if not scale.sigma:
         raise UnsupportedMethodError(
-            "weighting a prior needs sigma, which is not given and cannot be estimated from these readings",
+            "a prior is weighted with sigma, but sigma is not given and cannot be estimated from these "
+            "readings",
             where="priors",
             remedy="state `noise`, or add observations",
         )

@@ -371,12 +371,11 @@ def explain_noise(
         else f", and {names[most_loaded]} with up to {greatest} {units_of_most.effort}"
     )
     return (
-        "hidden by noise: the standard uncertainty of this joint's compliance, "
-        f"{figure(uncertainty, '.2g')} {units.compliance}, exceeds "
-        f"{figure(observability.reference_compliance[joint], '.2g')} {units.compliance}, the compliance "
-        f"with which the joint alone would explain all deflections; the load {units.loads} the joint "
-        f"with at most {least} {units.effort}{most_loaded_joint}: add loads that {units.load_verb} the "
-        "joint more"
+        "hidden by noise: the compliance of this joint has a standard uncertainty of "
+        f"{figure(uncertainty, '.2g')} {units.compliance}, but a compliance of "
+        f"{figure(observability.reference_compliance[joint], '.2g')} {units.compliance} would explain "
+        f"all deflections by this joint alone; the load {units.loads} the joint with at most {least} "
+        f"{units.effort}{most_loaded_joint}: add loads that {units.load_verb} the joint more"
     )
 
 

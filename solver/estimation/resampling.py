@@ -180,7 +180,8 @@ class Draws:
         refuse_nonlinear(joints.stated)
         if plan.size > count:
             raise RequestError(
-                f"a draw of {plan.size} configurations is larger than the measurement set, which has {count}",
+                f"a draw of {plan.size} configurations is larger than the measurement set with {count} "
+                "configurations",
                 where="resampling.size",
                 remedy=f"set `size` to at most {count}",
             )

@@ -350,9 +350,10 @@ def report_calibration(calibrated: CalibratedAxes) -> Iterator[Finding]:
             "residuals_exceed_sigma",
             "poses",
             f"the residuals give sigma = {length_text(calibrated.sigma)}, but "
-            f"{length_text(calibrated.exceeded_sigma)} was stated: gear errors and sag, which no geometry "
-            "explains, enlarge sigma; the uncertainties include the part that changes from pose to pose",
-            "sweep single joints, which shows gear errors separately, or correct sigma",
+            f"{length_text(calibrated.exceeded_sigma)} was stated: no geometry explains gear errors and "
+            "sag, so they enlarge sigma; the uncertainties include the part that changes from pose to "
+            "pose",
+            "sweep single joints to see gear errors separately, or correct sigma",
         )
     for names in calibrated.evidence.only_together:
         combination = "a combination of " if len(names) > 1 else ""
@@ -386,8 +387,8 @@ def report_drift(drift: results.Drift, targets: BaseTargets) -> Iterator[Finding
         yield _make_finding(
             "base_drifted",
             targets.where,
-            "between the two readings of the base targets, tracker and robot base moved relative to "
-            f"each other by {length_text(size)} ± {length_text(spread)} at the robot, and turned by "
+            "tracker and robot base moved relative to each other between the two readings of the base "
+            f"targets: by {length_text(size)} ± {length_text(spread)} at the robot, with a turn of "
             f"{np.linalg.norm(drift.rotation) * 1e6:.0f} µrad",
             "correct later readings with the given transform, or measure again",
         )

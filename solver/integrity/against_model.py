@@ -527,9 +527,9 @@ def inspect_rigidity(view: View, good: BoolArray) -> Iterator[Finding]:
     if step is not None:
         yield view.build_finding(
             "target_moved",
-            f"from this observation on, target '{view.measurements.targets[step.target]}' is displaced by "
-            f"{length_text(step.size)} on the flange, relative to the other targets: "
-            f"{figure(step.ratio, '.3g')} times as far as the limit for chance",
+            f"from this observation on, target '{view.measurements.targets[step.target]}' is displaced "
+            f"by {length_text(step.size)} on the flange relative to the other targets, "
+            f"{figure(step.ratio, '.3g')} times the limit for chance",
             "check that the target is attached firmly; give the target another name from this observation "
             "on, or repeat the observations",
             "do_not_use",
@@ -943,9 +943,9 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     for position in np.flatnonzero(is_against_load):
         yield view.build_finding(
             "deflection_against_force",
-            f"under {figure(float(np.linalg.norm(checked.force[position])))} N the targets moved in the "
-            "direction opposite to the prediction from the other observations, by "
-            f"{length_text(predicted[position])}; with the load reversed, only "
+            f"the other observations predict a motion of {length_text(predicted[position])} under "
+            f"{figure(float(np.linalg.norm(checked.force[position])))} N, but the targets moved in the "
+            "opposite direction; with the load reversed, only "
             f"{length_text(reversed_residual[position])} remains unexplained",
             "change the sign of this force, or exchange the unloaded and the loaded readings",
             "do_not_use",

@@ -269,7 +269,7 @@ def inspect_stated_noise(view: View) -> Iterator[Finding]:
             "sigma_suspect",
             f"the stated standard uncertainty of a reading is {length_text(sigma)}; up to "
             f"{length_text(LARGEST_SIGMA)} is plausible for a tracker",
-            f"check the stated noise, which is in `units.length`; {PAST_DO_NOT_USE}",
+            f"check the stated noise and its unit, `units.length`; {PAST_DO_NOT_USE}",
             "do_not_use",
         )
 
@@ -448,8 +448,8 @@ def _report_repeated_positions(view: View, posture: FloatArray) -> Iterator[Find
         yield view.build_finding(
             "repeated_readings",
             f"in {repeated_count} repeated postures the unloaded targets scatter by "
-            f"{length_text(np.sqrt(variance))} per coordinate ({degrees_of_freedom} degrees of freedom), "
-            "which is the scatter of tracker and robot together",
+            f"{length_text(np.sqrt(variance))} per coordinate ({degrees_of_freedom} degrees of "
+            "freedom): the scatter of tracker and robot together",
             "compare this scatter with the stated noise: the excess is the repeatability of the robot",
             "use",
         )

@@ -609,8 +609,8 @@ def _build_effective_joint(
     is_rigid = compliance < RIGID
     motion = JOINT_UNITS[joint.kind].of_link
     remark_on_sum = (
-        f"effective compliance: the joint together with {bending_words}'s {motion} its axis, which readings "
-        "do not distinguish"
+        f"effective compliance of the joint together with {bending_words}'s {motion} its axis, because "
+        "readings do not distinguish the two"
     )
     remarks = [] if bending_words is None else [remark_on_sum]
     if is_rigid:

@@ -89,8 +89,8 @@ class Instrument:
                 f"least {LEAST_SIGMA:g} m, and a ratio of at most {LARGEST_CONDITION**0.5:g}, is "
                 "plausible",
                 where="noise.instrument",
-                remedy="check the constants, which are in `units.length`, and the terms per distance; or "
-                "state `noise.sigma` in place of the instrument",
+                remedy="check the constants (in `units.length`) and the terms per distance; or state "
+                "`noise.sigma` in place of the instrument",
             )
         unit_vector = line_of_sight / distance[..., None]
         difference_along = (
@@ -560,8 +560,8 @@ class Measurements:
             f"{self.place(i)}, target {self.targets[t]}: `loaded` is missing ({missing} of "
             f"{missing + present} readings)",
             where=f"observations[{i}].readings",
-            remedy="give the position under load, or omit the reading; to use positions without load, which "
-            f"show the sag under the robot's own weight, {by_weight}",
+            remedy="give the position under load, or omit the reading; to identify by the sag under the "
+            f"robot's own weight, {by_weight}",
         )
 
     def select_evenly(self, most: int) -> Measurements:

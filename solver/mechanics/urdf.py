@@ -483,7 +483,7 @@ def parse_xml(text: str) -> XmlElement:
     data = text.encode("utf-8", "surrogatepass")
     if len(data) > MAX_BYTES:
         raise RobotError(
-            f"the document has {len(data)} bytes, which is too large",
+            f"the document is too large: {len(data)} bytes",
             remedy=f"send at most {MAX_BYTES} bytes; only links and joints are needed",
             where="document",
         )

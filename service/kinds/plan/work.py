@@ -589,7 +589,7 @@ def _convert_gauge_directions(request: plans.PlanRequest) -> FloatArray | None:
         raise RequestError(
             "a direction of a gauge is the zero vector"
             if request.tracker is None
-            else "the plan has a tracker, which reads all three coordinates, and directions of gauges",
+            else "the plan has a tracker and directions of gauges, but a tracker reads all three coordinates",
             where="directions",
             remedy="give directions that are not zero; for gauges, give `sigma` instead of `tracker`",
         )

@@ -164,8 +164,7 @@ def _refuse_without_orientation(program: Program, request: ProcessRequest, targe
     missing = any(not notations[i].has_pose and not notations[i].is_joints for i in used)
     if missing and request.turn != "keep" and request.branches == "keep":
         raise RequestError(
-            "the program states no angle about the tool's axis, so that a turn cannot be written into "
-            "the program",
+            "the program states no angle about the tool's axis, so a turn cannot be written into the program",
             where="turn",
             remedy="send full poses; or `branches: free`, and take the joints from points.csv",
         )

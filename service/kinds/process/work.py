@@ -364,7 +364,7 @@ class ProcessWork(ProgramWork):
         )
         remedy = "compare places with each other, or send a program that the robot can follow"
         if self._ranking is not None:
-            text = "has no interval, as the model error is unknown"
+            text = "has no interval, because the model error is unknown"
             if (interval := self._ranking.difference.with_model_error) is not None:
                 low, high = (figure(1e6 * each, ".3g") for each in interval)
                 text = f"is within {low} to {high} µm"

@@ -503,8 +503,8 @@ class ProgramWork(Work):
         """
         if request.accuracy_option == "compensates_load":
             raise RequestError(
-                "the controller already compensates the deflection under load, which must not be "
-                "compensated twice",
+                "the controller already compensates the deflection under load; a second compensation "
+                "would be wrong",
                 where="accuracy_option",
                 remedy="switch the controller's accuracy option off, repeat the measurement, and set "
                 "`accuracy_option` to `off`",

@@ -68,9 +68,8 @@ def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
         (["pull.json"], "the file is a campaign remedy: use `jointstiff identify FILE`"),
         (
             ["options.json", "--accuracy-option", "compensates_load"],
-            "accuracy_option: the controller already compensates the deflection under load, which must "
-            "not be "
-            "compensated twice "
+            "accuracy_option: the controller already compensates the deflection under load; a second "
+            "compensation would be wrong "
             "remedy: switch the controller's accuracy option off, repeat the measurement, and set "
             "`--accuracy-option` to `off`",
         ),

@@ -237,7 +237,7 @@ def test_rows_are_not_numbered_where_some_are_deleted():
     marked = "x [mm];y [mm];z [mm];Delete\n1.5;0;0;0\n2.5;0;0;{}\n3.5;0;0;{}\n4.5;0;0;0\n"
     files = ("P_unloaded.csv", marked.format(1, 0)), ("P_loaded.csv", marked.format(0, 1))
     assert refusals(*files, by_order=True) == [
-        f"{name}: rows are marked as deleted, so that the numbers of the other rows are uncertain; "
+        f"{name}: rows are marked as deleted, so the numbers of the other rows are uncertain; "
         "give every row a label, or delete these rows from all files [by_order]"
         for name, _ in files
     ]

@@ -80,7 +80,8 @@ def test_a_label_is_a_name_that_can_be_printed(label):
         (b" \n\n", ": the file is empty; export the file again"),
         (b"# only\n// comments\n", ": the file has no row of data; check that this is the right file"),
         (b"#" * 100_000, ": the file has no row of data; check that this is the right file"),
-        (b"label;x [mm]\n", ":1: the file has a header but no row of data; export the file again, with its rows"),
+        (b"label;x [mm]\n", ":1: the file has a header but no row of data; "
+         "export the file again, with its rows"),
         (b"label;x [mm]\nc\x002;1\n", ":2: the file contains the control character '\\x00', "
          f"so it is not plain text; {SAVE}"),
         (b"\xff\xfe\x00", ": the text is damaged: it begins as UTF-16-LE, "
@@ -93,7 +94,8 @@ def test_a_label_is_a_name_that_can_be_printed(label):
          "give rows of name x y z, add a header, or give `header` [header]"),
         (b";" * 65_000, ":1: the file has more than 256 columns or 1000000 cells; "
          "remove columns that are not needed, or split the file"),
-        (b"a" * 70_000, ":1: a line has more than 65536 characters; save the file with a line break after each row"),
+        (b"a" * 70_000, ":1: a line has more than 65536 characters; "
+         "save the file with a line break after each row"),
         (b'"' + b"a" * 20_000, ":1: quotation marks do not enclose a whole cell; "
          'enclose a cell as in "Point 1", on one line, or remove the marks'),
         (b"PK\x03\x04", ": the file is not an Excel file (.xlsx), or is damaged (BadZipFile); open the "

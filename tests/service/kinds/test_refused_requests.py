@@ -184,8 +184,8 @@ MASSES = [{"joint": "joint_2", "mass": 1.0, "centre": [0.0, 0.0, 0.0]}]
 
 def no_own_weight(run):
     return (
-        f"422 | masses | run '{run['id']}' has elastic links or coupling, which do not support own "
-        "weight | omit masses, or choose a run with elasticity joints"
+        f"422 | masses | run '{run['id']}' has elastic links or coupling, so own weight cannot be added | "
+        "omit masses, or choose a run with elasticity joints"
     )
 
 

@@ -572,7 +572,7 @@ def test_refused_before_anything_is_stored(store, runs, enqueued):
     set_id = stored_set(store, targets={"P10": (0.1, 0.1, 0.0)})
     with pytest.raises(UnsupportedMethodError, match="needs 3 targets"):
         runs.create(run_request(set_id, method="complete_pose"), None)
-    larger = "a draw of 13 configurations is larger than the measurement set, which has 12"
+    larger = "a draw of 13 configurations is larger than the measurement set with 12 configurations"
     with pytest.raises(RequestError, match=larger) as refused:
         runs.create(run_request(set_id, resampling={"size": 13}), None)
     assert refused.value.where == "resampling.size"

@@ -165,7 +165,7 @@ def test_the_next_posture_is_skipped_for_another_and_no_other_is(client):
     skipped = measured(client, address, 1)["next"]
     problem = patch(client, address, {"skipped": "m01"}, 422)
     assert (problem["where"], problem["detail"]) == ("skipped", "'m01' is not the next reading")
-    assert problem["remedy"] == "get the state of the set, which names the next reading"
+    assert problem["remedy"] == "get the state of the set, and send the next reading that the state names"
     patch(client, address, {"skipped": skipped["label"]})
     following = state_of(client, address)["next"]
     assert following["label"] == skipped["label"] == "m02"

@@ -22,8 +22,8 @@ DOUBT = (
     "off."
 )
 AGAINST = (
-    "under 1471 N the targets moved in the direction opposite to the prediction from the other "
-    "observations, by 3 mm; with the load reversed, only 65 µm remains unexplained"
+    "the other observations predict a motion of 3 mm under 1471 N, but "
+    "the targets moved in the opposite direction; with the load reversed, only 65 µm remains unexplained"
 )
 CHECKED = "the held-out reading is as near to its prediction as 90 % of good readings"
 AREA = {"work_area": [[0.8, -0.6, 0.4], [1.9, 0.6, 1.6]]}

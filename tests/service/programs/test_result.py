@@ -199,8 +199,7 @@ LONG = [0, 0, 500, 0, 0, 0]
 REFUSED = {
     "a load that the controller compensates": (
         {"accuracy_option": "compensates_load"},
-        "accuracy_option: the controller already compensates the deflection under load, which must not be "
-        "compensated twice; switch the controller's accuracy option off, repeat the measurement, and set `accuracy_option` to `off`",
+        "accuracy_option: the controller already compensates the deflection under load; a second compensation would be wrong; switch the controller's accuracy option off, repeat the measurement, and set `accuracy_option` to `off`",
     ),
     "no tool": ({"tools": []}, NO_NUMBERS),
     "another tool": ({"tools": [{"name": "TOOL_DATA[7]", "values": LONG}]}, NO_NUMBERS),
@@ -229,7 +228,7 @@ REFUSED = {
     ),
     "a moment without a unit": (
         {"load": {"force": [0, 0, 0], "moment": [1, 0, 0]}},
-        "units.moment: a load has a moment whose unit is not stated, and cannot be inferred, as lengths "
+        "units.moment: the unit of a moment is not stated, and cannot be inferred because lengths "
         "are in mm; state units.moment, one of N.m, N.mm, kN.m, kgf.m, lbf.m, lbf.ft, lbf.in",
     ),
 }  # fmt: skip

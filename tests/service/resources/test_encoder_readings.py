@@ -12,7 +12,7 @@ from jointstiff.service.store.store import Store
 from jointstiff.simulator import default_arm, simulate_campaign
 
 ARM = default_arm()
-BOTH = "give both `noise.sigma` and `noise.encoder_sigma`, which weight angles against lengths"
+BOTH = "give both `noise.sigma` and `noise.encoder_sigma`: the two weight angles against lengths"
 
 
 @pytest.fixture(scope="module")

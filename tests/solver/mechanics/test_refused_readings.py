@@ -173,8 +173,8 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
         "targets in every observation"
     )
     assert refused(estimate, *gauges, loss="huber") == (
-        "loss | loss huber needs the length of each residual, which a reading along one direction "
-        "does not give | use loss squared, or omit the readings along a direction"
+        "loss | loss huber needs the length of each residual, but a reading along one direction has no "
+        "such length | use loss squared, or omit the readings along a direction"
     )
 
 
@@ -195,7 +195,7 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
             "noise.instrument | the standard uncertainties of 1e-05 m along and 1e-16 m across the line "
             "of sight are not those of a tracker: at least 1e-12 m, and a ratio of at most 1e+06, is "
             "plausible | "
-            "check the constants, which are in `units.length`, and the terms per distance; or state "
+            "check the constants (in `units.length`) and the terms per distance; or state "
             "`noise.sigma` in place of the instrument",
         ),
         (
@@ -205,7 +205,7 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
             "noise.instrument | the standard uncertainties of 100 m along and 1e-06 m across the line of "
             "sight are not those of a tracker: at least 1e-12 m, and a ratio of at most 1e+06, is "
             "plausible | "
-            "check the constants, which are in `units.length`, and the terms per distance; or state "
+            "check the constants (in `units.length`) and the terms per distance; or state "
             "`noise.sigma` in place of the instrument",
         ),
     ],
