@@ -183,10 +183,10 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     # The whole set is mistaken if the correction explains most rows, and clearly more than the posted values.
     if explained_count >= EXPLAINED * len(sample) and explained_count / len(sample) > posted_share + 0.1:
         effect = (
-            "with the data as given, the targets keep their positions on the flange (within "
-            f"{length_text(LARGEST_MODEL_ERROR)}) in only {agrees.sum()} of {len(rows)} observations; "
-            f"with {best_hypothesis.change}, in {explained_count} of {len(is_explained)} observations "
-            f"(within {length_text(float(corrected_distances[is_explained].max()))})"
+            "with the data as given, the targets keep their positions on the flange (up to "
+            f"{length_text(LARGEST_MODEL_ERROR)} is plausible) in only {agrees.sum()} of {len(rows)} "
+            f"observations; with {best_hypothesis.change}, in {explained_count} of {len(is_explained)}, "
+            f"within {length_text(float(corrected_distances[is_explained].max()))}"
         )
         if best_hypothesis.unit is not None:
             return [

@@ -211,7 +211,7 @@ REMEDIES = {
     "there is no link 'c'": "use one of the links 'a', 'b'",
     "the root element is": "send a URDF document, not SDF or MJCF",
     "second <robot>|content after the end": "send one robot per document",
-    "fixed-only chain": "choose a base and a flange with moving joints between base and flange",
+    "there is no moving joint": "choose a base and a flange with moving joints between base and flange",
     "processing instruction": "remove the instruction",
     "unexpanded xacro": "expand the document first: xacro robot.urdf.xacro > robot.urdf",
     "must have at (least 1 character|most 2097152 characters)": EXAMPLE,

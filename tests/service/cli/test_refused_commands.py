@@ -91,11 +91,10 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
     assert refused.exit_code == 2
     assert words(refused.stderr) == (
         "The result must not be used all readings: the angles seem to be in rad, not in deg as declared: "
-        "with the data as given, the targets keep their positions on the flange (within 20 mm) in only 1 "
-        "of 12 "
-        "observations; with all angles taken as radians, in 12 of 12 "
-        "observations (within 52.2) µm; set `units.angle` to rad; "
-        "if the numbers are right, `--despite-verdict` goes past this verdict "
+        "with the data as given, the targets keep their positions on the flange (up to 20 mm is plausible) "
+        "in only 1 of 12 observations; with all angles taken as radians, in 12 of 12, within 52.2 µm; set "
+        "`units.angle` to rad; "
+        "if the numbers are right, state `--despite-verdict` to use the result "
         "remedy: follow the remedies of the reasons and identify again; "
         "to continue anyway, give `--despite-verdict`"
     )

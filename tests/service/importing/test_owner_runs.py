@@ -269,5 +269,5 @@ def test_a_file_of_xacro_becomes_a_run_with_the_springs_of_the_arm(tmp_path):
 def test_a_joint_that_cannot_move_is_named_before_any_run(tmp_path):
     still = re.sub(r'(name="joint_4".*?lower=)"[^"]*"( upper=)"[^"]*"', r'\1"0.5"\2"0.5"', URDF, flags=re.S)
     readings, arm = write(tmp_path, {"a.csv": text(cells()), "arm.urdf": still})
-    with pytest.raises(js.CampaignError, match=r"joint_4.*make a joint that cannot move a fixed one"):
+    with pytest.raises(js.CampaignError, match=r"joint_4.*make a joint that cannot move a fixed joint"):
         run_of([readings], js.robot(arm), STATED)

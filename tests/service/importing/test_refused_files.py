@@ -90,7 +90,7 @@ def test_a_label_is_a_name_that_can_be_printed(label):
          f"but byte 14 is not valid in this encoding; {SAVE}"),
         (b"1.5 2.5 3.5\n", f":1: the rows have 3 cells, and there is no header; {ADD}"),
         (b"a;1;2;3;4;5;6;7\n", f":1: the rows have 8 cells, and there is no header; {ADD}"),
-        (b"1.5;1.5;2.5;without a header, the name of a point must be where 3.5\n", ":1:1: '1.5' is; "
+        (b"1.5;1.5;2.5;3.5\n", ":1:1: without a header, the name of a point must be where '1.5' is; "
          "give rows of name x y z, add a header, or give `header` [header]"),
         (b";" * 65_000, ":1: the file has more than 256 columns or 1000000 cells; "
          "remove columns that are not needed, or split the file"),

@@ -170,7 +170,7 @@ COLUMNS = {
         "'kg' is not a known unit of force", HUNG.replace("mass [kg]", "Fz [kg]"), HUNG
     ),
     "gauge without a target": mistake(
-        "a reading along an axis needs a target's name",
+        "a reading along an axis needs the name of a target",
         "tip along z [mm]",
         "along z [mm]",
         "label;tip along z [mm]\nc01;0.1\nc02;0.25\n",
@@ -230,15 +230,15 @@ COLUMNS = {
     "unit of header and option": Case(
         "according to its header, but in", {"a.csv": CAMPAIGN}, options={"units": {"length": "m"}}, stated={}
     ),
-    "no unit in the header": mistake("has no unit", "J1 [deg];J2 [deg];J3 [deg]", "J1;J2;J3", units=None),
+    "no unit in the header": mistake("have no unit", "J1 [deg];J2 [deg];J3 [deg]", "J1;J2;J3", units=None),
     "no unit, stated": Case(
-        "has no unit",
+        "have no unit",
         {"a.csv": CAMPAIGN.replace(" [deg]", "")},
         options={"units": None},
         stated={"units": {"angle": "deg"}},
     ),
     "no unit, another meaning": Case(
-        "read as .* has no unit",
+        "read as .* have no unit",
         {
             "a.csv": STATES.replace("target;", "")
             .replace("P10;", "")
@@ -339,13 +339,13 @@ ROWS = {
     "control character": mistake("control character", "c02", "c\x002"),
     "damaged text": table("the text is damaged", "posé;1;2;3\n".encode() + b"b\xff;1;2;3", CAMPAIGN),
     "comma of two kinds": table(
-        "the comma may be the delimiter or",
+        "the comma may be the delimiter, or",
         "1,5 c01\n2,5 c02\n",
         "1,5;c01\n2,5;c02\n",
         header=["J1 [deg]", "label"],
     ),
     "comma as decimal mark": Case(
-        "the comma may be the delimiter or",
+        "the comma may be the delimiter, or",
         {"a.csv": "1,5 c01\n2,5 c02\n"},
         options={"header": ["J1 [deg]", "label"]},
         stated={"header": ["J1 [deg]", "label"], "delimiter": "whitespace"},
@@ -376,7 +376,7 @@ NAMES = {
         "occurs twice", POINTS + "c02_P10_loaded;1102.4128;402.8613;316.8891\n", mean_of_repeats=True
     ),
     "points far apart as repeated ones": mistake(
-        "for repeated readings, up to 0.2 mm",
+        "for repeated readings, at most 0.2 mm is plausible",
         "c02_P10_loaded",
         "c01_P10_loaded",
         POINTS,
@@ -468,7 +468,7 @@ NAMES = {
     "template without a need": omitted("is not needed", CAMPAIGN, point_name="{label}_{state}"),
     "file name without a need": omitted("is not needed", CAMPAIGN, file_name="{target}"),
     "header that no file has": Case(
-        "no file has the header 'shift'",
+        "'shift', but no file has this header",
         {"a.csv": with_column("Shift", *"112")},
         options={"ignore": ["shift"], "columns": {"Shift": "ignore"}},
         stated={"ignore": ["Shift"]},

@@ -36,7 +36,7 @@ BELIEVED = re.compile(rf"\d *(?:· 10\S* )?\(?{UNIT}\W.{{0,60}}\bis plausible")
 """A number with its unit, and within a few words the statement that such numbers are believed."""
 PAST = re.compile(
     r"if the numbers are right|omit a `payload`|`noise.sigma` in place|correct the limits|as a URDF"
-    r"|belongs to the robot|a campaign file may"
+    r"|for a longer tool|a campaign file may"
 )
 NO_SIZES = {
     "joint_sign_suspect", "force_sign_suspect",  # tests of signs

@@ -64,7 +64,7 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         ),
         (
             {"readings": 1},
-            "readings |without the readings for validation,  1 readings remain, too few to determine 6 "
+            "readings | without the readings for validation, 1 readings remain, too few to determine 6 "
             "joints | "
             "request more readings, or a smaller fraction for validation",
         ),

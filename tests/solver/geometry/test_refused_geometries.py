@@ -73,8 +73,9 @@ def parallel_cell():
         ),
         (
             lambda: identify_axes(coupled_sweep_from_elsewhere()),
-            "sweep of joint_2 | this sweep moves the joints 2 and 3 of the model, but the sweep was recorded "
-            "in another configuration of joint_3 | start both sweeps from the same configuration of "
+            "sweep of joint_2 | this sweep moves the joints 2 and 3 of the model, but the sweep of joint_3 "
+            "was "
+            "recorded in another configuration | start both sweeps from the same configuration of "
             "the other joints",
         ),
         (

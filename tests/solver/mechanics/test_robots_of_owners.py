@@ -115,4 +115,4 @@ def test_a_joint_that_cannot_move_is_named():
     with pytest.raises(RobotError, match="the joint limits 0 and 0 rad leave no range") as refused:
         read_urdf(urdf([(-1, 1), (0, 0)]), "l0", "l2")
     assert refused.value.where == "joint 'j1' limits"
-    assert "make a joint that cannot move a fixed one" in refused.value.remedy
+    assert "make a joint that cannot move a fixed joint" in refused.value.remedy
