@@ -608,7 +608,7 @@ def has_blocking_findings(answer: ImportAnswer) -> bool:
 
 def make_import_report(answer: ImportAnswer) -> list[Part]:
     """Return the preview of an import for people: files with their columns, totals, gaps and findings."""
-    from jointstiff.service.tables.table import Line, text_table
+    from jointstiff.service.tables.table import Line, build_text_table
 
     parts: list[Part] = []
     for file in answer.files:
@@ -629,7 +629,7 @@ def make_import_report(answer: ImportAnswer) -> list[Part]:
         column_titles = ["", "header", "read as", "unit", "first values"]
         parts += [
             Line(f"{file.file}: {_describe_format(file)}", "title"),
-            text_table(column_titles, rows, left_aligned=[1, 2, 3, 4]),
+            build_text_table(column_titles, rows, left_aligned=[1, 2, 3, 4]),
         ]
         parts += _make_first_lines(file.assumptions, "assumed: ")
     joints = "no joint angles" if answer.joint_count is None else f"{answer.joint_count} joints"

@@ -215,7 +215,7 @@ def build_predict_command() -> Callable[..., None]:
         """Predict deflections in given postures under given loads."""
         from jointstiff.service.cli.models import read_or_identify_run
         from jointstiff.service.library import here
-        from jointstiff.service.runs.deflection import prediction_csv, prediction_parts
+        from jointstiff.service.runs.deflection import describe_predictions, prediction_csv
         from jointstiff.service.tables.terminal import console, lay_out_parts
 
         if values["output"] is not None:
@@ -231,7 +231,7 @@ def build_predict_command() -> Callable[..., None]:
         if values["as_json"]:
             typer.echo(result.model_dump_json(indent=2))
         else:
-            console().print(lay_out_parts(prediction_parts(result)))
+            console().print(lay_out_parts(describe_predictions(result)))
 
     sources = {"file": (cli.CampaignFile, ...), "postures": (_Postures, ...), "run": (cli.RunFile, None)}
     fields = {key: (annotation, None) for key, annotation in field_options(DeflectionOptions, _POINT_FORMS)}

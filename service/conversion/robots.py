@@ -17,7 +17,7 @@ from jointstiff.schemas.robot import Posture
 from jointstiff.service.conversion.units import ANGLE, LENGTH
 from jointstiff.solver.arrays import FloatArray
 from jointstiff.solver.errors import RequestError, RobotError
-from jointstiff.solver.mechanics.chain import KinematicChain, dh_chain
+from jointstiff.solver.mechanics.chain import KinematicChain, chain_dh_rows
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Body, JointMap, Robot
 from jointstiff.solver.messages import build_messages, list_joint_kinds
@@ -32,7 +32,7 @@ def build_dh_chain(model: robots.DhModel, name: str) -> KinematicChain:
     Raises:
         RobotError: a row does not describe a joint.
     """
-    return dh_chain(model.rows, model.convention, name)
+    return chain_dh_rows(model.rows, model.convention, name)
 
 
 def build_chain_robot(

@@ -42,7 +42,7 @@ class ImportFileError(Exception):
         super().__init__(reason, remedy)
         self.place = place  # place of the fault; `NOWHERE` if it has no single place
         self.reason = reason  # what is wrong, in a sentence
-        self.remedy = remedy  # how to mend it
+        self.remedy = remedy  # what to do
         self.option = option  # import option that would settle the question; None if no option does
         self.words = words  # words of the files that the option has to explain
 

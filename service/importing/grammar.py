@@ -166,7 +166,7 @@ class Meaning:
     quantity: Quantity  # quantity that the column is a part of
     # number of the joint, or of the axis x, y, z, from 0; 0 of a point's uncertainty; None for texts
     axis: int | None = None
-    unit: str | None = None  # canonical, if the header names it
+    unit: str | None = None  # canonical name of the unit; None if the header has no unit
     # whether the user should check it: the unit had no brackets, or 0 and 1 were read as states
     guessed: bool = False
 

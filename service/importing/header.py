@@ -312,7 +312,7 @@ def _append_unit(name: str, unit: str) -> str:
     return f"{name} [{unit}]"
 
 
-# ---- its columns, each one for itself and all of them together
+# ---- columns of the header: each column alone, then all together
 
 _MAY_REPEAT: Final[frozenset[Kind]] = frozenset(("time", "ignored"))
 _MAX_SINGLE_FAULTS, _HEADERS_PER_FAULT = 3, 4

@@ -134,7 +134,7 @@ def _check_template(options: ImportOptions, headers: Sequence[str], place: Place
     faults.report(place, f"the file does not fit the template; {reason}", remedy)
 
 
-# ---- titles and comments: the unit and the frame that they say
+# ---- unit and frame that titles and comments state
 
 _AXES: Final = re.compile(r"AXES\s*=\s*(\w+)", re.IGNORECASE)
 _AXES_UNIT: Final = re.compile(r"\bX\W+Y\W+Z\s*(?:\(\s*([^\W\d]+)\s*\)|in\s+([^\W\d]+))", re.IGNORECASE)

@@ -26,7 +26,7 @@ from jointstiff.service.kinds.rooms import import_kind
 from jointstiff.service.library.campaigns import Campaign
 from jointstiff.service.tables.files import make_data_frame, write_sheet, xlsx_bytes
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
-from jointstiff.service.tables.table import NO_NUMBER, Chart, Line, Part, Sheet, text_table
+from jointstiff.service.tables.table import NO_NUMBER, Chart, Line, Part, Sheet, build_text_table
 from jointstiff.service.tables.terminal import lay_out_parts
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.text import figure
@@ -604,9 +604,9 @@ class Prediction(Presented, DeflectionResult):  # type: ignore[misc]  # `summary
 
     def _parts(self) -> Sequence[Part]:
         """Return the lines and tables of the predicted deflections."""
-        from jointstiff.service.runs.deflection import prediction_parts
+        from jointstiff.service.runs.deflection import describe_predictions
 
-        return prediction_parts(self)
+        return describe_predictions(self)
 
     def _sheets(self) -> Mapping[str, Callable[[], Sheet]]:
         """Return table name → function that makes the table; the only table has a row for each load case."""
@@ -646,7 +646,7 @@ class RobotTrend(Presented, Trend):
             *map(Line, self._describe_other_pairs()),
             *([Line(self.note)] if self.note else []),
         ]
-        return [*lines, text_table(["joint", "", "change, ± u", "p-value"], rows, left_aligned=[0, 1])]
+        return [*lines, build_text_table(["joint", "", "change, ± u", "p-value"], rows, left_aligned=[0, 1])]
 
     def _describe_other_pairs(self) -> Iterator[str]:
         """Yield a sentence for each joint whose test does not compare the first with the latest campaign."""

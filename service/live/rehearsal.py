@@ -18,7 +18,7 @@ from jointstiff.service.kinds.run.work import RunWork, prepare_identification
 from jointstiff.service.live.sources import draw_plausible_stiffness
 from jointstiff.service.resources.inputs import InMemoryInputs
 from jointstiff.service.tables.stiffness import StiffnessUnit
-from jointstiff.service.tables.table import NO_NUMBER, Table, text_table
+from jointstiff.service.tables.table import NO_NUMBER, Table, build_text_table
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.cases import LoadCases
@@ -175,7 +175,9 @@ def make_joints_table(rehearsal: RehearsalResult, unit: StiffnessUnit) -> Table:
         )
     column_titles = ["joint", "planted", "found", f"{100 * rehearsal.confidence:g} % interval", "half-width"]
     label, name = unit.label_of(rehearsal.joints), "compliances" if unit.is_compliance else "stiffnesses"
-    return text_table(column_titles, rows, caption=f"{name} in {label}; planted by {rehearsal.planted_by}")
+    return build_text_table(
+        column_titles, rows, caption=f"{name} in {label}; planted by {rehearsal.planted_by}"
+    )
 
 
 def add_planned_readings(campaign: Campaign, plan: PlanResult, robot: Robot) -> Campaign:

@@ -36,7 +36,7 @@ from jointstiff.service.tables.report import (
     with_overall_verdict,
 )
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
-from jointstiff.service.tables.table import Chart, Line, Part, Sheet, Table, text_table
+from jointstiff.service.tables.table import Chart, Line, Part, Sheet, Table, build_text_table
 from jointstiff.service.tables.terminal import lay_out_parts
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def lay_out_job(
             (label, text.replace("\n", "; "))
             for label, text in list_request_fields(job.request, joint_kinds_in(job))
         ]
-        parts.append(text_table(["request", ""], facts, left_aligned=[0, 1]))
+        parts.append(build_text_table(["request", ""], facts, left_aligned=[0, 1]))
     return lay_out_parts(parts)
 
 

@@ -10,7 +10,7 @@ from jointstiff.service.reports.document import Document, Letterhead, Section, l
 from jointstiff.service.reports.job import job_parts
 from jointstiff.service.reports.pictures import draw_bars
 from jointstiff.service.tables.report import View
-from jointstiff.service.tables.table import NO_NUMBER, Line, Table, text_table
+from jointstiff.service.tables.table import NO_NUMBER, Line, Table, build_text_table
 
 _TITLE = "Stiffness by three methods, as in Ambiehl et al. (IROS 2017)"
 
@@ -70,6 +70,6 @@ def _make_first_table(result: ComparisonResult) -> Table:
         shares = [cells.get(side.side, NO_NUMBER) for cells in methods.values()]
         rows.append([side.side, str(len(side.configurations)), mean, *shares])
     head = ["set", "configurations", "mean deflection [mm]", *methods]
-    return text_table(
+    return build_text_table(
         head, rows, caption="of each method: fraction of the mean deflection that the method explains"
     )

@@ -44,7 +44,7 @@ from jointstiff.service.tables.report import (
     list_request_fields,
 )
 from jointstiff.service.tables.stiffness import UNITS
-from jointstiff.service.tables.table import NO_NUMBER, format_rounded, text_table
+from jointstiff.service.tables.table import NO_NUMBER, build_text_table, format_rounded
 from jointstiff.solver.errors import RequestError
 from jointstiff.solver.mechanics.measurements import ASSUMED_FORCE_SCALE, ASSUMED_LOAD_POINT
 from jointstiff.solver.text import figure, length_text
@@ -137,7 +137,7 @@ class RunSubject:
 def build_run_report(subject: RunSubject) -> Document:
     """Build the report of a run; equal runs, measurement sets and settings give equal documents."""
     run, settings = subject.model.run, subject.settings
-    items = text_table(["item", "requirement", "place in this report"], ITEMS, left_aligned=[0, 1, 2])
+    items = build_text_table(["item", "requirement", "place in this report"], ITEMS, left_aligned=[0, 1, 2])
     return Document(
         title=TITLE,
         number=run.id,
@@ -237,7 +237,7 @@ def build_results_section(model: ExportedModel, readings: MeasurementSetDocument
     ]
     return Section(
         RESULTS,
-        tables=[text_table(head, rows, left_aligned=[0, 5])],
+        tables=[build_text_table(head, rows, left_aligned=[0, 5])],
         notes=[
             f"{joint.name}: no number: {explain_missing_stiffness(joint)}."
             for joint in result.joints
@@ -325,7 +325,7 @@ def _build_prediction_section(subject: RunSubject) -> Iterator[Section]:
         yield Section(
             PREDICTED,
             paragraphs=[describe_prediction(subject)],
-            tables=[text_table(head, rows)],
+            tables=[build_text_table(head, rows)],
             notes=list(remarks),
         )
 
@@ -365,7 +365,7 @@ def build_uncertainty_section(model: ExportedModel) -> Section:
     caption = "Contributions to the standard uncertainty of each compliance [% of the compliance]"
     return Section(
         UNCERTAINTY,
-        tables=[text_table(["source", "type", *budget.joints], rows, caption)],
+        tables=[build_text_table(["source", "type", *budget.joints], rows, caption)],
         paragraphs=[
             "The reported expanded uncertainty U is stated as the standard uncertainty of measurement, by "
             f"all sources of this budget, multiplied by the coverage factor k = {figure(factor)}, which "
@@ -396,7 +396,7 @@ def _build_weight_uncertainty_section(weight: WeightResult) -> Section:
         paragraphs=[
             "Fractions of each interval's width: from the readings, and from the bounds of the masses."
         ],
-        tables=[text_table(["joint", "readings", "uncertain masses"], rows, left_aligned=[0])],
+        tables=[build_text_table(["joint", "readings", "uncertain masses"], rows, left_aligned=[0])],
     )
 
 

@@ -373,7 +373,7 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
     }
 
 
-def prediction_parts(result: DeflectionResult) -> list[Part]:
+def describe_predictions(result: DeflectionResult) -> list[Part]:
     """Lay out predictions for people: verdict, table with a row for each case (mm, N/mm), and remarks."""
     percent, cases = f"{100 * result.confidence:g} %", result.cases
     along_direction = [case.compliance and case.compliance.along for case in cases]

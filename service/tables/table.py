@@ -286,7 +286,7 @@ def _unit_in_schema(extra: object, key: str) -> str:
     return str(extra.get(key, "")) if isinstance(extra, Mapping) else ""
 
 
-def text_table(
+def build_text_table(
     head: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "", left_aligned: Sequence[int] = (0,)
 ) -> Table:
     """Build a table from headers and rows of ready texts.

@@ -236,7 +236,7 @@ def check_name(name: str, where: str) -> None:
         )
 
 
-def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> KinematicChain:
+def chain_dh_rows(rows: Sequence[DhRow], convention: Convention, name: str) -> KinematicChain:
     """Build the kinematic chain of a Denavit-Hartenberg table.
 
     With joint angle q_i and the constants of row i, frame i is in frame i-1 at

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from jointstiff.schemas.robot import DhRow
-from jointstiff.solver.mechanics.chain import dh_chain
+from jointstiff.solver.mechanics.chain import chain_dh_rows
 from jointstiff.solver.mechanics.robot import Robot
 
 HALF = np.pi / 2
@@ -27,7 +27,7 @@ def arm(name: str, crookedness: float = 0.0) -> Robot:
     convention, rows = ARMS[name]
     draw = np.random.default_rng(3)
     crooked = [[value + crookedness * draw.standard_normal() for value in row] for row in rows]
-    return Robot(dh_chain(chain_rows(crooked), convention, name).model())
+    return Robot(chain_dh_rows(chain_rows(crooked), convention, name).model())
 
 
 def chain_rows(rows: Sequence[Sequence[float]]) -> list[DhRow]:

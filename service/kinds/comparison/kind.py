@@ -88,8 +88,8 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
                 Column("joint", [joint.name for joint in joints], text=True),
                 Column("first", first_run.joints, unit.format_concise),
                 Column("second", second_run.joints, unit.format_concise),
-                Column("ratio", joints, lambda joint: _ratio_text(joint.ratio, joint)),
-                Column(f"{100 * result.confidence:g} % interval", joints, _interval_text),
+                Column("ratio", joints, lambda joint: _format_ratio(joint.ratio, joint)),
+                Column(f"{100 * result.confidence:g} % interval", joints, _format_interval),
                 Column(
                     "p", [joint.p_value for joint in joints], lambda p: "< 0.0001" if p < 1e-4 else f"{p:.2g}"
                 ),
@@ -119,7 +119,7 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
     return parts
 
 
-def _ratio_text(ratio: float | None, joint: JointRatio) -> str:
+def _format_ratio(ratio: float | None, joint: JointRatio) -> str:
     """Format a ratio of stiffnesses with as many digits as the half width of its interval supports."""
     lower, upper = joint.ratio_interval or (None, None)
     return format_rounded(
@@ -127,7 +127,7 @@ def _ratio_text(ratio: float | None, joint: JointRatio) -> str:
     )
 
 
-def _interval_text(joint: JointRatio) -> str:
+def _format_interval(joint: JointRatio) -> str:
     """Format Fieller's interval of a ratio of stiffnesses.
 
     The interval may have no limit on a side, or consist of all ratios outside an excluded range.
@@ -137,7 +137,9 @@ def _interval_text(joint: JointRatio) -> str:
     if joint.ratio_excluded is not None:
         lower, upper = joint.ratio_excluded
         return f"not {lower:.3g} … {upper:.3g}"
-    return " … ".join("no limit" if end is None else _ratio_text(end, joint) for end in joint.ratio_interval)
+    return " … ".join(
+        "no limit" if end is None else _format_ratio(end, joint) for end in joint.ratio_interval
+    )
 
 
 def _ordered_table(ordered: OrderedResult, unit: StiffnessUnit) -> Table:

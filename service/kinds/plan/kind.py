@@ -195,7 +195,7 @@ def _force_direction_text(job: Plan, reading: PlannedReading) -> str:
     if not force_size:
         return "own weight"
     unit_vector = [component / force_size for component in reading.force]
-    return "down" if unit_vector[2] < _DOWN else _vector_text(unit_vector)
+    return "down" if unit_vector[2] < _DOWN else _format_unit_vector(unit_vector)
 
 
 def _gauge_direction_text(reading: PlannedReading) -> str:
@@ -205,10 +205,10 @@ def _gauge_direction_text(reading: PlannedReading) -> str:
     axis = next(
         (axis for axis, component in zip("xyz", direction, strict=True) if abs(component) > -_DOWN), None
     )
-    return axis or _vector_text(direction)
+    return axis or _format_unit_vector(direction)
 
 
-def _vector_text(unit_vector: Sequence[float]) -> str:
+def _format_unit_vector(unit_vector: Sequence[float]) -> str:
     """Format the components of a unit vector, such as "x +0.50  y +0.00  z -0.87"."""
     return "  ".join(f"{axis} {component:+.2f}" for axis, component in zip("xyz", unit_vector, strict=True))
 

@@ -108,7 +108,7 @@ def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
         parts.append(
             Line(
                 f"{len(allowed)} of {len(result.fixed_turns)} fixed turns are within limits and step: "
-                f"{_micrometres(min(allowed))} to {_micrometres(max(allowed))} µm"
+                f"{_format_micrometres(min(allowed))} to {_format_micrometres(max(allowed))} µm"
             )
         )
     if result.places:
@@ -140,7 +140,7 @@ def _frame_text(frame: ProgramFrame, program_format: str) -> str:
     return f"{name}: {position} {length}; {orientation} {angle}"
 
 
-def _micrometres(length: float) -> str:
+def _format_micrometres(length: float) -> str:
     """Format a length in micrometres."""
     return figure(1e6 * length, ".4g")
 

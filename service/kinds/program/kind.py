@@ -126,13 +126,13 @@ def _worst_table(result: ProgramResult) -> Table:
                 "mm",
             ),
             Column("with model error", [point.interval_with_model_error for point in points], interval, "mm"),
-            Column("residual", points, _residual_cell, "mm"),
+            Column("residual", points, _format_residual, "mm"),
         ],
         title="Worst points",
     )
 
 
-def _residual_cell(point: ProgramPoint) -> str:
+def _format_residual(point: ProgramPoint) -> str:
     """Format the residual of a point in mm, with a remark if limits reduced the correction."""
     return f"{1e3 * point.residual:.4f}{' (capped)' if point.capped else ''}"
 

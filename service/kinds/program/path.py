@@ -118,7 +118,9 @@ class ProgramFrames:
         base = self.base.select(indices)
         return np.asarray((base[:, :3, :3] @ position[..., None])[..., 0] + base[:, :3, 3])
 
-    def numbers_of_poses(self, program: Program, indices: IndexArray, flange: FloatArray) -> FloatArray:
+    def convert_poses_to_numbers(
+        self, program: Program, indices: IndexArray, flange: FloatArray
+    ) -> FloatArray:
         """Convert poses (m, 4, 4) of the flange in R0 [m] to numbers (m, 7) as the program writes them.
 
         Of several numbers for the same pose (angles differ by whole turns), the nearest to the program's

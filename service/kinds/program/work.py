@@ -372,7 +372,7 @@ def _write_corrected_numbers(
     block_targets = path.targets[points]
     is_joint_target = targets.given_as_joints[block_targets]
     angle_unit = targets.angle_unit[block_targets, None]
-    numbers = path.frames.numbers_of_poses(path.program, block_targets, corrected.flange_pose)
+    numbers = path.frames.convert_poses_to_numbers(path.program, block_targets, corrected.flange_pose)
     programmed = path.cases.joints if path.programmed is None else path.programmed
     programmed_arm = inverse.select_arm_joints(programmed[points])
     corrected_arm = inverse.select_arm_joints(corrections.commanded[rows])

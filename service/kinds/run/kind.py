@@ -88,7 +88,7 @@ def _joints_table(run: Run, result: RunResult, unit: StiffnessUnit) -> Table:
     if request.weight is not None:
         method = "by the robot's own weight"
     cells = [unit.cells(joint) for joint in joints]
-    prior_cells = [_prior_cell(joint, has_prior=joint.name in request.priors) for joint in joints]
+    prior_cells = [_format_prior(joint, has_prior=joint.name in request.priors) for joint in joints]
     return Table(
         [
             Column("joint", [joint.name for joint in joints], text=True),
@@ -165,7 +165,7 @@ def _verdict_cell(joint: JointResult) -> Line:
     return Line(grades[0] if grades else "roughly known", "good")
 
 
-def _prior_cell(joint: JointResult, *, has_prior: bool) -> str:
+def _format_prior(joint: JointResult, *, has_prior: bool) -> str:
     """Format the ratio of the information on a joint from the prior to that from the readings.
 
     Without readings of the joint, the cell says "prior only"; without a prior, it is a dash.
@@ -213,11 +213,11 @@ def _advice_lines(run: Run, result: RunResult, *, details: bool) -> Iterator[str
         elif advice.joint not in advised_joints:
             advised_joints.add(advice.joint)
             gain = _predicted_gain_text(run, advice, joints[advice.joint])
-            reading = _advised_reading_text(advice, [joint.kind for joint in result.joints])
+            reading = _describe_advised_reading(advice, [joint.kind for joint in result.joints])
             yield f"{advice.joint}: {reading}{gain}"
 
 
-def _advised_reading_text(advice: Advice, kinds: Sequence[JointKind]) -> str:
+def _describe_advised_reading(advice: Advice, kinds: Sequence[JointKind]) -> str:
     """Describe an advised reading in words: force, direction and posture."""
     force_size = sqrt(sum(component**2 for component in advice.force))
     # + 0.0 turns −0 into 0

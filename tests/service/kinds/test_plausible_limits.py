@@ -25,7 +25,7 @@ from jointstiff.solver.estimation.estimate import JointCompliance
 from jointstiff.solver.estimation.payload import inspect_force_unit
 from jointstiff.solver.geometry.poses import refuse_wrong_units
 from jointstiff.solver.integrity import inspect_measurements
-from jointstiff.solver.mechanics.chain import dh_chain
+from jointstiff.solver.mechanics.chain import chain_dh_rows
 from jointstiff.solver.mechanics.measurements import EncoderReadings, Instrument
 
 DOCUMENT = simulate_campaign(default_arm(), load="pull", configurations=12, seed=1)
@@ -137,7 +137,9 @@ def far_readings():
 ERRORS = {
     "displacement of a sweep": lambda: refuse_wrong_units(None, 2e3),
     "smallest displacement of a sweep": lambda: refuse_wrong_units(None, 5e-3),
-    "length of a table": lambda: dh_chain([DhRow(a=0.0, alpha=0.0, d=512.0, theta=0.0)], "standard", "long"),
+    "length of a table": lambda: chain_dh_rows(
+        [DhRow(a=0.0, alpha=0.0, d=512.0, theta=0.0)], "standard", "long"
+    ),
     "tracker": lambda: Instrument((3.0, 0.0, 0.0), 1e-5, 0.0, 1e-16, 0.0).covariance(np.zeros((1, 3))),
     "tool": lambda: refuse_far_point((6.0, 0.0, 0.0), "load_point"),
     "lengths of arrays": far_readings,

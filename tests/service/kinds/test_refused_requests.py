@@ -15,7 +15,7 @@ from jointstiff.schemas.deflection import DeflectionRequest
 from jointstiff.schemas.robot import DhRow
 from jointstiff.service.runs.deflection import convert_load_cases, read_load_cases
 from jointstiff.simulator import TARGETS, default_arm, robot_document
-from jointstiff.solver.mechanics.chain import dh_chain
+from jointstiff.solver.mechanics.chain import chain_dh_rows
 from jointstiff.solver.mechanics.robot import Robot
 
 ROWS = Path(__file__).with_name("refused_requests.txt").read_text(encoding="utf-8").splitlines()
@@ -129,7 +129,7 @@ class TestPredictions:
 
     def test_cases_are_at_most_what_can_be_computed_at_once(self):
         joints = 32 * [DhRow(a=0.1, alpha=0.0, d=0.0, theta=0.0)]
-        snake = Robot(dh_chain(joints, "standard", "snake").model())
+        snake = Robot(chain_dh_rows(joints, "standard", "snake").model())
 
         def asked(count):
             case = {"joints": 32 * [0.0], "force": [200.0, 300.0, -800.0]}

@@ -30,10 +30,10 @@ from jointstiff.service.tables.report import list_request_fields
 from jointstiff.service.tables.stiffness import UNITS
 from jointstiff.service.tables.table import (
     Sheet,
+    build_text_table,
     format_concise,
     format_rounded,
     number_formatter,
-    text_table,
 )
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.text import figure
@@ -315,5 +315,5 @@ def test_a_lower_limit_is_shown_but_of_a_result_that_is_not_to_be_used(unit, kin
 
 def test_a_column_without_a_name_and_without_a_cell_is_printed():
     """As of a trend in which no joint changed yet."""
-    table = text_table(["joint", "", "p-value"], [["joint_1", "", "0.3"]], left_aligned=[0, 1])
+    table = build_text_table(["joint", "", "p-value"], [["joint_1", "", "0.3"]], left_aligned=[0, 1])
     assert "joint_1" in printed(terminal.lay_out_parts([table]))

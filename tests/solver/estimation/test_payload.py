@@ -12,7 +12,7 @@ from jointstiff.service.conversion.prepared import prepare_robot
 from jointstiff.simulator import default_arm, simulate_campaign
 from jointstiff.solver.estimation.estimate import JointCompliance
 from jointstiff.solver.estimation.payload import MEASURED_ARMS, inspect_force_unit
-from jointstiff.solver.mechanics.chain import dh_chain
+from jointstiff.solver.mechanics.chain import chain_dh_rows
 from jointstiff.solver.mechanics.postures import measure_reach
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -116,9 +116,9 @@ def test_nothing_is_compared_where_the_numbers_do_not_allow_it(pulls):
     assert not inspected(pulls, wrong, "kgf", robot=Robot(robot.model, robot.joint_map))
     row = {"a": 0.5, "alpha": 0.0, "d": 0.0, "theta": 0.0}
     rows = [DhRow(**row), DhRow(**row, kind="prismatic"), *[DhRow(**row)] * 4]
-    sliding = Robot(dh_chain(rows, "standard", "slides").model(), payload=240.0)
+    sliding = Robot(chain_dh_rows(rows, "standard", "slides").model(), payload=240.0)
     assert not inspected(pulls, wrong, "kgf", robot=sliding)
-    longer = Robot(dh_chain([DhRow(**row)] * 7, "standard", "seven").model(), payload=240.0)
+    longer = Robot(chain_dh_rows([DhRow(**row)] * 7, "standard", "seven").model(), payload=240.0)
     assert not inspected(pulls, wrong, "kgf", robot=longer)
 
 

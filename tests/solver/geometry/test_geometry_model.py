@@ -54,7 +54,7 @@ from jointstiff.solver.geometry.identification import (
 )
 from jointstiff.solver.geometry.poses import Poses, PoseState, calibrate, transform_points
 from jointstiff.solver.geometry.sweeps import identify_axes
-from jointstiff.solver.mechanics.chain import ChainJoint, dh_chain
+from jointstiff.solver.mechanics.chain import ChainJoint, chain_dh_rows
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import JointMap, Robot
 from jointstiff.solver.mechanics.urdf import read_urdf
@@ -71,7 +71,9 @@ def flange_points(chain, angles, points):
 def table_gap(table, chain, points=TARGETS):
     """How far off the chain's the table's points on the flange are, in all postures [m]."""
     base, tool = (pin.SE3(*map(np.array, dict(part).values())) for part in (table.base, table.tool))
-    moved = flange_points(dh_chain(table.rows, table.convention, "x"), ANGLES, transform_points(tool, points))
+    moved = flange_points(
+        chain_dh_rows(table.rows, table.convention, "x"), ANGLES, transform_points(tool, points)
+    )
     return transform_points(base, moved) - flange_points(chain, ANGLES, points)
 
 
@@ -261,7 +263,7 @@ def test_a_real_arm_has_an_error_of_poses_left_out():
         (0.0, -np.pi / 2, 0.09465),
         (0.0, 0.0, 0.0823),
     )
-    arm = dh_chain([DhRow(a=a, alpha=alpha, d=d, theta=0.0) for a, alpha, d in links], "standard", "UR5")
+    arm = chain_dh_rows([DhRow(a=a, alpha=alpha, d=d, theta=0.0) for a, alpha, d in links], "standard", "UR5")
     found = calibrate(arm, read)
     assert found.evidence.held_out_rms == pytest.approx(65.0e-6, rel=0.01)
     assert found.evidence.held_out_rms > found.evidence.rms_residual

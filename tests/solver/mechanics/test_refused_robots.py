@@ -9,7 +9,7 @@ from support.hostile_urdfs import BRANCHED
 
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain, dh_chain
+from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain, chain_dh_rows
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.robot import JointMap, Robot, fix_prismatic_joints
 from jointstiff.solver.mechanics.urdf import quote, read_urdf, write_urdf
@@ -35,7 +35,7 @@ def behind_fixed(count):
 def table(*rows, convention="standard"):
     """Return the chain of rows, each stated by what is unusual in it."""
     usual = {"a": 0.1, "alpha": 0.0, "d": 0.2, "theta": 0.0}
-    return dh_chain([DhRow.model_construct(**(usual | row)) for row in rows], convention, "any")
+    return chain_dh_rows([DhRow.model_construct(**(usual | row)) for row in rows], convention, "any")
 
 
 def branched(base, flange):

@@ -22,7 +22,7 @@ from support.springs import robot_of
 
 from jointstiff.schemas.robot import DhRow
 from jointstiff.solver.errors import RobotError
-from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain, dh_chain
+from jointstiff.solver.mechanics.chain import ChainJoint, KinematicChain, chain_dh_rows
 from jointstiff.solver.mechanics.inverse import (
     InverseKinematics,
     Unreached,
@@ -157,7 +157,7 @@ ROWS = st.lists(
 @examples(300)
 @given(rows=ROWS, seed=st.integers(0, 2**32 - 1))
 def test_flange_is_the_last_frame_of_the_table(convention, rows, seed):
-    robot = Robot(dh_chain(rows, convention, "any").model())
+    robot = Robot(chain_dh_rows(rows, convention, "any").model())
     q = np.random.default_rng(seed).uniform(-4.0, 4.0, len(rows))
 
     expected = flange_by_textbook(rows, convention, q)

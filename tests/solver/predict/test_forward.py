@@ -22,7 +22,7 @@ from jointstiff.solver.links.fit import estimate_elastic
 from jointstiff.solver.links.model import ElasticColumns, ElasticModel
 from jointstiff.solver.mechanics.block import OwnWeight
 from jointstiff.solver.mechanics.cases import LoadCases
-from jointstiff.solver.mechanics.chain import dh_chain
+from jointstiff.solver.mechanics.chain import chain_dh_rows
 from jointstiff.solver.mechanics.inverse import InverseKinematics, flange_poses
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
@@ -182,7 +182,7 @@ def test_the_length_of_a_displacement_has_an_uncertainty_by_source():
 def test_a_load_that_cancels_the_spring_is_refused_by_its_case(across):
     """A push of k/a along an arm of length a: I − diag(c) K_c is exactly singular, by powers of two."""
     compliance = 2.0**-20
-    robot = Robot(dh_chain([DhRow(a=1.0, alpha=0.0, d=0.0, theta=0.0)], "standard", "arm").model())
+    robot = Robot(chain_dh_rows([DhRow(a=1.0, alpha=0.0, d=0.0, theta=0.0)], "standard", "arm").model())
     model = JointModel(robot, np.array([compliance]), None, Constraints(Bounds.positive(1)))
     force = np.array([[0.0, 100.0, 0.0], [-1.0 / compliance, across, 0.0]])
     still = np.zeros((2, 3))
