@@ -263,7 +263,7 @@ class Heartbeats:
 
     def _living(self, connection: sa.Connection, now: datetime, silence: timedelta) -> list[str]:
         """Return the names of the executors with a heartbeat at most `silence` before `now`, sorted."""
-        # After a clock was set back, heartbeats of dead workers can lie in the future: those do not count.
+        # After a clock was set back, heartbeats of lost workers can lie in the future: those do not count.
         is_living = heartbeats.c.beat_at.between(now - silence, now + silence)
         query = sa.select(heartbeats.c.executor).where(is_living, heartbeats.c.executor != "")
         rows = connection.execute(query).all()

@@ -293,15 +293,15 @@ class Engine(Queue):
                 seconds_by_part[part_id] = time.monotonic() if clock is None else time.clock_gettime(clock)
         return seconds_by_part
 
-    def recover(self, dead_workers: Iterable[str]) -> None:
-        """Put the parts of jobs that dead workers had claimed back into the queue, for any worker to take.
+    def recover(self, lost_workers: Iterable[str]) -> None:
+        """Put the parts of jobs that lost workers had claimed back into the queue, for any worker to take.
 
         DBOS counts one failed attempt for each of these parts.
 
         Args:
-            dead_workers: names of the dead workers.
+            lost_workers: names of the lost workers.
         """
-        if worker_names := list(dead_workers):
+        if worker_names := list(lost_workers):
             # This function is not public; the cloud service of DBOS itself calls it.
             DBOS._recover_pending_workflows(worker_names)
 

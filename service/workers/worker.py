@@ -1,4 +1,4 @@
-"""A worker process: carries out long jobs until it is stopped, and continues the jobs of dead workers."""
+"""A worker process: carries out long jobs until it is stopped, and continues the jobs of lost workers."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class FrozenError(Exception):
 
 
 class Recovery:
-    """Recovery of jobs of dead workers, run by each worker at every heartbeat. Repeating it is safe."""
+    """Recovery of jobs of lost workers, run by each worker at every heartbeat. Repeating it is safe."""
 
     def __init__(
         self,
@@ -322,7 +322,7 @@ def _act_despite_outage(act: Callable[[], None]) -> None:
         _logger.exception("this worker makes no progress; it ends, and another worker takes over its part")
         _end_process()
     except Exception:
-        _logger.warning("cannot recover the jobs of dead workers; trying again", exc_info=True)
+        _logger.warning("cannot recover the jobs of lost workers; trying again", exc_info=True)
 
 
 def _end_process(*_: object) -> None:

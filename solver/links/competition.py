@@ -118,7 +118,7 @@ class Competition:
         refuse_unsupported_elastic(measurements, joints.stated)
         if options.resampling is not None:
             raise UnsupportedMethodError(
-                "resampling supports only elasticity joints",
+                "resampling works only with elasticity joints",
                 where="resampling",
                 remedy="omit `resampling`; the cross-validation shows the dispersion",
             )

@@ -64,7 +64,7 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
             else f"the uncertainty from the noise of the readings is {result.goal_share:.2f} times the "
             "uncertainty that the goal allows"
         )
-        lines.append(f"{len(result.readings)} readings are the fewest that meet the goal: {goal_text}")
+        lines.append(f"{len(result.readings)} readings, the fewest possible, meet the goal: {goal_text}")
     block_count = max((each.block for each in result.readings), default=1)
     if block_count > 1:
         lines.append(

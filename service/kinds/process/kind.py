@@ -198,7 +198,7 @@ def _place_parts(result: ProcessResult) -> list[Part]:
         title="Best places of the workpiece",
     )
     parts: list[Part] = [table]
-    lines = [f"{result.places_reached} of {result.places_tried} places let the robot follow the path"]
+    lines = [f"at {result.places_reached} of {result.places_tried} places the robot can follow the path"]
     if result.flat_low is not None and result.flat_high is not None:
         extent = [
             f"{axis} {1e3 * low:.0f} to {1e3 * high:.0f}"

@@ -136,7 +136,7 @@ def make_turn_task(request: ProcessRequest) -> TurnTask:
         raise RequestError(
             f"a step of {np.degrees(step):.3g}° is more than {np.degrees(MAX_STEP):.3g}°",
             where="step",
-            remedy="state a smaller step, or more points",
+            remedy="state a smaller step, or add points",
         )
     motion = Motion(step, request.smoothness, greatest=request.objective == "greatest")
     if request.turn == "free":
