@@ -36,9 +36,9 @@ router = APIRouter(prefix="/v1", route_class=BodyRoute, include_in_schema=False)
 
 
 @router.post("/measurement-sets/{set_id}/bridge", dependencies=[OPERATOR], status_code=201)
-def open_bridge(parts: answers.InjectedParts, set_id: Id, by: RequesterKey) -> Bridge:
+def open_bridge(parts: answers.InjectedParts, set_id: Id, requester: RequesterKey) -> Bridge:
     """Open a bridge to the page of an open set, and get its code."""
-    return parts.bridges.open(set_id, by)
+    return parts.bridges.open(set_id, requester)
 
 
 @router.post("/bridges", dependencies=[OPERATOR])
@@ -46,13 +46,13 @@ async def join_bridge(
     request: Request,
     parts: answers.InjectedParts,
     body: Annotated[BridgeCode, json_body({})],
-    by: RequesterKey,
+    requester: RequesterKey,
 ) -> Bridge:
     """Join a bridge with its code, once; wrong codes are counted as wrong keys are."""
     gate: Gate = request.app.state.gate
     address = get_requester(request).address
     await gate.refuse_guesses(address)
-    bridge = await run_sync(parts.bridges.join, body.code, by, limiter=request.app.state.work)
+    bridge = await run_sync(parts.bridges.join, body.code, requester, limiter=request.app.state.work)
     if bridge is None:
         await gate.count_guess(address)
         raise RequestError(
@@ -65,10 +65,13 @@ async def join_bridge(
 
 @router.put("/bridges/{bridge_id}/stand", dependencies=[OPERATOR], status_code=204)
 def show_stand(
-    parts: answers.InjectedParts, bridge_id: Id, body: Annotated[BridgeStand, json_body({})], by: RequesterKey
+    parts: answers.InjectedParts,
+    bridge_id: Id,
+    body: Annotated[BridgeStand, json_body({})],
+    requester: RequesterKey,
 ) -> Response:
     """State in which posture and under which load the page wants positions."""
-    parts.bridges.show_stand(bridge_id, body, by)
+    parts.bridges.show_stand(bridge_id, body, requester)
     return Response(status_code=204)
 
 
@@ -77,25 +80,25 @@ def send_points(
     parts: answers.InjectedParts,
     bridge_id: Id,
     body: Annotated[BridgePoints, json_body({})],
-    by: RequesterKey,
+    requester: RequesterKey,
 ) -> Response:
     """Send the last positions of a tracker, and get the stand that the page shows."""
-    return answers.json_response(parts.bridges.send_points(bridge_id, body, by).model_dump_json())
+    return answers.json_response(parts.bridges.send_points(bridge_id, body, requester).model_dump_json())
 
 
 @router.get("/bridges/{bridge_id}", dependencies=[OPERATOR])
 def follow_bridge(
-    request: Request, parts: answers.InjectedParts, bridge_id: Id, by: RequesterKey
+    request: Request, parts: answers.InjectedParts, bridge_id: Id, requester: RequesterKey
 ) -> EventSourceResponse:
     """Follow a bridge: a stream of events, one `bridge` with each change."""
-    parts.bridges.state(bridge_id, by)  # raises an error if there is no such bridge
-    return EventSourceResponse(_stream_states(request, parts.bridges, bridge_id, by))
+    parts.bridges.state(bridge_id, requester)  # raises an error if there is no such bridge
+    return EventSourceResponse(_stream_states(request, parts.bridges, bridge_id, requester))
 
 
 @router.delete("/bridges/{bridge_id}", dependencies=[OPERATOR], status_code=204)
-def close_bridge(parts: answers.InjectedParts, bridge_id: Id, by: RequesterKey) -> Response:
+def close_bridge(parts: answers.InjectedParts, bridge_id: Id, requester: RequesterKey) -> Response:
     """Close a bridge, the connection through which a page reads a tracker."""
-    parts.bridges.close(bridge_id, by)
+    parts.bridges.close(bridge_id, requester)
     return Response(status_code=204)
 
 

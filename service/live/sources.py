@@ -290,29 +290,47 @@ class CheckedSource:
         return (x, y, z), sigma
 
     def _refuse_implausible(
-        self, stand: Stand, name: str, place: FloatArray, points: Mapping[str, Point]
+        self, stand: Stand, name: str, position: FloatArray, points: Mapping[str, Point]
     ) -> None:
         """Refuse a position (3,) [m] of a target that cannot be right.
 
-        The position is compared with earlier readings, with the distances of the targets on the flange, and
-        with the position without load or, for a reading without load, with the position that the kinematics
-        predict. `points` are the targets read in this posture so far, including the target `name`.
+        Args:
+            stand: posture and load in which the target was read.
+            name: name of the target.
+            position: position of the target in the frame of the readings.
+            points: the targets read in this posture so far, including this one.
 
         Raises:
             SourceError: the position repeats an earlier reading, or is too far from the expected position.
         """
-        # Positions of the other targets; an answer has a position and its uncertainty.
-        others = {other: position for other, (position, _) in points.items() if other != name}
-        if points[name][0] in self._earlier_positions.union(others.values()):
+        # A point is a position and its uncertainty.
+        positions = {target: position for target, (position, _) in points.items()}
+        own_position = positions.pop(name)
+        if own_position in self._earlier_positions.union(positions.values()):
             raise SourceError(
                 f"{name}: the source sent exactly the same position as in an earlier reading",
                 remedy="check that the instrument still measures, then read again",
             )
-        setting = self._setting
-        in_flange = {target: np.array(position) for target, position in setting.targets.items()}
-        for other, other_place in others.items():
-            distance_on_flange = float(np.linalg.norm(in_flange[name] - in_flange[other]))
-            measured_distance = float(np.linalg.norm(place - other_place))
+        self._compare_with_other_targets(name, position, positions)
+        if stand.loaded:
+            self._compare_with_unloaded_position(stand, name, position)
+        else:
+            self._compare_with_kinematics(stand, name, position)
+
+    def _compare_with_other_targets(
+        self, name: str, position: FloatArray, positions: Mapping[str, Place]
+    ) -> None:
+        """Refuse a position whose distances from other targets differ from those on the flange.
+
+        `positions` are those of the other targets that were read in this posture.
+
+        Raises:
+            SourceError: a distance differs too much.
+        """
+        on_flange = {target: np.array(place) for target, place in self._setting.targets.items()}
+        for other, other_position in positions.items():
+            distance_on_flange = float(np.linalg.norm(on_flange[name] - on_flange[other]))
+            measured_distance = float(np.linalg.norm(position - other_position))
             if abs(measured_distance - distance_on_flange) > _LARGEST_DISTANCE_ERROR:
                 raise SourceError(
                     f"the source has jumped to another target: {name} is {1e3 * measured_distance:.0f} mm "
@@ -320,20 +338,35 @@ class CheckedSource:
                     f"flange; a difference up to {1e3 * _LARGEST_DISTANCE_ERROR:g} mm is plausible",
                     remedy=f"check which target the instrument sees, then read again; {_PAST}",
                 )
-        if stand.loaded:
-            is_same_posture = stand.joints == self._unloaded_joints
-            unloaded_place = self._unloaded.get(name) if is_same_posture else None
-            deflection = 0.0 if unloaded_place is None else float(np.linalg.norm(place - unloaded_place))
-            if deflection > _LARGEST_DEFLECTION:
-                raise SourceError(
-                    f"the source has jumped to another target: {name} is {1e3 * deflection:.0f} mm from "
-                    f"its position without load; up to {1e3 * _LARGEST_DEFLECTION:g} mm is plausible",
-                    remedy=f"check that the arm is still in the posture, then read again; {_PAST}",
-                )
+
+    def _compare_with_unloaded_position(self, stand: Stand, name: str, position: FloatArray) -> None:
+        """Refuse a position under load that is too far from the position without load in the same posture.
+
+        Raises:
+            SourceError: the deflection is too large.
+        """
+        unloaded_position = self._unloaded.get(name) if stand.joints == self._unloaded_joints else None
+        if unloaded_position is None:
             return
+        deflection = float(np.linalg.norm(position - unloaded_position))
+        if deflection > _LARGEST_DEFLECTION:
+            raise SourceError(
+                f"the source has jumped to another target: {name} is {1e3 * deflection:.0f} mm from "
+                f"its position without load; up to {1e3 * _LARGEST_DEFLECTION:g} mm is plausible",
+                remedy=f"check that the arm is still in the posture, then read again; {_PAST}",
+            )
+
+    def _compare_with_kinematics(self, stand: Stand, name: str, position: FloatArray) -> None:
+        """Refuse a position without load that is too far from the position that the joint values give.
+
+        Raises:
+            SourceError: the distance is too large.
+        """
+        setting = self._setting
         angles = setting.robot.joint_map.model_angles(np.array([stand.joints]))
-        expected_place = Postures(setting.robot, angles).to_base(in_flange[name][None, None])[0, 0]  # in R0
-        position_error = float(np.linalg.norm(setting.to_base(place) - expected_place))
+        on_flange = np.array(setting.targets[name])
+        expected_position = Postures(setting.robot, angles).to_base(on_flange[None, None])[0, 0]  # in R0
+        position_error = float(np.linalg.norm(setting.to_base(position) - expected_position))
         if position_error > _LARGEST_POSITION_ERROR:
             raise SourceError(
                 f"the source has jumped to another target: {name} is {position_error:.3g} m from the "

@@ -46,17 +46,17 @@ def read_program(
     external_axes: ExternalAxes = ExternalAxes.MAY_CARRY,
     trust_routines: bool = False,
 ) -> Program:
-    """Read a program: its targets, and its moves that can be corrected or are left.
+    """Read a program: its targets, its moves that can be corrected, and its moves that are kept unchanged.
 
     Args:
         files: names and bytes of the files, first the one whose moves are corrected: for KUKA a .src, its
             .dat, $config.dat and files with its routines and points; for ABB the modules of a task.
         name: name of the format, one of FORMATS; if None, the first file's name decides.
         leave_alone: names of routines that neither move the robot nor change its frames.
-        leave_others: whether moves that are not certain are left; if not, such moves raise an error.
-        external_axes: what the user states on external axes; moves with an axis away from zero are left,
-            unless the axes are joints of the robot or carry nothing.
-        trust_routines: whether no routine of another file moves the robot, frames or points.
+        leave_others: whether moves that are not certain are kept unchanged; if not, they raise an error.
+        external_axes: what the user states on external axes; moves with an axis away from zero are kept
+            unchanged, unless the axes are joints of the robot or carry nothing.
+        trust_routines: whether routines of other files are assumed to move neither robot, frames nor points.
 
     Raises:
         ProgramError: the text is not understood; or a move is not certain, and `leave_others` is false.
@@ -84,7 +84,9 @@ def read_program(
             f"the files of the program have more than {MAX_PROGRAM_BYTES // 2**20} MiB",
             "split the program",
         )
-    ordered = sorted(files, key=lambda file: file[0].lower().endswith(".dat"))  # moves are of the first file
+    ordered = sorted(
+        files, key=lambda file: file[0].lower().endswith(".dat")
+    )  # stable: only moves of the first file are corrected
     sources = tuple(_read_source(name, content) for name, content in ordered)
     commas = chosen == "csv" and has_decimal_commas(sources[0].text)
     language = table.DECIMAL_COMMAS if commas else FORMATS[chosen]

@@ -203,7 +203,7 @@ class Line:
         return self.ordinals_in(*self.span(group))[0]
 
     def read_expression(self, text: str) -> list[Op]:
-        """Return the operations of an expression: names that it uses, and routines that it calls."""
+        """Return the operations of an expression: one for all names that it reads, one for each routine call."""
         return self.language.read_expression(text)
 
 
@@ -442,7 +442,7 @@ class Language:
                 yield from (Flow("if"), call, Flow("close"))
 
     def read_expression(self, text: str) -> list[Op]:
-        """Return the operations of an expression: names that it uses, and routines that it calls.
+        """Return the operations of an expression: one for all names that it reads, one for each routine call.
 
         Operands and operators have to alternate, so that no unknown statement passes for an expression.
 
