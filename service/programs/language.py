@@ -203,7 +203,7 @@ class Line:
         return self.ordinals_in(*self.span(group))[0]
 
     def read_expression(self, text: str) -> list[Op]:
-        """Return the operations of an expression: one for all names that it reads, one for each routine call."""
+        """Return the operations of an expression: one for all names read, one for each routine call."""
         return self.language.read_expression(text)
 
 
