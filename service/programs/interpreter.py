@@ -871,8 +871,6 @@ class Machine:
             return True
         if self._language.is_own(name) or _get_structure_name(name) in self._private:
             return not self._find_changes(name)
-        if self._language.keeps_declared and name in self._initial:
-            return not self._find_changes(name)
         is_reached = self._language.is_reached
         if is_reached is None or is_reached(name):
             return False

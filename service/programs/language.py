@@ -247,8 +247,6 @@ class Language:
     # function that tells whether routines of other files may change a name of the controller's active data;
     # None if they may change all names
     is_reached: Callable[[str], bool] | None = None
-    # whether what the program declares keeps its value where no statement of the program changes it
-    keeps_declared: bool = False
     # function that tells whether a name is of this program alone, so that no other program changes it
     is_own: Callable[[str], bool] = lambda _: False
     # pattern in statements that are not understood: such a statement may change what lasts (`MODE`)
