@@ -26,7 +26,9 @@ _OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d")
 # Instructions that set configuration, speed, waiting, signals, messages, clocks, interrupts and units: no
 # target, no frame and no variable of the program changes by them
 _HARMLESS: Final = (
-    r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT"
+    r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT|MECHUNITLOAD|WAITSYNCTASK"
+    # Moves of several robots at once have the targets, tools and work objects that they name.
+    r"|SYNCMOVE(?:ON|OFF|UNDO|SUSPEND|RESUME)"
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
     r"|WRITE\w*|OPEN|CLOSE|REWIND|SOCKET\w+|TPREAD\w+|UI\w+|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
     # Corrections of paths act on moves with \Corr only; FCCalib measures the tool's weight.
@@ -44,16 +46,17 @@ _PROCESS_MOVE: Final = re.compile(
 _PROCESS_OPTIONS: Final = re.compile(
     rf"{_OPTIONS.pattern}|ON|OFF|WEAVE|SEAMNAME|TIME|TRIGGDATA\d|(?:OPEN|CLOSE|WAIT|IN|OUT)\w*"
 )
-_SEARCH: Final = re.compile(r"SEARCH[LCJ]|SEARCHEXTJ")
+# The robot's searches, which write their second argument, and those of SmarTac, which write the first one
+_SEARCH: Final = re.compile(r"SEARCH(?:[LCJ]|EXTJ|(?P<smart>_(?:[123]D|GROOVE|PART)))")
 _SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CORR|WAITWOBJ|IND")
 _END_OF_LASTING: Final = {
     "PDISPOFF": "PDISP", "EOFFSOFF": "EOFFS", "SOFTDEACT": "SOFT", "FCDEACT": "FC", "FCPRESSEND": "FC",
-    "SYNCMOVEOFF": "SYNCMOVE", "EGMRESET": "EGM",
+    "EGMRESET": "EGM",
 }  # fmt: skip
 """Kinds of what lasts, by the instructions that end it."""
-# Force control, moves of several robots, and guidance from outside
-_LASTING: Final = re.compile(r"(FC|SYNCMOVE|EGM)\w+")
-_FORCE_MOVE: Final = re.compile(r"FCPRESS(?!END)\w*")
+# Force control, and guidance from outside
+_LASTING: Final = re.compile(r"(FC|EGM)\w+")
+_FORCE_MOVE: Final = re.compile(r"FCPRESS\w*")
 _WRITES_DATA: Final = re.compile(r"SET(?:ALL)?DATAVAL")
 _RESERVED: Final = (
     r"(?:END)?(?:MODULE|PROC|FUNC|TRAP|RECORD)|LOCAL|TASK|CONST|PERS|VAR|IF|THEN|ELSE|ELSEIF|ENDIF|FOR|FROM|TO"
@@ -62,9 +65,13 @@ _RESERVED: Final = (
 )
 # Functions that return a value and change nothing
 _FUNCTIONS: Final = (
-    r"ABS|A?(?:COS|SIN)|A?TAN2?|EXP|POW|SQRT|ROUND|TRUNC|DIM|PRESENT|TESTDI|[DGA](?:IN|OUT)PUT|CLKREAD"
-    r"|(?:NUM|VAL|BYTE)TOSTR|STR(?:LEN|PART)|C(?:ROBT|JOINTT|POS|TOOL|WOBJ|DATE|TIME)|OPMODE|RUNMODE|OFFS|RELTOOL"
-    r"|POSE(?:MULT|INV|VECT)|(?:ORIENT|EULER)ZYX|DISTANCE|MAXROBSPEED|IS(?:PERS|VAR)"
+    r"(?:ABS|A?COS|A?SIN|A?TAN2?|POW|SQRT|ROUND|TRUNC)(?:DNUM)?|EXP|MAX|MIN|DIM|PRESENT|TYPE|ARGNAME|VALIDIO|TESTDI"
+    r"|[DGA](?:IN|OUT)PUT|CLKREAD|(?:D?NUM|VAL|BYTE)TOSTR|(?:NUMTOD|DNUMTO)NUM|DECTOHEX|HEXTODEC|STRTOBYTE"
+    r"|STR(?:LEN|PART|FIND|MATCH|MEMB|MAP|ORDER)|BIT(?:AND|CHECK|LSH|NEG|OR|RSH|XOR)|C(?:ROBT|JOINTT|POS|TOOL|WOBJ|DATE|TIME)"
+    r"|CALC(?:ROBT|JOINTT)|OFFS|RELTOOL|OROBT|MIRPOS|POSE(?:MULT|INV|VECT)|DEF(?:D|ACC)?FRAME|(?:ORIENT|EULER)ZYX|NORIENT"
+    r"|DISTANCE|VECTMAGN|DOTPROD|CROSSPROD|MAX(?:ROB|EXTLINEAR|EXTREORIENT)SPEED|IS(?:PERS|VAR|FILE|STOPSTATEEVENT)"
+    r"|OPMODE|RUNMODE|EXECHANDLER|EXECLEVEL|GET(?:TIME|SYSINFO|MOTORTORQUE|TASKNAME)|IOUNITSTATE|TASKRUN(?:MEC|ROB)|ROBNAME"
+    r"|READ(?:STR|NUM)|UI(?:ALPHA|D?NUM)ENTRY|UIMESSAGEBOX|UILISTVIEW"
 )
 _REMEDY: Final = "write [[x, y, z], [q1 ... q4], [cf1 ... cfx], [external axes]] in numbers, or declare it so"
 _ONE_MODULE: Final = "send one module"
@@ -124,9 +131,7 @@ def _translate_compact_if(line: Line) -> list[Op]:
 def _translate_instruction(line: Line) -> list[Op]:
     """Return the operations of an instruction of the controller, or of the call of a routine."""
     name = line["name"]
-    # Options such as \WObj:=frame become arguments of their own, so that all are one expression.
-    arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])).strip(",")
-    found = line.read_expression(arguments)
+    found = _read_arguments(line)
     names = _find_names(found)
     if _CHANGES_ARGUMENTS.fullmatch(name):
         return [*found, ir.MakeUnknown(names, f"{name} changes it while the program runs", _REMEDY)]
@@ -137,9 +142,23 @@ def _translate_instruction(line: Line) -> list[Op]:
         return [*found, ir.Call(name, harmless=True)]
     if match := _PROCESS_MOVE.fullmatch(name):
         return _translate_process_move(line, match["letter"] or match["first"] or "L", found)
-    if _SEARCH.fullmatch(name):
-        return _translate_search(line, found, names)
+    if match := _SEARCH.fullmatch(name):
+        return _translate_search(line, found, 1 - bool(match["smart"]))
+    if _FORCE_MOVE.fullmatch(name):
+        return _translate_force_move(line, found)
     return [*found, *(_translate_lasting(name, names) or [ir.Call(name, names)])]
+
+
+def _read_arguments(line: Line) -> list[Op]:
+    """Return the operations of the arguments of an instruction.
+
+    Raises:
+        Misread: the arguments are not expressions.
+    """
+    # Options such as \WObj:=frame become arguments of their own.
+    text = re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])
+    arguments = (text[begin:end] for begin, end in split_outside_brackets(text))
+    return [op for each in arguments if each.strip() for op in line.read_expression(each.strip())]
 
 
 def _find_names(found: list[Op]) -> frozenset[str]:
@@ -166,7 +185,7 @@ def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op
     try:
         spans, work_object, _ = _split_arguments(line, line.span("arguments")[0], _PROCESS_OPTIONS)
     except Misread as fault:
-        return ir.make_uncorrected_move(found, f"{name}: {fault.reason}", remedy)
+        return _leave_instruction(line, found, f"{name}: {fault.reason}", remedy)
     arguments = [line.text[slice(*each)] for each in spans]
     targets = [
         each if re.fullmatch(_WORD, each) else _read_target(line, *span)
@@ -175,7 +194,8 @@ def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op
     known = tuple(each for each in targets if each is not None)
     # behind the targets come at least speed, data of the process or zone, and the tool
     if len(arguments) < count + 3 or len(known) < count or not re.fullmatch(_WORD, arguments[-1]):
-        return ir.make_uncorrected_move(found, f"{name}: target or tool is not given by numbers", remedy)
+        reason = f"{name}: target or tool is not given by numbers"
+        return _leave_instruction(line, found, reason, remedy)
     others = [op for each in arguments[count:] for op in line.read_expression(each)]
     if ir.calls_routine(found):
         return ir.make_uncorrected_move(found, f"{name}: an argument of the move is computed", remedy)
@@ -183,16 +203,69 @@ def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op
     return [*others, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count)]
 
 
-def _translate_search(line: Line, found: list[Op], names: frozenset[str]) -> list[Op]:
-    """Return the operations of a search, which gives the place of a signal to its second argument.
+def _translate_search(line: Line, found: list[Op], index: int) -> list[Op]:
+    """Return the operations of a search, which gives the place of a signal to its argument at an index.
 
-    `found` are the operations of its arguments, `names` their names.
+    `found` are the operations of its arguments.
     """
     reason, remedy = f"{line['name']} moves until a signal comes", "omit it"
     plain = [each for each in line["arguments"].split(",") if not each.lstrip().startswith("\\")]
-    if len(plain) > 1 and re.fullmatch(_WORD, plain[1]):
-        names = frozenset({plain[1]})
-    return ir.make_uncorrected_move([*found, ir.MakeUnknown(names, reason, remedy)], reason, remedy)
+    name = re.match(_WORD, plain[index].strip()) if len(plain) > index else None
+    names = frozenset({name[0]}) if name else _find_names(found)
+    return [ir.MakeUnknown(names, reason, remedy), *_leave_instruction(line, found, reason, remedy)]
+
+
+def _translate_force_move(line: Line, found: list[Op]) -> list[Op]:
+    """Return the operations of a move under force control, which the last of such moves ends."""
+    reason = f"{line['name']} may move targets or frames"
+    is_end = line["name"] == "FCPRESSEND"
+    change = ir.end_lasting("FC") if is_end else ir.begin_lasting("FC", reason, "omit it")
+    return [*_leave_instruction(line, found, reason, "omit it"), change]
+
+
+def _leave_instruction(line: Line, found: list[Op], reason: str, remedy: str) -> list[Op]:
+    """Return the operations of an instruction that moves and is not corrected; its last argument is the tool.
+
+    `found` are the operations of its arguments.
+    """
+    try:
+        spans, work_object, options = _split_arguments(line, line.span("arguments")[0], re.compile(r"\w*"))
+    except Misread:  # the work object is computed
+        return ir.make_uncorrected_move(found, reason, remedy)
+    arguments = [line.text[slice(*each)] for each in spans] or [""]
+    move = _leave_move(line, arguments[:-1], arguments[-1], work_object, (reason, remedy))
+    return [*options, *move]
+
+
+_OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\(({_WORD}),(.+)\)")
+
+
+def _leave_move(
+    line: Line,
+    arguments: list[str],
+    tool: str,
+    work_object: str,
+    words: tuple[str, str],
+    motion: Motion = Motion.LINEAR,
+) -> list[Op]:
+    """Return the operations of a move that is not corrected; `words` are reason and remedy.
+
+    The move ends at the points that its arguments name, or at offsets from them: their corrections shift it.
+    """
+    offsets = [_OFFSET.fullmatch(each) for each in arguments]
+    points = frozenset(
+        offset[1] if offset else each
+        for offset, each in zip(offsets, arguments, strict=True)
+        if offset or re.fullmatch(_WORD, each)
+    )
+    texts = [offset[2] if offset else each for offset, each in zip(offsets, arguments, strict=True)]
+    uses = [op for each in (*texts, tool) if each for op in line.read_expression(each) if each not in points]
+    if not re.fullmatch(_WORD, tool):
+        return ir.make_uncorrected_move([*uses, ir.Use(points)], *words, motion)
+    frames = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(tool, "TOOLDATA")
+    reason, remedy = words
+    move = ir.Move(motion, (), frames[:1], frames[1:], reason=reason, remedy=remedy)
+    return [*uses, move._replace(offset_from=tuple(sorted(points)))]
 
 
 def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
@@ -203,10 +276,7 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
         return [ir.MakeUnknown(each, f"{name} may move targets or frames", "omit it")
                 for each in (names, frozenset({ir.MODE}))]  # fmt: skip
     if match := _LASTING.fullmatch(name):
-        reason = f"{name} may move targets or frames"
-        begin = ir.begin_lasting(match[1], reason, "omit it")
-        is_move = _FORCE_MOVE.fullmatch(name) is not None
-        return ir.make_uncorrected_move([begin], reason, "omit it") if is_move else [begin]
+        return [ir.begin_lasting(match[1], f"{name} may move targets or frames", "omit it")]
     if match := _SHIFT.match(name):
         reason = f"{name} moves targets or frames"
         if match[0] == "WAITWOBJ":  # a conveyor moves this work object, and no other one
@@ -285,7 +355,23 @@ def _translate_assignment(line: Line) -> list[Op]:
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Return the operations of a move; a move without a target in numbers is not corrected.
+    """Return the operations of a move; it is not corrected without target in numbers or with other options.
+
+    Raises:
+        Misread: its arguments are not expressions.
+    """
+    routine = line["arguments"].rsplit(",", 1)[-1].strip('" ')  # MoveLSync and the like call it at the target
+    called = [ir.Call(routine, anytime=True, event="\0target")] if line["process"] == "SYNC" else []
+    try:
+        return [*called, *_translate_plain_move(line)]
+    except Misread as fault:
+        if not fault.remedy:
+            raise
+        return [*called, *_leave_instruction(line, _read_arguments(line), fault.reason, fault.remedy)]
+
+
+def _translate_plain_move(line: Line) -> list[Op]:
+    """Return the operations of a move whose arguments are complete.
 
     Raises:
         Misread: arguments are missing, unknown or computed.
@@ -308,42 +394,20 @@ def _translate_move(line: Line) -> list[Op]:
     ]
     known = tuple(each for each in targets if each is not None)
     if len(known) < count:
-        return _leave_offset_move(line, _MOTIONS[letter], arguments, count, work_object, found)
+        words = "the target is not given by numbers", _REMEDY
+        left = _leave_move(
+            line, arguments[:count], arguments[tool_index], work_object, words, _MOTIONS[letter]
+        )
+        return [*found, *left]
     others = arguments[count:tool_index] + arguments[tool_index + 1 :]
     found += [op for each in others for op in line.read_expression(each)]
     if ir.calls_routine(found):
         raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
-    # MoveLSync and the like name a routine that runs at the target.
-    routine = [ir.Call(arguments[-1].strip('"'), anytime=True, event="\0target")] if after_tool == 1 else []
     base, tool = (
         _multiply_frames(work_object, "WOBJDATA"),
         _multiply_frames(arguments[tool_index], "TOOLDATA"),
     )
-    return [*found, *routine, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count)]
-
-
-_OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\(({_WORD}),(.+)\)")
-
-
-def _leave_offset_move(
-    line: Line, motion: Motion, arguments: list[str], count: int, work_object: str, found: list[Op]
-) -> list[Op]:
-    """Return the operations of a move to computed targets, which is not corrected.
-
-    A target may be an offset from a target in numbers, whose correction then shifts this move, too.
-    """
-    offsets = [_OFFSET.fullmatch(each) for each in arguments[:count]]
-    texts = [offset[2] if offset else each for offset, each in zip(offsets, arguments, strict=False)]
-    uses = [op for each in texts for op in line.read_expression(each)]
-    *ops, move = ir.make_uncorrected_move(
-        [*found, *uses], "the target is not given by numbers", _REMEDY, motion
-    )
-    names = tuple(offset[1] for offset in offsets if offset)
-    tool = arguments[min(count + 2 + bool(line["trigger"]), len(arguments) - 1)]
-    if not (names and isinstance(move, ir.Move) and re.fullmatch(_WORD, tool)):
-        return [*ops, *([ir.Use(frozenset(names))] if names else []), move]
-    frames = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(tool, "TOOLDATA")
-    return [*ops, move._replace(offset_from=names, bases=frames[:1], tools=frames[1:])]
+    return [*found, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count)]
 
 
 def _split_arguments(
@@ -469,6 +533,12 @@ LANGUAGE: Final = ir.Language(
             r"(?:MOVE(?:ABSJ|(?P<letter>[LJC])(?P<process>DO|AO|GO|SYNC)?)|TRIGG(?P<trigger>[LJC]))"
             r"(?=[\\ \[,])(?P<arguments>.*)",
             _translate_move,
+        ),
+        (
+            r"MOVEEXTJ(?=[\\ \[,])(?P<arguments>.*)",
+            lambda line: ir.make_uncorrected_move(
+                _read_arguments(line), "MoveExtJ moves external axes only", "omit it"
+            ),
         ),
         (
             rf"MODULE {_WORD}(?:\([^()]*\))?|ENDMODULE|ENDRECORD"
