@@ -254,6 +254,9 @@ class Language:
     # pattern in statements that are not understood: behind such a statement all values are unknown; any other
     # one changes only names that it states, and may call only routines that it states
     forgets: str = ""
+    # whether a routine is called by its name alone, and a statement that is not understood may be several, on
+    # lines whose ends are missing
+    calls_by_name: bool = False
     # endings such as `.BASE`, with which the name of a structure becomes the name of one of its fields
     field_endings: tuple[str, ...] = ()
     callable_from_outside: bool = False  # whether other programs may call each of the routines
@@ -349,7 +352,8 @@ class Language:
         try:
             ops = self.apply_rules(line) if line.text else []
         except Misread as fault:
-            return self._translate_unknown(masked, line, fault)
+            lines = self._translate_lines(masked, line, fault) if self.calls_by_name else []
+            return lines or self._translate_unknown(masked, line, fault)
         # Each word of a motion must have become a move: no move may be overlooked.
         moves = sum(isinstance(op, Move | MoveToStored) for op in ops)
         if len(self._motion.findall(_QUOTED.sub("", line.text))) > moves:
@@ -383,6 +387,29 @@ class Language:
         name = ("%s", line.first_ordinal("name")) if line["name"] == "\0" else line["name"]
         return [*used, *([Flow(kind, name)] if kind else [])]
 
+    def _translate_lines(self, masked: str, whole: Line, fault: Misread) -> list[tuple[int, Op]]:
+        """Return the operations of a statement whose lines are statements without ends; [] if one is none.
+
+        Moves in the statement are not corrected. `whole` is its normal form.
+        """
+        reason = f"{quote_statement(whole.text, whole.ordinals)}: {fault.reason}"
+        ops, numbers, lines = list[tuple[int, Op]](), 0, 0
+        for text in masked.splitlines(keepends=True):
+            line = self.normalise(text)
+            line = replace(line, ordinals=tuple(numbers + each for each in line.ordinals))
+            try:
+                found = self.apply_rules(line) if line.text else []
+            except Misread:
+                return []
+            for op in found:
+                if isinstance(op, Move):
+                    names = tuple(each for each in op.targets if not isinstance(each, Literal))
+                    words = reason, fault.remedy or self.remedy
+                    op = Move(op.motion, (), op.bases[:1], op.tools[:1], (), *words, op.offset_from + names)
+                ops.append((lines, op))
+            numbers, lines = numbers + text.count("\0"), lines + 1
+        return ops if lines > 1 else []
+
     def _translate_unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
         """Return the operations of a statement that is not understood, and may therefore change values.
 
@@ -406,7 +433,7 @@ class Language:
         is_lasting = re.search(self.lasting, line.text) is not None
         if is_lasting:
             ops.append((line.line_offset, MakeUnknown(frozenset({MODE}), reason, remedy)))
-        if not re.search(self.forgets, text):
+        if self.calls_by_name or not re.search(self.forgets, text):
             ops += [(line.line_offset, op) for op in self._find_calls(text)]
             if not (is_lasting or self._motion.search(text)):
                 note = Note(f"{reason}; it is assumed to change only what it names")
@@ -430,12 +457,15 @@ class Language:
 
         Each call may be skipped; or it may be an attachment, whose routine runs at any time.
         """
-        for name in dict.fromkeys(match[1] for match in _CALLED.finditer(text)):
+        called, names = [match[1] for match in _CALLED.finditer(text)], _NAME.findall(text)
+        for name in dict.fromkeys(called):
             if not self._motion.fullmatch(name):
                 harmless = self._words[2].fullmatch(name) is not None
-                passed = frozenset() if harmless else frozenset(_NAME.findall(text)) - {name}
+                passed = frozenset() if harmless else frozenset(names) - {name}
                 call = Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
                 yield from (Flow("if"), call, Flow("close"))
+        if self.calls_by_name:  # each name may be that of a routine of the program
+            yield from (Call(each, anytime=True, harmless=True) for each in dict.fromkeys(names))
 
     def read_expression(self, text: str) -> list[Op]:
         """Return the operations of an expression: names that it uses, and routines that it calls.
