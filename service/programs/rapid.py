@@ -61,7 +61,7 @@ _WRITES_DATA: Final = re.compile(r"SET(?:ALL)?DATAVAL")
 _RESERVED: Final = (
     r"(?:END)?(?:MODULE|PROC|FUNC|TRAP|RECORD)|LOCAL|TASK|CONST|PERS|VAR|IF|THEN|ELSE|ELSEIF|ENDIF|FOR|FROM|TO"
     r"|STEP|DO|ENDFOR|WHILE|ENDWHILE|TEST|CASE|DEFAULT|GOTO|ERROR|UNDO|BACKWARD|CONNECT|WITH|RETURN|RAISE|RETRY"
-    r"|TRYNEXT|EXIT|ENDTEST|MOVE\w*|TRIGG[LJC]"
+    r"|TRYNEXT|EXIT|ENDTEST|MOVE(?:[LJC](?:DO|AO|GO|SYNC)?|ABSJ|EXTJ)|TRIGG[LJC]"
 )
 # Functions that return a value and change nothing
 _FUNCTIONS: Final = (
@@ -526,7 +526,10 @@ LANGUAGE: Final = ir.Language(
     field_endings=tuple(ending for endings in _FRAMES_OF.values() for ending in endings),
     is_frame=lambda _: True,
     is_reached=lambda _: False,  # each move names its tool and its work object: there is no active frame
-    lasting="",  # what is not understood may displace targets
+    # an assignment without its name, displacements, words of branches, loops and routines
+    lasting=r"^(?![A-Z_]).*:=|\b(?:PDISP|EOFFS|SOFT|CORR|IND|FC|EGM|WAITWOBJ)|DATAVAL|\b(?:IF|THEN|ELSE\w*|FOR|WHILE|DO|TEST|CASE"
+    r"|DEFAULT|GOTO|RETURN|RAISE|RETRY|TRYNEXT|EXIT|ERROR|UNDO|BACKWARD|PROC|FUNC|TRAP|RECORD|MODULE|END\w*)\b|:$",
+    calls_by_name=True,
     callable_from_outside=True,
     rules=(
         (
