@@ -844,6 +844,12 @@ class Machine:
                 self._forget_names(state, unknown)
                 if op.may_last:
                     state[ir.MODE] = unknown, unknown.line
+            if op.prefix is not None and any(each.startswith(op.prefix) for each in self._flow.begins):
+                self._count_work(len(self._changes))
+                reason = f"{quote_text(str(op.name))} may call any routine of the program"
+                cause = place.make_cause(reason, "call the routine by its name")
+                for name in self._changes:
+                    state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
 
     def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
         """Make the values of names unknown in a state; without names, all that other routines may change."""
