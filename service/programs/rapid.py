@@ -169,9 +169,13 @@ def _find_names(found: list[Op]) -> frozenset[str]:
 
 def _translate_late_call(line: Line) -> list[Op]:
     """Return the operations of a call of a routine whose name is computed while the program runs."""
-    found = [op for each in (line["routine"], line["arguments"]) if each for op in line.read_expression(each)]
-    names = _find_names(found)
-    return [*found, ir.Call(line["routine"].replace("\0", "n"), names)]
+    text = line["routine"] or f"{line['variable']}+N"  # CallByVar "sub",n calls sub1, sub2 and so on
+    if re.fullmatch(rf'"{_WORD}"', text):
+        return [*_read_arguments(line), ir.Call(text.strip('"'), _find_names(_read_arguments(line)))]
+    found = [*line.read_expression(text), *_read_arguments(line)]
+    begin = re.match(r'"(\w*)"', text)
+    prefix = begin[1] if begin else ""
+    return [*found, ir.Call(text.replace("\0", "n"), _find_names(found), prefix=prefix)]
 
 
 def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op]:
@@ -581,7 +585,10 @@ LANGUAGE: Final = ir.Language(
             lambda line: [ir.Call(line["name"], anytime=True, event="\0trap")],
         ),
         (r"IF ?(?P<rest>.*)", _translate_compact_if),
-        (r"%(?P<routine>[^%]+)%(?P<arguments>[^%]*)", _translate_late_call),
+        (
+            r"%(?P<routine>[^%]+)%(?P<arguments>[^%]*)|CALLBYVAR (?P<variable>[^,]+),(.+)",
+            _translate_late_call,
+        ),
         (r"@{name} ?(?P<arguments>.*)", _translate_instruction),
     ),
 )
