@@ -115,6 +115,13 @@ class Use(NamedTuple):
     """Use of the numbers of variables for something else than the target of a move."""
 
     names: frozenset[Name]
+    # name that gets what is calculated of the numbers, or routine that gets them: the use is what becomes of
+    # that name; `RESULT` for what the routine returns; empty if the use is not known
+    into: Name = ""
+
+
+RESULT: Final = "\0result"
+"""Name of the value that a routine returns."""
 
 
 class Move(NamedTuple):
@@ -385,6 +392,8 @@ class Language:
         """Return the operations `used` of the statement's expressions, then a `Flow` of this kind, if any."""
         # The condition of a loop or of a further branch may be computed again, or not at all.
         used = mark_anytime(used, "\0loop" if kind == "loop" else "") if kind in {"branch", "loop"} else used
+        # A condition decides; what comes of each branch is another matter.
+        used = pass_uses(used, RESULT) if kind == "return" else omit_uses(used)
         # A name that is a number is masked as NUL: the number is looked up by its ordinal.
         name = ("%s", line.first_ordinal("name")) if line["name"] == "\0" else line["name"]
         return [*used, *([Flow(kind, name)] if kind else [])]
@@ -505,6 +514,16 @@ def quote_statement(text: str, ordinals: Iterable[int]) -> str:
 def calls_routine(ops: list[Op]) -> bool:
     """Return whether operations call a routine that is not a function of the controller."""
     return any(isinstance(op, Call) and not op.harmless for op in ops)
+
+
+def pass_uses(ops: list[Op], into: Name) -> list[Op]:
+    """Return the operations with each use marked: what is calculated of the numbers goes into a name."""
+    return [op._replace(into=into) if isinstance(op, Use) else op for op in ops]
+
+
+def omit_uses(ops: list[Op]) -> list[Op]:
+    """Return the operations of an expression that decides or is shown, and gives its value to no name."""
+    return [op for op in ops if not isinstance(op, Use)]
 
 
 def mark_anytime(ops: list[Op], event: Name = "") -> list[Op]:
