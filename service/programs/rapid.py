@@ -98,10 +98,11 @@ def _translate_routine(line: Line) -> list[Op]:
 
 def _translate_test(line: Line) -> list[Op]:
     """Return the operations of TEST up to its first CASE, DEFAULT or ENDTEST."""
-    first_case = ir.mark_anytime(line.read_expression(line["first"])) if line["first"] else []
+    subject = ir.omit_uses(line.read_expression(line["subject"]))
+    first_case = ir.omit_uses(ir.mark_anytime(line.read_expression(line["first"]))) if line["first"] else []
     # CASE and DEFAULT end with a colon, ENDTEST does not.
     kind = "close" if line.text[-1] != ":" else "branch" if line["first"] else "default"
-    return [ir.Flow("if"), *first_case, ir.Flow(kind)]
+    return [*subject, ir.Flow("if"), *first_case, ir.Flow(kind)]
 
 
 _END_OF_OPERAND: Final = re.compile(
@@ -125,7 +126,7 @@ def _translate_compact_if(line: Line) -> list[Op]:
         raise Misread(UNKNOWN_STATEMENT)
     statement = Line(line.language, line.text[end.end() :], line.ordinals_in(end.end(), len(line.text)))
     condition = line.read_expression(line.text[begin : end.start()])
-    return [*condition, ir.Flow("if"), *line.language.apply_rules(statement), ir.Flow("close")]
+    return [*ir.omit_uses(condition), ir.Flow("if"), *line.language.apply_rules(statement), ir.Flow("close")]
 
 
 def _translate_instruction(line: Line) -> list[Op]:
@@ -139,14 +140,16 @@ def _translate_instruction(line: Line) -> list[Op]:
         note = ir.Note("SingArea \\Wrist: near singularities the tool turns away from its stated orientation")
         return [*found, note]
     if re.fullmatch(_HARMLESS, name):
-        return [*found, ir.Call(name, harmless=True)]
+        return [*ir.omit_uses(found), ir.Call(name, names, harmless=True)]
     if match := _PROCESS_MOVE.fullmatch(name):
         return _translate_process_move(line, match["letter"] or match["first"] or "L", found)
     if match := _SEARCH.fullmatch(name):
         return _translate_search(line, found, 1 - bool(match["smart"]))
     if _FORCE_MOVE.fullmatch(name):
         return _translate_force_move(line, found)
-    return [*found, *(_translate_lasting(name, names) or [ir.Call(name, names)])]
+    if lasting := _translate_lasting(name, names):
+        return [*found, *lasting]
+    return [*ir.pass_uses(found, name), ir.Call(name, names)]
 
 
 def _read_arguments(line: Line) -> list[Op]:
@@ -339,7 +342,7 @@ def _translate_declaration(line: Line) -> list[Op]:
         declares = "constant" if line["kind"] == "CONST" else "variable"
         private = line["scope"] == "LOCAL"
         return [*found, *(each._replace(declares=declares, private=private) for each in assigned)]
-    found += line.read_expression(value)
+    found += ir.pass_uses(line.read_expression(value), name)
     kind = "frame" if "DATA" in line["type"] else "target"
     reason = f"{name} is not a fixed {kind} in numbers, or changes while the program runs"
     return [*found, ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
@@ -355,7 +358,8 @@ def _translate_assignment(line: Line) -> list[Op]:
         return list(assigned)
     index = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
     uses = [*line.read_expression(index), *line.read_expression(value)]
-    return [*uses, ir.MakeUnknown(frozenset({name}), f"{name} changes while the program runs", _FRAME_REMEDY)]
+    reason = f"{name} changes while the program runs"
+    return [*ir.pass_uses(uses, name), ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
 
 
 def _translate_move(line: Line) -> list[Op]:
@@ -403,8 +407,7 @@ def _translate_plain_move(line: Line) -> list[Op]:
             line, arguments[:count], arguments[tool_index], work_object, words, _MOTIONS[letter]
         )
         return [*found, *left]
-    others = arguments[count:tool_index] + arguments[tool_index + 1 :]
-    found += [op for each in others for op in line.read_expression(each)]
+    found += [op for each in arguments[count:] for op in line.read_expression(each)]
     if ir.calls_routine(found):
         raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
     base, tool = (
@@ -561,7 +564,7 @@ LANGUAGE: Final = ir.Language(
         (r"ELSEIF ?(.*?) ?THEN|ELSE|CASE ?(.*):", "branch"),
         (r"DEFAULT ?:", "default"),
         (
-            r"TEST ?((?:(?!\b(?:CASE|DEFAULT|ENDTEST)\b).)+?) ?"
+            r"TEST ?(?P<subject>(?:(?!\b(?:CASE|DEFAULT|ENDTEST)\b).)+?) ?"
             r"(?:CASE ?(?P<first>[^:]*):|DEFAULT ?:|ENDTEST)",
             _translate_test,
         ),

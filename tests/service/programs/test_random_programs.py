@@ -41,14 +41,13 @@ COUNTED = {
         "changes": 57,
     },
     "rapid": {
-        "corrected": 109,
+        "corrected": 110,
         "refused": 1,
-        "unknown routine": 115,
+        "unknown routine": 116,
         "branch": 14,
         "no numbers": 38,
-        "used elsewhere": 4,
-        "two frames": 23,
-        "changes": 191,
+        "two frames": 22,
+        "changes": 194,
     },
     "fanuc": {
         "corrected": 39,

