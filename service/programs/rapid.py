@@ -77,6 +77,7 @@ _REMEDY: Final = "write [[x, y, z], [q1 ... q4], [cf1 ... cfx], [external axes]]
 _ONE_MODULE: Final = "send one module"
 _FRAME_REMEDY: Final = "declare the frame in numbers"
 _WORD: Final = r"[^\W\d]\w*+"
+_ZONE: Final = r"FINE|Z\d{1,3}+"  # names of the controller's zones
 _N3, _N4, _N6 = (rf"\[\0(?:,\0){{{n - 1}}}\]" for n in (3, 4, 6))
 _POSE_PATTERN: Final = rf"\[{_N3},{_N4}\]"
 _LITERALS: Final = {
@@ -149,7 +150,27 @@ def _translate_instruction(line: Line) -> list[Op]:
         return _translate_force_move(line, found)
     if lasting := _translate_lasting(name, names):
         return [*found, *lasting]
-    return [*ir.pass_uses(found, name), ir.Call(name, names)]
+    # If a routine of the program has the name, the program states what the routine changes.
+    own = ir.Call(name, names, harmless=True)
+    return [*ir.pass_uses(found, name), own, ir.Call(name, names - _find_frames_of_move(line))]
+
+
+_MOVE_NAME: Final = re.compile(r"(?!.*(?:CAL|MEAS|TCP|TOOL|WOBJ))\w*[LJC](?:START|END)?\d?+")
+
+
+def _find_frames_of_move(line: Line) -> frozenset[str]:
+    """Return tool and work object of an instruction in the form of a move, which only uses them.
+
+    Its name ends as those of moves do; a speed, a zone and the tool are its last arguments.
+    """
+    try:
+        spans, work_object, _ = _split_arguments(line, line.span("arguments")[0], re.compile(r"\w*"))
+    except Misread:  # the work object is computed
+        return frozenset()
+    arguments = [line.text[slice(*each)] for each in spans]
+    if len(arguments) < 4 or not (_MOVE_NAME.fullmatch(line["name"]) and re.fullmatch(_ZONE, arguments[-2])):
+        return frozenset()
+    return frozenset({arguments[-1], work_object})
 
 
 def _read_arguments(line: Line) -> list[Op]:
