@@ -353,6 +353,9 @@ class Machine:
         self._private: set[str] = set()  # names that no other program knows
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
+        # names of which each name was calculated, with the lines; names of data that the program declares
+        self._origins: dict[str, dict[str, int]] = defaultdict(dict)
+        self._declared: set[str] = set()
         self._causes: list[Cause] = []  # causes of all statements that are not understood
         # names of all that may last, the first one of what no statement ends
         self._lasting: dict[str, None] = {ir.MODE: None}
@@ -495,11 +498,13 @@ class Machine:
             scope = self._scopes[-1]
             place = Place(source, line + line_offset, number, self.numerals[source].values, scope)
             if isinstance(op, ir.Use):
-                self._used.update((place.qualify(name), place.line) for name in op.names)
+                into = scope.routine if op.into == ir.RESULT else place.qualify(op.into)
+                noted = self._origins[into] if into else self._used
+                noted.update((place.qualify(name), place.line) for name in op.names)
             elif isinstance(op, ir.Note):
                 self.columns.add_remark(place.line, place.make_cause(op.text).reason)
             elif isinstance(op, ir.Local):
-                scope.names.update(op.names if scope.routine else ())
+                (scope.names if scope.routine else self._declared).update(op.names)
             elif isinstance(op, ir.Assign) and (declares or op.declares):
                 self._declare(place, op, op.declares or declares)
             elif not declares:
@@ -596,7 +601,9 @@ class Machine:
         is_own, unknown = op.name in self._flow.begins, self._explain_unknown_call(place, op)
         cause = place.make_cause(f"{quote_text(str(op.name))} gets it as an argument, and may change it")
         changes = self._changes_parameters(str(op.name), passed) if is_own else unknown is not None
-        for name in map(place.scope.qualify, op.passed if changes else ()):
+        for parameter in self._list_parameters(str(op.name)) if is_own else ():
+            self._origins[parameter].update((place.scope.qualify(name), place.line) for name in op.passed)
+        for name in {place.scope.qualify(name) for name in (op.passed if changes else ())} - self._constants:
             self._changes[name].append(cause)
             self._anytime.update(dict.fromkeys(self._list_name_and_fields(name), cause))
         if is_own:
@@ -615,15 +622,20 @@ class Machine:
 
         `passed` are the names that any call of the program passes as arguments.
         """
-        begin = self._flow.begins[routine]
-        op, place = self._ops[begin + 1], self._places[begin]
-        if not (isinstance(op, ir.MakeUnknown) and op.reason == ir.IS_PARAMETER):
+        names = self._list_parameters(routine)
+        if not names:
             return True  # arguments without parameters
-        names = set(map(place.qualify, op.names))
         fields = {field for name in names for field in self._list_name_and_fields(name)}
         # the beginning of the routine itself makes each parameter unknown, once
         changes = sum(len(self._changes.get(each, ())) for each in fields) - len(names)
         return changes > 0 or not names.isdisjoint(passed)
+
+    def _list_parameters(self, routine: str) -> set[str]:
+        """Return the names of the parameters of a routine of the program."""
+        begin = self._flow.begins[routine]
+        op, place = self._ops[begin + 1], self._places[begin]
+        is_known = isinstance(op, ir.MakeUnknown) and op.reason == ir.IS_PARAMETER
+        return set(map(place.qualify, op.names)) if is_known and isinstance(op, ir.MakeUnknown) else set()
 
     def _explain_unknown_call(self, place: Place, op: ir.Call) -> Cause | None:
         """Return the cause why values are unknown after a call; None if the called routine is allowed.
@@ -844,6 +856,12 @@ class Machine:
                 self._forget_names(state, unknown)
                 if op.may_last:
                     state[ir.MODE] = unknown, unknown.line
+            if op.prefix is not None and any(each.startswith(op.prefix) for each in self._flow.begins):
+                self._count_work(len(self._changes))
+                reason = f"{quote_text(str(op.name))} may call any routine of the program"
+                cause = place.make_cause(reason, "call the routine by its name")
+                for name in self._changes:
+                    state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
 
     def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
         """Make the values of names unknown in a state; without names, all that other routines may change."""
@@ -870,8 +888,6 @@ class Machine:
         if self._language.is_own(name) and "." in name:  # frames that a position states
             return True
         if self._language.is_own(name) or _get_structure_name(name) in self._private:
-            return not self._find_changes(name)
-        if self._language.keeps_declared and name in self._initial:
             return not self._find_changes(name)
         is_reached = self._language.is_reached
         if is_reached is None or is_reached(name):
@@ -994,8 +1010,27 @@ class Machine:
         self._find_what_outlasts_routines()
         for name, body in bodies.items():
             self._propagate_through(name, body)
+        self._trace_uses()
         self._note_assumption()
         return self.columns, self._used, self._causes
+
+    def _trace_uses(self) -> None:
+        """Let what is calculated of numbers be used where the result is used.
+
+        The use of a result is not known if its name is that of a routine of another file, or of data that the
+        program does not declare.
+        """
+        to_visit = [
+            name
+            for name in self._origins
+            if name in self._used
+            or not (name in self._declared or name in self._flow.begins or OF_ROUTINE in name)
+        ]
+        while to_visit:
+            for name, line in self._origins.get(to_visit.pop(), {}).items():
+                if name not in self._used:
+                    self._used[name] = line
+                    to_visit.append(name)
 
     def _find_what_outlasts_routines(self) -> None:
         """Let what lasts when a routine ends last at any time: the next one may be called from outside."""
@@ -1055,18 +1090,33 @@ class Machine:
         contents = [self._evaluate_target(place, each, state) for each in op.targets]
         cause = cause or next((each for each in contents if isinstance(each, Cause)), None)
         if cause is not None:
-            self._used.update(
-                (place.qualify(name), place.line) for name in op.targets if not isinstance(name, Literal)
-            )
+            for name in op.targets:
+                if isinstance(name, Literal):
+                    continue
+                if place.qualify(name) in self._origins:
+                    self._note_offset(place, name, frames[0], state)
+                else:
+                    self._used[place.qualify(name)] = place.line
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
         targets = [each for each in contents if isinstance(each, WrittenNumbers)]
         self.columns.add_move(op, place.line, targets, frames, cause)
 
     def _note_offset(self, place: Place, name: Name, frames: Frames, state: State) -> None:
-        """Note that a move goes to an offset from a target; in other frames, the target is not corrected."""
-        target = self._evaluate_target(place, name, state)
-        if isinstance(target, WrittenNumbers):
-            self.columns.add_offset(target, frames, place.line)
+        """Note that a move goes to an offset from a target, or to what was calculated of targets.
+
+        If frames of the move differ from those of a target, the target is not corrected.
+        """
+        to_visit = [place.qualify(name)]
+        visited = set(to_visit)
+        while to_visit:
+            self._count_work(1)
+            each = to_visit.pop()
+            target = self._evaluate_target(place, each, state)
+            if isinstance(target, WrittenNumbers) and each not in self._used:
+                self.columns.add_offset(target, frames, place.line)
+            new = self._origins.get(each, {}).keys() - visited
+            visited |= new
+            to_visit += sorted(new)
 
     def _find_obstacle(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""

@@ -107,12 +107,21 @@ class Call(NamedTuple):
     # whether an unknown routine may also leave something that lasts (`MODE`)
     may_last: bool = False
     behind_next: bool = False  # whether the routine runs only behind a move that is the next statement
+    # beginning of the names of the program's routines one of which may be meant; None if the name is fixed
+    prefix: str | None = None
 
 
 class Use(NamedTuple):
     """Use of the numbers of variables for something else than the target of a move."""
 
     names: frozenset[Name]
+    # name that gets what is calculated of the numbers, or routine that gets them: the use is what becomes of
+    # that name; `RESULT` for what the routine returns; empty if the use is not known
+    into: Name = ""
+
+
+RESULT: Final = "\0result"
+"""Name of the value that a routine returns."""
 
 
 class Move(NamedTuple):
@@ -247,8 +256,6 @@ class Language:
     # function that tells whether routines of other files may change a name of the controller's active data;
     # None if they may change all names
     is_reached: Callable[[str], bool] | None = None
-    # whether what the program declares keeps its value where no statement of the program changes it
-    keeps_declared: bool = False
     # function that tells whether a name is of this program alone, so that no other program changes it
     is_own: Callable[[str], bool] = lambda _: False
     # pattern in statements that are not understood: such a statement may change what lasts (`MODE`)
@@ -256,6 +263,9 @@ class Language:
     # pattern in statements that are not understood: behind such a statement all values are unknown; any other
     # one changes only names that it states, and may call only routines that it states
     forgets: str = ""
+    # whether a routine is called by its name alone, and a statement that is not understood may be several, on
+    # lines whose ends are missing
+    calls_by_name: bool = False
     # endings such as `.BASE`, with which the name of a structure becomes the name of one of its fields
     field_endings: tuple[str, ...] = ()
     callable_from_outside: bool = False  # whether other programs may call each of the routines
@@ -351,7 +361,8 @@ class Language:
         try:
             ops = self.apply_rules(line) if line.text else []
         except Misread as fault:
-            return self._translate_unknown(masked, line, fault)
+            lines = self._translate_lines(masked, line, fault) if self.calls_by_name else []
+            return lines or self._translate_unknown(masked, line, fault)
         # Each word of a motion must have become a move: no move may be overlooked.
         moves = sum(isinstance(op, Move | MoveToStored) for op in ops)
         if len(self._motion.findall(_QUOTED.sub("", line.text))) > moves:
@@ -381,9 +392,34 @@ class Language:
         """Return the operations `used` of the statement's expressions, then a `Flow` of this kind, if any."""
         # The condition of a loop or of a further branch may be computed again, or not at all.
         used = mark_anytime(used, "\0loop" if kind == "loop" else "") if kind in {"branch", "loop"} else used
+        # A condition decides; what comes of each branch is another matter.
+        used = pass_uses(used, RESULT) if kind == "return" else omit_uses(used)
         # A name that is a number is masked as NUL: the number is looked up by its ordinal.
         name = ("%s", line.first_ordinal("name")) if line["name"] == "\0" else line["name"]
         return [*used, *([Flow(kind, name)] if kind else [])]
+
+    def _translate_lines(self, masked: str, whole: Line, fault: Misread) -> list[tuple[int, Op]]:
+        """Return the operations of a statement whose lines are statements without ends; [] if one is none.
+
+        Moves in the statement are not corrected. `whole` is its normal form.
+        """
+        reason = f"{quote_statement(whole.text, whole.ordinals)}: {fault.reason}"
+        ops, numbers, lines = list[tuple[int, Op]](), 0, 0
+        for text in masked.splitlines(keepends=True):
+            line = self.normalise(text)
+            line = replace(line, ordinals=tuple(numbers + each for each in line.ordinals))
+            try:
+                found = self.apply_rules(line) if line.text else []
+            except Misread:
+                return []
+            for op in found:
+                if isinstance(op, Move):
+                    names = tuple(each for each in op.targets if not isinstance(each, Literal))
+                    words = reason, fault.remedy or self.remedy
+                    op = Move(op.motion, (), op.bases[:1], op.tools[:1], (), *words, op.offset_from + names)
+                ops.append((lines, op))
+            numbers, lines = numbers + text.count("\0"), lines + 1
+        return ops if lines > 1 else []
 
     def _translate_unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
         """Return the operations of a statement that is not understood, and may therefore change values.
@@ -408,7 +444,7 @@ class Language:
         is_lasting = re.search(self.lasting, line.text) is not None
         if is_lasting:
             ops.append((line.line_offset, MakeUnknown(frozenset({MODE}), reason, remedy)))
-        if not re.search(self.forgets, text):
+        if self.calls_by_name or not re.search(self.forgets, text):
             ops += [(line.line_offset, op) for op in self._find_calls(text)]
             if not (is_lasting or self._motion.search(text)):
                 note = Note(f"{reason}; it is assumed to change only what it names")
@@ -432,12 +468,15 @@ class Language:
 
         Each call may be skipped; or it may be an attachment, whose routine runs at any time.
         """
-        for name in dict.fromkeys(match[1] for match in _CALLED.finditer(text)):
+        called, names = [match[1] for match in _CALLED.finditer(text)], _NAME.findall(text)
+        for name in dict.fromkeys(called):
             if not self._motion.fullmatch(name):
                 harmless = self._words[2].fullmatch(name) is not None
-                passed = frozenset() if harmless else frozenset(_NAME.findall(text)) - {name}
+                passed = frozenset() if harmless else frozenset(names) - {name}
                 call = Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
                 yield from (Flow("if"), call, Flow("close"))
+        if self.calls_by_name:  # each name may be that of a routine of the program
+            yield from (Call(each, anytime=True, harmless=True) for each in dict.fromkeys(names))
 
     def read_expression(self, text: str) -> list[Op]:
         """Return the operations of an expression: names that it uses, and routines that it calls.
@@ -475,6 +514,16 @@ def quote_statement(text: str, ordinals: Iterable[int]) -> str:
 def calls_routine(ops: list[Op]) -> bool:
     """Return whether operations call a routine that is not a function of the controller."""
     return any(isinstance(op, Call) and not op.harmless for op in ops)
+
+
+def pass_uses(ops: list[Op], into: Name) -> list[Op]:
+    """Return the operations with each use marked: what is calculated of the numbers goes into a name."""
+    return [op._replace(into=into) if isinstance(op, Use) else op for op in ops]
+
+
+def omit_uses(ops: list[Op]) -> list[Op]:
+    """Return the operations of an expression that decides or is shown, and gives its value to no name."""
+    return [op for op in ops if not isinstance(op, Use)]
 
 
 def mark_anytime(ops: list[Op], event: Name = "") -> list[Op]:
