@@ -41,6 +41,9 @@ _MAX_CALLS: Final = 200
 UNKNOWN: Final = "\0everything"
 """Name in a state behind an unknown call: its value is the cause why values of other names are unknown."""
 
+_NEVER: Final = "\0never"
+"""Name in a state behind a jump, which no path reaches: any other state takes its place where both meet."""
+
 Content: TypeAlias = WrittenNumbers | Cause | str
 """Content of a variable: numbers, the cause why the numbers are unknown, or the name of another value."""
 Operations: TypeAlias = "list[tuple[int, Op]]"
@@ -127,6 +130,7 @@ class _OpenBlock:
     begin: int  # index of the operation that begins the block
     other_branches: list[int] = field(default_factory=list)  # indices at which further branches begin
     exits: list[int] = field(default_factory=list)  # indices of jumps to the end of the block
+    repetitions: list[int] = field(default_factory=list)  # indices of jumps to its next round
     has_default: bool = False  # whether the block has a default branch, so that one branch is always taken
 
 
@@ -157,6 +161,7 @@ class ControlFlow:
         self.routine_of: list[str] = []  # routine of each operation
         self.anytime_routines: set[str] = set()  # routines that may run at any time
         self.shared_routines: set[str] = set()  # routines that other programs may call
+        self.endless: set[int] = set()  # indices of the ends of loops that only a jump leaves
         self._names = names
         self._open_blocks: list[_OpenBlock] = []  # blocks whose end was not reached yet
         self._open_routines = [""]  # routines whose end was not reached yet; "" for text outside of routines
@@ -220,22 +225,23 @@ class ControlFlow:
         Raises:
             UnmatchedEnd: the operation is nested too deep.
         """
-        if op.kind in {"routine", "handler", "if", "loop", "repeat"}:
+        if op.kind in {"routine", "handler", "if"} | ir.LOOPS:
             if len(self._open_blocks) >= _MAX_DEPTH:
                 reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
                 raise UnmatchedEnd(i, reason, "move inner branches and loops to routines of their own")
             self._open_blocks.append(
-                _OpenBlock(op.kind, i) if op.kind in {"if", "loop", "repeat"} else self._begin_routine(i, op)
+                _OpenBlock(op.kind, i) if op.kind in {"if"} | ir.LOOPS else self._begin_routine(i, op)
             )
         elif op.kind == "label":
             self._labels[self._open_routines[-1]][self._names[i]] = i
         elif op.kind == "jump":
             self._jumps.append(i)
-        elif op.kind in {"leave", "return", "resume"}:
-            kinds = {"routine"} if op.kind != "leave" else {"loop", "repeat", "routine"}
+        elif op.kind in ir.JUMPS:
+            kinds = ir.LOOPS | {"routine"} if op.kind in {"leave", "again"} else {"routine"}
             enclosing = [block for block in self._open_blocks if block.kind in kinds]
             for block in enclosing[-1:]:  # the innermost block of these kinds, if any
-                block.exits.append(i)
+                is_repetition = op.kind == "again" and block.kind != "routine"
+                (block.repetitions if is_repetition else block.exits).append(i)
         else:
             self._end_block(i, op.kind)
 
@@ -293,9 +299,11 @@ class ControlFlow:
         self.successors[block.begin] += block.other_branches
         if block.kind in {"if", "loop"} and not block.has_default:  # the block may be skipped
             self.successors[block.begin].append(i)
-        if block.kind in {"loop", "repeat"}:  # the loop may begin again at its end, or at a `continue`
-            for place in (i, *block.exits):
+        if block.kind in ir.LOOPS:
+            for place in (i, *block.repetitions):
                 self.successors[place].append(block.begin)
+        if block.kind == "forever":
+            self.endless.add(i)
 
     def _note_fault(self, i: int, routine: str, reason: str, remedy: str) -> None:
         """Note that operation i does not fit, so that no move of the routine is certain."""
@@ -519,7 +527,7 @@ class Machine:
         """
         if op.kind in {"routine", "handler"}:  # a handler without a name shares the scope of its routine
             self._scopes.append(Scope(str(op.name), set(names)) if op.name else self._last_scope)
-        elif op.kind in {"if", "loop", "repeat"}:
+        elif op.kind in {"if"} | ir.LOOPS:
             self._scopes.append(self._scopes[-1])
         elif op.kind in {"close", "end", "close_or_end"} and len(self._scopes) > 1:
             self._last_scope = self._scopes.pop()
@@ -751,6 +759,8 @@ class Machine:
         # These operations are not reached from the operation before them, only by jumps.
         if op.kind in {"routine", "handler", "branch", "default"}:
             state = None
+        elif state is not None and (op.kind in ir.JUMPS or i in self._flow.endless):
+            state = {**state, _NEVER: ("", 0)}
         return self._add_fault(fault, self._join_states(self._incoming.get(i), state))
 
     def _add_fault(self, fault: int | None, state: State | None) -> State | None:
@@ -767,10 +777,11 @@ class Machine:
         returned, changed = self._exits.get(routine), self._changed[routine]
         if returned is None:
             return None
-        if UNKNOWN in changed:  # the routine may change any name
-            return returned
         self._count_work(len(changed))
-        return {**state, **{name: self._look_up(returned, name) for name in changed}}
+        never = {_NEVER: ("", 0)} if _NEVER in state or _NEVER in returned else {}
+        if UNKNOWN in changed:  # the routine may change any name
+            return {**returned, **never}
+        return {**state, **{name: self._look_up(returned, name) for name in changed}, **never}
 
     def _join_into(self, place: int, state: State | None) -> bool:
         """Join a state into the state at operation `place`; return whether the latter changed."""
@@ -790,6 +801,8 @@ class Machine:
         """
         if first is None or second is None or first == second:
             return second if first is None else first
+        if (_NEVER in first) != (_NEVER in second):
+            return second if _NEVER in first else first
         joined = dict(first)
         self._count_work(len(second) + len(first))
         for name in {**first, **second}:
@@ -865,7 +878,7 @@ class Machine:
         Routines of other files change names of their own, and the active frames. A table of the controller,
         or data that other programs share, are safe if no file of the program writes them.
         """
-        if name in self._constants or name in self._lasting or OF_ROUTINE in name:
+        if name in self._constants or name in self._lasting or OF_ROUTINE in name or name == _NEVER:
             return True
         if self._language.is_own(name) and "." in name:  # frames that a position states
             return True
@@ -961,6 +974,11 @@ class Machine:
             self.add_statements(0, self.sources[0].starts, self.sources[0].ends)
         # All statements are translated: the texts without numbers take as much memory as the files.
         self.numerals[:] = [replace(each, masked_text="") for each in self.numerals]
+        places = zip(self._places, self._ops, strict=True)
+        self._ops = [
+            op.settle_bounds(place.values[place.first :]) if isinstance(op, ir.Flow) else op
+            for place, op in places
+        ]
         names = [
             self._places[i].qualify(op.name) if isinstance(op, ir.Flow) else ""
             for i, op in enumerate(self._ops)
