@@ -357,7 +357,9 @@ class Machine:
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
         self._shared_fields: dict[tuple[tuple[str, Content], ...], tuple[tuple[str, Content], ...]] = {}
         self._constants: set[str] = set()  # names that are declared as constants
-        self._shared: set[str] = set()  # names that other programs use as well
+        self._shared: set[str] = set()  # names that other programs may use as well
+        self._stored: set[str] = set()  # those of them that the controller stores for all programs
+        self._noted: set[str] = set()  # shared names of targets about which a remark was made
         self._private: set[str] = set()  # names that no other program knows
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
@@ -536,6 +538,7 @@ class Machine:
         """Note the initial content of a declared name, and whether other programs may change this content."""
         name = place.qualify(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
+        self._stored |= {name} if kind == "shared" else set()
         if op.private and not self._language.is_own(name):
             self._private.add(_get_structure_name(name))
         content = self._evaluate(place, name, op.value, {})
@@ -559,6 +562,7 @@ class Machine:
             if isinstance(op, ir.Assign):
                 name = place.qualify(op.name)
                 self._changes[name].append(place.make_cause(f"it gets numbers on line {place.line}"))
+                self._lasting |= {name: None} if name.startswith(ir.MODE) else {}
             elif isinstance(op, ir.Call) and op.event:
                 attached = self._attached[place.qualify(op.event)]
                 attached += [] if op.harmless else [place.qualify(op.name)]
@@ -847,7 +851,10 @@ class Machine:
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)
-            state[name] = self._evaluate(place, name, op.value, state), place.line
+            content = self._evaluate(place, name, op.value, state)
+            # Of what lasts, only a cause against moves counts, not the name of what has none.
+            is_over = name in self._lasting and not isinstance(content, Cause)
+            state[name] = "" if is_over else content, place.line
         elif isinstance(op, ir.MakeUnknown):
             self._make_unknown(state, op, place)
         elif isinstance(op, ir.Call) and (op.event or not op.anytime):
@@ -901,6 +908,8 @@ class Machine:
         """Return the content that an assignment of `value`, at a place and in a state, gives to a name."""
         if isinstance(value, Literal):
             return WrittenNumbers(name, place.source, place.line, place.first, value)
+        if isinstance(value, ir.Unknown):
+            return place.make_cause(value.reason, value.remedy)
         content: Content = place.qualify(value.name)
         if "\0" in content:
             return place.make_cause("the number of a frame is not a whole number")
@@ -1115,9 +1124,13 @@ class Machine:
         reason = content.reason if isinstance(content, Cause) and content.line else ""
         if len(changes) + (name in self._initial) > 1:  # the target gets numbers more than once
             reason = changes[-1].reason
-        elif isinstance(content, WrittenNumbers) and name in self._shared:
+        elif isinstance(content, WrittenNumbers) and name in self._stored:
             reason = "it is declared where other programs use it, too"
         elif isinstance(content, WrittenNumbers):
+            if name in self._shared and name not in self._noted:
+                self._noted.add(name)
+                text = f"{quote_text(name)} is GLOBAL: its correction moves it for other programs, too"
+                self.columns.add_remark(place.line, text)
             return content if content.label == name else content._replace(label=name)
         unknown = f"the target {quote_text(name)} is not given by constant numbers"
         return place.make_cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)

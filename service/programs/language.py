@@ -45,13 +45,20 @@ class Named(NamedTuple):
     name: Name
 
 
+class Unknown(NamedTuple):
+    """Value that is not known, for a reason."""
+
+    reason: str
+    remedy: str
+
+
 class Product(NamedTuple):
     """Product of frames; each frame is given in the coordinates of the frame before it."""
 
     names: tuple[str, ...]  # names of the frames
 
 
-Value: TypeAlias = Literal | Copy | Named
+Value: TypeAlias = Literal | Copy | Named | Unknown
 
 
 class Assign(NamedTuple):
