@@ -362,6 +362,9 @@ class Machine:
         self._noted: set[str] = set()  # shared names of targets about which a remark was made
         self._private: set[str] = set()  # names that no other program knows
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
+        self._offsets: list[tuple[Place, ir.Offset]] = []
+        self._offsets_of: dict[str, set[str]] = defaultdict(set)  # targets by names of poses at offsets
+        self._targets: set[str] = set()  # names of the targets of moves
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
         self._causes: list[Cause] = []  # causes of all statements that are not understood
         # names of all that may last, the first one of what no statement ends
@@ -506,15 +509,22 @@ class Machine:
             place = Place(source, line + line_offset, number, self.numerals[source].values, scope)
             if isinstance(op, ir.Use):
                 self._used.update((place.qualify(name), place.line) for name in op.names)
-            elif isinstance(op, ir.Note):
-                self.columns.add_remark(place.line, place.make_cause(op.text).reason)
-            elif isinstance(op, ir.Local):
-                scope.names.update(op.names if scope.routine else ())
+            elif isinstance(op, ir.Note | ir.Offset | ir.Local):
+                self._add_statement_about_names(place, op)
             elif isinstance(op, ir.Assign) and (declares or op.declares):
                 self._declare(place, op, op.declares or declares)
             elif not declares:
                 self._places.append(place)
                 self._ops.append(op)
+
+    def _add_statement_about_names(self, place: Place, op: ir.Note | ir.Offset | ir.Local) -> None:
+        """Note a remark, a pose at an offset from a target, or local names."""
+        if isinstance(op, ir.Note):
+            self.columns.add_remark(place.line, place.make_cause(op.text).reason)
+        elif isinstance(op, ir.Offset):
+            self._offsets.append((place, op))
+        elif place.scope.routine:
+            place.scope.names.update(op.names)
 
     def forget_anytime(self, names: frozenset[str], reason: str, remedy: str) -> None:
         """Make the values of names unknown anywhere in the program, for a reason."""
@@ -1006,6 +1016,7 @@ class Machine:
             self._causes.append(cause)
             self.columns.add_remark(cause.line, cause.reason)
         self._collect_changes()
+        self._collect_targets()
         self._enter_routines()
         bodies = self._flow.bodies
         for name, body in bodies.items():
@@ -1023,6 +1034,43 @@ class Machine:
             self._propagate_through(name, body)
         self._note_assumption()
         return self.columns, self._used, self._causes
+
+    def _collect_targets(self) -> None:
+        """Collect the names of the targets of moves, and of poses at offsets from them.
+
+        Where such a pose is used otherwise than as a target, so are the numbers of the target behind it.
+        """
+        places = zip(self._places, self._ops, strict=True)
+        moves = [(place, op) for place, op in places if isinstance(op, ir.Move)]
+        for place, move in moves:
+            self._targets.update(self._list_named_targets(place, move))
+        for place, offset in self._offsets:
+            self._offsets_of[place.qualify(offset.name)].add(place.qualify(offset.target))
+        for place, move in moves:
+            if self._is_near_target(place, move):  # the offset itself is part of a calculation
+                self._used |= dict.fromkeys(self._list_named_targets(place, move), place.line)
+        for name in self._offsets_of.keys() & self._used.keys():
+            for target in self._trace_offsets([name]):
+                self._used.setdefault(target, self._used[name])
+
+    @staticmethod
+    def _list_named_targets(place: Place, op: ir.Move) -> list[str]:
+        """Return the names of the targets of a move."""
+        return [place.qualify(each) for each in op.targets if not isinstance(each, Literal)]
+
+    def _is_near_target(self, place: Place, op: ir.Move) -> bool:
+        """Return whether a move goes to an offset from a target, and not to numbers in a frame."""
+        names = set(map(place.qualify, op.near_target.offset_from)) if op.near_target else set()
+        return any(each in self._targets or each in self._offsets_of for each in names)
+
+    def _trace_offsets(self, names: Iterable[str]) -> list[str]:
+        """Return the names of all targets from which poses with these names are at an offset."""
+        found, to_visit = dict[str, None](), [*names]
+        while to_visit:
+            targets = self._offsets_of.get(to_visit.pop(), set()) - found.keys()
+            found |= dict.fromkeys(sorted(targets))
+            to_visit += targets
+        return [*found]
 
     def _find_what_outlasts_routines(self) -> None:
         """Let what lasts when a routine ends last at any time: the next one may be called from outside."""
@@ -1050,12 +1098,15 @@ class Machine:
             return
         if state is None:
             state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), 0)}
+        if self._is_near_target(place, op) and op.near_target:
+            op = op.near_target
         frames = [
             (self._evaluate_frame(place, base, state), self._evaluate_frame(place, tool, state))
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
         cause = self._find_obstacle(place, op, frames, state)
-        for name in op.offset_from:
+        own = [place.qualify(each) for each in op.offset_from]
+        for name in [*own, *self._trace_offsets([*own, *self._list_named_targets(place, op)])]:
             self._note_offset(place, name, frames[0], state)
         is_behind_unknown = UNKNOWN in state or UNKNOWN in self._anytime
         self._needs_assumption |= cause is None and is_behind_unknown and bool(self.unknown_routines)

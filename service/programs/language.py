@@ -122,6 +122,13 @@ class Use(NamedTuple):
     names: frozenset[Name]
 
 
+class Offset(NamedTuple):
+    """Assignment of a pose at an offset from a target: moves to it shift with the target's correction."""
+
+    name: Name
+    target: Name
+
+
 class Move(NamedTuple):
     """Move to one target, or through one target to another; a move with a reason is not corrected."""
 
@@ -135,6 +142,8 @@ class Move(NamedTuple):
     remedy: str = ""
     # names of targets near which a move that is not corrected ends: corrections of them shift this move, too
     offset_from: tuple[Name, ...] = ()
+    # move that takes the place of this one if `offset_from` of that move is a target of any move
+    near_target: Move | None = None
 
     @property
     def differs_only_in_target(self) -> bool:
@@ -181,7 +190,7 @@ JUMPS: Final = frozenset({"leave", "again", "jump", "return", "resume"})
 """Kinds of `Flow` behind which the program does not continue on the next line."""
 
 
-Op: TypeAlias = Assign | Local | MakeUnknown | Note | Call | Use | Move | MoveToStored | Flow
+Op: TypeAlias = Assign | Local | MakeUnknown | Note | Call | Use | Offset | Move | MoveToStored | Flow
 
 
 UNKNOWN_STATEMENT: Final = "the statement is unknown: it may move the robot, targets or frames"
