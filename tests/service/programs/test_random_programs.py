@@ -24,6 +24,7 @@ REASONS = {
     "moved": "moves the target",
     "other record": "is recorded with another",
     "same target": "uses the same target",
+    "near a target": "at an offset from another",
     "changes": "changes while the program runs",
 }
 """Reasons for which a move is left, by words; the first that fits counts."""
@@ -63,15 +64,16 @@ COUNTED = {
         "changes": 75,
     },
     "ur": {
-        "corrected": 93,
-        "unknown routine": 67,
-        "other callers": 75,
-        "no way": 65,
+        "corrected": 116,
+        "unknown routine": 70,
+        "other callers": 61,
+        "no way": 141,
         "branch": 112,
-        "no numbers": 58,
-        "used elsewhere": 11,
-        "two frames": 2,
-        "changes": 92,
+        "no numbers": 82,
+        "used elsewhere": 20,
+        "two frames": 10,
+        "near a target": 12,
+        "changes": 68,
     },
 }
 
