@@ -41,6 +41,9 @@ _MAX_CALLS: Final = 200
 UNKNOWN: Final = "\0everything"
 """Name in a state behind an unknown call: its value is the cause why values of other names are unknown."""
 
+_NEVER: Final = "\0never"
+"""Name in a state behind a jump, which no path reaches: any other state takes its place where both meet."""
+
 Content: TypeAlias = WrittenNumbers | Cause | str
 """Content of a variable: numbers, the cause why the numbers are unknown, or the name of another value."""
 Operations: TypeAlias = "list[tuple[int, Op]]"
@@ -127,6 +130,7 @@ class _OpenBlock:
     begin: int  # index of the operation that begins the block
     other_branches: list[int] = field(default_factory=list)  # indices at which further branches begin
     exits: list[int] = field(default_factory=list)  # indices of jumps to the end of the block
+    repetitions: list[int] = field(default_factory=list)  # indices of jumps to its next round
     has_default: bool = False  # whether the block has a default branch, so that one branch is always taken
 
 
@@ -157,6 +161,7 @@ class ControlFlow:
         self.routine_of: list[str] = []  # routine of each operation
         self.anytime_routines: set[str] = set()  # routines that may run at any time
         self.shared_routines: set[str] = set()  # routines that other programs may call
+        self.endless: set[int] = set()  # indices of the ends of loops that only a jump leaves
         self._names = names
         self._open_blocks: list[_OpenBlock] = []  # blocks whose end was not reached yet
         self._open_routines = [""]  # routines whose end was not reached yet; "" for text outside of routines
@@ -220,22 +225,23 @@ class ControlFlow:
         Raises:
             UnmatchedEnd: the operation is nested too deep.
         """
-        if op.kind in {"routine", "handler", "if", "loop", "repeat"}:
+        if op.kind in {"routine", "handler", "if"} | ir.LOOPS:
             if len(self._open_blocks) >= _MAX_DEPTH:
                 reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
                 raise UnmatchedEnd(i, reason, "move inner branches and loops to routines of their own")
             self._open_blocks.append(
-                _OpenBlock(op.kind, i) if op.kind in {"if", "loop", "repeat"} else self._begin_routine(i, op)
+                _OpenBlock(op.kind, i) if op.kind in {"if"} | ir.LOOPS else self._begin_routine(i, op)
             )
         elif op.kind == "label":
             self._labels[self._open_routines[-1]][self._names[i]] = i
         elif op.kind == "jump":
             self._jumps.append(i)
-        elif op.kind in {"leave", "return", "resume"}:
-            kinds = {"routine"} if op.kind != "leave" else {"loop", "repeat", "routine"}
+        elif op.kind in ir.JUMPS:
+            kinds = ir.LOOPS | {"routine"} if op.kind in {"leave", "again"} else {"routine"}
             enclosing = [block for block in self._open_blocks if block.kind in kinds]
             for block in enclosing[-1:]:  # the innermost block of these kinds, if any
-                block.exits.append(i)
+                is_repetition = op.kind == "again" and block.kind != "routine"
+                (block.repetitions if is_repetition else block.exits).append(i)
         else:
             self._end_block(i, op.kind)
 
@@ -293,9 +299,11 @@ class ControlFlow:
         self.successors[block.begin] += block.other_branches
         if block.kind in {"if", "loop"} and not block.has_default:  # the block may be skipped
             self.successors[block.begin].append(i)
-        if block.kind in {"loop", "repeat"}:  # the loop may begin again at its end, or at a `continue`
-            for place in (i, *block.exits):
+        if block.kind in ir.LOOPS:
+            for place in (i, *block.repetitions):
                 self.successors[place].append(block.begin)
+        if block.kind == "forever":
+            self.endless.add(i)
 
     def _note_fault(self, i: int, routine: str, reason: str, remedy: str) -> None:
         """Note that operation i does not fit, so that no move of the routine is certain."""
@@ -349,9 +357,14 @@ class Machine:
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
         self._shared_fields: dict[tuple[tuple[str, Content], ...], tuple[tuple[str, Content], ...]] = {}
         self._constants: set[str] = set()  # names that are declared as constants
-        self._shared: set[str] = set()  # names that other programs use as well
+        self._shared: set[str] = set()  # names that other programs may use as well
+        self._stored: set[str] = set()  # those of them that the controller stores for all programs
+        self._noted: set[str] = set()  # shared names of targets about which a remark was made
         self._private: set[str] = set()  # names that no other program knows
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
+        self._offsets: list[tuple[Place, ir.Offset]] = []
+        self._offsets_of: dict[str, set[str]] = defaultdict(set)  # targets by names of poses at offsets
+        self._targets: set[str] = set()  # names of the targets of moves
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
         # names of which each name was calculated, with the lines; names of data that the program declares
         self._origins: dict[str, dict[str, int]] = defaultdict(dict)
@@ -501,15 +514,22 @@ class Machine:
                 into = scope.routine if op.into == ir.RESULT else place.qualify(op.into)
                 noted = self._origins[into] if into else self._used
                 noted.update((place.qualify(name), place.line) for name in op.names)
-            elif isinstance(op, ir.Note):
-                self.columns.add_remark(place.line, place.make_cause(op.text).reason)
-            elif isinstance(op, ir.Local):
-                (scope.names if scope.routine else self._declared).update(op.names)
+            elif isinstance(op, ir.Note | ir.Offset | ir.Local):
+                self._add_statement_about_names(place, op)
             elif isinstance(op, ir.Assign) and (declares or op.declares):
                 self._declare(place, op, op.declares or declares)
             elif not declares:
                 self._places.append(place)
                 self._ops.append(op)
+
+    def _add_statement_about_names(self, place: Place, op: ir.Note | ir.Offset | ir.Local) -> None:
+        """Note a remark, a pose at an offset from a target, or local names."""
+        if isinstance(op, ir.Note):
+            self.columns.add_remark(place.line, place.make_cause(op.text).reason)
+        elif isinstance(op, ir.Offset):
+            self._offsets.append((place, op))
+        else:
+            (place.scope.names if place.scope.routine else self._declared).update(op.names)
 
     def forget_anytime(self, names: frozenset[str], reason: str, remedy: str) -> None:
         """Make the values of names unknown anywhere in the program, for a reason."""
@@ -524,7 +544,7 @@ class Machine:
         """
         if op.kind in {"routine", "handler"}:  # a handler without a name shares the scope of its routine
             self._scopes.append(Scope(str(op.name), set(names)) if op.name else self._last_scope)
-        elif op.kind in {"if", "loop", "repeat"}:
+        elif op.kind in {"if"} | ir.LOOPS:
             self._scopes.append(self._scopes[-1])
         elif op.kind in {"close", "end", "close_or_end"} and len(self._scopes) > 1:
             self._last_scope = self._scopes.pop()
@@ -533,6 +553,7 @@ class Machine:
         """Note the initial content of a declared name, and whether other programs may change this content."""
         name = place.qualify(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
+        self._stored |= {name} if kind == "shared" else set()
         if op.private and not self._language.is_own(name):
             self._private.add(_get_structure_name(name))
         content = self._evaluate(place, name, op.value, {})
@@ -556,6 +577,7 @@ class Machine:
             if isinstance(op, ir.Assign):
                 name = place.qualify(op.name)
                 self._changes[name].append(place.make_cause(f"it gets numbers on line {place.line}"))
+                self._lasting |= {name: None} if name.startswith(ir.MODE) else {}
             elif isinstance(op, ir.Call) and op.event:
                 attached = self._attached[place.qualify(op.event)]
                 attached += [] if op.harmless else [place.qualify(op.name)]
@@ -763,6 +785,8 @@ class Machine:
         # These operations are not reached from the operation before them, only by jumps.
         if op.kind in {"routine", "handler", "branch", "default"}:
             state = None
+        elif state is not None and (op.kind in ir.JUMPS or i in self._flow.endless):
+            state = {**state, _NEVER: ("", 0)}
         return self._add_fault(fault, self._join_states(self._incoming.get(i), state))
 
     def _add_fault(self, fault: int | None, state: State | None) -> State | None:
@@ -779,10 +803,11 @@ class Machine:
         returned, changed = self._exits.get(routine), self._changed[routine]
         if returned is None:
             return None
-        if UNKNOWN in changed:  # the routine may change any name
-            return returned
         self._count_work(len(changed))
-        return {**state, **{name: self._look_up(returned, name) for name in changed}}
+        never = {_NEVER: ("", 0)} if _NEVER in state or _NEVER in returned else {}
+        if UNKNOWN in changed:  # the routine may change any name
+            return {**returned, **never}
+        return {**state, **{name: self._look_up(returned, name) for name in changed}, **never}
 
     def _join_into(self, place: int, state: State | None) -> bool:
         """Join a state into the state at operation `place`; return whether the latter changed."""
@@ -802,6 +827,8 @@ class Machine:
         """
         if first is None or second is None or first == second:
             return second if first is None else first
+        if (_NEVER in first) != (_NEVER in second):
+            return second if _NEVER in first else first
         joined = dict(first)
         self._count_work(len(second) + len(first))
         for name in {**first, **second}:
@@ -846,7 +873,10 @@ class Machine:
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)
-            state[name] = self._evaluate(place, name, op.value, state), place.line
+            content = self._evaluate(place, name, op.value, state)
+            # Of what lasts, only a cause against moves counts, not the name of what has none.
+            is_over = name in self._lasting and not isinstance(content, Cause)
+            state[name] = "" if is_over else content, place.line
         elif isinstance(op, ir.MakeUnknown):
             self._make_unknown(state, op, place)
         elif isinstance(op, ir.Call) and (op.event or not op.anytime):
@@ -883,7 +913,7 @@ class Machine:
         Routines of other files change names of their own, and the active frames. A table of the controller,
         or data that other programs share, are safe if no file of the program writes them.
         """
-        if name in self._constants or name in self._lasting or OF_ROUTINE in name:
+        if name in self._constants or name in self._lasting or OF_ROUTINE in name or name == _NEVER:
             return True
         if self._language.is_own(name) and "." in name:  # frames that a position states
             return True
@@ -904,6 +934,8 @@ class Machine:
         """Return the content that an assignment of `value`, at a place and in a state, gives to a name."""
         if isinstance(value, Literal):
             return WrittenNumbers(name, place.source, place.line, place.first, value)
+        if isinstance(value, ir.Unknown):
+            return place.make_cause(value.reason, value.remedy)
         content: Content = place.qualify(value.name)
         if "\0" in content:
             return place.make_cause("the number of a frame is not a whole number")
@@ -977,6 +1009,11 @@ class Machine:
             self.add_statements(0, self.sources[0].starts, self.sources[0].ends)
         # All statements are translated: the texts without numbers take as much memory as the files.
         self.numerals[:] = [replace(each, masked_text="") for each in self.numerals]
+        places = zip(self._places, self._ops, strict=True)
+        self._ops = [
+            op.settle_bounds(place.values[place.first :]) if isinstance(op, ir.Flow) else op
+            for place, op in places
+        ]
         names = [
             self._places[i].qualify(op.name) if isinstance(op, ir.Flow) else ""
             for i, op in enumerate(self._ops)
@@ -995,6 +1032,7 @@ class Machine:
             self._causes.append(cause)
             self.columns.add_remark(cause.line, cause.reason)
         self._collect_changes()
+        self._collect_targets()
         self._enter_routines()
         bodies = self._flow.bodies
         for name, body in bodies.items():
@@ -1032,6 +1070,43 @@ class Machine:
                     self._used[name] = line
                     to_visit.append(name)
 
+    def _collect_targets(self) -> None:
+        """Collect the names of the targets of moves, and of poses at offsets from them.
+
+        Where such a pose is used otherwise than as a target, so are the numbers of the target behind it.
+        """
+        places = zip(self._places, self._ops, strict=True)
+        moves = [(place, op) for place, op in places if isinstance(op, ir.Move)]
+        for place, move in moves:
+            self._targets.update(self._list_named_targets(place, move))
+        for place, offset in self._offsets:
+            self._offsets_of[place.qualify(offset.name)].add(place.qualify(offset.target))
+        for place, move in moves:
+            if self._is_near_target(place, move):  # the offset itself is part of a calculation
+                self._used |= dict.fromkeys(self._list_named_targets(place, move), place.line)
+        for name in self._offsets_of.keys() & self._used.keys():
+            for target in self._trace_offsets([name]):
+                self._used.setdefault(target, self._used[name])
+
+    @staticmethod
+    def _list_named_targets(place: Place, op: ir.Move) -> list[str]:
+        """Return the names of the targets of a move."""
+        return [place.qualify(each) for each in op.targets if not isinstance(each, Literal)]
+
+    def _is_near_target(self, place: Place, op: ir.Move) -> bool:
+        """Return whether a move goes to an offset from a target, and not to numbers in a frame."""
+        names = set(map(place.qualify, op.near_target.offset_from)) if op.near_target else set()
+        return any(each in self._targets or each in self._offsets_of for each in names)
+
+    def _trace_offsets(self, names: Iterable[str]) -> list[str]:
+        """Return the names of all targets from which poses with these names are at an offset."""
+        found, to_visit = dict[str, None](), [*names]
+        while to_visit:
+            targets = self._offsets_of.get(to_visit.pop(), set()) - found.keys()
+            found |= dict.fromkeys(sorted(targets))
+            to_visit += targets
+        return [*found]
+
     def _find_what_outlasts_routines(self) -> None:
         """Let what lasts when a routine ends last at any time: the next one may be called from outside."""
         ended = [*self._lasting][1:] if self._language.callable_from_outside else []
@@ -1058,12 +1133,15 @@ class Machine:
             return
         if state is None:
             state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), 0)}
+        if self._is_near_target(place, op) and op.near_target:
+            op = op.near_target
         frames = [
             (self._evaluate_frame(place, base, state), self._evaluate_frame(place, tool, state))
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
         cause = self._find_obstacle(place, op, frames, state)
-        for name in op.offset_from:
+        own = [place.qualify(each) for each in op.offset_from]
+        for name in [*own, *self._trace_offsets([*own, *self._list_named_targets(place, op)])]:
             self._note_offset(place, name, frames[0], state)
         is_behind_unknown = UNKNOWN in state or UNKNOWN in self._anytime
         self._needs_assumption |= cause is None and is_behind_unknown and bool(self.unknown_routines)
@@ -1147,9 +1225,13 @@ class Machine:
         reason = content.reason if isinstance(content, Cause) and content.line else ""
         if len(changes) + (name in self._initial) > 1:  # the target gets numbers more than once
             reason = changes[-1].reason
-        elif isinstance(content, WrittenNumbers) and name in self._shared:
+        elif isinstance(content, WrittenNumbers) and name in self._stored:
             reason = "it is declared where other programs use it, too"
         elif isinstance(content, WrittenNumbers):
+            if name in self._shared and name not in self._noted:
+                self._noted.add(name)
+                text = f"{quote_text(name)} is GLOBAL: its correction moves it for other programs, too"
+                self.columns.add_remark(place.line, text)
             return content if content.label == name else content._replace(label=name)
         unknown = f"the target {quote_text(name)} is not given by constant numbers"
         return place.make_cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)

@@ -45,13 +45,20 @@ class Named(NamedTuple):
     name: Name
 
 
+class Unknown(NamedTuple):
+    """Value that is not known, for a reason."""
+
+    reason: str
+    remedy: str
+
+
 class Product(NamedTuple):
     """Product of frames; each frame is given in the coordinates of the frame before it."""
 
     names: tuple[str, ...]  # names of the frames
 
 
-Value: TypeAlias = Literal | Copy | Named
+Value: TypeAlias = Literal | Copy | Named | Unknown
 
 
 class Assign(NamedTuple):
@@ -124,6 +131,13 @@ RESULT: Final = "\0result"
 """Name of the value that a routine returns."""
 
 
+class Offset(NamedTuple):
+    """Assignment of a pose at an offset from a target: moves to it shift with the target's correction."""
+
+    name: Name
+    target: Name
+
+
 class Move(NamedTuple):
     """Move to one target, or through one target to another; a move with a reason is not corrected."""
 
@@ -137,6 +151,8 @@ class Move(NamedTuple):
     remedy: str = ""
     # names of targets near which a move that is not corrected ends: corrections of them shift this move, too
     offset_from: tuple[Name, ...] = ()
+    # move that takes the place of this one if `offset_from` of that move is a target of any move
+    near_target: Move | None = None
 
     @property
     def differs_only_in_target(self) -> bool:
@@ -156,8 +172,9 @@ class MoveToStored(NamedTuple):
 class Flow(NamedTuple):
     """Beginning or end of a branch, loop, jump or routine.
 
-    Blocks begin with `if`, `loop` or `repeat` (a loop that runs at least once) and end with `close`; further
-    branches begin with `branch` or `default`; `leave` leaves a loop. Routines begin with `routine`, or with
+    Blocks begin with `if`, `loop`, `repeat` (a loop that runs at least once) or `forever` (a loop that only
+    `leave`, a jump or a return ends), and end with `close`; further branches begin with `branch` or
+    `default`. `leave` leaves a loop, `again` begins its next round. Routines begin with `routine`, or with
     `handler` if they may run at any time, and end with `end`. `close_or_end` ends a block or a routine. The
     other kinds are `label`, `jump`, `return`, and `resume`, which also ends the interrupted routines.
     """
@@ -165,9 +182,24 @@ class Flow(NamedTuple):
     kind: str
     name: Name = ""
     shared: bool = False  # whether other programs may call a routine, with frames of their own
+    # ordinals of first value, last value and step between which a `loop` counts; empty if one is no number
+    bounds: tuple[int, ...] = ()
+
+    def settle_bounds(self, numbers: FloatArray) -> Flow:
+        """Return the `Flow`, of kind `repeat` if the loop runs by its bounds among the numbers (n,)."""
+        if not self.bounds:
+            return self
+        first, last, step = [*numbers[list(self.bounds)].tolist(), 1.0][:3]
+        runs = first <= last if step > 0 else first >= last and step < 0
+        return self._replace(kind="repeat" if runs else self.kind)
 
 
-Op: TypeAlias = Assign | Local | MakeUnknown | Note | Call | Use | Move | MoveToStored | Flow
+LOOPS: Final = frozenset({"loop", "repeat", "forever"})
+JUMPS: Final = frozenset({"leave", "again", "jump", "return", "resume"})
+"""Kinds of `Flow` behind which the program does not continue on the next line."""
+
+
+Op: TypeAlias = Assign | Local | MakeUnknown | Note | Call | Use | Offset | Move | MoveToStored | Flow
 
 
 UNKNOWN_STATEMENT: Final = "the statement is unknown: it may move the robot, targets or frames"
@@ -554,9 +586,17 @@ def make_uncorrected_move(
     return [*expressions, Move(motion, (), reason=reason, remedy=remedy)]
 
 
-def begin_counted_loop(name: str, remedy: str) -> list[Op]:
-    """Return the operations of the beginning of a loop that counts with a variable."""
-    return [Flow("loop"), MakeUnknown(frozenset({name}), f"{name} counts a loop", remedy)]
+def begin_counted_loop(line: Line, remedy: str) -> list[Op]:
+    """Return the operations of the beginning of a loop that counts with the variable `name` of a line.
+
+    The loop counts from `first` to `last` in steps of `step`, groups of the line.
+    """
+    bounds = [line.span(each) for each in ("first", "last", "step") if line[each]]
+    are_numbers = all(line.text[slice(*each)].strip() == "\0" for each in bounds)
+    ordinals = tuple(ordinal for each in bounds for ordinal in line.ordinals_in(*each)) if are_numbers else ()
+    used = [op for each in bounds for op in line.read_expression(line.text[slice(*each)])]
+    counter = MakeUnknown(frozenset({line["name"]}), f"{line['name']} counts a loop", remedy)
+    return [*used, Flow("loop", bounds=ordinals), counter]
 
 
 IS_PARAMETER: Final = "its value is a parameter of the routine"

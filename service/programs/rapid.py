@@ -590,9 +590,10 @@ LANGUAGE: Final = ir.Language(
             _translate_test,
         ),
         (
-            r"FOR @{name} FROM ?(.+?) ?\bTO\b ?(.+?)(?: ?\bSTEP\b ?(.+))? ?\bDO",
-            lambda line: ir.begin_counted_loop(line["name"], _REMEDY),
+            r"FOR @{name} FROM ?(?P<first>.+?) ?\bTO\b ?(?P<last>.+?)(?: ?\bSTEP\b ?(?P<step>.+))? ?\bDO",
+            lambda line: ir.begin_counted_loop(line, _REMEDY),
         ),
+        (r"WHILE ?(?:TRUE|\(TRUE\)) ?DO", "forever"),
         (r"WHILE ?(.+?) ?DO", "loop"),
         (r"ENDIF|ENDFOR|ENDWHILE|ENDTEST", "close"),
         (r"@{name}:", "label"),
