@@ -468,10 +468,8 @@ class Machine:
         self._add_operations(ops, source, line, number, declares)
         if is_move and held:
             self._add_held(held, source)
-        elif (
-            is_move and not declares and isinstance(effects[0], ir.Move) and effects[0].differs_only_in_target
-        ):
-            return ops
+        elif is_move and not declares and isinstance(effects[0], ir.Move):
+            return ops if len(ops) == 1 or effects[0].differs_only_in_target else None
         return None
 
     def _translate(
@@ -1135,36 +1133,34 @@ class Machine:
             state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), 0)}
         if self._is_near_target(place, op) and op.near_target:
             op = op.near_target
+        lines, numbers = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2).T
+        if len(lines) and op.differs_only_in_target:
+            frames, cause = self._evaluate_frames(op, place, state)
+            if cause is None:
+                lines, numbers = np.append(place.line, lines), np.append(place.first, numbers)
+                self.columns.add_moves(op, place.source, lines, numbers, frames[0])
+                return
+        self._add_move(op, place, state)
+        for line, number in zip(iterate_integers(lines), iterate_integers(numbers), strict=True):
+            self._add_move(op, replace(place, line=line, first=number), state)
+
+    def _evaluate_frames(self, op: ir.Move, place: Place, state: State) -> tuple[list[Frames], Cause | None]:
+        """Return base and tool of each target of a move, and the cause, if any, against its correction."""
         frames = [
             (self._evaluate_frame(place, base, state), self._evaluate_frame(place, tool, state))
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
         cause = self._find_obstacle(place, op, frames, state)
+        is_behind_unknown = UNKNOWN in state or UNKNOWN in self._anytime
+        self._needs_assumption |= cause is None and is_behind_unknown and bool(self.unknown_routines)
+        return frames, cause
+
+    def _add_move(self, op: ir.Move, place: Place, state: State) -> None:
+        """Add one move to the columns, with its targets in a state, or with the cause against correction."""
+        frames, cause = self._evaluate_frames(op, place, state)
         own = [place.qualify(each) for each in op.offset_from]
         for name in [*own, *self._trace_offsets([*own, *self._list_named_targets(place, op)])]:
             self._note_offset(place, name, frames[0], state)
-        is_behind_unknown = UNKNOWN in state or UNKNOWN in self._anytime
-        self._needs_assumption |= cause is None and is_behind_unknown and bool(self.unknown_routines)
-        repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
-        if len(repeats) and cause is None:
-            lines, first = np.vstack([[place.line, place.first], repeats]).T
-            self.columns.add_moves(op, place.source, lines, first, frames[0])
-            return
-        # A cause on the line of the move itself is on the line of each repetition, too.
-        is_on_same_line = cause is not None and (
-            not cause.line or (cause.line, cause.source) == (place.line, place.source)
-        )
-        for line, first in [(place.line, place.first), *repeats.tolist()]:
-            move_place = replace(place, line=line, first=first)
-            move_cause = cause
-            if cause and is_on_same_line:
-                move_cause = cause._replace(line=line, source=place.source)
-            self._add_move(op, move_place, move_cause, frames, state)
-
-    def _add_move(
-        self, op: ir.Move, place: Place, cause: Cause | None, frames: list[Frames], state: State
-    ) -> None:
-        """Add one move to the columns, with its targets in a state, or with the cause against correction."""
         contents = [self._evaluate_target(place, each, state) for each in op.targets]
         cause = cause or next((each for each in contents if isinstance(each, Cause)), None)
         if cause is not None:
