@@ -142,10 +142,11 @@ class DirectionalStiffness(Message):
 
     direction: Dimensionless[Point] = Field(description="Unit vector, axes of R0.")
     lateral_free: LinearStiffness[float | None] = Field(
-        description="1 / (u' C_tt u): motion across the direction is free; null for an infinite stiffness."
+        description="1 / (u' C_tt u), if motion across u is free; null if infinite. u: direction; "
+        "C: compliance."
     )
     lateral_blocked: LinearStiffness[float | None] = Field(
-        description="u' inv(C_tt) u: motion across the direction is blocked; null for an infinite stiffness."
+        description="u' inv(C_tt) u, if motion across u is blocked; null if infinite."
     )
     rotation_blocked: LinearStiffness[float | None] = Field(
         description="u' K_tt u, K = inv(C): every motion except along the direction is blocked; null if "

@@ -55,7 +55,7 @@ def _refuse_unprintable(text: str) -> str:
 
 
 Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME_LENGTH), AfterValidator(_refuse_unprintable)]
-"""Text that people read: printable, because databases and pages differ on what else they take."""
+"""Text for people: only printable characters, as databases and pages handle other characters differently."""
 
 Identifier = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
 """The identifier of a stored resource."""

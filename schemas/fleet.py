@@ -80,5 +80,5 @@ class Fleet(Job):
 
     @property
     def failed_parts(self) -> int:
-        """Number of sets that have failed."""
+        """Number of parts of the job that have failed; each part is one measurement set."""
         return 0 if self.result is None else self.result.counts["failed"]

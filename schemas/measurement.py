@@ -128,7 +128,7 @@ class AxisUncertainty(_Uncertain):
     )
     direction: Radians[Annotated[float, Field(strict=True, ge=0.0, le=0.5)]] = Field(
         default=0.0,
-        description="Standard uncertainty of an axis's direction about each direction across it, in rad.",
+        description="Standard uncertainty of an axis's tilt about each of two directions across it, in rad.",
         examples=[1e-4],
     )
 

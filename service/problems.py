@@ -362,7 +362,7 @@ MAX_PROBLEM_BYTES: Final = 8_000
 """Maximum size of an error body [bytes]."""
 _LONGEST: Final = 300
 _SEE_EXAMPLE: Final = (
-    "compare with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them"
+    "compare with an example: `jointstiff simulate FILE` writes a campaign, and /openapi.json has examples"
 )
 
 _OUTSIDE_BODY: Final = {"query", "path", "header"}  # parts of a request other than its body

@@ -39,8 +39,8 @@ from jointstiff.solver.predict.models import (
     ElasticPredictor,
     JointModel,
     ModelError,
-    leave_folds_out,
-    leave_postures_out,
+    estimate_error_by_leaving_folds_out,
+    estimate_error_by_leaving_postures_out,
 )
 from jointstiff.solver.text import length_text
 
@@ -77,7 +77,7 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
         joints: fit of the joints alone.
         screening: tests of the residuals; if models were compared, also how much better links predict
             held-out postures.
-        choice: message that explains why only joints are assumed to bend.
+        choice: model and loss of the run, with a message that explains why only joints are assumed to bend.
 
     Raises:
         JointstiffError: the identification of the joints fails.
@@ -88,7 +88,7 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
     jackknife = None  # fits that each leave out one posture; None if such a fit fails
     error: ModelError | JointstiffError
     try:
-        error = leave_postures_out(robot, measurements, settings, estimate, model)
+        error = estimate_error_by_leaving_postures_out(robot, measurements, settings, estimate, model)
         jackknife = error.left_out
     except JointstiffError as failure:  # the run is valid without a model error; predictions say why
         error = failure
@@ -106,22 +106,23 @@ def report_joints_alone(joints: JointsAlone, screening: Screening, choice: Model
         is_estimated=estimate.estimated,
         statements=estimate.statements,
     )
+    # Smallest mistakes in loads and readings that the tests would find; empty if the tests found something.
     least_mistakes: tuple[LeastMistake, ...] = ()
     if not (screening.causes or screening.lack_of_fit) and joints.are_sound:
         prior = None if settings.prior is None else settings.prior.in_units_of(estimate.sigma or 1.0)
         least_mistakes = find_least_mistakes(robot, measurements, estimate, len(screening.tests), prior)
     assessment = assess(joints, estimate, prediction, screening, least_mistakes)
     return RunOutcome(
-        estimate,
-        assessment.drop_meaningless_numbers(prediction),
-        assessment,
-        (*joints.noticed, *assessment.remarks),
-        build_stored_model(model, error),
-        choice,
-        screening,
-        Repeatability.from_measurements(robot, measurements, estimate.sigma),
-        budget,
-        least_mistakes,
+        estimate=estimate,
+        prediction=assessment.drop_meaningless_numbers(prediction),
+        assessment=assessment,
+        warnings=(*joints.noticed, *assessment.remarks),
+        model=build_stored_model(model, error),
+        choice=choice,
+        screening=screening,
+        repeatability=Repeatability.from_measurements(robot, measurements, estimate.sigma),
+        budget=budget,
+        unseen=least_mistakes,
     )
 
 
@@ -137,7 +138,7 @@ def report_elastic_model(
         elastic: fit of this model to all readings.
         screening: tests of the residuals of joints alone.
     """
-    # The scatter that residuals of joints alone show also holds what links bend.
+    # The scatter that residuals of joints alone show includes the bending of links, so it is not used here.
     robot, measurements, elastic_estimate = joints.robot, joints.given, elastic.estimate
     estimate = replace_by_effective(joints.estimate, elastic_estimate, elastic.effective)
     assessment = assess(joints, estimate, elastic_estimate.prediction, screening)
@@ -153,18 +154,18 @@ def report_elastic_model(
             warnings += report_losses(int(measurements.present.sum()))
     error: ModelError | JointstiffError
     try:
-        error = leave_folds_out(robot, measurements, elastic_estimate)
+        error = estimate_error_by_leaving_folds_out(robot, measurements, elastic_estimate)
     except JointstiffError as failure:  # the run is valid without a model error; predictions say why
         error = failure
     return RunOutcome(
-        estimate,
-        elastic_estimate.prediction,
-        assessment,
-        tuple(warnings),
-        build_stored_model(ElasticPredictor.from_estimate(robot, elastic_estimate), error),
-        describe_choice_by_comparison(winner, screening),
-        screening,
-        Repeatability.from_measurements(robot, measurements, estimate.sigma),
+        estimate=estimate,
+        prediction=elastic_estimate.prediction,
+        assessment=assessment,
+        warnings=tuple(warnings),
+        model=build_stored_model(ElasticPredictor.from_estimate(robot, elastic_estimate), error),
+        choice=describe_choice_by_comparison(winner, screening),
+        screening=screening,
+        repeatability=Repeatability.from_measurements(robot, measurements, estimate.sigma),
         links=LinksResult(
             loss_source="cross_validation" if competition.loss_is_compared else "given",
             penalty=elastic_estimate.penalty,

@@ -38,7 +38,7 @@ from jointstiff.solver.links.model import (
 from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.models import ElasticPredictor, leave_folds_out
+from jointstiff.solver.predict.models import ElasticPredictor, estimate_error_by_leaving_folds_out
 
 __all__ = ["held_out_compensation", "run"]
 
@@ -106,7 +106,8 @@ def _share_of_ball(
     robot: Robot, fitted: Measurements, elastic: ElasticEstimate, held: Measurements
 ) -> FloatArray:
     """Return how far held-out readings are from their predictions, over the radii of the balls for 90 %."""
-    error, place = leave_folds_out(robot, fitted, elastic), held.position[:, 0]  # in the flange frame
+    error = estimate_error_by_leaving_folds_out(robot, fitted, elastic)
+    place = held.position[:, 0]  # in the flange frame
     cases = LoadCases(held.joints, held.force, held.moment, held.load_point, place.copy())
     bent = ElasticPredictor.from_estimate(robot, elastic).deflect(cases)
     off = np.linalg.norm(held.deflection[:, 0] - bent.displacement, axis=1)

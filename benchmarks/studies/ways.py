@@ -27,7 +27,7 @@ from jointstiff.solver.estimation.problem import Bounds
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
-from jointstiff.solver.predict.models import JointModel, ModelError, leave_postures_out
+from jointstiff.solver.predict.models import JointModel, ModelError, estimate_error_by_leaving_postures_out
 from jointstiff.solver.process.deflection import PathDeflection
 from jointstiff.solver.process.path import ProcessPath
 from jointstiff.solver.process.sequence import Motion
@@ -135,7 +135,7 @@ def compare_ways(number: int, force: float) -> Iterator[Pair]:
     settings = Settings("complete_pose", "covariance", Bounds.positive(6))
     estimate = identify(robot, measurements, settings)
     model = JointModel.from_estimate(robot, estimate, settings.constraints)
-    error = leave_postures_out(robot, measurements, settings, estimate, model)
+    error = estimate_error_by_leaving_postures_out(robot, measurements, settings, estimate, model)
     for _ in range(PATHS):
         place = reach_centre(robot, draw.uniform(0.5, 0.75), draw.uniform(0.1, 0.4), draw.uniform(-0.3, 0.3))
         path = process_path(

@@ -188,6 +188,6 @@ async def _answer_failure(request: Request, error: Exception) -> Response:
     _logger.error("unexpected failure", exc_info=error)
     return answer_problem(
         http_problem(
-            500, "an unexpected internal error", "report the error, with the lines of the log about it"
+            500, "an unexpected internal error", "report the error, with the lines of the log about the error"
         )
     )

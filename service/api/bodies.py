@@ -132,7 +132,7 @@ def _require_media_type(request: Request, media_type: str, words: str) -> None:
     coding = request.headers.get("content-encoding", "identity").strip().lower()
     if coding != "identity":
         raise HTTPException(
-            415, f"the body has the Content-Encoding {coding[:40]!r}; send it without that header"
+            415, f"the body has the Content-Encoding {coding[:40]!r}; send the body without that header"
         )
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != media_type:
         raise HTTPException(415, f"send {words}, with the header Content-Type: {media_type}")

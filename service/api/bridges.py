@@ -94,7 +94,7 @@ def follow_bridge(
 
 @router.delete("/bridges/{bridge_id}", dependencies=[OPERATOR], status_code=204)
 def close_bridge(parts: answers.InjectedParts, bridge_id: Id, by: RequesterKey) -> Response:
-    """End a bridge."""
+    """Close a bridge, the connection through which a page reads a tracker."""
     parts.bridges.close(bridge_id, by)
     return Response(status_code=204)
 

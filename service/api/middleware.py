@@ -37,9 +37,12 @@ _LIVENESS_PATH: Final = "/live"
 """Path for liveness probes of containers, which the service answers even before a key exists."""
 _NO_KEY_YET: Final = (
     "this service has no key yet, so the service answers only requests from its own machine",
-    "create a key with `jointstiff keys create NAME --role ROLE` where the service runs (`docker exec` in a "
-    "container); or publish its port on its machine alone (`--publish 127.0.0.1:8000:8000`) and start it "
-    "with `serve --host 0.0.0.0 --no-access-control --allowed-host localhost`",
+    (
+        "create a key with `jointstiff keys create NAME --role ROLE` where the service runs (`docker exec` "
+        "in a container); or publish the port of the service on its machine alone (`--publish "
+        "127.0.0.1:8000:8000`) and start the service with `serve --host 0.0.0.0 --no-access-control "
+        "--allowed-host localhost`"
+    ),
 )
 _METHODS: Final = ("DELETE", "GET", "PATCH", "POST", "PUT")
 _METHOD_NOT_ALLOWED: Final = 405

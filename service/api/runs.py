@@ -142,7 +142,7 @@ def _make_request_after_action(parts: Parts, run: Run, action: AdvisedAction) ->
         raise RequestError(
             "the assessment of this run does not recommend this action",
             where="kind",
-            remedy="send the `action` of one of its reasons without changes",
+            remedy="send the `action` of one of the reasons of this assessment, without changes",
         )
     request = run.request.model_copy(update={"variant_of": run.id})
     if action.kind in {"leave_out_readings", "fit_causes"}:

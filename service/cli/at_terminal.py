@@ -82,7 +82,7 @@ class AtTerminal(Person):
         """Ask whether to withdraw or keep an earlier reading that later readings show to be a mistake."""
         if not self._asks:
             return super().doubts_earlier(reading, again=again)
-        answer = _choose_answer("  w: withdraw this reading; k: keep it", {"w", "k"}, at_end="k")
+        answer = _choose_answer("  w: withdraw this reading; k: keep this reading", {"w", "k"}, at_end="k")
         return "withdraw" if answer == "w" else "keep"
 
     def missed(self, error: Exception, *, again: bool) -> Literal["again", "skip", "stop"]:
@@ -106,7 +106,7 @@ def format_reading(state: LiveState, reading: LiveReading) -> str:
     """
     parts = [f"{reading.label}:"]
     if state.share is not None:
-        parts.append(f"uncertainty {state.share:.2f} of the goal's,")
+        parts.append(f"uncertainty {state.share:.2f} times that of the goal,")
     identified = [joint for joint in state.joints if joint.relative is not None]
     if identified:
         least_certain = max(identified, key=lambda joint: joint.relative or 0.0)

@@ -318,8 +318,9 @@ def _convert_to_units_of_file(
         is_posture = quantity == "angle" and isinstance(value, list | tuple)
         if is_posture and file_unit != "deg" and file_unit in unit_sizes and len(value) > _JOINTS_OF_ARM:
             raise typer.BadParameter(
-                f"the values of linear axes cannot be converted from deg to {file_unit}, the unit of "
-                f"angles in the file of options; remedy: state `{name}` in that file, in its units",
+                f"the unit of angles in the file of options is {file_unit}, so values of linear axes in "
+                f"deg cannot be converted; remedy: state `{name}` in the file of options, in the units "
+                "of this file",
                 param_hint=option_flag(message_class, name),
             )
         if file_unit in unit_sizes:
@@ -383,7 +384,7 @@ def name_options_in_problem(
                 f": one of {', '.join(get_args(field_type))}" if get_origin(field_type) is Literal else ""
             )
             if item.where not in fields_with_option:
-                remedy = "state it in the JSON file of `--options`"
+                remedy = "state the option in the JSON file of `--options`"
         changes = {
             "reason": name_options_in_text(message_class, item.reason, form_of_field),
             "remedy": remedy,
@@ -732,8 +733,11 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
     return True
 
 
-def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program
-    """Write the compensated files of a program, and the report if --report is given; return the job."""
+def _write_program_files(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Program
+    """Write the compensated files of a program, and the table of points if `--report` names a file.
+
+    Return the job.
+    """
     from jointstiff.service.kinds.program.work import decompress_file
 
     paths = _choose_program_paths(values, sources)
@@ -744,8 +748,12 @@ def _write_program(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  #
     return job
 
 
-def _write_process(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Process
-    """Write the program, the turns and the places to the files of the options; return the job."""
+def _write_process_files(job: Any, values: _Values, sources: Sequence[Any]) -> Any:  # noqa: ANN401 - a Process
+    """Write the files that the options name, and return the job.
+
+    The files are the program with new orientations (`--output`), the table of the tool's turns (`--report`)
+    and the table of the workpiece's places (`--places`).
+    """
     from jointstiff.service.kinds.program.work import decompress_file
 
     if values["output"] is not None:
@@ -829,7 +837,7 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
                 cli.path_option("CSV file to write all places to that were tried.")
             ),
         },
-        finish=_write_process,
+        finish=_write_process_files,
         list_paths=lambda values, sources: [
             *([] if values["output"] is None else _choose_program_paths(values, sources).values()),
             values["report"],
@@ -856,7 +864,7 @@ _FILE_OPTIONS: Final[Mapping[str, _FileOptions]] = {
             ),
             "report": _make_optional_parameter(cli.path_option("CSV file to write all points to.")),
         },
-        finish=_write_program,
+        finish=_write_program_files,
         replace_work=_explain_moves_if_requested,
         list_paths=lambda values, sources: [
             *_choose_program_paths(values, sources).values(),

@@ -88,7 +88,7 @@ def read_or_identify_run(file: Path, run: Path | None) -> TabledRun:
         return saved if isinstance(saved, TabledRun) else Here().identify(saved)
     loaded = load(run)
     if not isinstance(loaded, TabledRun):
-        reason = f"{run} is no run"
+        reason = f"{run} is not a run"
         raise CampaignError(http_problem(422, reason, "give a file that `identify --save` wrote"))
     return attach_campaign(loaded, read_campaign(file))
 

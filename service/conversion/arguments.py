@@ -24,7 +24,7 @@ AnyUnits = Units | Mapping[str, str] | str | None
 """Units of the numbers of a call, such as "mm, deg, N" or {"length": "m"}; None for `DEFAULT_UNITS`."""
 DEFAULT_UNITS: Final = "mm, deg, N, N.m"
 JointKinds = Callable[[], Mapping[str, JointKind]]
-"""Function that returns the kind of each joint by name, in order; called only if positions are converted."""
+"""Function that returns joint name → kind, in the order of the joints; called only to convert positions."""
 
 _QUANTITIES: Final = {"m": "length", "rad": "angle", "N": "force", "N.m": "moment"}
 _SIZES: Final = {"length": LENGTH, "angle": ANGLE, "force": FORCE, "moment": MOMENT}
@@ -56,9 +56,9 @@ def complete_units(stated: AnyUnits | Message) -> dict[str, str]:
         if unit not in _SIZES.get(quantity, {}):
             known = "; ".join(f"{name} {', '.join(sizes)}" for name, sizes in _SIZES.items())
             raise MeasurementError(
-                f"'{unit}' is no known unit of {quantity}",
+                f"'{unit}' is not a known unit of {quantity}",
                 where="units",
-                remedy=f"use one unit of each quantity: {known}",
+                remedy=f"use one unit for each quantity: {known}",
             )
     return units
 
@@ -175,7 +175,11 @@ class _Converter:
     def _convert_mapping(
         self, value: Mapping[Any, Any], branches: Sequence[tuple[Mapping[str, Any], Mapping[str, str]]]
     ) -> Any:  # noqa: ANN401
-        """Return a mapping in SI units: the fields of a message, or values by name."""
+        """Return a mapping in SI units: the fields of a message, or values by name.
+
+        `branches` are the alternatives of the JSON schema, each with the units of its numbers. The first
+        alternative that fits is used; if none fits, the value is returned unchanged.
+        """
         for schema, units in branches:
             if "additionalProperties" in schema and isinstance(schema["additionalProperties"], Mapping):
                 return {
@@ -183,17 +187,18 @@ class _Converter:
                     for name, each in value.items()
                 }
             properties = schema.get("properties", {})
-            constants = {name: each["const"] for name, each in properties.items() if "const" in each}
+            constants = {name: field["const"] for name, field in properties.items() if "const" in field}
             if set(value) <= set(properties) and all(
                 value.get(name, constant) == constant for name, constant in constants.items()
             ):
+                # Each field of a message states its own units.
                 return {name: self._convert(each, properties[name], {}) for name, each in value.items()}
         return value  # not understood: the message refuses the value and says why
 
     def _convert_sequence(
         self, value: Sequence[Any], branches: Sequence[tuple[Mapping[str, Any], Mapping[str, str]]]
     ) -> list[Any]:
-        """Return a sequence in SI units as a list."""
+        """Return a sequence in SI units as a list; `branches` as of `_convert_mapping`."""
         for schema, units in branches:
             parts = schema.get("prefixItems")
             if parts is not None and len(parts) == len(value):

@@ -53,7 +53,7 @@ def parse_units(text: Units | Mapping[str, str] | str) -> dict[str, str]:
             known = "; ".join(f"{quantity} {', '.join(sizes)}" for quantity, sizes in _SIZES.items())
             fault = f"a second unit of {quantity}" if quantity else "not a known unit"
             raise MeasurementError(
-                f"'{word}' is {fault}", where="units", remedy=f"use one unit of each quantity: {known}"
+                f"'{word}' is {fault}", where="units", remedy=f"use one unit for each quantity: {known}"
             )
         units[quantity] = name
     for quantity in ("length", "angle", "force"):
@@ -205,7 +205,10 @@ class ArrayReadings:
         if set(fields) not in allowed_fields:
             given = " and ".join(f"`{name}`" for name in fields)
             reason = f"{given} alone cannot be used as readings" if given else "no readings are given"
-            remedy = "give `unloaded` and `loaded`, or `deflections`; `unloaded` alone is for the own weight"
+            remedy = (
+                "give `unloaded` and `loaded`, or `deflections`; give `unloaded` alone only to identify "
+                "by the own weight"
+            )
             raise MeasurementError(reason, where="unloaded", remedy=remedy)
         return fields
 
@@ -299,7 +302,7 @@ def _refuse_implausible_lengths(
         i = int(np.unravel_index(np.argmax(size), size.shape)[0])
         quantity = "deflection" if are_deflections else "position"
         raise MeasurementError(
-            f"a {quantity} of {size.max():.4g} m is too long for an arm; up to {most:g} m is believed",
+            f"a {quantity} of {size.max():.4g} m is too long for an arm; up to {most:g} m is plausible",
             where=f"{name}[{i}]",
             remedy="check the unit of length in `units`: positions, deflections, load point and sigma are in "
             "this unit; a campaign file may have greater lengths",

@@ -35,7 +35,10 @@ _TOO_LARGE: Final = (
     f"the arrays of the file are larger than {limits.MAX_UNPACKED_BYTES >> 20} MiB, "
     f"{limits.MAX_ROWS:,} rows, {limits.MAX_COLUMNS} columns or {limits.MAX_CELLS:,} cells"
 )
-_TOO_LONG: Final = f"it is damaged, or takes over {limits.MAX_MEMORY >> 20} MiB or {limits.MAX_SECONDS} s"
+_TOO_LONG: Final = (
+    f"the file is damaged, or reading the file takes over {limits.MAX_MEMORY >> 20} MiB or "
+    f"{limits.MAX_SECONDS} s"
+)
 
 _Answer = dict[str, Any]
 
@@ -89,7 +92,7 @@ def _ask_library(file: str, content: bytes, kind: ArrayFormat, wanted: list[str]
     answer = _parse_answer(output) if status == 0 else None
     if answer is None:
         reason = f"reading {words} ended without a result: {_TOO_LONG}"
-        raise ImportFileError(place, reason, "save it again with fewer arrays, or write a CSV file")
+        raise ImportFileError(place, reason, "save the file again with fewer arrays, or write a CSV file")
     if "large" in answer:
         raise ImportFileError(place, _TOO_LARGE, "save fewer arrays, or split the file")
     if "reason" in answer:
@@ -120,7 +123,7 @@ def _refuse_choice(place: Place, tables: list[str], missing: list[str]) -> None:
         remedy = f"give one of {quote(', '.join(tables))} as `sheet`"
     else:
         reason = f"several groups or arrays have data: {quote(', '.join(tables))}"
-        remedy = "give `sheet`, several of them separated by semicolons"
+        remedy = "give `sheet`; separate several names by semicolons"
     raise ImportFileError(place, reason, remedy, "sheet", tuple(tables))
 
 
@@ -140,8 +143,8 @@ def _build_grid(file: str, kind: ArrayFormat, table: str, arrays: Sequence[Any])
         named = _name_columns(Place(file), array["name"], array["unit"], array["columns"])
         kinds += ["number" if array["numbers"] else "text"] * len(named)
         if set(named) & set(columns):
-            reason = f"two arrays make the column {quote(next(iter(set(named) & set(columns))))}"
-            raise ImportFileError(Place(file), reason, "rename one of them")
+            reason = f"two arrays give the same column {quote(next(iter(set(named) & set(columns))))}"
+            raise ImportFileError(Place(file), reason, "rename one of the two arrays")
         columns |= named
     count = len(next(iter(columns.values()), ()))
     if not columns or count < 1:

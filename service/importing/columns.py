@@ -106,7 +106,7 @@ def check_name(name: str) -> str:
     if len(name) > limits.MAX_CELL_LENGTH:
         raise UnreadableError(
             f"a name or unit of an array has more than {limits.MAX_CELL_LENGTH} characters",
-            "give the array a shorter one",
+            "give the array a shorter name or unit",
         )
     return name
 
@@ -122,7 +122,8 @@ def clean_text(text: object) -> str:
     cleaned = str(text).strip(" \t\r\n\0")
     if len(cleaned) > limits.MAX_CELL_LENGTH:
         raise UnreadableError(
-            f"a text has more than {limits.MAX_CELL_LENGTH} characters", "leave it out, or cut it"
+            f"a text has more than {limits.MAX_CELL_LENGTH} characters",
+            "leave the text out, or shorten the text",
         )
     return cleaned
 

@@ -145,7 +145,7 @@ def _find_only_filled_sheet(file: str, sheets: Mapping[str, _Sheet]) -> str:
     filled = [name for name, sheet in sheets.items() if next(sheet.rows(), None)]
     if len(filled) > 1:
         reason = f"several sheets have data: {quote(', '.join(filled))}"
-        remedy = "give `sheet`, several of them separated by semicolons"
+        remedy = "give `sheet`; separate several names by semicolons"
         raise ImportFileError(Place(file), reason, remedy, "sheet", tuple(filled))
     return (filled or list(sheets))[0]
 

@@ -278,7 +278,7 @@ def parse_header(header: str, state_words: Mapping[str, State]) -> Meaning:
     if key is not None:
         if unit is not None and key not in _MAY_HAVE_UNITS:
             reason = f"the header {quote(header)} has a unit, but its column has texts"
-            raise ImportFileError(NOWHERE, reason, "check the header")
+            raise ImportFileError(NOWHERE, reason, "correct the header, or remove its unit")
         return Meaning(Quantity(key))
     if fold_word(base) in _WORD_LISTS["hung"]:
         if unit not in ("kg", "kgf"):
@@ -338,7 +338,7 @@ def check_unit(header: str, text: str | None, kind: Kind) -> str | None:
     if known is None or known[0] != dimension:
         reason = f"{quote(header)}: {quote(text)} is not a known unit of {dimension}"
         remedy = f"convert to one of {', '.join(_WORDS['units'][dimension])}"
-        hung = "; a hung mass is `mass [kg]`" if text == "kg" and kind == "force" else ""
+        hung = "; write a hung mass as `mass [kg]`" if text == "kg" and kind == "force" else ""
         raise ImportFileError(NOWHERE, reason, remedy + hung)
     return known[1]
 
@@ -382,7 +382,8 @@ def _parse_position(header: str, base: str, state_words: Mapping[str, State]) ->
         return Meaning(Quantity(kind, target, state), sum(axes))
     if target is None or state not in (None, "deflection"):
         reason = (
-            f"{quote(header)}: a reading along an axis needs a target's name, and no state but `deflection`"
+            f"{quote(header)}: a reading along an axis needs the name of a target, and the state "
+            "`deflection` or no state"
         )
         raise ImportFileError(NOWHERE, reason, "write a header such as `tip along z [mm]`")
     return Meaning(
@@ -465,7 +466,10 @@ class Vocabulary:
             return None
 
     def count_known(self, headers: Iterable[str]) -> int:
-        """Return the number of known headers; 0 if only one is known, or if two have the same meaning."""
+        """Return the number of known headers; 0 if fewer than two are known, as one may be known by chance.
+
+        0 also if two headers name the same axis of the same quantity: then these texts are no headers.
+        """
         meanings = [meaning for text in headers if text and (meaning := self.find(text))]
         axes = [(meaning.quantity, meaning.axis) for meaning in meanings if meaning.axis is not None]
         return 0 if len(set(axes)) < len(axes) or len(meanings) < 2 else len(meanings)

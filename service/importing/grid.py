@@ -289,7 +289,7 @@ def _find_delimiter(file: str, lines: Sequence[_Line]) -> Delimiter:
     if can_be_comma and can_be_whitespace:
         raise ImportFileError(
             Place(file, lines[0][0]),
-            "the comma may be the delimiter or, between cells separated by blanks, the decimal mark",
+            "the comma may be the delimiter, or the decimal mark of cells that blanks separate",
             "give `delimiter`, or use semicolons as delimiter",
             "delimiter",
         )
@@ -340,7 +340,7 @@ def _split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
     place = Place(file, number)
     if len(text) > MAX_LINE_LENGTH:
         reason = f"a line has more than {MAX_LINE_LENGTH} characters"
-        raise ImportFileError(place, reason, "check the line endings")
+        raise ImportFileError(place, reason, "save the file with a line break after each row")
     if delimiter == "whitespace":
         text = text.replace("\t", " ").strip(" ")
     try:
@@ -365,8 +365,8 @@ def _split_line(file: str, number: int, text: str, delimiter: Delimiter) -> Row:
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
 _THOUSANDS: Final = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:[.,][0-9]{3})+")
 _POINT_ASSUMED: Final = (
-    "the point was used as the decimal mark, although every number with one has three digits "
-    "after it: check that it is not a thousands separator"
+    "the point was read as the decimal mark, although three digits follow it in every number: check "
+    "that the point is not a thousands separator"
 )
 
 
@@ -408,8 +408,8 @@ def decide_decimal_mark(
         raise ImportFileError(place, reason, "use one decimal mark and no thousands separators")
     if "," in first_cells and "," not in sure_marks:
         text, place = first_cells[","]
-        reason = "may have a decimal comma or a thousands separator, and no other number shows which of both"
-        remedy = "give `decimal_mark`, or write a point"
+        reason = "may have a decimal comma or a thousands separator; no other number in the file shows which"
+        remedy = "give `decimal_mark`, or write a decimal point"
         raise ImportFileError(place, f"{quote(text)} {reason}", remedy, "decimal_mark")
     if "," in first_cells:
         return "comma", "the comma was used as the decimal mark"

@@ -30,7 +30,11 @@ _FILTERS: Final = frozenset((1, 2, 3))
 
 
 def read_hdf5(content: bytes) -> Tables:
-    """Return the tables of an HDF5 file: each group with arrays, and each array of records."""
+    """Return a function for each table of an HDF5 file, by the table's name; the function reads the table.
+
+    A group is a table if it has an array of one or two dimensions with more than one value. Each array of
+    records is a table, too.
+    """
     file = h5py.File(io.BytesIO(content), "r")
     groups: dict[str, list[h5py.Dataset]] = {}
     records: dict[str, h5py.Dataset] = {}
@@ -107,7 +111,7 @@ def _check_storage(dataset: h5py.Dataset, count: ByteCount) -> None:
     """
     if dataset.is_virtual or dataset.external:
         raise UnreadableError(
-            f"the array {_find_name(dataset)!r} is stored in other files", "copy it into one file"
+            f"the array {_find_name(dataset)!r} is stored in other files", "copy the array into one file"
         )
     count.take(dataset.size * dataset.dtype.itemsize)
     if dataset.chunks:
@@ -116,7 +120,7 @@ def _check_storage(dataset: h5py.Dataset, count: ByteCount) -> None:
     if any(filters.get_filter(i)[0] not in _FILTERS for i in range(filters.get_nfilters())):
         raise UnreadableError(
             f"the array {_find_name(dataset)!r} is packed by a filter other than gzip",
-            "save it with gzip, or unpacked",
+            "save the array with gzip, or without a filter",
         )
 
 
@@ -126,9 +130,13 @@ def _find_name(dataset: h5py.Dataset) -> str:
 
 
 def _read_dataset(dataset: h5py.Dataset, count: ByteCount) -> NamedArray:
-    """Return an array of numbers or texts; MATLAB's are transposed, and its texts are numbers of signs."""
+    """Read an array of numbers or texts; its values are None if the array cannot be used.
+
+    Arrays written by MATLAB are stored transposed. MATLAB stores a text as numbers of characters; such an
+    array is not read as numbers.
+    """
     name, matlab_class = dataset.name.rpartition("/")[2], _read_attribute(dataset, "MATLAB_class")
-    if matlab_class and _read_number_attribute(dataset, "MATLAB_empty"):  # has the variable's shape as values
+    if matlab_class and _read_number_attribute(dataset, "MATLAB_empty"):  # its values are the empty shape
         return NamedArray(name, None)
     unit = _read_attribute(dataset, "units") or _read_attribute(dataset, "unit")
     if dataset.shape is None or not 1 <= dataset.ndim <= 2 or dataset.size > limits.MAX_CELLS:
@@ -138,8 +146,8 @@ def _read_dataset(dataset: h5py.Dataset, count: ByteCount) -> NamedArray:
     if matlab_class == "cell":
         values = _read_texts_of_cells(dataset)
     elif h5py.check_string_dtype(dataset.dtype) is not None and dataset.dtype.kind == "O":
-        flat = dataset.size == len(dataset)
-        values = _read_long_texts(dataset) if flat else None
+        is_single_column = dataset.size == len(dataset)
+        values = _read_long_texts(dataset) if is_single_column else None
     elif dataset.dtype.kind in "iubfS" and matlab_class != "char":
         values = dataset[()]
     if values is not None and matlab_class:

@@ -67,13 +67,13 @@ class Heading:
     texts: tuple[str, ...]  # text of each column; rows of a header are combined
     lines: tuple[int, ...] = ()  # lines of the header in the file; () if the header is stated or assumed
     start: int = 0  # index of the first row of data
-    guessed: bool = False  # whether the header was combined from rows, taken from a comment, or assumed
+    is_guess: bool = False  # whether the header was combined from rows, taken from a comment, or assumed
     notes: tuple[str, ...] = ()  # what was assumed, in words
 
     @property
-    def assumed(self) -> bool:
-        """Return whether the file has no header, so that its columns were assumed."""
-        return self.guessed and not self.lines
+    def columns_are_assumed(self) -> bool:
+        """Return whether the file has no header, so that the meanings of its columns were assumed."""
+        return self.is_guess and not self.lines
 
     def place(self, column: int | None = None) -> Place:
         """Return the place of the header in the file, or of its cell with an index."""
@@ -121,7 +121,7 @@ def _find_header_in_comments(grid: Grid, words: Vocabulary, width: int) -> Headi
         for texts in splits:
             if len(texts) == width and words.count_known(texts) == width:
                 note = f"the comment in line {line} was used as the header"
-                return Heading(grid.file, texts, (line,), guessed=True, notes=(note,))
+                return Heading(grid.file, texts, (line,), is_guess=True, notes=(note,))
         if _looks_like_header(
             comment, width, is_last=comment is comments_above[-1], cell_count=len(splits[0])
         ):
@@ -182,11 +182,11 @@ def _assume_columns(grid: Grid, width: int, *, by_order: bool) -> Heading:
         for column, cell in enumerate(row.cells[: len(headers) - 3 - time_column_count]):
             is_number = looks_like_a_number(cell) and (column > 0 or not cell.isdigit())
             if grammar.is_key(cell) or is_number:
-                reason = f"{quote(cell)} is where a point's name must be, because there is no header"
+                reason = f"without a header, the name of a point must be where {quote(cell)} is"
                 remedy = f"give rows of {' '.join(headers)}, add a header, or give `header`"
                 raise ImportFileError(grid.place(row, column), reason, remedy, "header")
     note = f"no header found; assumed columns: {', '.join(headers)}"
-    return Heading(grid.file, headers, guessed=True, notes=(note,))
+    return Heading(grid.file, headers, is_guess=True, notes=(note,))
 
 
 # ---- in rows
@@ -211,7 +211,9 @@ def _find_header_in_rows(grid: Grid, words: Vocabulary) -> Heading:
                 break
     if first_header_row + header_row_count == len(grid.rows):
         place = grid.place(grid.rows[first_header_row])
-        raise ImportFileError(place, "the file has a header but no row of data", "check the file")
+        raise ImportFileError(
+            place, "the file has a header but no row of data", "export the file again, with its rows"
+        )
     lines = tuple(row.line for row in grid.rows[first_header_row : first_header_row + header_row_count])
     for row in grid.rows[:first_header_row]:
         # A title has at most one number, and few filled cells.
@@ -468,7 +470,7 @@ class ColumnReader:
                 meaning = Meaning(Quantity("ignored"))
                 if not is_unused:
                     meaning = Meaning(Quantity("unknown"))
-                    meaning = self._words.meaning(header, guessed=self._heading.guessed)
+                    meaning = self._words.meaning(header, guessed=self._heading.is_guess)
                 meanings_before = [(other.quantity, other.axis) for other in meanings]
                 if meaning.kind not in _MAY_REPEAT and (meaning.quantity, meaning.axis) in meanings_before:
                     reason = f"{quote(header)} is a second column for {meaning}"
@@ -535,8 +537,8 @@ class ColumnReader:
                 first, second = sorted(state_words, key=" ".join(map(str, meanings)).index)
                 self._faults.report(
                     self._heading.place(min(points)),
-                    f"{quote(first)} and {quote(second)} in the headers of positions may be states, but are "
-                    "not known",
+                    f"{quote(first)} and {quote(second)} in the headers of positions may be states, but "
+                    "their meaning is unknown",
                     f'name the state of each in `state_words`, such as {{"{first}": "unloaded", '
                     f'"{second}": "loaded"}}',
                     "state_words",
@@ -599,7 +601,9 @@ class ColumnReader:
             reason = f"column {Meaning(quantity, missing_axes[0])} is missing"
             self._faults.report(place, reason, "add the column, or correct its header")
         elif count > MAX_JOINTS:
-            self._faults.report(place, f"there are more than {MAX_JOINTS} joints", "check the headers")
+            self._faults.report(
+                place, f"there are more than {MAX_JOINTS} joints", "correct the headers of the joints"
+            )
 
     def _check_names_and_loads(
         self, texts: Mapping[Kind, int], quantities: Mapping[Quantity, tuple[int, ...]]
@@ -613,7 +617,7 @@ class ColumnReader:
             )
             report(place, "no column names the observations or points", remedy, "by_order")
         if not quantities:
-            report(place, "no column with numbers is recognised", "check the header")
+            report(place, "no column with numbers is recognised", "correct the header, or give `columns`")
         mass_columns, force_columns = quantities.get(Quantity("mass")), quantities.get(Quantity("force"))
         if mass_columns:
             self._notes.append("the weight of each mass, 9.80665 N per kilogram, pulls along −z of R0")
@@ -718,12 +722,16 @@ class ColumnReader:
             columns: indices of the columns.
         """
         header, others = self._headers[columns[0]], len(columns) - 1
-        others_text = f", nor {'has 1 other' if others == 1 else f'have {others} others'}" if others else ""
         example = f"{header or meaning} [{_EXAMPLE_UNITS[dimension]}]"
         remedy = f"write the unit in the header, such as `{example}`, or give `units`"
         column_text = str(meaning)
-        if meaning.quantity.target is not None:  # the target's name may be a word with another meaning
+        if (
+            meaning.quantity.target is not None
+        ):  # a header that is taken as a target's name may name another quantity
             column_text = f"{quote(header)}, read as {meaning},"
             remedy += f"; if the column means something else, give `columns`, such as {header}=x"
         place = self._heading.place(columns[0])
-        self._faults.report(place, f"{column_text} has no unit{others_text}", remedy, f"units.{dimension}")
+        reason = f"{column_text} has no unit"
+        if others:
+            reason = f"{column_text} and {others} other column{'s' * (others > 1)} have no unit"
+        self._faults.report(place, reason, remedy, f"units.{dimension}")

@@ -59,7 +59,7 @@ def understand_table(grid: Grid, options: ImportOptions, faults: Faults) -> Layo
     axes_unit, frame = _read_remarks(grid.file, remarks)
     grid, notes_on_rows = _drop_rows_without_readings(grid, heading)
     heading, rows = _fit_rows_to_heading(grid, heading, faults)
-    headers = ["" if heading.assumed else text for text in heading.texts]
+    headers = ["" if heading.columns_are_assumed else text for text in heading.texts]
     if options.layouts:
         _check_template(options, headers, heading.place(), faults)
     name_has_state = grammar.contains_state_word(grid.stem, options.state_words)
@@ -246,7 +246,7 @@ def _fit_rows_to_heading(grid: Grid, heading: Heading, faults: Faults) -> tuple[
             fitted.append(row)
             continue
         line = heading.lines[-1] if heading.lines else grid.rows[0].line
-        header_has = f"line {line} has" if heading.lines or heading.assumed else "the header"
+        header_has = f"line {line} has" if heading.lines or heading.columns_are_assumed else "the header"
         delimiter_words = f" (delimiter: {grid.preview.delimiter})" if grid.preview.delimiter else ""
         faults.report(
             grid.place(row, min(len(row.cells), len(texts))),
@@ -396,7 +396,7 @@ def _drop_deleted_rows(
         elif not is_deleted:
             kept.append(row)
     if not kept:
-        faults.report(Place(grid.file), "all rows are marked as deleted", "check the file")
+        faults.report(Place(grid.file), "all rows are marked as deleted", "export the rows that are needed")
     if numbered and len(kept) < len(rows):
         reason = "rows are marked as deleted, so that the numbers of the other rows are uncertain"
         remedy = "give every row a label, or delete these rows from all files"

@@ -52,8 +52,12 @@ _Uncertainty = Literal["coordinate", "point"]
 _U95: Final[Mapping[_Uncertainty, str]] = MappingProxyType(
     {
         "coordinate": "U(95) X, Y, Z was read as the expanded uncertainty of each coordinate: σ = U/1.96",
-        "point": "U(95) was read as the expanded uncertainty of each point, that is the root of the sum of "
-        "the squares for x, y and z: σ = U/(1.96 √3); a reading has the root mean square of both positions",
+        "point": (
+            "U(95) was read as the expanded uncertainty of each point, that is the root of the sum of the "
+            "squares for x, y and z: σ = U/(1.96 √3); the σ of a reading is the root mean square over its "
+            "two "
+            "positions"
+        ),
     }
 )
 _MAX_SPREADS: Final = 100.0
@@ -178,7 +182,7 @@ class _Reader:
         all_were_read = {preview.file for preview in self._previews} == {file.name for file in files}
         if all(not layout.columns.faulty for layout in self._layouts) and all_were_read:
             if not self._layouts:  # all files were read, and each is a table of masses
-                remedy = "import them together with the readings of the robot"
+                remedy = "import the masses together with the readings of the robot"
                 raise ImportFileError(NOWHERE, "the files contain masses, but no readings", remedy)
             self._check_options()
         readers = []
@@ -338,7 +342,7 @@ def _read_grids(file: SourceFile, options: ImportOptions) -> list[Grid]:
         ImportFileError: the file is empty, of another type, or cannot be read.
     """
     if not file.content.strip():
-        raise ImportFileError(Place(file.name), "the file is empty", "check the export")
+        raise ImportFileError(Place(file.name), "the file is empty", "export the file again")
     kind = file_type(file.content, file.name)
     if kind == grid.WORKBOOK:
         sheets = split_sheets(options.sheet)
@@ -456,7 +460,7 @@ class _Merging:
         if self._worst_joints is None or relative_difference > self._worst_joints[0]:
             reason = (
                 f"the joint angles of {quote(label)} differ by {difference:.4g} from those at {first.place}; "
-                f"up to {self._options.joint_tolerance:g} (deg or mm) is believed"
+                f"up to {self._options.joint_tolerance:g} (deg or mm) is plausible"
             )
             remedy = (
                 "give each observation a unique label, correct one of the two rows, or raise "
@@ -473,8 +477,8 @@ class _Merging:
         elif self._joint_difference:
             greatest = self._joint_difference * self._options.joint_tolerance
             self._notes.append(
-                f"joints of the same observation differ between files by up to {greatest:.2g} (deg or mm): "
-                "those of the unloaded readings were used"
+                f"joints of the same observation differ between files by up to {greatest:.2g} (deg or "
+                "mm): the joints of the unloaded readings were used"
             )
 
     def _conclude_repeats(self, observations: Mapping[str, ObservationRecord]) -> None:
@@ -495,10 +499,10 @@ class _Merging:
             if sqrt(max(errors)) > _MAX_REPEAT * self._metre:
                 distance = f"{1e3 * sqrt(max(errors)) / self._metre:.3g} mm from their mean"
                 reason = (
-                    f"readings of {reading_text} are up to {distance}; repeated readings are believed to "
-                    f"be within {1e3 * _MAX_REPEAT:g} mm"
+                    f"readings of {reading_text} are up to {distance}; for repeated readings, at most "
+                    f"{1e3 * _MAX_REPEAT:g} mm is plausible"
                 )
-                remedy = "correct their names, or give one mean of readings that scatter more"
+                remedy = "correct the names of the readings, or give one mean of readings that scatter more"
                 self._faults.report(values[1].place, reason, remedy)
                 continue
             squares += sum(errors)
@@ -620,7 +624,9 @@ def _drop_and_report_incomplete_readings(
         for _, place, reason in sorted(gaps, key=lambda entry: entry[0]):
             faults.report(place, reason, remedy, "allow_missing")
     if not kept_observations:
-        faults.report(observations[0].place, "no observation has a reading", "check the names")
+        faults.report(
+            observations[0].place, "no observation has a reading", "correct the names of points and files"
+        )
     return kept_observations, [*(f"{reason}; skipped" for _, _, reason in gaps), *notes]
 
 
@@ -697,6 +703,6 @@ def _find_unusual_values(observations: list[ObservationRecord]) -> Iterator[str]
             if spreads > 0.99 * _MAX_SPREADS:
                 distance = (
                     f"{spreads:.0f} times the spread of the other values away from the median (up to "
-                    f"{_MAX_SPREADS:g} times is believed)"
+                    f"{_MAX_SPREADS:g} times is plausible)"
                 )
                 yield f"{name} {number:g} ({place}) is {distance}"

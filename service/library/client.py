@@ -311,8 +311,8 @@ class Client(Verbs):
             return source
         return source.campaign.model_copy(update={"run": extract_run_options(source)})
 
-    def read_run(self, _job: Job) -> None:
-        """Return None: the service computes the tables of its jobs; `read_contents` gets them."""
+    def read_run_for_tables(self, _job: Job) -> None:
+        """Return None, as no run is needed: `read_contents` gets the tables from the service."""
 
     def read_contents(self, job: Job) -> tuple[Mapping[str, Sheet], Mapping[str, bytes]]:
         """Return (tables, corrected files), each by name, that the answers of the service leave out."""

@@ -189,7 +189,7 @@ class Here(Verbs):
 
             with as_campaign_error("export"):
                 return export_model(
-                    _prepare_exported_model(job), cast("Any", suffix), (query or {}).get("accept_verdict")
+                    _make_exported_model(job), cast("Any", suffix), (query or {}).get("accept_verdict")
                 )
         if name == "program":
             from jointstiff.service.kinds.program.work import decompress_file
@@ -217,8 +217,8 @@ class Here(Verbs):
             self.prepare_run(self.source)  # of a result that was read from a file
         return build_job_sheet(file, job, lambda: kind.prepare_work(self.inputs, job.request))
 
-    def read_run(self, job: Job) -> TabledRun | None:
-        """Return the run by which the tables of a job are computed again; None if none is needed."""
+    def read_run_for_tables(self, job: Job) -> TabledRun | None:
+        """Return the run from which a job's tables are computed again; None for jobs that store tables."""
         needed = any(file.made_of == "work" for file in import_kind(job.kind).files)
         return self.source if needed else None
 
@@ -259,7 +259,7 @@ class Here(Verbs):
 
         settings = LaboratorySettings() if laboratory is None else read_laboratory(laboratory)
         if isinstance(job, TabledRun):
-            subject = RunSubject(_prepare_exported_model(job), job.campaign.measurement_set, settings)
+            subject = RunSubject(_make_exported_model(job), job.campaign.measurement_set, settings)
             if suffix == "xml":
                 with as_campaign_error("report"):
                     return build_certificate(subject)
@@ -303,11 +303,12 @@ def make_failed_run(message: type[AnyRun], request: RunRequest, problem: Problem
     return new_job(message, request, no_work).model_copy(update={"state": "failed", "error": problem})
 
 
-def _prepare_exported_model(run: Job) -> ExportedModel:
-    """Return the identified model of a run together with the robot, for reports and model files."""
+def _make_exported_model(run: Job) -> ExportedModel:
+    """Make the model of a run, with its robot, that reports and model files contain."""
     from jointstiff.service.reports.exports import ExportedModel
 
     here = Here()
+    # Prepare the measurement set of the run, then read the run; errors name the field `run_id`.
     measured_run = here.inputs.run(here.prepare_run(run), "run_id")
     with as_campaign_error("run"):
         return ExportedModel.from_run(

@@ -260,14 +260,14 @@ class LiveMeasurement:
             wait: time after which a source that sends nothing is considered stopped [s].
             units: units of the arguments of `observe`.
         """
-        self._set, self._robot, self._post = measured_set, robot.robot, post
+        self._set, self._robot, self._declaration = measured_set, robot.robot, post
         self._options = cast("LiveOptions", post.open)
         self._scales = Scales.from_units(post.units, robot.robot)
         self._units_of_caller = Scales.from_units(units, robot.robot)
         self.source, self._wait = source, wait
         self.joint_names, self.joint_kinds = robot.robot.joint_names, robot.robot.joint_kinds
-        self._loop: SourceThread | None = None
-        self._checked: CheckedSource | None = None
+        self._source_thread: SourceThread | None = None
+        self._checked_source: CheckedSource | None = None
         self._confirmed = False
         self.state = measured_set.state()  #: results of the readings so far, and the next planned reading
         self.run: TabledRun | None = None  #: run of the closed campaign; None before
@@ -324,7 +324,7 @@ class LiveMeasurement:
             RefusedError: the service refuses the reading.
         """
         units = self._units_of_caller
-        return self._observe_in_si(
+        return self._add_observation_in_si(
             _scale_positions(unloaded, units.length),
             _scale_positions(loaded, units.length),
             label=label,
@@ -333,7 +333,7 @@ class LiveMeasurement:
             sigma=None if sigma is None else {name: units.length * each for name, each in sigma.items()},
         )
 
-    def _observe_in_si(
+    def _add_observation_in_si(
         self,
         unloaded: Any,  # noqa: ANN401 - an array or positions by target [m]
         loaded: Any,  # noqa: ANN401 - an array or positions by target [m]
@@ -426,11 +426,11 @@ class LiveMeasurement:
 
     def release_source(self) -> None:
         """Close the connection to the source, and end its thread."""
-        if self._loop is not None:
-            if self._checked is not None:
-                self._loop.run_coroutine(self._checked.close())
-            self._loop.close()
-            self._loop = self._checked = None
+        if self._source_thread is not None:
+            if self._checked_source is not None:
+                self._source_thread.run_coroutine(self._checked_source.close())
+            self._source_thread.close()
+            self._source_thread = self._checked_source = None
 
     def _send_change(self, change: dict[str, Any]) -> LiveState:
         """Apply a change to the measurement set, such as to withdraw a reading; return the new state."""
@@ -457,7 +457,7 @@ class LiveMeasurement:
 
         The frame is the pose of the campaign's frame in R0, None if the campaign's frame is R0.
         """
-        declaration, options = self._post, self._options
+        declaration, options = self._declaration, self._options
         length_unit = self._scales.length
         targets, load_point = options.targets, options.load_point or (0.0, 0.0, 0.0)
         stated_sigma = declaration.noise.sigma if declaration.noise is not None else None
@@ -486,12 +486,12 @@ class LiveMeasurement:
                 where="source",
                 remedy="give a load, such as dead_weight:1500",
             )
-        if self._loop is not None:
+        if self._source_thread is not None:
             return
-        self._loop = SourceThread()
-        self._checked = CheckedSource(self.source, self._make_source_setting(), self._wait)
+        self._source_thread = SourceThread()
+        self._checked_source = CheckedSource(self.source, self._make_source_setting(), self._wait)
         try:
-            self._loop.run_coroutine(self._checked.open())
+            self._source_thread.run_coroutine(self._checked_source.open())
         except BaseException:
             self.release_source()
             raise
@@ -548,30 +548,33 @@ class LiveMeasurement:
         If the robot's own weight is the load, the targets are read only once. Return `read`, or the person's
         decision to skip the posture or to stop.
         """
-        source_thread = cast("SourceThread", self._loop)
-        checked_source = cast("CheckedSource", self._checked)
-        positions: list[dict[str, Point]] = []
+        source_thread = cast("SourceThread", self._source_thread)
+        checked_source = cast("CheckedSource", self._checked_source)
+        points_by_load_state: list[dict[str, Point]] = []
         load_states = (False,) if isinstance(self._options.load, OwnWeight) else (False, True)
         for loaded in load_states:
             answer = person.ready(planned, loaded=loaded)
             if answer != "read":
                 return answer
-            posture = Stand(planned.label, tuple(planned.joints), planned.force, loaded)
-            self._confirm_line_format(posture, person)
-            positions.append(source_thread.run_coroutine(checked_source.read(posture)))
-        first_positions, last_positions = positions[0], positions[-1]  # equal for the robot's own weight
+            stand = Stand(planned.label, tuple(planned.joints), planned.force, loaded)
+            self._confirm_line_format(stand, person)
+            points_by_load_state.append(source_thread.run_coroutine(checked_source.read(stand)))
+        # The two are equal for the robot's own weight.
+        first_points, last_points = points_by_load_state[0], points_by_load_state[-1]
         sigma: dict[str, float] = {}
-        if self._post.noise is None or self._post.noise.sigma is None:
+        if self._declaration.noise is None or self._declaration.noise.sigma is None:
             # A reading has one uncertainty for both of its positions: the greater of the two is stated.
-            sigmas = {name: (first_positions[name][1], last_positions[name][1]) for name in first_positions}
+            sigmas = {name: (first_points[name][1], last_points[name][1]) for name in first_points}
             sigma = {
                 name: max(first_sigma, last_sigma)
                 for name, (first_sigma, last_sigma) in sigmas.items()
                 if first_sigma is not None and last_sigma is not None
             }
         # A source gives (position, standard uncertainty) for each target.
-        unloaded_and_loaded = [{name: position for name, (position, _) in each.items()} for each in positions]
-        self._observe_in_si(
+        unloaded_and_loaded = [
+            {name: position for name, (position, _) in each.items()} for each in points_by_load_state
+        ]
+        self._add_observation_in_si(
             *unloaded_and_loaded,
             label=planned.label,
             joints=planned.joints,
@@ -580,7 +583,7 @@ class LiveMeasurement:
         )
         return "read"
 
-    def _confirm_line_format(self, posture: Stand, person: Person) -> None:
+    def _confirm_line_format(self, stand: Stand, person: Person) -> None:
         """Let a person confirm, before the first reading, how the lines of the source are read.
 
         Raises:
@@ -588,8 +591,8 @@ class LiveMeasurement:
         """
         if self._confirmed:
             return
-        profile = cast("SourceThread", self._loop).run_coroutine(
-            cast("CheckedSource", self._checked).profile(posture)
+        profile = cast("SourceThread", self._source_thread).run_coroutine(
+            cast("CheckedSource", self._checked_source).profile(stand)
         )
         if profile is not None and not person.confirms(profile):
             raise RequestError(

@@ -53,7 +53,7 @@ class Backend(verb.Backend, Protocol):
     def read_campaign(self, run: Run) -> messages.Campaign | None:
         """Return the campaign of a run; None if the campaign is not known."""
 
-    def read_run(self, job: Job) -> TabledRun | None:
+    def read_run_for_tables(self, job: Job) -> TabledRun | None:
         """Return the run from which a job's tables are computed again; None for jobs that store tables."""
 
     def read_contents(self, job: Job) -> tuple[Mapping[str, Sheet], Mapping[str, bytes]]:
@@ -505,7 +505,9 @@ class TabledRun(PresentedJob, Run):
             raise RequestError(
                 "the run has no reference to its campaign",
                 where="run",
-                remedy="use a run that `jointstiff.identify` returned, or the client of its service",
+                remedy="use a run that `jointstiff.identify` returned, or a run that the client of its "
+                "service "
+                "returned",
             )
         return Campaign.from_message(campaign)
 

@@ -152,7 +152,7 @@ def to_document(result: Presented) -> dict[str, Any]:
             campaign = campaign.model_copy(update={"run": extract_run_options(result)})
             fields["campaign"] = campaign.model_dump(mode="json", exclude_unset=True)
     elif result._origin is not None:
-        if (run := result._origin.read_run(result)) is not None:
+        if (run := result._origin.read_run_for_tables(result)) is not None:
             fields["made_from"] = to_document(run)
         fields |= _describe_contents(*result._origin.read_contents(result))
     return fields

@@ -105,7 +105,7 @@ class Source(ABC):
         """
 
     async def profile(self) -> str | None:
-        """Return a text on how readings are understood, which the user confirms once; None to ask nothing."""
+        """Describe how readings are understood, for the user to confirm once; return None to ask nothing."""
         return None
 
     async def stand(self, stand: Stand) -> None:  # noqa: B027 - most sources do not ask
@@ -113,7 +113,9 @@ class Source(ABC):
 
     @abstractmethod
     async def point(self, name: str) -> Point:
-        """Read a target; return its position [m], and its uncertainty [m] or None for that of the campaign.
+        """Read a target. Return its position (3,) [m] and the standard uncertainty of a coordinate [m].
+
+        None as uncertainty means that the uncertainty of the campaign applies.
 
         Raises:
             SourceError: the source gives no reading.
@@ -148,7 +150,7 @@ def make_source(text: str, options: Mapping[str, Any]) -> Source:
         for key in stated_options:
             if key not in parameters:
                 raise RequestError(
-                    f"the source '{name}' takes no `{key}`", where="source", remedy=f"omit `{key}`"
+                    f"the source '{name}' has no option `{key}`", where="source", remedy=f"omit `{key}`"
                 )
     source: Source = source_class(address, **stated_options)
     return source
@@ -282,7 +284,7 @@ class CheckedSource:
         if not is_plausible or (sigma is not None and not 0.0 < sigma < 1.0):
             raise SourceError(
                 f"{name}: ({x:g}, {y:g}, {z:g}) m cannot be the position of a target: up to {_FARTHEST:g} m, "
-                "and a standard uncertainty below 1 m, is believed",
+                "and a standard uncertainty below 1 m, is plausible",
                 remedy=f"check the unit and the columns of the source; {_PAST}",
             )
         return (x, y, z), sigma
@@ -315,7 +317,7 @@ class CheckedSource:
                 raise SourceError(
                     f"the source has jumped to another target: {name} is {1e3 * measured_distance:.0f} mm "
                     f"from {other}, but the targets are {1e3 * distance_on_flange:.0f} mm apart on the "
-                    f"flange; a difference up to {1e3 * _LARGEST_DISTANCE_ERROR:g} mm is believed",
+                    f"flange; a difference up to {1e3 * _LARGEST_DISTANCE_ERROR:g} mm is plausible",
                     remedy=f"check which target the instrument sees, then read again; {_PAST}",
                 )
         if stand.loaded:
@@ -325,7 +327,7 @@ class CheckedSource:
             if deflection > _LARGEST_DEFLECTION:
                 raise SourceError(
                     f"the source has jumped to another target: {name} is {1e3 * deflection:.0f} mm from "
-                    f"its position without load; up to {1e3 * _LARGEST_DEFLECTION:g} mm is believed",
+                    f"its position without load; up to {1e3 * _LARGEST_DEFLECTION:g} mm is plausible",
                     remedy=f"check that the arm is still in the posture, then read again; {_PAST}",
                 )
             return
@@ -336,7 +338,7 @@ class CheckedSource:
             raise SourceError(
                 f"the source has jumped to another target: {name} is {position_error:.3g} m from the "
                 "position that the robot's joint values give; up to "
-                f"{_LARGEST_POSITION_ERROR:g} m is believed",
+                f"{_LARGEST_POSITION_ERROR:g} m is plausible",
                 remedy="check the posture, and the frame and the unit of the readings, then read again; "
                 f"{_PAST}",
             )
@@ -488,7 +490,9 @@ class Profile:
             )
         if columns is not None:
             raise RequestError(
-                "both `pattern` and `columns` describe the lines", where="columns", remedy="omit one of them"
+                "both `pattern` and `columns` describe the lines",
+                where="columns",
+                remedy="omit one of the two options",
             )
         try:
             compiled = re.compile(pattern)
@@ -626,7 +630,7 @@ class Lines(Source):
         await self._connect()
 
     async def profile(self) -> str | None:
-        """Return a text on how lines are read; if `sample` is True, with the first reading as an example."""
+        """Describe how lines are read; with the first reading as example if the option `sample` is true."""
         if not self._sample:
             return self._profile.describe(None)
         self._request_reading(self._first_target)

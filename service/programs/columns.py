@@ -53,7 +53,8 @@ _MAX_AXES: Final = 24
 """Largest count of external axes of a target; a target with more axes is not corrected."""
 _AXIS_AWAY: Final = "an external axis or another group is away from zero, and may carry the arm or the part"
 _CARRY_NOTHING: Final = (
-    "state `external_axes: carry_nothing` if it carries neither the arm nor the part; else keep it at zero"
+    "if the axis or group carries neither the arm nor the part, state `external_axes: carry_nothing`; "
+    "otherwise keep the axis at zero"
 )
 _MOTIONS: Final = {motion: i for i, motion in enumerate(Motion)}
 _ROW_WIDTH: Final = 7
@@ -194,7 +195,10 @@ class Columns:
             self._target_causes.setdefault(index, unknown)
             return
         name = quote_text(target.label.partition(OF_ROUTINE)[0])
-        text = f"the move ends at an offset from {name}, and shifts with its correction"
+        text = (
+            f"the move ends at an offset from {name}, so the end of the move shifts with the correction "
+            f"of {name}"
+        )
         self.add_remark(line, self.restore_spelling(text, 0, line))
 
     def add_moves(self, op: Move, source: int, lines: IndexArray, first: IndexArray, frames: Frames) -> None:
@@ -282,9 +286,9 @@ class Columns:
         self._target_indices.clear()  # its memory serves for the columns
         for index, name in enumerate(self._names):
             if name in used and name:
-                use = f"the numbers of {quote_text(name)} are used on line {used[name]}, too"
-                reason = f"{use}, where it is not certain what they mean"
-                self._target_causes.setdefault(index, Cause(0, reason, "use a separate target for it"))
+                use = f"the numbers of {quote_text(name)} are also used on line {used[name]}"
+                reason = f"{use}, where their meaning is not certain"
+                self._target_causes.setdefault(index, Cause(0, reason, "use a separate target on that line"))
         self._names = [name.partition(OF_ROUTINE)[0] if name else name for name in self._names]
         targets = self._fill_targets(_reshape_rows(self._targets, _ROW_WIDTH), external_axes)
         moves = _sort_moves(Moves(*_reshape_rows(self._moves, 3), *_reshape_rows(self._visits, 1)))
@@ -384,7 +388,7 @@ class Columns:
             (
                 _find_changed_numbers(common),
                 "the tool or the base changes within the table",
-                "send a table for each of them",
+                "send one table for each tool and base",
             ),
             (is_away, _AXIS_AWAY, _CARRY_NOTHING),
             (is_moved | has_many_axes[literal], "an external axis or another group moves", _CARRY_NOTHING),

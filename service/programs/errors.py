@@ -10,7 +10,7 @@ from jointstiff.service.problems import FilesError
 
 MAX_FAULTS = 20
 """Most faults that one error lists."""
-WRITE_NUMBERS = "write its numbers, or omit it"
+WRITE_NUMBERS = "write the numbers of the value, or omit the value"
 """Remedy for a value that is not given by constant numbers."""
 _MAX_QUOTED = 60
 

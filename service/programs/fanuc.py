@@ -68,10 +68,12 @@ _OFFSETS: Final = (
 )
 _OFFSET: Final = re.compile(rf"(?:^| ){_OFFSETS}(?= |$)")
 _REMEDY: Final = (
-    "write positions in numbers in /POS: no PR[], no P[R[]]; choose frames by numbers, line by line"
+    "write the numbers of positions in /POS, without PR[] and P[R[]]; choose frames by number, in a "
+    "line without a condition"
 )
 _UNKNOWN_TAIL: Final = (
-    "the text after the target moves it, or is unknown; the position in /POS alone does not give the target"
+    "the text after the target is unknown or moves the target, so the position in /POS alone is not the "
+    "target"
 )
 # In such a text: jumps, assignments and what lasts, which act behind the move
 _MAY_ACT: Final = re.compile(r"=|LBL|JMP|CALL(?! ?\w)|(?i:track|touch|soft|follow|force)")
@@ -133,7 +135,9 @@ def _translate_move(line: Line) -> list[Op]:
     tail = _SKIP.sub("", line["tail"])
     has_second = bool(line["second"])  # an arc has a second position, on the next line
     if has_second != (letter == "C"):
-        raise Misread("an arc needs two positions, the second on the next line; any other move needs one")
+        raise Misread(
+            "an arc needs two positions, the second one on the next line; any other move needs one position"
+        )
     offset, is_known = _OFFSET.search(tail), _is_known_tail(tail)
     if not is_known and _MAY_ACT.search(re.sub(r"\[[^\[\]]*\]", "", tail)):
         raise Misread(_UNKNOWN_TAIL)
@@ -180,7 +184,7 @@ def _translate_pallet_move(line: Line) -> list[Op]:
 def _translate_lasting(line: Line) -> list[Op]:
     """Return the operation of an instruction that displaces targets until its own end."""
     statement = ir.quote_statement(line.text, line.ordinals)
-    return [ir.begin_lasting(line["kind"], f"{statement} moves targets", "omit it")]
+    return [ir.begin_lasting(line["kind"], f"{statement} moves targets", "omit the statement")]
 
 
 def _translate_macro(line: Line) -> list[Op]:
@@ -366,7 +370,11 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
         machine.refuse(None, "the file lacks the section /MN or /POS", remedy)
     if "END" not in section_ends:
-        machine.refuse(None, "the file lacks /END: its end may have been cut off", "send the whole program")
+        machine.refuse(
+            None,
+            "the file lacks /END: its end may have been cut off",
+            "send the whole program",
+        )
     end = section_ends["END"] - len("/END")
     positions = _find_positions(machine, source, section_ends["POS"], end)
     machine.add_statements(0, *positions, translate=_POSITION_LANGUAGE.translate)

@@ -67,14 +67,14 @@ def read_program(
     by_suffix = (each for each, language in FORMATS.items() if suffix in language.suffixes.split())
     chosen = name or next(by_suffix, "")
     if suffix in _UNSUPPORTED_SUFFIXES and name is None:
-        remedy = "write it in the controller's own language, or as a table of targets (CSV)"
+        remedy = "write the program in the controller's own language, or as a table of targets (CSV)"
         _refuse(files[0][0], None, "programs in the formats CNC, APT and CLS cannot be read", remedy)
     if chosen not in FORMATS:
         reason = "the file's name does not show the format"
         _refuse(files[0][0], None, reason, f"give `format`: one of {', '.join(FORMATS)}")
     if len(files) > _MOST_FILES.get(chosen, 1):
         remedy = (
-            "send one program; with KUKA's .src its .dat and $config.dat, with ABB's module those of its task"
+            "send one program: for KUKA a .src with its .dat and $config.dat, for ABB the modules of one task"
         )
         _refuse(files[-1][0], None, "more files were sent than one program has", remedy)
     if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
@@ -151,8 +151,11 @@ def _read_source(name: str, content: bytes) -> Source:
         _refuse(name, None, f"the file has more than {MAX_LINES:,} lines", "split the program")
     source = Source.from_bytes(name, content)
     if (place := source.text.find(MARK)) >= 0:
-        reason = "the program states that it was corrected already: a second correction would add to it"
-        remedy = "send the original program; remove this line if it is wrong"
+        reason = (
+            "the program states that it was corrected already; a second correction would be added to "
+            "the first"
+        )
+        remedy = "send the original program; if the statement is wrong, remove this line"
         _refuse(name, source.find_line(place), reason, remedy)
     for i in np.flatnonzero(source.ends - source.starts > MAX_LINE).tolist():
         if len(source.text[source.starts[i] : source.ends[i]].rstrip("\r\n")) > MAX_LINE:

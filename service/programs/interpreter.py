@@ -574,7 +574,7 @@ class Machine:
         for place, op in zip(self._places, self._ops, strict=True):
             if isinstance(op, ir.Assign):
                 name = place.qualify(op.name)
-                self._changes[name].append(place.make_cause(f"it gets numbers on line {place.line}"))
+                self._changes[name].append(place.make_cause(f"the name gets numbers on line {place.line}"))
                 self._lasting |= {name: None} if name.startswith(ir.MODE) else {}
             elif isinstance(op, ir.Call) and op.event:
                 attached = self._attached[place.qualify(op.event)]
@@ -619,7 +619,9 @@ class Machine:
         `passed` are the names that any call of the program passes as arguments.
         """
         is_own, unknown = op.name in self._flow.begins, self._explain_unknown_call(place, op)
-        cause = place.make_cause(f"{quote_text(str(op.name))} gets it as an argument, and may change it")
+        cause = place.make_cause(
+            f"{quote_text(str(op.name))} gets this name as an argument, and may change its value"
+        )
         changes = self._changes_parameters(str(op.name), passed) if is_own else unknown is not None
         for parameter in self._list_parameters(str(op.name)) if is_own else ():
             self._origins[parameter].update((place.scope.qualify(name), place.line) for name in op.passed)
@@ -634,7 +636,7 @@ class Machine:
             if op.anytime and not op.event:
                 self._anytime[UNKNOWN] = unknown
         elif place.qualify(op.name) not in self._attached:
-            permission = "the request states that it neither moves the robot nor changes frames"
+            permission = "the request states that this routine neither moves the robot nor changes frames"
             self.columns.add_remark(place.line, f"{op.name} is called; {permission}")
 
     def _changes_parameters(self, routine: str, passed: Collection[str]) -> bool:
@@ -674,7 +676,10 @@ class Machine:
         self._first_unknown = min(self._first_unknown or place.line, place.line)
         quoted = quote_text(unknown[0])
         reason = f"{quoted} is unknown: it may move the robot or change its frames"
-        remedy = f"if it does neither, state `trust_routines`, or name it in `leave_alone`: [{quoted}]"
+        remedy = (
+            f"if {quoted} does neither, state `trust_routines`, or name the routine in `leave_alone`: "
+            f"[{quoted}]"
+        )
         return place.make_cause(reason, remedy)
 
     def _list_name_and_fields(self, name: str) -> list[str]:
@@ -741,7 +746,7 @@ class Machine:
             if self._language.callable_from_outside or (name == main and not is_called):
                 self._incoming[begin] = {}
             elif not is_called or name in self._flow.anytime_routines | self._flow.shared_routines:
-                reason = f"{quote_text(name)} may be called from elsewhere, with the frames of its caller"
+                reason = f"another program may call {quote_text(name)} while other frames are active"
                 cause = Cause(0, reason, "set the frames in the routine, before its moves")
                 self._incoming[begin] = {UNKNOWN: (cause, 0)}
 
@@ -837,8 +842,8 @@ class Machine:
             ):
                 continue
             if not isinstance(first_content, Cause):
-                subject = "whatever an unknown routine may change" if name == UNKNOWN else name
-                reason = f"{subject} changes while the program runs: by a branch, a loop or a call"
+                subject = "a value that an unknown routine may change" if name == UNKNOWN else name
+                reason = f"{subject} changes while the program runs, in a branch, a loop or a call"
                 line = max(first_line, second_line)
                 cause = Cause(line, reason, "set the value once, before branches, loops and calls")
                 joined[name] = second_content if isinstance(second_content, Cause) else cause, line
@@ -1118,7 +1123,10 @@ class Machine:
             names = ", ".join(map(quote_text, [*self.unknown_routines][:_MAX_LISTED]))
             more = len(self.unknown_routines) - _MAX_LISTED
             others = f" and {more} more" if more > 0 else ""
-            text = "it is assumed that stored frames and points of the program stay as they are in"
+            text = (
+                "it is assumed that these routines leave the stored frames and points of the program "
+                "unchanged:"
+            )
             text = f"{text} {names}{others}"
             self.columns.add_remark(self._first_unknown, text)
 
@@ -1222,7 +1230,7 @@ class Machine:
         if len(changes) + (name in self._initial) > 1:  # the target gets numbers more than once
             reason = changes[-1].reason
         elif isinstance(content, WrittenNumbers) and name in self._stored:
-            reason = "it is declared where other programs use it, too"
+            reason = "the declaration is shared with other programs"
         elif isinstance(content, WrittenNumbers):
             if name in self._shared and name not in self._noted:
                 self._noted.add(name)
@@ -1243,7 +1251,7 @@ class Machine:
         if len(numbers) < len(contents):
             names = {_get_structure_name(each) for each in contents if isinstance(each, str)}
             if numbers or len(names) > 1:
-                reason = "only part of the frame is in numbers"
+                reason = "the frame is only partly in numbers"
                 return place.make_cause(reason, "give the whole frame in numbers")
             return self._find_named_frame(place, names.pop())
         if numbers not in self._poses:

@@ -189,7 +189,7 @@ def _set_field_of_frames(line: Line) -> list[Op]:
     """Return the operations that set a single field of frame data, or the interpolation mode; else []."""
     if line.text in {"$IPO_MODE=#BASE", "$IPO_MODE=#TCP"}:
         is_fixed = line["value"] == "#TCP"
-        return [ir.Assign(_IPO, ir.Unknown(_FIXED_TOOL, "omit it") if is_fixed else ir.Named(""))]
+        return [ir.Assign(_IPO, ir.Unknown(_FIXED_TOOL, "omit the statement") if is_fixed else ir.Named(""))]
     match = _FIELD_OF_FRAMES.fullmatch(f"{line['index']}={line['value']}")
     if match is None:
         return []
@@ -217,17 +217,17 @@ def _translate_assignment(line: Line) -> list[Op]:
         reason = f"{statement}: the controller's variable {name} may move targets"
         return [
             *_read_value(line, line["value"]),
-            ir.MakeUnknown(frozenset({active, name}), reason, "omit it"),
+            ir.MakeUnknown(frozenset({active, name}), reason, "omit the statement"),
         ]
     elif _MAY_MOVE_TARGETS.match(line.text):
-        raise Misread(f"the controller's variable {name} may move targets", "omit it")
+        raise Misread(f"the controller's variable {name} may move targets", "omit the statement")
     # The indices of elements are expressions; all of them are read as one expression.
     indices = index.strip("[]").replace("][", ",").replace("].", "+") if "[" in index else ""
     uses = line.read_expression(indices)
     is_system_variable = name.startswith("$") and name not in {"$BASE", "$TOOL"}
     if name in _TURNS_TOOL and line["value"] not in {"FALSE", "#VAR"}:
         statement = ir.quote_statement(line.text, line.ordinals)
-        uses.append(ir.Note(f"{statement}: the arm does not reach stated orientations behind this line"))
+        uses.append(ir.Note(f"{statement}: behind this line the arm does not reach the stated orientations"))
     if index or is_system_variable:
         changes = [] if is_system_variable else [_forget_name(target)]
         return [*uses, *_read_value(line, line["value"]), *changes]
@@ -408,7 +408,7 @@ def _translate_reading(line: Line) -> list[Op]:
     """Return the operations of a function that reads values from outside into its arguments."""
     used = [op for op in line.read_expression(line["arguments"]) if isinstance(op, ir.Use)]
     names = frozenset(each for op in used for each in op.names) | {line["status"] or "_"}
-    return [ir.MakeUnknown(names, "it is read from outside while the program runs", _REMEDY)]
+    return [ir.MakeUnknown(names, "the value is read from outside while the program runs", _REMEDY)]
 
 
 _DEFINED: Final = re.compile(rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})")

@@ -479,7 +479,9 @@ class Language:
         if self.calls_by_name or not re.search(self.forgets, text):
             ops += [(line.line_offset, op) for op in self._find_calls(text)]
             if not (is_lasting or self._motion.search(text)):
-                note = Note(f"{reason}; it is assumed to change only what it names")
+                note = Note(
+                    f"{reason}; it is assumed that the statement changes only the values that it names"
+                )
                 ops.append((line.line_offset, note))
         # Blanks replace comments and texts, in which words of motions mean nothing; line breaks remain.
         plain = self._token.sub(
@@ -599,7 +601,7 @@ def begin_counted_loop(line: Line, remedy: str) -> list[Op]:
     return [*used, Flow("loop", bounds=ordinals), counter]
 
 
-IS_PARAMETER: Final = "its value is a parameter of the routine"
+IS_PARAMETER: Final = "the value is a parameter of the routine"
 """Reason why the value of a parameter is unknown."""
 
 

@@ -73,7 +73,10 @@ _FUNCTIONS: Final = (
     r"|OPMODE|RUNMODE|EXECHANDLER|EXECLEVEL|GET(?:TIME|SYSINFO|MOTORTORQUE|TASKNAME)|IOUNITSTATE|TASKRUN(?:MEC|ROB)|ROBNAME"
     r"|READ(?:STR|NUM)|UI(?:ALPHA|D?NUM)ENTRY|UIMESSAGEBOX|UILISTVIEW"
 )
-_REMEDY: Final = "write [[x, y, z], [q1 ... q4], [cf1 ... cfx], [external axes]] in numbers, or declare it so"
+_REMEDY: Final = (
+    "write the target as [[x, y, z], [q1 ... q4], [cf1 ... cfx], [external axes]] in numbers, or "
+    "declare such a target"
+)
 _ONE_MODULE: Final = "send one module"
 _FRAME_REMEDY: Final = "declare the frame in numbers"
 _WORD: Final = r"[^\W\d]\w*+"
@@ -136,7 +139,7 @@ def _translate_instruction(line: Line) -> list[Op]:
     found = _read_arguments(line)
     names = _find_names(found)
     if _CHANGES_ARGUMENTS.fullmatch(name):
-        return [*found, ir.MakeUnknown(names, f"{name} changes it while the program runs", _REMEDY)]
+        return [*found, ir.MakeUnknown(names, f"{name} changes the value while the program runs", _REMEDY)]
     if name == "SINGAREA" and "WRIST" in line["arguments"]:
         note = ir.Note("SingArea \\Wrist: near singularities the tool turns away from its stated orientation")
         return [*found, note]
@@ -209,7 +212,7 @@ def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op
     `found` are the operations of its arguments.
     """
     name, count = line["name"], 1 + (letter == "C")
-    remedy = "write it as MoveL, MoveJ or MoveC"
+    remedy = "write the move as MoveL, MoveJ or MoveC"
     try:
         spans, work_object, _ = _split_arguments(line, line.span("arguments")[0], _PROCESS_OPTIONS)
     except Misread as fault:
@@ -236,7 +239,7 @@ def _translate_search(line: Line, found: list[Op], index: int) -> list[Op]:
 
     `found` are the operations of its arguments.
     """
-    reason, remedy = f"{line['name']} moves until a signal comes", "omit it"
+    reason, remedy = f"{line['name']} moves until a signal comes", "omit the statement"
     plain = [each for each in line["arguments"].split(",") if not each.lstrip().startswith("\\")]
     name = re.match(_WORD, plain[index].strip()) if len(plain) > index else None
     names = frozenset({name[0]}) if name else _find_names(found)
@@ -247,8 +250,8 @@ def _translate_force_move(line: Line, found: list[Op]) -> list[Op]:
     """Return the operations of a move under force control, which the last of such moves ends."""
     reason = f"{line['name']} may move targets or frames"
     is_end = line["name"] == "FCPRESSEND"
-    change = ir.end_lasting("FC") if is_end else ir.begin_lasting("FC", reason, "omit it")
-    return [*_leave_instruction(line, found, reason, "omit it"), change]
+    change = ir.end_lasting("FC") if is_end else ir.begin_lasting("FC", reason, "omit the statement")
+    return [*_leave_instruction(line, found, reason, "omit the statement"), change]
 
 
 def _leave_instruction(line: Line, found: list[Op], reason: str, remedy: str) -> list[Op]:
@@ -301,15 +304,15 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
     if name in _END_OF_LASTING:
         return [ir.end_lasting(_END_OF_LASTING[name])]
     if _WRITES_DATA.fullmatch(name):
-        return [ir.MakeUnknown(each, f"{name} may move targets or frames", "omit it")
+        return [ir.MakeUnknown(each, f"{name} may move targets or frames", "omit the statement")
                 for each in (names, frozenset({ir.MODE}))]  # fmt: skip
     if match := _LASTING.fullmatch(name):
-        return [ir.begin_lasting(match[1], f"{name} may move targets or frames", "omit it")]
+        return [ir.begin_lasting(match[1], f"{name} may move targets or frames", "omit the statement")]
     if match := _SHIFT.match(name):
         reason = f"{name} moves targets or frames"
         if match[0] == "WAITWOBJ":  # a conveyor moves this work object, and no other one
-            return [ir.MakeUnknown(names, reason, "omit it", anytime=True)]
-        return [ir.begin_lasting(match[0], reason, "omit it")]
+            return [ir.MakeUnknown(names, reason, "omit the statement", anytime=True)]
+        return [ir.begin_lasting(match[0], reason, "omit the statement")]
     return []
 
 
@@ -458,7 +461,9 @@ def _split_arguments(
         for option in options:
             name, _, value = text[slice(*option)].partition(":=")
             if not known_options.fullmatch(name):
-                raise Misread(f"the argument \\{name} moves the target, or is not known", "omit it")
+                raise Misread(
+                    f"the argument \\{name} moves the target, or is not known", "omit the statement"
+                )
             found += line.read_expression(value)
             if name == "WOBJ":
                 if not re.fullmatch(_WORD, value):
@@ -496,15 +501,15 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
     if len(modules) > 1:
         if routines := _find_ambiguous_names(modules, _LOCAL_ROUTINE):
             reason = (
-                f"{quote_text(min(routines))} is LOCAL in one of the modules, and another one uses its name"
+                f"{quote_text(min(routines))} is LOCAL in one module, and another module uses the same name"
             )
             index, line = places[1]
             machine.refuse(line, reason, _ONE_MODULE, index)
-        reason = "it is LOCAL in one of the modules"
+        reason = "the name is LOCAL in one of the modules"
         machine.forget_anytime(_find_ambiguous_names(modules, _LOCAL_DATA), reason, _ONE_MODULE)
     own = {name for text in modules for name in re.findall(_ROUTINE, text) if _PROCESS_MOVE.fullmatch(name)}
     if own:
-        reason = f"the program has a routine {min(own)} of its own, with the name of a move of a process"
+        reason = f"the program has its own routine {min(own)}, but a move of a process has the same name"
         machine.forget_anytime(frozenset({ir.MODE}), reason, "give the routine another name")
 
 
@@ -568,7 +573,7 @@ LANGUAGE: Final = ir.Language(
         (
             r"MOVEEXTJ(?=[\\ \[,])(?P<arguments>.*)",
             lambda line: ir.make_uncorrected_move(
-                _read_arguments(line), "MoveExtJ moves external axes only", "omit it"
+                _read_arguments(line), "MoveExtJ moves external axes only", "omit the statement"
             ),
         ),
         (

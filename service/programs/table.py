@@ -92,7 +92,10 @@ def _translate_row(columns: _TableColumns, masked: str) -> list[tuple[int, Op]]:
         reason = f"{cell} in column {wrong + 1} is not a number"
         remedy = "write numbers with decimal points" if "," in cell else "write a number"
     elif any(cells[k].strip() != text for k, text in columns.frame_columns.items()):
-        reason, remedy = "the tool or the base changes within the table", "send a table for each of them"
+        reason, remedy = (
+            "the tool or the base changes within the table",
+            "send one table for each tool and base",
+        )
     numbers = () if reason else tuple(ends[k] for k in columns.places)
     external, common = (
         () if reason else tuple(i for k in column_indices for i in range(ends[k], ends[k + 1]))

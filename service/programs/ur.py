@@ -50,7 +50,9 @@ _RESERVED: Final = (
     r"def|sec|thread|end|if|elif|else|while|for|switch|case|default|return|break|continue|pass|global|local|kill"
     r"|join|set_tcp|move[jlpc]"
 )
-_REMEDY: Final = "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or a variable that gets them once"
+_REMEDY: Final = (
+    "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or use a variable that gets these numbers once"
+)
 _WORD: Final = r"[^\W\d]\w*+"
 _SIX: Final = r"\[\0(?:,\0){5}\]"
 _OFFSET: Final = re.compile(
@@ -164,7 +166,7 @@ def _translate_move(line: Line) -> list[Op]:
     for start, stop in spans[len(names) :]:
         found += line.read_expression(re.sub("^(?:a|v|t|r|mode)=", "", line.text[start:stop]))
     if ir.calls_routine(found):
-        raise Misread("the move calls a routine")
+        raise Misread("the arguments of the move call a routine")
     move, named = ir.Move(motion, tuple(targets), tuple(bases), tools), _find_named_bases(bases)
     if named:  # a base that is a target itself: the move goes near this target, and shifts with it
         reason = "the target is at an offset from another one"

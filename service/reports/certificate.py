@@ -173,7 +173,7 @@ def _write_results(result_set: Element, subject: report.RunSubject, laboratory: 
         result = _append(results, "dcc:result")
         _append_text(result, "dcc:name", report.PREDICTED)
         remark = (
-            "" if all(case.budget for case in cases) else " No uncertainty is stated of these predictions."
+            "" if all(case.budget for case in cases) else " No uncertainty of these predictions is stated."
         )
         _append_text(result, "dcc:description", f"{report.describe_prediction(subject)}{remark}")
         data = _append(result, "dcc:data")

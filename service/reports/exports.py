@@ -117,7 +117,7 @@ def positive_stiffness(joint: JointResult) -> float | None:
 def explain_missing_stiffness(joint: JointResult) -> str:
     """Return why a joint has no positive stiffness: undetermined, negative, or as good as rigid."""
     if joint.compliance is None:
-        return joint.reason or "the readings cannot determine it"
+        return joint.reason or "the readings cannot determine the stiffness"
     if joint.compliance < 0.0:
         return "the estimate is negative: identify again with non-negative compliances"
     least, bound = lower_limit(joint), ""
@@ -261,12 +261,13 @@ def xml_bytes(root: Element) -> bytes:
 
 
 _ACTUATORS: Final = (
-    "Each position actuator is the spring in series with a drive that holds its joint: kp is the stiffness, "
-    "ctrl the commanded position, and the joint's position differs from it by the torque or force over kp."
+    "Each position actuator is the spring in series with a drive that holds its joint: kp is the "
+    "stiffness, ctrl the commanded position, and the position of the joint differs from ctrl by the "
+    "torque or force divided by kp."
 )
 _RIGID_JOINTS: Final = (
-    "A joint without a stiffness has no actuator: an equality constraint, which is no spring of the robot, "
-    "holds it at the position that is the first number of polycoef."
+    "A joint without a stiffness has no actuator: an equality constraint, which is no spring of the "
+    "robot, holds the joint at the position that the first number of polycoef states."
 )
 
 

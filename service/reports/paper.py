@@ -70,4 +70,6 @@ def _make_first_table(result: ComparisonResult) -> Table:
         shares = [cells.get(side.side, NO_NUMBER) for cells in methods.values()]
         rows.append([side.side, str(len(side.configurations)), mean, *shares])
     head = ["set", "configurations", "mean deflection [mm]", *methods]
-    return text_table(head, rows, caption="of each method: fraction of the mean deflection that it explains")
+    return text_table(
+        head, rows, caption="of each method: fraction of the mean deflection that the method explains"
+    )

@@ -119,7 +119,7 @@ def _make_axes(area_count: int, chart_count: int, style: PlotStyle) -> list[Axes
     if style.axes is not None:
         given: list[Axes] = list(np.ravel(np.array(style.axes, dtype=object)))
         if len(given) != count:
-            raise ValueError(f"the result has {count} panels: give as many axes, not {len(given)}")
+            raise ValueError(f"the result has {count} panels: give {count} axes, not {len(given)}")
         return given
     height = _AREA_HEIGHT * area_count + _CHART_HEIGHT * chart_count
     figure = _figure_class()(figsize=style.size or (COLUMN_WIDTH, height), layout="constrained")

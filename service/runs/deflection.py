@@ -147,8 +147,8 @@ def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
     max_cases = MAX_CASE_WORK // robot.n**2
     if len(request.cases) > max_cases:
         raise RequestError(
-            f"{len(request.cases)} cases for {robot.n} joints: cases times joints squared exceed "
-            f"{MAX_CASE_WORK:,}",
+            f"{len(request.cases)} cases for {robot.n} joints are too many: cases × joints² may be at "
+            f"most {MAX_CASE_WORK:,}",
             where="cases",
             remedy=f"send at most {max_cases} cases in a request",
         )
@@ -364,7 +364,7 @@ def _read_case(row: list[str], columns: list[_Column], line: int, *, decimal_com
             raise RequestError(
                 f"'{text[:40]}' is not a number",
                 where=f"line {line}, column {number}",
-                remedy="correct the value",
+                remedy="write a number",
             ) from None
         case.setdefault(field, {})[index] = value
     return {

@@ -166,7 +166,7 @@ class RunModel:
                 remarks.append(f"own weight is not included, because {explanation}")
             elif self.model.weight.absolute:
                 remarks.append(
-                    "the predictions are absolute (relative to an arm that does not bend), so they include "
+                    "the predictions are absolute (relative to an arm that does not bend), and include "
                     "the sag under own weight"
                 )
             if self.run.request.complementary_stiffness == "neglected" and self.run.request.weight is None:
@@ -209,13 +209,14 @@ class PriorModel:
         """
         if weighted:
             raise RequestError(
-                "a prior of the stiffness leaves own weight out",
+                "a prior of the stiffness does not include own weight",
                 where="masses",
-                remedy="omit `masses` and `absolute`, or identify the stiffness",
+                remedy="omit `masses` and `absolute`, or first identify the stiffness from a campaign with "
+                "loads",
             )
         message = (
-            "no stiffness was measured: by the prior from payload and reach, deflections are right within a "
-            f"factor of {FACTOR:g}"
+            "the stiffness was not measured, but guessed from payload and reach: deflections may be "
+            f"wrong by a factor of up to {FACTOR:g}"
         )
         remedy = (
             "measure a campaign, which shows the remaining deflection in µm and the benefit of a correction"
@@ -345,7 +346,7 @@ def find_implausible_deflection(greatest: float | None, run: RunResult | None) -
             "prediction_implausible",
             "do_not_use",
             f"the greatest deflection is {1e3 * greatest:.4g} mm{comparison}; up to "
-            f"{1e3 * LARGEST_DEFLECTION:g} mm, and {LARGEST_RATIO:g} times the campaign's, is believed",
+            f"{1e3 * LARGEST_DEFLECTION:g} mm, and {LARGEST_RATIO:g} times the campaign's, is plausible",
             f"check the units of the load and of the points (N or kN, m or mm); {PAST_DO_NOT_USE}",
         )
     ]
@@ -357,7 +358,7 @@ def find_far_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
     if greatest_distance <= LONGEST_TOOL:
         return []
     distance = f"{greatest_distance:.3g} m from the flange"
-    message = f"the load point or the place is {distance}; up to {LONGEST_TOOL:g} m is believed"
+    message = f"the load point or the place is {distance}; up to {LONGEST_TOOL:g} m is plausible"
     remedy = f"check the unit and the frame of this point; {PAST_CARE}"
     return [make_reason("point_implausible", "use_with_care", message, remedy)]
 

@@ -430,7 +430,7 @@ robots = _make_numbered_table(
 )
 
 DUE: Final = "derived IS NULL OR derived < changes"
-"""Condition of outdated last campaigns, as the text of their index."""
+"""SQL condition that selects outdated summaries of last campaigns; equal to the text in their index."""
 
 last_campaigns = sa.Table("last_campaigns", metadata, *_make_columns(LastCampaignRecord, {}, key="robot_id"))
 sa.Index(

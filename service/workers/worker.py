@@ -84,30 +84,32 @@ class Recovery:
         return time.monotonic() - self._checked_at
 
     def check_and_recover(self) -> None:
-        """Store a heartbeat if the running part makes progress, and recover jobs of dead workers.
+        """Store a heartbeat if the running part makes progress, and recover the jobs of lost workers.
+
+        A worker without a recent heartbeat is silent. A worker that is silent at two checks is lost.
 
         Raises:
             FrozenError: the running part has made no progress for `_MAX_STALLED_CHECKS` checks.
             StoreUnavailableError: the database does not answer; check again later.
         """
         self._checked_at = time.monotonic()
-        if self._is_stalled():
-            return
+        if not self._is_stalled():
+            self._beat_and_recover()
+
+    def _beat_and_recover(self) -> None:
+        """Store a heartbeat; the first active worker also recovers jobs and removes what is not needed."""
         # Claims are read before the heartbeats: a worker stores a heartbeat before it claims a part.
         worker_by_part = self._engine.claimed_parts()
-        living_workers = self._heartbeats.beat(self._executor)
+        active_workers = self._heartbeats.beat(self._executor)
         self._offer_idle_parts(worker_by_part)
-        # Only the first living worker recovers jobs, because one is enough.
-        if not living_workers or living_workers[0] != self._executor:
+        # Only the first active worker recovers jobs, because one is enough.
+        if not active_workers or active_workers[0] != self._executor:
             return
-        # After an outage of the database all other workers seem silent at the first check. Only workers
-        # that are silent at two checks are regarded as lost.
-        silent_at_last_check, self._silent_before = self._silent_before, self._heartbeats.silent(SILENT)
-        dead_workers = dict(self._silent_before.items() & silent_at_last_check.items())
-        workers_not_dead = {*living_workers, *(self._silent_before.keys() - dead_workers.keys())}
+        # Claims of workers without any heartbeat are recovered, too: these workers ended or were lost before.
+        workers_to_keep = {*active_workers, *self._find_silent_workers_to_keep()}
         failures = list[Exception]()
         tasks: list[Callable[[], object]] = [
-            lambda: self._engine.recover(set(worker_by_part.values()) - workers_not_dead),
+            lambda: self._engine.recover(set(worker_by_part.values()) - workers_to_keep),
             self._fail_given_up_jobs,
             lambda: self._engine.remove_ended_parts(self._store.find_unfinished_jobs),
             lambda: purge(self._store, self._now() - KEEP_DELETED),
@@ -120,6 +122,16 @@ class Recovery:
                 failures.append(failure)
         if failures:
             raise failures[0]
+
+    def _find_silent_workers_to_keep(self) -> set[str]:
+        """Return the silent workers that are not lost yet, and note which workers are silent at this check.
+
+        After an outage of the database all other workers are silent at the first check.
+        """
+        silent_before, silent_now = self._silent_before, self._heartbeats.silent(SILENT)
+        self._silent_before = silent_now
+        lost = dict(silent_now.items() & silent_before.items())
+        return silent_now.keys() - lost.keys()
 
     def hand_over(self) -> None:
         """Offer the parts claimed by this worker to other workers, and remove its heartbeat."""

@@ -179,7 +179,8 @@ def compare_sides(
     names, others = first.robot.joint_names, second.robot.joint_names
     if names != others or first.robot.joint_kinds != second.robot.joint_kinds:
         raise RequestError(
-            f"the robots have different joints: {', '.join(names)}, and {', '.join(others)}",
+            f"the robots have different joints: {', '.join(names)} in the first set, "
+            f"{', '.join(others)} in the second",
             where="run_ids",
             remedy="compare sets of one robot, or of two robots of the same model with the same joint names",
         )

@@ -73,6 +73,7 @@ class DOptimality:
     def supergradient(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
         """Return the supergradient G = φ/s · (M⁻¹ − M₂₂⁻¹) at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
+        φ is the criterion, `information`; s is the number of parameters of interest; ⟨G, M⟩ = tr(GᵀM).
         M₂₂ is the block of the nuisance parameters; M₂₂⁻¹ is padded with zeros to (p, p). `dual` is ignored,
         as the criterion is smooth.
         """
@@ -122,7 +123,7 @@ class AOptimality:
     def supergradient(self, M: FloatArray, dual: FloatArray | None = None) -> FloatArray:  # noqa: ARG002
         """Return the supergradient G = φ² · M⁻¹ W M⁻¹ at M, with φ(M′) ≤ ⟨G, M′⟩ for all M′.
 
-        `dual` is ignored, as the criterion is smooth.
+        φ is the criterion, `information`, and ⟨G, M⟩ = tr(GᵀM). `dual` is ignored, as φ is smooth.
         """
         inverse = np.linalg.inv(M)
         G = inverse @ self.W @ inverse / float((self.W * inverse).sum()) ** 2
@@ -366,7 +367,7 @@ _STEPS: Final = 60
 _CONVERGED: Final = 1e-24
 """Newton's decrement of −log φ that is rounding; the gap of a design is of the order of its root."""
 _ROUNDING: Final = 1e-13
-"""Ratio of a pivot to its diagonal entry below which only rounding makes the matrix positive definite."""
+"""A matrix counts as singular if a Cholesky pivot, divided by its diagonal entry, is below this ratio."""
 _QUADRATIC: Final = 1e-8
 """Decrement below which a full step is taken, as values of −log φ then differ by rounding only."""
 _RIDGE: Final = 1e-11
@@ -682,7 +683,10 @@ def optimise_design(problem: DesignProblem, tolerance: float | None = None) -> D
         entering = promising[np.argsort(-bound.prices[promising])[:_MOST_ENTERING]]
         active = active.join(problem.candidates.build_atoms(entering, bound.supergradient))
         weights = np.concatenate([weights, np.zeros(len(entering))])
-    raise SolverError(f"the design did not converge: its gap is {1.0 - efficiency:.1e}")
+    raise SolverError(
+        "the design did not converge: the information of the design may be a fraction "
+        f"{1.0 - efficiency:.1e} below the optimum"
+    )
 
 
 def _choose_start_atoms(problem: DesignProblem) -> Atoms:

@@ -56,8 +56,8 @@ from jointstiff.solver.mechanics.terms import LOAD_POINT
 from jointstiff.solver.text import figure, posture_text, stiffness_text
 
 _LINKS_GAP, _OTHERS_GAP = 1e-2, 1e-4
-"""Gaps (1 − efficiency) at which the search ends: if elastic links are a nuisance, and for criteria that were
-not requested."""
+"""Gaps (1 − efficiency) at which a search for optimal weights ends: the first if elastic links are a
+nuisance, the second for criteria that were not requested."""
 _WORST_PLACES: Final = 12
 """Greatest number of places for the criterion of the worst place; its dual problem has a share of each
 place."""
@@ -87,7 +87,7 @@ _MOST_RESTARTS: Final = 16
 _LONG_LIST: Final = 60
 """Number of readings of a list from which on restarts gain nothing."""
 _MANY_PARAMETERS: Final = 30
-"""Number of parameters above which restarts cost more than they gain, as with elastic links as a nuisance."""
+"""Number of parameters above which restarts are not worth their time, as with elastic links."""
 _BLOCK: Final = 4
 """Number of fitted readings in a block, which is a good plan by itself."""
 _SWAPS: Final = 600
@@ -111,7 +111,7 @@ class OtherPlan:
 
 @dataclass(frozen=True, eq=False)
 class CampaignPlan:
-    """Plan of a campaign: an ordered list of n readings of a robot with q joints."""
+    """Plan of a campaign: an ordered list of n readings of a robot with q joints, to determine s of them."""
 
     joints: FloatArray  #: (n, q) controller's angles [rad], in the order in which to take the readings
     force: FloatArray  #: (n, 3) force on the robot, axes of R0 [N]
@@ -138,7 +138,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
     """Plan a campaign: choose the readings, add readings for validation, and put all in order.
 
     Args:
-        robot: q joints.
+        robot: robot with q joints.
         request: equipment, rules and number of readings, or a goal.
 
     Raises:
@@ -146,7 +146,7 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
             distinct postures.
     """
     pool = Pool.from_request(robot, request)
-    s = len(pool.parameters.joints)
+    joint_count = len(pool.parameters.joints)
     distinct = DistinctPostures(pool.readings.joints, request.angle)
     criteria, worst_place = _build_criteria(pool, request)
     if request.goal is not None:
@@ -156,35 +156,20 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         )
     held_out = round(request.validation * request.readings)
     fitted = request.readings - held_out
-    coordinates = (3 if request.directions is None else 1) * len(request.equipment.targets) * fitted
-    if fitted < 1 or (request.so_far is None and coordinates < s):
-        raise RequestError(
-            f"{fitted} readings, after those for validation are held out, do not determine {s} joints",
-            where="readings",
-            remedy="request more readings, or a smaller fraction for validation",
-        )
+    _check_reading_count(request, fitted, joint_count)
     problem = DesignProblem(pool.candidates, criteria[request.criterion], fitted, pool.base)
     design = optimise_design(problem, _LINKS_GAP if request.links else None)
-    exact = find_exact_design(problem, design, distinct, seed=request.seed)
-    M = exact.matrix
-    # Bound the efficiency of the list by the requested criterion, and by the other smooth ones.
-    efficiencies: dict[PlanCriterion, float] = {}
-    for name, criterion in criteria.items():
-        if name == request.criterion:
-            efficiencies[name] = exact.efficiency
-        elif isinstance(criterion, SmoothCriterion):
-            other_problem = DesignProblem(pool.candidates, criterion, fitted, pool.base)
-            other_design = optimise_design(other_problem, _LINKS_GAP if request.links else _OTHERS_GAP)
-            efficiencies[name] = bound_list_efficiency(other_problem, distinct, M, other_design)
+    chosen = find_exact_design(problem, design, distinct, seed=request.seed)
+    information = chosen.matrix  # (p, p) of all p parameters, the joints first, by old and chosen readings
     deflection = None
     if worst_place is not None:
-        # The information is 1 / mean variance of the deflection.
-        information = criteria["work_area"].information(M)
-        deflection = float(information**-0.5), float(np.sqrt(worst_place.variances(M).max()))
-    validation = _draw_validation_readings(pool, distinct, exact.atoms.index, held_out, request.seed)
-    atoms = exact.atoms.join(validation)
+        # The criterion of the work area is φ = 1 / (mean variance of the deflection).
+        phi = criteria["work_area"].information(information)
+        deflection = float(phi**-0.5), float(np.sqrt(worst_place.variances(information).max()))
+    validation = _draw_validation_readings(pool, distinct, chosen.atoms.index, held_out, request.seed)
+    atoms = chosen.atoms.join(validation)
     block = _divide_into_blocks(
-        exact.atoms.information / problem.scale_squared, pool.base, criteria[request.criterion]
+        chosen.atoms.information / problem.scale_squared, pool.base, criteria[request.criterion]
     )
     anchors = pool.readings.anchor[atoms.index]
     # To change the anchor takes longer than to travel, so readings at several anchors are not divided into
@@ -202,17 +187,64 @@ def plan_campaign(robot: Robot, request: PlanRequest) -> CampaignPlan:
         along=readings.along,
         validation=order >= fitted,
         block=block[order],
-        efficiency=exact.efficiency,
+        efficiency=chosen.efficiency,
         weights_gap=1.0 - design.bound.efficiency,
-        efficiencies=efficiencies,
+        efficiencies=_bound_efficiencies(pool, request, criteria, distinct, chosen, fitted),
         pool=pool,
-        uncertainty=compute_uncertainties(M, s),
-        uncertainty_before=compute_uncertainties(pool.base, s),
+        uncertainty=compute_uncertainties(information, joint_count),
+        uncertainty_before=compute_uncertainties(pool.base, joint_count),
         deflection=deflection,
-        random_plans=average_random_plans(problem, M, s, request.seed),
-        one_at_a_time=plan_one_at_a_time(problem, distinct, M, s),
-        goal_share=None if request.goal is None else compute_goal_share(robot, pool, request, exact),
+        random_plans=average_random_plans(problem, information, joint_count, request.seed),
+        one_at_a_time=plan_one_at_a_time(problem, distinct, information, joint_count),
+        goal_share=None if request.goal is None else compute_goal_share(robot, pool, request, chosen),
     )
+
+
+def _check_reading_count(request: PlanRequest, fitted: int, joint_count: int) -> None:
+    """Refuse a plan whose fitted readings have fewer coordinates than there are joints to determine.
+
+    A plan that continues a campaign may have fewer: the readings so far are fitted, too.
+
+    Raises:
+        RequestError: there are too few readings.
+    """
+    coordinates = (3 if request.directions is None else 1) * len(request.equipment.targets) * fitted
+    if fitted < 1 or (request.so_far is None and coordinates < joint_count):
+        raise RequestError(
+            f"without the readings for validation, {fitted} readings remain, too few to determine "
+            f"{joint_count} joints",
+            where="readings",
+            remedy="request more readings, or a smaller fraction for validation",
+        )
+
+
+def _bound_efficiencies(
+    pool: Pool,
+    request: PlanRequest,
+    criteria: Mapping[PlanCriterion, Criterion],
+    distinct: DistinctPostures,
+    chosen: ExactDesign,
+    fitted: int,
+) -> dict[PlanCriterion, float]:
+    """Return lower bounds on the efficiency of the chosen list: by the requested criterion and smooth ones.
+
+    Args:
+        pool: candidates of the plan.
+        request: request with the criterion.
+        criteria: criteria that apply, by name.
+        distinct: rule that postures must differ.
+        chosen: chosen list of readings.
+        fitted: number of readings in the list.
+    """
+    efficiencies: dict[PlanCriterion, float] = {}
+    for name, criterion in criteria.items():
+        if name == request.criterion:
+            efficiencies[name] = chosen.efficiency
+        elif isinstance(criterion, SmoothCriterion):
+            problem = DesignProblem(pool.candidates, criterion, fitted, pool.base)
+            design = optimise_design(problem, _LINKS_GAP if request.links else _OTHERS_GAP)
+            efficiencies[name] = bound_list_efficiency(problem, distinct, chosen.matrix, design)
+    return efficiencies
 
 
 def _build_criteria(
@@ -296,7 +328,7 @@ def compute_least_mistake(robot: Robot, pool: Pool, request: PlanRequest, chosen
     """
     if request.own_weight_rows is not None:
         raise RequestError(
-            "the own weight has no load point",
+            "the load is the robot's own weight, which has no load point",
             where="goal",
             remedy='give a goal for the uncertainty of the joints, such as "15 %"',
         )
@@ -347,13 +379,18 @@ def find_least_readings(
     while (reached := compute_share(high)) > 1.0:
         if high >= most:
             of_load_point = isinstance(request.goal, LoadPointGoal)
-            what = "the least mistake of the load point that shows" if of_load_point else "the uncertainty"
+            what = (
+                "the least mistake of the load point that the readings show"
+                if of_load_point
+                else "the uncertainty"
+            )
             greater = "mistake" if of_load_point else "uncertainty"
             raise RequestError(
                 f"with {MAX_READINGS} readings, the maximum of a plan, {what} is still "
-                f"{figure(reached, '.3g')} times that of the goal",
+                f"{figure(reached, '.3g')} times the value of the goal",
                 where="goal",
-                remedy=f"choose a goal with a greater {greater}, a greater load, more targets, or less noise",
+                remedy=f"choose a goal with a greater {greater}, apply a greater load, read more targets, or "
+                "reduce the noise",
             )
         low, high = high, min(most, max(high + 1, int(min(high * reached**2, most))))
     while high - low > 1:
@@ -390,8 +427,8 @@ def _draw_validation_readings(
             allowed &= ~distinct.find_conflicts(i)
     if len(validation) < count:
         raise RequestError(
-            f"only {len(validation)} of {count} readings for validation are in postures distinct from "
-            "all others",
+            f"only {len(validation)} of {count} readings for validation are in postures that differ "
+            "from those of all other readings",
             where="distinct_angle",
             remedy="request fewer readings, a smaller angle, or more candidates",
         )
@@ -943,7 +980,7 @@ class _NextReading:
         #: (n,) variances due to errors that all readings share, and that no further reading lessens
         self._shared = np.zeros(robot.n)
         if estimate.common is not None:
-            self._shared = np.square(estimate.common.responses_beside_fit).sum(axis=1)
+            self._shared = np.square(estimate.common.responses_to_unfitted_errors).sum(axis=1)
         self._own, self._strength = own, float(np.linalg.norm(own))
         self._one_direction = one_direction
         # The advice predicts the uncertainties that method partial_pose gives. If the estimate has the same
@@ -1040,7 +1077,7 @@ class _NextReading:
             posture = f"in posture {self._labels[i]}"
         else:
             shown = posture_text(postures.joints[m].tolist(), self._kinds)
-            posture = f"in posture {shown}, if it is free of collisions,"
+            posture = f"in posture {shown}, if this posture is free of collisions,"
         load = f"apply the load of {figure(size)} N as before"
         if not (self._one_direction and np.allclose(force, self._own, rtol=1e-9)):
             direction = ", ".join(f"{part / size + 0.0:.2f}" for part in force.tolist())

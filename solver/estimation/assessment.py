@@ -112,7 +112,7 @@ _BY_STATUS: Final[dict[str, Verdict]] = {
 _NOT_LINEAR: Final = frozenset({"play", "curved_springs"})
 """Causes that readings at one size of the load may not distinguish."""
 _READ_HALF: Final = (
-    "not linear: read two postures again at half the load; the play stays the same, and a hardening spring "
+    "not linear: read two postures again at half the load; play stays the same, a hardening spring "
     "deflects by more than half"
 )
 _FIT_CAUSES_FIRST: Final = (
@@ -271,8 +271,8 @@ def _list_notes(measurements: Measurements, estimate: Estimate, unloading: Unloa
         )
     if measurements.in_flange[measurements.present].all():
         yield (
-            "The set has deflections and no positions, so the geometry of robot, frames and targets, and "
-            "the joint angles, cannot be checked."
+            "The set has deflections but no positions, so the joint angles and the geometry of robot, "
+            "frames and targets cannot be checked."
         )
 
 
@@ -297,8 +297,8 @@ def report_remaining_deflection(unloading: Unloading) -> Finding:
         code="deflection_remains",
         weight="use_with_care",
         message=f"{100.0 * share:.2g} % ± {100.0 * u:.2g} % of the deflection remains after unloading: the "
-        "stiffnesses refer to the mean of the unloaded positions before and after the load; with only one "
-        f"of these positions they would differ by {50.0 * abs(share):.2g} %",
+        "stiffnesses refer to the mean of the unloaded positions before and after the load; with only "
+        f"one of these positions the stiffnesses would differ by {50.0 * abs(share):.2g} %",
         remedy="load and unload the arm once before the first reading; check that tool, hook and base are "
         "tight",
     )
@@ -327,12 +327,17 @@ def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Find
 _ALTERNATIVE_TEXTS: Final[dict[AlternativeKind, tuple[str, str]]] = {
     "columns_exchanged": (
         "the columns of {first} and {last} exchanged",
-        "check the columns of {first} and {last}; if they are exchanged, exchange them back",
+        (
+            "check the columns of {first} and {last}; if the two columns are exchanged, exchange the columns "
+            "back"
+        ),
     ),
     "load_and_target_exchanged": (
         "the load applied at target {target}",
-        "check the load point and the target's position in the flange frame; if they are exchanged, exchange "
-        "them back",
+        (
+            "check the load point and the target's position in the flange frame; if the two are exchanged, "
+            "exchange the two back"
+        ),
     ),
     "zero_offset": (
         "the zero of {first} offset by {turn:+.0f}°",
@@ -489,8 +494,8 @@ def report_fitted_causes(measurements: Measurements) -> Iterator[Finding]:
         yield Finding(
             code="cause_fitted",
             weight="use_with_care",
-            message=f"{term.words.format(text)} (95 %) was fitted with the joints; the intervals include its "
-            "uncertainty, and the readings contradict the stated value",
+            message=f"{term.words.format(text)} (95 %) was fitted with the joints; the intervals include the "
+            "uncertainty of this cause, and the readings contradict the stated value",
             remedy=term.remedy,
         )
 
@@ -666,8 +671,8 @@ def find_fit_problems(
     remedy, action = "add postures and loads that twist the joints", None
     if set(statuses) - {"not_observable"} == {"at_bound"}:  # all observable joints seem rigid
         remedy = (
-            "choose another robot, or check its joint map and the frame of the forces: the targets do not "
-            "move as the joints of the chosen robot would move them"
+            "choose another robot, or check the joint map and the frame of the forces: the joints of "
+            "the chosen robot would move the targets in another way"
         )
         # If the negated deflections fit, unloaded and loaded readings, or all forces, are reversed.
         d = estimate.triangles.all_readings.rhs
@@ -751,8 +756,8 @@ def report_unexplained_motion(pure_error: PureError) -> Finding:
         f"{length_text(pure_error.sigma)}, but the model does not explain {length_text(pure_error.left)} "
         f"of the flange's motion (F test, p = {pure_error.p_value:.1g}). This unexplained motion is "
         "counted as noise",
-        remedy="check loads, angles and geometry, and read one posture again without the load; "
-        "state `noise.repeatability` if the robot returns less exactly",
+        remedy="check loads, angles and geometry, and read one posture again without the load; if the robot "
+        "returns to a posture less exactly, state `noise.repeatability`",
     )
 
 
@@ -770,7 +775,7 @@ def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bo
     if freedom < _LEAST_FREEDOM:
         stated = estimate.sigma_given
         consequence = (
-            "its uncertainty comes from the stated noise only" if stated else "the uncertainty is unknown"
+            "the uncertainty comes from the stated noise only" if stated else "the uncertainty is unknown"
         )
         yield Finding(
             code="no_residual_freedom",
@@ -783,19 +788,19 @@ def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bo
         yield Finding(
             code="residuals_vanish",
             weight="use_with_care",
-            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per reading, which "
-            f"no tracker reaches (at least {length_text(LEAST_SIGMA)} is believed): these readings are "
-            "computed, not measured, and the uncertainties are meaningless",
+            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per reading, but "
+            "for a "
+            f"tracker at least {length_text(LEAST_SIGMA)} is plausible: these readings are computed, "
+            "not measured, so the uncertainties are meaningless",
             remedy=f"state `noise` from the tracker's data sheet; {PAST_CARE}",
         )
     elif sigma is not None and sigma > LARGEST_SIGMA and not known:
         yield Finding(
             code="sigma_implausible",
             weight="use_with_care",
-            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of "
-            "a reading; laser trackers have 10 to 40 µm, and up to "
-            f"{length_text(LARGEST_SIGMA)} is believed, so most of this value comes from deflections "
-            "that the model does not explain",
+            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
+            f"reading, but laser trackers have 10 to 40 µm, and at most {length_text(LARGEST_SIGMA)} is "
+            "plausible: most of this value comes from deflections that the model does not explain",
             remedy="state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
             f"whether links bend; {PAST_CARE}",
         )
@@ -811,10 +816,9 @@ def report_refuted_noise(measurements: Measurements, sigma: float | None) -> Ite
         yield Finding(
             code="residuals_exceed_sigma",
             weight="use_with_care",
-            message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of a "
-            f"reading, {figure(sigma / refuted, '.3g')} times the {length_text(refuted)} that were stated, "
-            "which the residuals contradict: deflections that the model does not explain are counted "
-            "as noise",
+            message=f"the stated standard uncertainty is {length_text(refuted)} per coordinate of a reading, "
+            f"but the residuals give {length_text(sigma)}, {figure(sigma / refuted, '.3g')} times as "
+            "much: deflections that the model does not explain are counted as noise",
             remedy=_CHECK_NOISE,
         )
 
@@ -857,8 +861,8 @@ def _report_residuals(
             code="residuals_exceed_sigma",
             weight=weight,
             message=f"the residuals are {figure(ratio, '.3g')} times as large as the stated noise allows, so "
-            "the uncertainties are too small; by how much depends on deflections that the model does "
-            f"not explain{agreement}",
+            "the uncertainties are too small; how much too small depends on the deflections that the "
+            f"model does not explain{agreement}",
             remedy=_FIT_CAUSES_FIRST if cause_found else _CHECK_NOISE,
             action=None if cause_found else AdvisedAction.of("omit_noise"),
         )
@@ -923,7 +927,8 @@ def report_implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Fin
     for name, stiffness in implausible.items():
         # A wrong unit scales all joints, a wrong column or map changes single joints.
         remedy = (
-            f"check the angles and the joint map of {name} and its neighbours; the other joints are plausible"
+            f"check the angles and the joint map of {name} and its neighbours; the stiffnesses of the "
+            "other joints are plausible"
         )
         if stiffness < 0.0:
             remedy = (
@@ -935,9 +940,9 @@ def report_implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Fin
         yield Finding(
             code="stiffness_implausible",
             weight="do_not_use",
-            message=f"the stiffness of {name} is {stiffness_text(stiffness, kinds[name])}; of joints "
-            f"of industrial robots {stiffness_text(least, kinds[name])} to "
-            f"{stiffness_text(greatest, kinds[name])} is believed",
+            message=f"the stiffness of {name} is {stiffness_text(stiffness, kinds[name])}; for joints of "
+            f"industrial robots, {stiffness_text(least, kinds[name])} to "
+            f"{stiffness_text(greatest, kinds[name])} is plausible",
             remedy=f"{remedy}; {PAST_DO_NOT_USE}",
             where=name,
         )
@@ -973,8 +978,9 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
         )
     if gain is not None:
         evidence_of_bending += (
-            f". With {gain.model.replace('_', ' ')}, held-out postures are predicted to "
-            f"{length_text(gain.error)}, by joints alone to {length_text(gain.error_of_joints)}"
+            f". The model with {gain.model.replace('_', ' ')} predicts held-out postures to "
+            f"{length_text(gain.error)}, the model with joints alone to "
+            f"{length_text(gain.error_of_joints)}"
         )
     evidence = "" if gain is None else f"{evidence_of_bending}. "
     if prediction.bending == "links_or_base":
@@ -1000,8 +1006,9 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
             message=f"{evidence}The base below the first joint bends under the load. Readings cannot "
             "distinguish a rotation of the base about the first axis from a rotation of joint 1; the "
             "stiffnesses of the other joints do not include the base",
-            remedy="tighten and stiffen the base, or use joints and base together: a target on the base "
-            "plate shows directly how the base moves",
+            remedy="tighten and stiffen the base, or use the stiffnesses of joints and base together; a "
+            "target "
+            "on the base plate shows directly how the base moves",
         )
     elif prediction.bending == "links":
         yield Finding(

@@ -260,7 +260,7 @@ def _select_certified(
         return best
     reason = "the solver did not converge"
     if best is not None:
-        reason = f"its gap is {best.certificate.gap:.1e}, above {limit:.1e}"
+        reason = f"the gap to the optimum is {best.certificate.gap:.1e}, above the limit {limit:.1e}"
     raise SolverError(f"the optimum over cones could not be certified: {reason}")
 
 

@@ -390,11 +390,10 @@ class CommonErrors:
     in_fit: frozenset[str] = frozenset()  #: sources that the fit accounts for, as statements
 
     @property
-    def responses_beside_fit(self) -> FloatArray:
-        """Changes (n, K) of the estimate by one standard uncertainty of each error that was not fitted.
+    def responses_to_unfitted_errors(self) -> FloatArray:
+        """Change (n, K) of the compliances if an error has the size of its standard uncertainty [rad/(N·m)].
 
-        The n rows are joints [rad/(N·m)]; the K columns are the errors of all sources that the fit leaves
-        out.
+        There is a column for each of the K errors that the fit does not estimate.
         """
         not_fitted = [columns for source, columns in self.by_source.items() if source not in self.in_fit]
         # The empty first part gives an (n, 0) result if every source was fitted.
@@ -489,7 +488,7 @@ class Estimate:
 
     @property
     def condition_number(self) -> float:
-        """Greatest condition number of the stages; inf where a rank is not full."""
+        """Greatest condition number among the stages of the fit; inf if a stage does not have full rank."""
         return max(stage.condition_number for stage in self.identifiability)
 
     @property
@@ -506,7 +505,10 @@ class Estimate:
 
     @property
     def observability_indices(self) -> dict[ObservabilityIndex, float] | None:
-        """Indices over the joints that the readings see; None where the rank is not full."""
+        """Observability indices (O1, O2, …) of the regressor's columns of the joints that readings show.
+
+        None if the columns do not have full rank.
+        """
         return observability_indices(self.regressor, self.observability)
 
     @property
@@ -606,9 +608,9 @@ class Evidence:
                 else "leaves the stiffness without an upper limit"
             )
             reason = (
-                f"{self.describe_lower_limit(j, intervals)}the standard uncertainty of its compliance, "
-                f"{1e6 * uncertainty:.2g} {units.micro_compliance}, {consequence}: add loads with more "
-                f"{units.load} {name}"
+                f"{self.describe_lower_limit(j, intervals)}the standard uncertainty of the joint's "
+                f"compliance, {1e6 * uncertainty:.2g} {units.micro_compliance}, {consequence}: add "
+                f"loads with more {units.load} {name}"
             )
         reasons = [] if reason is None else [reason]
         if np.isinf(prior_to_data):
@@ -647,7 +649,7 @@ class Evidence:
         compliance, active = self.fit.compliance, int(self.fit.active[j])
         if active and compliance[j] == 0.0:
             limit = self.describe_lower_limit(j, intervals) or "the estimated compliance is zero: "
-            return f"{limit}these readings cannot distinguish the joint from a rigid one"
+            return f"{limit}these readings cannot distinguish the joint from a rigid joint"
         if self.fit.tied[j] or active:
             visible = np.flatnonzero(~self.observability.null)
             pairs = [

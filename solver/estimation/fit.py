@@ -292,7 +292,7 @@ def _refuse_joints_without_effect_on_centre(triangles: MethodTriangles, has_no_e
     if not_shown:
         raise UnsupportedMethodError(
             f"the wrist centre does not move when {', '.join(names[j] for j in not_shown)} turns, so "
-            "its displacement does not show the compliance of that joint",
+            "the displacement of the wrist centre does not show the compliance of that joint",
             where="method",
             remedy="use method partial_pose",
         )

@@ -178,7 +178,7 @@ def refuse_unsupported(robot: Robot, measurements: Measurements, settings: Setti
     for refused, why, remedy in (
         (
             not_by_covariance and settings.prior is not None,
-            "does not use the uncertainty of the readings, so it cannot weigh a prior against them",
+            "does not use the uncertainty of the readings, so a prior cannot be weighed against the readings",
             "use weighting covariance, or omit `priors`",
         ),
         (
@@ -381,7 +381,7 @@ def _iterate_to_convergence(
         f"the iteration with the complementary stiffness did not converge: after {MAX_ITERATIONS} "
         f"fits the compliances still change by {(change / compliance_size).max():.1e} (relative)",
         where="complementary_stiffness",
-        remedy="neglect the complementary stiffness, or add postures and loads that excite every joint",
+        remedy="neglect the complementary stiffness, or add postures and loads that twist every joint",
     )
 
 
@@ -426,7 +426,7 @@ def _build_estimate(
         scale = replace(scale, sigma=max(scale.sigma, _LEAST_SIGMA))
         common_errors = _propagate_common_errors(robot, settings, last_fit, scale.sigma or 1.0)
         if common_errors is not None:
-            fit = fit.add_common_errors(common_errors.responses_beside_fit / (scale.sigma or 1.0))
+            fit = fit.add_common_errors(common_errors.responses_to_unfitted_errors / (scale.sigma or 1.0))
     covariance = None if scale.sigma is None else np.float64(scale.sigma) ** 2 * fit.covariance
     numbers = [fit.compliance, np.array([scale.chi_square, scale.degrees_of_freedom])]
     numbers += [] if covariance is None else [covariance]

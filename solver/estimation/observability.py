@@ -59,7 +59,7 @@ class Combination:
         together = ", ".join(names[joint] for joint in self.joints)
         return (
             f"only a combination of {together} is observable, {self.in_words(names)}: add postures in "
-            "which their axes differ"
+            "which the axes of these joints differ"
         )
 
 
@@ -257,7 +257,7 @@ class Excitation:
         largest_torques = self._squared_largest_torque
         squared_limit = NULL_COLUMN**2 * max(largest_torques[joint], 1e-6 * largest_torques.max())
         if self._squared_torque[joint] <= squared_limit:
-            return f"the load never {words.loads} this joint: add loads that {words.load_verb} it"
+            return f"the load never {words.loads} this joint: add loads that {words.load_verb} the joint"
         return f"no target moves when this joint {words.moves}: place a target away from the joint's axis"
 
 
@@ -371,11 +371,12 @@ def explain_noise(
         else f", and {names[most_loaded]} with up to {greatest} {units_of_most.effort}"
     )
     return (
-        f"hidden by noise: the standard uncertainty of this joint's compliance, {figure(uncertainty, '.2g')} "
-        f"{units.compliance}, exceeds {figure(observability.reference_compliance[joint], '.2g')} "
-        f"{units.compliance}, the compliance with which the joint alone would explain all deflections; "
-        f"the load {units.loads} the joint with at most {least} {units.effort}{most_loaded_joint}: add "
-        f"loads that {units.load_verb} it more"
+        "hidden by noise: the standard uncertainty of this joint's compliance, "
+        f"{figure(uncertainty, '.2g')} {units.compliance}, exceeds "
+        f"{figure(observability.reference_compliance[joint], '.2g')} {units.compliance}, the compliance "
+        f"with which the joint alone would explain all deflections; the load {units.loads} the joint "
+        f"with at most {least} {units.effort}{most_loaded_joint}: add loads that {units.load_verb} the "
+        "joint more"
     )
 
 

@@ -51,14 +51,14 @@ intervals for nothing."""
 LARGEST_REPEATABILITY: Final = 2e-4
 """Motion of a target by shared errors [m] beyond that of any industrial robot in order: larger residuals are
 a mistake, or something besides the joints bends."""
-_STARTS: Final = (0.0, 0.1, 1.0, 10.0, 1e3)
+_START_VARIANCES: Final = (0.0, 0.1, 1.0, 10.0, 1e3)
 """Variances of the shared errors from which the search starts, relative to the noise of the readings."""
 _MOST_VARIANCE: Final = 1e5
 _RESOLUTION: Final = 1e-7
 """Residual of a coordinate [m] that is taken for rounding."""
 _MOST_OBSERVATIONS: Final = 100
 """Number of observations that suffice to estimate shared errors."""
-_LEAST_FREEDOM: Final = 3
+_LEAST_DEGREES_OF_FREEDOM: Final = 3
 _GROSS: Final = 10.0
 """Mean square of a posture's residuals, relative to the median posture's, above which the posture is left
 out: a single wrong reading must not widen all intervals."""
@@ -165,7 +165,7 @@ class RestrictedLikelihood:
         fit = np.linalg.lstsq(unit, last.reshape(-1), rcond=INDEPENDENT)[0]
         residual = last[..., 0] - (unit @ fit).reshape(last.shape[:2])
         squares = np.square(residual).sum(axis=1) / np.maximum(stack.read, 1)
-        # Few coordinates spread further by chance.
+        # The fewer coordinates a posture has, the further its mean square spreads by chance.
         freedom = np.maximum(stack.read, 1)
         typical = special.chdtri(freedom, 0.5) / freedom
         beyond = np.maximum(_GROSS, special.chdtri(freedom, _BY_CHANCE) / special.chdtri(freedom, 0.5))
@@ -176,13 +176,13 @@ class RestrictedLikelihood:
             used
         ]
         self._measurements = block.measurements
-        self._freedom: int = int(stack.read[used].sum()) - unit.shape[-1]
-        # Ratio at which turns of the joints move the targets as far as the readings' noise.
-        self._unit: float = 1.0 / max(
+        self._degrees_of_freedom: int = int(stack.read[used].sum()) - unit.shape[-1]
+        # Ratio ρ with which turns of the joints move the targets as far as the noise of the readings does.
+        self._turns_like_noise: float = 1.0 / max(
             float(np.linalg.norm(by_joints) / np.sqrt(by_joints[..., 0].size)), 1e-12
         )
-        # One target cannot tell a shift of all targets from its own noise.
-        self._station_is_seen = bool((self._measurements.present.sum(axis=1) > 1).any())
+        # With one target, a shift of all targets cannot be distinguished from the noise of this target.
+        self._can_show_station = bool((self._measurements.present.sum(axis=1) > 1).any())
 
     def find_significant(self) -> tuple[Scatter, float]:
         """Return (most likely shared errors, p-value of the test that there are none).
@@ -190,7 +190,7 @@ class RestrictedLikelihood:
         A repeatability that is stated is not tested. With one target the turns of the joints hardly differ
         from noise, so that they also have to explain more than a larger sigma does.
         """
-        scatter, likelihood_gain = self.maximise()
+        scatter, likelihood_gain = self.fit_shared_errors()
         if likelihood_gain <= 0.0:
             return scatter, 1.0
         if self._measurements.repeatability is not None:
@@ -198,7 +198,7 @@ class RestrictedLikelihood:
         p_value = 0.5 * float(special.chdtrc(1, likelihood_gain)) + 0.25 * float(
             special.chdtrc(2, likelihood_gain)
         )
-        if not self._station_is_seen and self._measurements.sigma is not None:
+        if not self._can_show_station and self._measurements.sigma is not None:
             likelihood_gain = 2.0 * (
                 self._minus_log_likelihood_at_free_sigma()
                 - self._minus_log_likelihood(self._variances(scatter))
@@ -206,20 +206,21 @@ class RestrictedLikelihood:
             p_value = max(p_value, 0.5 * float(special.chdtrc(1, max(likelihood_gain, 0.0))))
         return scatter, p_value
 
-    def maximise(self) -> tuple[Scatter, float]:
-        """Return (most likely shared errors, twice the gain of log L over no shared errors).
+    def fit_shared_errors(self) -> tuple[Scatter, float]:
+        """Fit the errors that all targets of a posture share; return (errors, likelihood ratio statistic).
 
-        L is the likelihood of the residuals.
+        The statistic is 2 (log L − log L₀): L is the greatest likelihood of the residuals, L₀ the likelihood
+        without shared errors, but with a stated repeatability.
         """
-        if self._freedom < _LEAST_FREEDOM:
+        if self._degrees_of_freedom < _LEAST_DEGREES_OF_FREEDOM:
             return self._measurements.scatter, 0.0
         stated_repeatability, sigma = self._measurements.repeatability, self._measurements.sigma
-        start_joint_variances: tuple[float, ...] = _STARTS
-        bounds = [(0.0, _MOST_VARIANCE), (0.0, _MOST_VARIANCE if self._station_is_seen else 0.0)]
+        start_joint_variances: tuple[float, ...] = _START_VARIANCES
+        bounds = [(0.0, _MOST_VARIANCE), (0.0, _MOST_VARIANCE if self._can_show_station else 0.0)]
         if stated_repeatability is not None and (sigma is not None or stated_repeatability == 0.0):
-            start_joint_variances = ((stated_repeatability / (sigma or 1.0) / self._unit) ** 2,)
+            start_joint_variances = ((stated_repeatability / (sigma or 1.0) / self._turns_like_noise) ** 2,)
             bounds[0] = start_joint_variances[0], start_joint_variances[0]
-        start_station_variances = _STARTS if self._station_is_seen else (0.0,)
+        start_station_variances = _START_VARIANCES if self._can_show_station else (0.0,)
         start = min(product(start_joint_variances, start_station_variances), key=self._minus_log_likelihood)
         optimum = minimize(self._minus_log_likelihood, start, method="L-BFGS-B", bounds=bounds)
         best_variances = min((tuple(optimum.x.tolist()), start), key=self._minus_log_likelihood)
@@ -236,22 +237,22 @@ class RestrictedLikelihood:
     def sigma(self, scatter: Scatter) -> float:
         """Return sigma of the readings [m], estimated from the residuals for given shared errors."""
         R, _ = self._whiten(scatter)
-        return float(np.sqrt(self._squares(R) / max(self._freedom, 1)))
+        return float(np.sqrt(self._squares(R) / max(self._degrees_of_freedom, 1)))
 
     def _variances(self, scatter: Scatter) -> tuple[float, float]:
         """Return the variances (joints, station) of shared errors, relative to the noise of the readings."""
-        return (scatter.joints / self._unit) ** 2, scatter.station**2
+        return (scatter.joints / self._turns_like_noise) ** 2, scatter.station**2
 
     def _minus_log_likelihood_at_free_sigma(self) -> float:
         """Return −log L without shared errors, maximised over sigma, up to the same constant."""
         R, _ = self._whiten(NO_SCATTER)
-        fit = self._freedom * (np.log(self._squares(R) / self._freedom) + 1.0)
+        fit = self._degrees_of_freedom * (np.log(self._squares(R) / self._degrees_of_freedom) + 1.0)
         return _half_log_determinant(R) + 0.5 * float(fit)
 
     def _scatter(self, variances: tuple[float, ...] | FloatArray) -> Scatter:
         """Return the shared errors of given variances (joints, station), relative to the readings' noise."""
         joints, station = np.sqrt(np.asarray(variances)).tolist()
-        return Scatter(self._unit * joints, station)
+        return Scatter(self._turns_like_noise * joints, station)
 
     def _minus_log_likelihood(self, variances: tuple[float, ...] | FloatArray) -> float:
         """Return −log L of shared errors with given variances of joints and station, up to a constant.
@@ -264,9 +265,9 @@ class RestrictedLikelihood:
         if sigma is None and self._measurements.repeatability and scatter.joints:
             sigma = self._measurements.repeatability / scatter.joints
         if sigma is None:
-            fit = self._freedom * np.log(squares)
+            fit = self._degrees_of_freedom * np.log(squares)
         else:
-            fit = squares / sigma**2 + 2.0 * self._freedom * np.log(sigma)
+            fit = squares / sigma**2 + 2.0 * self._degrees_of_freedom * np.log(sigma)
         return _half_log_determinant(R) + 0.5 * float(np.log(variance).sum() + fit)
 
     def _whiten(self, scatter: Scatter) -> tuple[FloatArray, FloatArray]:
@@ -280,7 +281,7 @@ class RestrictedLikelihood:
 
     def _squares(self, R: FloatArray) -> float:
         """Return the sum of squared residuals of a triangular factor R, with an allowance for rounding."""
-        return float(R[-1, -1] ** 2) + self._freedom * _RESOLUTION**2
+        return float(R[-1, -1] ** 2) + self._degrees_of_freedom * _RESOLUTION**2
 
 
 def _half_log_determinant(R: FloatArray) -> float:

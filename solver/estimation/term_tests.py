@@ -207,7 +207,7 @@ class TermTests:
         if self._scattered:
             stack = Stack.from_blocks([block], terms, self.compliance)
             fitted_columns = np.concatenate([np.flatnonzero(self.visible), *list(stack.span.values())[1:]])
-            scatter, _ = RestrictedLikelihood(block, stack, fitted_columns).maximise()
+            scatter, _ = RestrictedLikelihood(block, stack, fitted_columns).fit_shared_errors()
             block = replace(block, measurements=replace(block.measurements, scatter=scatter))
         return other_stated_terms, terms, block
 

@@ -178,9 +178,9 @@ def report_sweep(
             where,
             f"the joint turned {fit.angle_scale:.4f} times as far as the controller's angles and the "
             f"joint map give; {1.0 - _ANGLE_SCALE_TOLERANCE:g} to {1.0 + _ANGLE_SCALE_TOLERANCE:g} rad/rad "
-            "is believed",
-            "check the joint map, the unit of the angles, and the order of the rows; a gear of another ratio "
-            "belongs to the joint map",
+            "is plausible",
+            "check the joint map, the unit of the angles, and the order of the rows; state another gear "
+            "ratio in the joint map",
         )
 
 
@@ -336,8 +336,8 @@ def report_disagreement(probability: float | None) -> Iterator[Finding]:
             "sweeps_disagree",
             "sweeps",
             f"no single robot model fits all sweeps (p = {probability:.1g}), because joints at rest "
-            "deviated from the controller's angles, or the arm sagged: the axes are those of the sweeps "
-            "fitted one by one",
+            "deviated from the controller's angles, or the arm sagged: each axis comes from the fit of "
+            "its own sweep",
             "use the result with its larger uncertainties; for smaller uncertainties, rest all joints at "
             "the same angles in all sweeps, approached from the same side",
         )
@@ -424,8 +424,8 @@ def report_vague_parameters(
             yield _make_finding(
                 "axes_nearly_parallel",
                 f"dh.{convention}",
-                f"axes {first} and {first + 1} are {1e3 * pair.angle:.3g} mrad from "
-                "parallel: too much to neglect, and too little to determine a, d and theta separately",
+                f"the angle between axes {first} and {first + 1} is {1e3 * pair.angle:.3g} mrad: too "
+                "large to neglect, and too small to determine a, d and theta separately",
                 "use the URDF, which does not need these parameters",
             )
     vague = []

@@ -85,9 +85,9 @@ def orthonormalise_transform(rotation: FloatArray, translation: FloatArray) -> p
     if not deviation <= ROTATION_TOLERANCE or np.linalg.det(rotation) < 0.0:
         is_reflection = deviation <= ROTATION_TOLERANCE
         fault = (
-            "it is a reflection (determinant -1)"
+            "the matrix is a reflection (determinant -1)"
             if is_reflection
-            else f"its largest deviation is {deviation:.2g}"
+            else f"the largest deviation of an element is {deviation:.2g}"
         )
         raise MeasurementError(
             f"the rotation matrix is not orthonormal: {fault}",
@@ -453,8 +453,8 @@ class TrackedReadings:
                 f"the angles have shape {self.angles.shape}, the readings {self.points.shape}, and their "
                 f"covariance {self.covariance.shape}",
                 where=self.where,
-                remedy="give all joint angles and a reading of each target for each position, and one "
-                "covariance for all readings or one for each",
+                remedy="give all joint angles and a reading of each target for each position; give one "
+                "covariance for all readings, or one for each reading",
             )
         if not (np.isfinite(self.angles).all() and np.isfinite(self.points[self.present]).all()):
             raise MeasurementError(
@@ -548,7 +548,7 @@ def refuse_wrong_units(sigma: float | None, reach: float) -> None:
     declared_unit, likely_unit = ("m", "mm") if reach > 1.0 else ("mm", "m")
     raise MeasurementError(
         (f"no target moves farther than {reach_text}" if reach < 1.0 else f"a target moves by {reach_text}")
-        + f"; {1e3 * LEAST_REACH:g} mm to {MOST_REACH:g} m is believed",
+        + f"; {1e3 * LEAST_REACH:g} mm to {MOST_REACH:g} m is plausible",
         where="units.length",
         remedy=f"check units.length: positions in {likely_unit} seem to be declared in {declared_unit}; "
         "for a machine of another size give the robot as a URDF or table",
@@ -823,7 +823,7 @@ def list_chain_axes(chain: KinematicChain) -> tuple[tuple[Axis, ...], pin.SE3]:
         raise RobotError(
             f"only axes of revolute joints can be identified, but {', '.join(prismatic)} is prismatic",
             remedy="make this joint fixed in the model (URDF: type fixed, at its present position), and omit "
-            "it from the readings; or use the nominal model",
+            "the joint from the readings; or use the nominal model",
             where="robot",
         )
     postures = Postures(Robot(chain.model()), np.zeros((1, len(chain.moving))))

@@ -557,8 +557,8 @@ def _refuse_joints_not_coupled(
     carrying_joints = [joint for joint in range(outer_joint) if joint != inner_joint]
     if carrying_joints and np.abs(angle_differences[carrying_joints]).max() > RESTING_RANGE:
         raise MeasurementError(
-            f"this sweep turns model joints {joints_text}, and it was recorded in another configuration "
-            f"than the {outer_fit.sweep.where}",
+            f"this sweep moves the joints {joints_text} of the model, but the {outer_fit.sweep.where} "
+            "was recorded in another configuration",
             where=sweep.where,
             remedy="start both sweeps from the same configuration of the other joints",
         )

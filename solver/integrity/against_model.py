@@ -145,7 +145,9 @@ def propose_angle_mistakes(
         rows_with_neighbour = np.flatnonzero((rows + shift >= 0) & (rows + shift < len(joints)))
         if len(rows_with_neighbour):
             change = f"the angles of the row {neighbour}"
-            remedy = f"shift the readings by one row: they belong to the angles of the row {neighbour}"
+            remedy = (
+                f"shift the readings by one row: each reading belongs to the angles of the row {neighbour}"
+            )
             shifted = joints[rows[rows_with_neighbour] + shift]
             yield Hypothesis("observations_out_of_order", shifted, change, remedy, rows_with_neighbour)
 
@@ -181,10 +183,10 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     # The whole set is mistaken if the correction explains most rows, and clearly more than the posted values.
     if explained_count >= EXPLAINED * len(sample) and explained_count / len(sample) > posted_share + 0.1:
         effect = (
-            "with the data as given, the targets keep one position on the flange (up to "
-            f"{length_text(LARGEST_MODEL_ERROR)} apart is believed) in only {agrees.sum()} of {len(rows)} "
-            f"observations; with {best_hypothesis.change}, they do so in {explained_count} "
-            f"of {len(is_explained)}, within {length_text(float(corrected_distances[is_explained].max()))}"
+            "with the data as given, the targets keep their positions on the flange (within "
+            f"{length_text(LARGEST_MODEL_ERROR)}) in only {agrees.sum()} of {len(rows)} observations; "
+            f"with {best_hypothesis.change}, in {explained_count} of {len(is_explained)} observations "
+            f"(within {length_text(float(corrected_distances[is_explained].max()))})"
         )
         if best_hypothesis.unit is not None:
             return [
@@ -267,9 +269,9 @@ def _inspect_disagreeing_rows(
                 "target_off_model",
                 f"target '{view.measurements.targets[farthest]}' is {length_text(distances[farthest])} "
                 "away from its median "
-                f"position on the flange; up to {length_text(LARGEST_MODEL_ERROR)} is believed",
-                "check that positions are in R0 and in `units.length`, the angles and their order, the "
-                f"joint map, and the robot's model; {PAST_DO_NOT_USE}",
+                f"position on the flange; up to {length_text(LARGEST_MODEL_ERROR)} is plausible",
+                "check the angles and their order, the joint map and the robot's model; check that "
+                f"positions are in R0 and in `units.length`; {PAST_DO_NOT_USE}",
                 "do_not_use",
                 row=i,
             )
@@ -283,7 +285,8 @@ def _inspect_disagreeing_rows(
             "observations_out_of_order",
             f"the readings of {len(shifted)} observations, observations[{shifted[0]}] to [{shifted[-1]}], "
             f"were taken at the angles of the row {neighbour}",
-            f"shift the readings of these rows by one: each belongs to the angles of the row {neighbour}",
+            "shift the readings of these rows by one: each reading belongs to the angles of the row "
+            f"{neighbour}",
             "do_not_use",
             row=shifted[0],
         )
@@ -292,7 +295,7 @@ def _inspect_disagreeing_rows(
         yield view.build_finding(
             "observations_out_of_order",
             f"the readings of this observation match the angles of observations[{j}]",
-            "match readings and angles again; check the order of both",
+            "match readings and angles again; check the order of the readings and of the angles",
             "do_not_use",
             row=i,
         )
@@ -400,7 +403,7 @@ def _report_mistyped_rows(
             "target_off_model",
             f"all targets are at least {length_text(nearest_distance[k])} away from their median positions "
             f"on the flange; the typical distance is {length_text(typical)}, and up to "
-            f"{length_text(greatest)} is believed",
+            f"{length_text(greatest)} is plausible",
             "check the angles of this observation for a typing error, and whether the robot stood still; "
             f"{PAST_CARE}",
             row=int(rows[k]),
@@ -944,7 +947,7 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
             "direction opposite to the prediction from the other observations, by "
             f"{length_text(predicted[position])}; with the load reversed, only "
             f"{length_text(reversed_residual[position])} remains unexplained",
-            "change the sign of this force, or exchange unloaded and loaded",
+            "change the sign of this force, or exchange the unloaded and the loaded readings",
             "do_not_use",
             row=int(rows[position]),
         )
@@ -979,8 +982,8 @@ def _find_mistake_of_the_set(
         typical_deflection = median(np.linalg.norm(measurements.deflection, axis=2)[measurements.present])
         return view.build_finding(
             "deflections_unexplained",
-            f"joint compliances do not explain the deflections: of {length_text(typical_deflection)} "
-            f"(median), {100.0 * springs.unexplained:.3g} % remain unexplained",
+            "joint compliances do not explain the deflections (median "
+            f"{length_text(typical_deflection)}): {100.0 * springs.unexplained:.3g} % remain unexplained",
             "check the frame and signs of the forces, the joint map, and the order of angles and rows",
             "use",
         )
@@ -991,7 +994,8 @@ def _find_mistake_of_the_set(
         "force_sign_suspect",
         f"the work of the load on the joints is {springs.work:.3g} J, but must be positive; the "
         f"targets moved against the force in {int(against_force.sum())} of {len(against_force)} observations",
-        "change the sign of every force (forces are those on the robot); or exchange unloaded and loaded",
+        "change the sign of every force, because forces are those on the robot; or exchange the "
+        "unloaded and the loaded readings",
         "do_not_use",
         AdvisedAction.of("exchange_readings"),
     )
@@ -1055,7 +1059,7 @@ def _find_shifted_rows(
         "observations_out_of_order",
         f"the deflections of {len(longest)} observations, observations[{first}] to [{last}], "
         f"match the load and posture of the row {neighbour}, not their own",
-        f"shift the readings of these rows by one: each belongs to the angles of the row {neighbour}",
+        f"shift the readings of these rows by one: each reading belongs to the angles of the row {neighbour}",
         "do_not_use",
         row=first,
     )
@@ -1101,9 +1105,9 @@ def _report_residual_outliers(
         if pair is not None:
             yield view.build_finding(
                 "targets_swapped",
-                f"with the deflections of '{targets[pair[0]]}' and '{targets[pair[1]]}' exchanged, joint "
-                "compliances explain them twice as well",
-                f"exchange their names in '{measurements.labels[position]}'",
+                "joint compliances explain the deflections twice as well if those of "
+                f"'{targets[pair[0]]}' and '{targets[pair[1]]}' are exchanged",
+                f"exchange the names of the two targets in '{measurements.labels[position]}'",
                 "do_not_use",
                 row=int(rows[position]),
             )
@@ -1195,8 +1199,8 @@ def inspect_encoders(view: View) -> Iterator[Finding]:
             "µrad, opposite to "
             f"the torque of {figure(torque[worst, joint])} N.m, in {len(rows)} of "
             f"{int(encoders.present[:, joint].sum())} readings",
-            "check the encoder's sign, which is that of the model's joint, not the controller's; that "
-            "unloaded and loaded are not exchanged; and the signs of the force",
+            "check that the encoder has the sign of the model's joint, not of the controller's; check "
+            "the signs of the force; check that unloaded and loaded readings are not exchanged",
             row=worst if len(rows) == 1 else None,
         )
     for joint in np.flatnonzero(size.max(axis=0) > LARGEST_ENCODER_DEFLECTION):
@@ -1204,7 +1208,7 @@ def inspect_encoders(view: View) -> Iterator[Finding]:
         yield view.build_finding(
             "encoder_deflection_implausibly_large",
             f"the encoder of {joint_names[joint]} shows a deflection of {1e3 * size[worst, joint]:.3g} "
-            f"mrad; up to {1e3 * LARGEST_ENCODER_DEFLECTION:g} mrad is believed",
+            f"mrad; up to {1e3 * LARGEST_ENCODER_DEFLECTION:g} mrad is plausible",
             "check `units.angle`, and that unloaded and loaded readings are of the same posture; "
             f"{PAST_CARE}",
             row=worst,

@@ -91,9 +91,10 @@ def inspect_other_robots(view: View, others: Iterable[KnownRobot]) -> Iterator[F
         name = fit.known.name
         yield view.build_finding(
             "another_robot_fits",
-            f"with the robot '{name}', {fit.explained} of {len(rows)} observations keep the targets on one "
-            f"place of the flange, within {length_text(fit.greatest_distance)}; with the chosen robot, "
-            f"only {explained_by_chosen} of {len(rows)}, within {length_text(LARGEST_MODEL_ERROR)}{tie}",
+            f"with the robot '{name}', the targets keep their places on the flange in {fit.explained} "
+            f"of {len(rows)} observations, within {length_text(fit.greatest_distance)}; with the chosen "
+            f"robot, in only {explained_by_chosen} of {len(rows)}, within "
+            f"{length_text(LARGEST_MODEL_ERROR)}{tie}",
             f"check which robot was measured; if '{name}' was measured, choose this robot",
             "do_not_use",
             AdvisedAction.of("choose_robot", robot=name, robot_id=fit.known.identifier),

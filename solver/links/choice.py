@@ -43,23 +43,24 @@ from jointstiff.solver.mechanics.robot import Robot
 def list_models_to_compare(screening: Screening, requested: ModelName | None) -> tuple[ModelName, ...]:
     """Return the models to compare, from simple to rich.
 
-    Models with a bending base are compared only if a test finds that the base bends. If links then explain
-    nothing in addition to the base, models with links are omitted; if the base explains nothing in addition
-    to links, the model with both is omitted.
+    Models with a bending base are compared only if a test finds that the base bends. The model with links and
+    base is compared if the base explains something in addition to links. The models with links are omitted if
+    this is the case, but links explain nothing in addition to the base.
 
     Args:
         screening: tests of the residuals of joints alone for other causes.
         requested: model that the request names; None leaves the choice to the tests.
     """
-    # If the request lets the base bend, models with a bending base and with a rigid base are compared.
+    # If the request lets the base bend, all models are compared: with a bending base and with a rigid one.
     if requested in WITH_BASE:
         return MODELS
     if requested is not None or not screening.base_needs_validation:
         return tuple(name for name in MODELS if name not in WITH_BASE)
-    base_is_needed = screening.base_p_value_with_links < LINKS_LEVEL
-    if screening.links_p_value_with_base >= LINKS_LEVEL and base_is_needed:
-        return ("joints", "joints_and_base")
-    return tuple(name for name in MODELS if base_is_needed or name != "links_and_base")
+    base_adds_to_links = screening.base_p_value_with_links < LINKS_LEVEL
+    links_add_to_base = screening.links_p_value_with_base < LINKS_LEVEL
+    if not base_adds_to_links:
+        return tuple(name for name in MODELS if name != "links_and_base")
+    return MODELS if links_add_to_base else ("joints", "joints_and_base")
 
 
 WEIGHTS: Final = tuple(10.0 ** (quarter / 4.0) for quarter in range(-12, 1, 2))

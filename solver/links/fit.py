@@ -139,7 +139,7 @@ def refuse_unsupported_elastic(measurements: Measurements, settings: Settings) -
     for is_refused, where, remedy in refused:
         if is_refused:
             raise UnsupportedMethodError(
-                f"only elasticity joints supports the given {where.replace('_', ' ')}",
+                f"the given {where.replace('_', ' ')} works only with elasticity joints",
                 where=where,
                 remedy=f"{remedy}, or use elasticity joints",
             )

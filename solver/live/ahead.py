@@ -142,7 +142,7 @@ class CandidateReadings:
         ):
             names = ", ".join(np.array(robot.joint_names)[not_twisted])
             raise RequestError(
-                f"the loads do not twist {names}, but forces in the work area do",
+                f"forces in the work area twist {names}, but the loads of the readings do not",
                 where="open.load",
                 remedy="apply forces in other directions, or give the goal a `force` that does not twist "
                 "these joints",

@@ -468,7 +468,7 @@ def _propose_mistakes(
         joints_with_sign = reading.joints.copy()
         joints_with_sign[0, joint] *= -1.0
         yield f"the angle of {name} has the opposite sign", replace(reading, joints=joints_with_sign), None, 0
-    yield "the force differs from the stated one", reading, FORCE_SCALE, 1
+    yield "the force differs from the stated force", reading, FORCE_SCALE, 1
     yield "the arm or the tracker moved between the two readings", reading, SHIFT, 3
 
 

@@ -380,7 +380,10 @@ class Progress:
         greatest = float(np.max(half, initial=0.0, where=meets_goal))
         if not greatest > self.goal.relative:
             return ""
-        return f", without the assumed errors of load point and force (with them ± {100 * greatest:.0f} %)"
+        return (
+            f"; without the assumed errors of load point and force (± {100 * greatest:.0f} % with these "
+            "errors)"
+        )
 
     def _describe_obstacle(self) -> str:
         """Return a sentence that names the joint or the deflection that keeps the goal from being met."""

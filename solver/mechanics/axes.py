@@ -32,25 +32,29 @@ class DisplacedAxis:
     ) -> DisplacedAxis:
         """Differentiate the kinematics with respect to small displacements of a joint's axis.
 
+        The column S = (v, ω) of the spatial Jacobian of an axis that moves by u = (u_v, u_ω) changes by
+        ``(u_ω × v + u_v × ω, u_ω × ω)``.
+
         Args:
             postures: B postures of n joints.
             joint: index of the joint.
             axis_displacements: (6, k) displacements of the axis: translations along, then rotations about
                 the axes of the joint's frame.
             joint_motion: (B, n, k) change of the joint positions that each displacement causes [rad or m].
+
+        Returns:
+            Derivatives of the Jacobian's linear and angular rows, and the motion of the flange.
         """
         S = postures.jacobian
         joint_part = S[..., None] * joint_motion[:, None]  # (B, 6, n, k) motion due to each joint
         carried_motion = np.cumsum(joint_part, axis=2)
         axis_motion = carried_motion - joint_part  # motion of each axis because of the joints before it
+        # (B, 6, k) motion of everything that follows the axis in the chain
         motion_behind_axis = postures.axis_motions[:, joint] @ axis_displacements
         axis_motion[:, :, joint] += postures.placement_motions[:, joint] @ axis_displacements
         axis_motion[:, :, joint + 1 :] += motion_behind_axis[:, :, None]
-        # Translation and rotation of S_k, and of the motion u in the module's formula
-        v = S[:, :3, :, None]
-        w = S[:, 3:, :, None]
-        u_v = axis_motion[:, :3]
-        u_w = axis_motion[:, 3:]
+        v, w = S[:, :3, :, None], S[:, 3:, :, None]  # (B, 3, n, 1)
+        u_v, u_w = axis_motion[:, :3], axis_motion[:, 3:]  # (B, 3, n, k)
         return cls(
             linear=np.cross(u_w, v, axis=1) + np.cross(u_v, w, axis=1),
             angular=np.cross(u_w, w, axis=1),

@@ -37,7 +37,7 @@ class LoadCases:
                     f"{each.name} needs finite numbers of shape {(count, width)}, but has shape "
                     f"{array.shape}",
                     where=f"cases.{each.name}",
-                    remedy="give at least one case, and the same fields for each",
+                    remedy="give at least one case, with the same fields for each case",
                 )
             array.setflags(write=False)
 

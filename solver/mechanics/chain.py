@@ -100,8 +100,8 @@ class ChainJoint:
             unit = "" if self.kind == "fixed" else f" {JOINT_UNITS[self.kind].position}"
             raise RobotError(
                 f"the joint limits {lower:g} and {upper:g}{unit} leave no range",
-                remedy="give a finite lower limit below the upper one, or no limits; "
-                "make a joint that cannot move a fixed one",
+                remedy="give a finite lower limit below the upper limit, or no limits; make a joint that "
+                "cannot move a fixed joint",
                 where=f"{place} limits",
             )
 
@@ -141,7 +141,7 @@ class KinematicChain:
         moving = len(self.moving)
         if moving == 0:
             raise RobotError(
-                f"a fixed-only chain: there is no moving joint between '{self.base}' and '{self.flange}'",
+                f"there is no moving joint between '{self.base}' and '{self.flange}'",
                 remedy="choose a base and a flange with moving joints between base and flange",
                 where="chain",
             )
@@ -281,10 +281,10 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
     reach = float(np.linalg.norm(reduce(mul, (joint.placement for joint in joints)).translation))
     if reach > LARGEST_LENGTH and any(abs(row.d) > LARGEST_LENGTH for row in rows):
         raise RobotError(
-            f"the flange is {reach:g} m from the base if all joints are at zero; up to {LARGEST_LENGTH:g} m "
-            "is believed",
-            remedy=f"check d and its unit: offsets above {LARGEST_LENGTH:g} m are believed only if they "
-            f"cancel to {LARGEST_LENGTH:g} m; a longer machine can be given as a URDF",
+            f"the flange is {reach:g} m from the base with all joints at zero; at most "
+            f"{LARGEST_LENGTH:g} m is plausible",
+            remedy=f"check d and its unit: offsets above {LARGEST_LENGTH:g} m are plausible only if the "
+            f"offsets cancel to at most {LARGEST_LENGTH:g} m; give a longer machine as a URDF",
             where="model.rows",
         )
     return KinematicChain(name=name, base="base", flange="flange", joints=tuple(joints))

@@ -85,9 +85,9 @@ class Instrument:
         if least < LEAST_SIGMA or ratio**2 > LARGEST_CONDITION:
             raise MeasurementError(
                 f"the standard uncertainties of {sigma_along.max():.3g} m along and "
-                f"{sigma_across.max():.3g} m across "
-                f"the line of sight are not those of a tracker: at least {LEAST_SIGMA:g} m, and a ratio "
-                f"up to {LARGEST_CONDITION**0.5:g}, is believed",
+                f"{sigma_across.max():.3g} m across the line of sight are not those of a tracker: at "
+                f"least {LEAST_SIGMA:g} m, and a ratio of at most {LARGEST_CONDITION**0.5:g}, is "
+                "plausible",
                 where="noise.instrument",
                 remedy="check the constants, which are in `units.length`, and the terms per distance; or "
                 "state `noise.sigma` in place of the instrument",

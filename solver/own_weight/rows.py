@@ -163,7 +163,7 @@ class WeightReadings:
         joints += [balancer.joint for balancer in self.burden.balancers]
         if not joints or not 0 <= min(joints) <= max(joints) < self.poses.joint_map.n:
             raise MeasurementError(
-                f"the robot has no bodies, or a body is on none of its {self.poses.joint_map.n} joints",
+                f"the robot has no bodies, or a body belongs to none of the {self.poses.joint_map.n} joints",
                 where="masses",
                 remedy="state for each link its mass, its centre of mass and the joint that carries it",
             )

@@ -392,15 +392,15 @@ def build_stored_model(
 def _describe_joint_model(model: JointModel) -> dict[str, Any]:
     """Return the fields of a stored model in which only joints bend.
 
-    The fields `estimate` and `covariance` are of the joints listed in `seen`; they neglect the constraints,
-    which `compliance` obeys.
+    The field `compliance` obeys the constraints. The fields `estimate` and `covariance` are without
+    constraints, and only for the joints listed in `seen`.
     """
     names = model.robot.joint_names
     likelihood = model.likelihood
     bounds = model.constraints.bounds
-    weight = None
+    own_weight = None
     if isinstance(model.weight, IdentifiedWeight):
-        weight = stored_as.WeightPart(
+        own_weight = stored_as.WeightPart(
             gravity=point(model.weight.gravity),
             mass=model.weight.mass.tolist(),
             centre=model.weight.centre.tolist(),
@@ -416,7 +416,7 @@ def _describe_joint_model(model: JointModel) -> dict[str, Any]:
         "lower": [value if isfinite(value) else None for value in bounds.lower.tolist()],
         "upper": [value if isfinite(value) else None for value in bounds.upper.tolist()],
         "order": model.constraints.order,
-        "weight": weight,
+        "weight": own_weight,
     }
 
 
@@ -625,7 +625,7 @@ def _build_compliance_messages(
         lateral_blocked=compliance.stiffness_lateral_blocked(directions_or_x),
         rotation_blocked=compliance.stiffness_rotation_blocked(directions_or_x),
         compliance=compliance.compliance_along(directions_or_x),
-        standard_uncertainty=compliance.deviation_along(directions_or_x),
+        standard_uncertainty=compliance.uncertainty_along(directions_or_x),
     )
     return build_messages_where(
         cases.CartesianCompliance,

@@ -148,15 +148,17 @@ class CartesianCompliance:
         angle = np.minimum(np.sqrt(angle_variance), 0.5 * np.pi)
         return WorstDirection(greatest, direction, np.sqrt(variance[:, -1]), angle)
 
-    def deviation_along(self, direction: FloatArray) -> FloatArray:
+    def uncertainty_along(self, direction: FloatArray) -> FloatArray:
         """Return the standard uncertainty (B,) of the compliance along unit vectors u (B, 3) [m/N].
 
         NaN if the uncertainty of the joints' compliances is unknown.
         """
         if self.differentiate is None:
             return np.full(len(direction), np.nan)
+        # L and M (B, 6, n): the derivative of the compliance matrix with respect to the compliance of joint j
+        # is L_j M_jᵀ, with the columns j of L and M.
         L, M, covariance = self.differentiate()
-        # Derivatives (uᵀ L_j) (M_jᵀ u) of the compliance along u with respect to the joints' compliances
+        # The compliance along u has the derivatives (uᵀ L_j) (M_jᵀ u).
         slope = ((direction[:, None] @ L[:, :3]) * (direction[:, None] @ M[:, :3]))[:, 0]
         return np.asarray(np.sqrt(np.einsum("bi,ij,bj->b", slope, covariance, slope)))
 
@@ -318,10 +320,10 @@ class Deflection(ABC):
     def interval_along(self, direction: FloatArray, confidence: float) -> FloatArray:
         """Return intervals (B, 2) of displacements along unit vectors (B, 3) [m]; NaN if unknown."""
         value = np.einsum("bi,bi->b", direction, self.displacement)
-        spread = self.model.quantile(confidence) * self.deviation_along(direction)
+        spread = self.model.quantile(confidence) * self.uncertainty_along(direction)
         return np.stack([value - spread, value + spread], axis=-1)
 
-    def deviation_along(self, direction: FloatArray) -> FloatArray:
+    def uncertainty_along(self, direction: FloatArray) -> FloatArray:
         """Return standard uncertainties (B,) of displacements along unit vectors [m]; NaN if unknown."""
         if self.covariance_root is None:
             return np.full(len(direction), np.nan)
@@ -444,7 +446,7 @@ def compensate(
             where="run_id",
             remedy="choose a run whose readings determine every joint that the process loads",
         )
-    uncertainty = uncorrected.deviation_along(unit_vectors(uncorrected.displacement))
+    uncertainty = uncorrected.uncertainty_along(unit_vectors(uncorrected.displacement))
     is_uncertain = uncertainty > np.linalg.norm(uncorrected.displacement, axis=1)
     share = np.where(is_uncertain, 0.0, ramp)  # no correction where its direction is not known
 

@@ -779,35 +779,22 @@ def compute_load_sizes(
     return size
 
 
-def leave_postures_out(
+def estimate_error_by_leaving_postures_out(
     robot: Robot, measurements: Measurements, settings: Settings, estimate: Estimate, model: JointModel
 ) -> ModelError:
-    """Estimate the error of the model's predictions at new postures, by refits without each posture in turn.
+    """Estimate the error of the model's predictions at new postures.
 
-    Each refit predicts the readings of the posture that was left out. The refits use the run's method,
-    weighting, bounds, weights of a robust loss, and the stiffness K_c of the loads at the run's compliances.
-    Priors and an order of joints are neglected, so residuals are rather too large than too small.
+    For each posture: fit the model again without the posture, then predict the readings of the posture. The
+    refits use the method, weighting and bounds of the run, and the weights of a robust loss. They use the
+    complementary stiffness K_c at the compliances of the run. They neglect priors and the constraint that
+    orders the joints, so the residuals tend to be too large.
 
     Raises:
         RequestError: no posture can be left out.
         JointstiffError: a refit fails.
     """
-    rounded = np.round(measurements.joints / _SAME_POSTURE)
-    posture_of_observation = np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1)
-    loaded = (measurements.force != 0.0).any(axis=1) | (measurements.moment != 0.0).any(axis=1)
-    left_out_postures = np.unique(posture_of_observation[loaded])
+    posture_of_observation, left_out_postures = _choose_left_out_postures(measurements, estimate)
     posture_count = len(left_out_postures)
-    if posture_count < 2:
-        raise RequestError("the model error needs two postures under load", remedy="measure more postures")
-    if measurements.direction is not None:
-        raise RequestError(
-            "readings along one direction do not show the whole error of a prediction",
-            remedy="read all three coordinates of a target",
-        )
-    if estimate.covariance is None:
-        raise RequestError(
-            "the uncertainty of the readings is unknown", remedy="measure more postures, or state `noise`"
-        )
     if posture_count > MOST_LEFT_OUT:
         left_out_postures = left_out_postures[np.linspace(0, posture_count - 1, MOST_LEFT_OUT).astype(int)]
     if estimate.robust is not None:
@@ -821,10 +808,12 @@ def leave_postures_out(
     )
     posture_of_reading = posture_of_observation[np.nonzero(measurements.present)[0]]
     is_left_out = np.isin(posture_of_reading, left_out_postures)
+    # (R, v) for each reading, the v compliances of the refit without its posture; zero without a refit
     compliance = np.zeros((len(posture_of_reading), len(blocks.visible)))
     compliance[is_left_out] = fits[np.searchsorted(left_out_postures, posture_of_reading[is_left_out])][
         :, blocks.visible
     ]
+    # (R, 3) measured minus predicted; (R, 3, k) root of the covariance of each prediction
     residual = blocks.deflection.T - np.einsum("rv,vir->ri", compliance, blocks.regressor)
     prediction_root = blocks.regressor.transpose(2, 1, 0) @ model.root[blocks.visible]
     # Without one of `count` postures, the covariance of the estimate grows by about this fraction.
@@ -835,11 +824,39 @@ def leave_postures_out(
     return replace(error, left_out=PostureJackknife(fits, posture_count))
 
 
-def leave_folds_out(robot: Robot, measurements: Measurements, elastic: ElasticEstimate) -> ModelError:
-    """Estimate the error of a model with elastic links, by refits without each fold in turn.
+def _choose_left_out_postures(
+    measurements: Measurements, estimate: Estimate
+) -> tuple[IndexArray, IndexArray]:
+    """Return the number (N,) of each observation's posture, and the numbers of the postures under load.
 
-    Each refit predicts the readings of the fold that was left out, one of `_FOLD_COUNT` sets of postures, so
-    that each fit uses nearly the whole set. If a fold with whitened rows A is left out, the covariance
+    Raises:
+        RequestError: the readings do not show the model error.
+    """
+    rounded = np.round(measurements.joints / _SAME_POSTURE)
+    posture_of_observation = np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1)
+    loaded = (measurements.force != 0.0).any(axis=1) | (measurements.moment != 0.0).any(axis=1)
+    left_out_postures = np.unique(posture_of_observation[loaded])
+    if len(left_out_postures) < 2:
+        raise RequestError("the model error needs two postures under load", remedy="measure more postures")
+    if measurements.direction is not None:
+        raise RequestError(
+            "readings along one direction do not show the whole error of a prediction",
+            remedy="read all three coordinates of a target",
+        )
+    if estimate.covariance is None:
+        raise RequestError(
+            "the uncertainty of the readings is unknown", remedy="measure more postures, or state `noise`"
+        )
+    return posture_of_observation, left_out_postures
+
+
+def estimate_error_by_leaving_folds_out(
+    robot: Robot, measurements: Measurements, elastic: ElasticEstimate
+) -> ModelError:
+    """Estimate the error of a model with elastic links at new postures.
+
+    The postures are divided into `_FOLD_COUNT` folds. For each fold: fit the model again without the fold,
+    then predict the readings of the fold. If a fold with whitened rows A is left out, the covariance
     ``C = L Lᵀ`` of the compliances becomes ``L (I − Lᵀ AᵀA L)⁻¹ Lᵀ``.
 
     Raises:

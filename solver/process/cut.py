@@ -83,7 +83,7 @@ class Cut:
             raise RequestError(
                 f"the feed is {chip} mm a tooth, more than the tool's radius",
                 where="cut.feed",
-                remedy="give the feed in m/s, and the speed of the spindle in turns a second",
+                remedy="give the feed in m/s, and the speed of the spindle in turns per second",
             )
 
     @property

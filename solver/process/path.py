@@ -105,12 +105,16 @@ class ProcessPath:
 
     @property
     def middle(self) -> FloatArray:
-        """(3,) middle of the box that contains the free points of the path, in R0 [m]."""
+        """(3,) point about which the workpiece turns, in R0 [m].
+
+        The point is `centre` if stated, or else the middle of the box around the points whose joints are not
+        given; around all points if the joints of each point are given.
+        """
         if self.centre is not None:
             return self.centre
-        free = np.isnan(self.given[:, 0])
-        centres = self.centres[free if free.any() else slice(None)]
-        return np.asarray(0.5 * (centres.min(axis=0) + centres.max(axis=0)))
+        has_no_given_joints = np.isnan(self.given[:, 0])
+        points = self.centres[has_no_given_joints if has_no_given_joints.any() else slice(None)]
+        return np.asarray(0.5 * (points.min(axis=0) + points.max(axis=0)))
 
 
 def find_feed_frames(

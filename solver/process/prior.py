@@ -36,15 +36,15 @@ def build_prior_model(robot: Robot) -> JointModel:
     """
     if robot.payload is None:
         raise RobotError(
-            "the robot has no payload, from which a prior of its stiffness follows",
+            "the prior of the stiffness follows from the payload, but the robot states no payload",
             where="payload",
-            remedy="state `payload` of the robot [kg], or identify its stiffness",
+            remedy="state `payload` of the robot [kg], or identify the stiffness of the robot",
         )
     if robot.n != _SIX or robot.prismatic.any():
         raise RobotError(
-            "only an arm with six revolute joints has a prior of its stiffness",
+            "a prior of the stiffness exists only for arms with six revolute joints",
             where="robot",
-            remedy="identify its stiffness",
+            remedy="identify the stiffness of the robot",
         )
     ratios = np.exp(np.mean([np.log(arm.ratios()) for arm in MEASURED_ARMS], axis=0))  # of joints 2 to 6
     ratios = np.concatenate([[np.sqrt(ratios[0] * ratios[1])], ratios])

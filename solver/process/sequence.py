@@ -24,7 +24,7 @@ _NONE: Final = -1
 MOST_LINKS: Final = 20_000_000
 """Greatest number of motions between the postures of a path: they take 16 bytes each."""
 MOST_TRIALS: Final = 40
-"""Greatest number of postures of targets visited again that are tried along the whole path."""
+"""Greatest number of trials, each with one posture for a target that is visited again, along a path."""
 _ROUNDING: Final = 1e-9
 """Part of a step that is kept free, so that differences of rounded angles do not exceed the step."""
 

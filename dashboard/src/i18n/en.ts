@@ -371,7 +371,7 @@ export const en = {
     rough: ["roughly known", "The interval is wide: measure more postures."],
     unrated: ["value without interval", "Judge this value by its standard uncertainty."],
     vague: ["hardly known", "The joint's compliance is less than twice its standard uncertainty."],
-    lower_limit: ["only a lower limit", "The readings cannot distinguish this joint from a rigid one."],
+    lower_limit: ["only a lower limit", "The readings cannot distinguish this joint from a rigid joint."],
     negative: [
       "negative: not physical",
       "The readings do not determine this joint, or contradict the model. See the constrained result.",

@@ -4,7 +4,7 @@ import { remember } from "../../src/state/kept";
 import { ProgramForm } from "../../src/views/use";
 import { drawn, press, settled } from "./drawn";
 
-const remedy = "if it does neither, state `trust_routines`, or name it in `leave_alone`: ['GRIPPER']";
+const remedy = "if 'GRIPPER' does neither, state `trust_routines`, or name the routine in `leave_alone`: ['GRIPPER']";
 const problem = {
   type: "urn:jointstiff:problem:invalid-file",
   title: "The file is not understood",

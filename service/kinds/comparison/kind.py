@@ -406,7 +406,8 @@ def _resampled_joint(entry: ComparedRun, j: int) -> ResampledJoint | None:
 def _fits_table(compared_runs: Sequence[ComparedRun], *, shows_repeated: bool) -> Table:
     """Return a table with a row for each fit: explained deflection, residual, condition number.
 
-    Without `shows_repeated`, a fit with a constraint that changes no number has no row.
+    Unless `shows_repeated` is true, a fit with the constraint of positive stiffness is omitted if its numbers
+    equal those of the fit without the constraint.
     """
     cells_of_free_run = {
         (entry.side, _method_abbreviation(entry)): _fit_cells(entry)
@@ -484,7 +485,7 @@ def _legend(
         f"≥ 0: compliances zero or positive{'' if shows_repeated else ', where the constraint acts'}"
         if any(entry.positive for entry in compared_runs)
         else "",
-        "drawn: explained share of all configurations, mean & standard deviation over the drawn fits"
+        ("drawn: explained share of all configurations, mean & standard deviation over the drawn fits")
         if resampled
         else "3.188(17): 3.188 with standard uncertainty 0.017",
         "≥ 0 gives the same numbers as free: no constraint is active" if hides_constrained else "",

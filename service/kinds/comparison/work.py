@@ -303,8 +303,8 @@ def _make_solver_side(inputs: Inputs, leading_run: MeasuredRun, runs: Sequence[M
     if run.request.weight is not None or run.request.priors:
         obstacle = "was identified by own weight" if run.request.weight is not None else "uses priors"
         raise RequestError(
-            f"the run '{run.id}' {obstacle}, whose errors may be common to both sets, but the sets must be "
-            "independent",
+            f"the run '{run.id}' {obstacle}, so the errors of both sets may be common, but the sets "
+            "must be independent",
             where="run_ids",
             remedy="identify the measurement set under external loads and without `priors`, and give the "
             "new run",

@@ -84,8 +84,8 @@ def _choice_sheet(name: str) -> Callable[[Process], Sheet]:
 _GAINS: Final = {
     "no_gain": "no gain: the deflection is the same at all turns, as for a spindle along the last axis",
     "no_order": (
-        "whether the deflection is less than before is not certain: the interval of the difference "
-        "contains zero, or is unknown"
+        "it is not certain that the deflection is less than before: the interval of the difference contains "
+        "zero, or is unknown"
     ),
 }
 
@@ -95,13 +95,13 @@ def _make_report(job: Process, result: ProcessResult, _view: View) -> Report:
     size = "root mean square" if result.objective == "rms" else "greatest"
     change = _GAINS.get(result.gain, "")
     if result.before is None:
-        change = "the robot does not follow the path where it was sent"
+        change = "the robot cannot follow the path with the workpiece in its programmed place"
     elif not change:
         share = 1 - result.turned.value / result.before.value
         change = f"{figure(100 * share, '.3g')} % less deflection than before"
     parts: list[Part] = [
         Line(f"{change}; {result.points} targets, {result.moves} moves"),
-        _bands_table(result, f"Deflection along the path, {size}", job.request.confidence),
+        _deflection_table(result, f"Deflection along the path, {size}", job.request.confidence),
     ]
     allowed = [each for each in result.fixed_deflections if each is not None]
     if len(allowed) > 1:
@@ -145,8 +145,12 @@ def _micrometres(length: float) -> str:
     return figure(1e6 * length, ".4g")
 
 
-def _bands_table(result: ProcessResult, title: str, confidence: float) -> Table:
-    """Return a table of the deflection before, after turning and after correction, with its intervals."""
+def _deflection_table(result: ProcessResult, title: str, confidence: float) -> Table:
+    """Return a table of deflections, each with its intervals.
+
+    The rows are the deflection before, the deflection with the chosen turns and place, the difference of the
+    two, and the deflection that is left after the correction.
+    """
     rows = {
         "before": result.before,
         "as chosen": result.turned,
@@ -201,7 +205,9 @@ def _place_parts(result: ProcessResult) -> list[Part]:
             for axis, low, high in zip("xyz", result.flat_low, result.flat_high, strict=True)
         ]
         count = "1 place" if result.flat_places == 1 else f"{result.flat_places} places"
-        lines.append(f"{count} of the search within 5 % of the best: {', '.join(extent)} mm")
+        lines.append(
+            f"{count} of the search with a deflection within 5 % of the best: {', '.join(extent)} mm"
+        )
     return parts + [Line(each) for each in lines]
 
 

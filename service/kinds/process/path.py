@@ -72,7 +72,7 @@ class ProgramToTurn:
         most = MAX_POSES[request.branches]
         if len(visits.targets) * turns > most:
             raise RequestError(
-                f"{len(visits.targets)} points and {turns} turns are more than {most:,} poses",
+                f"{len(visits.targets)} points and {turns} turns give more than {most:,} poses",
                 where="turns",
                 remedy="lower `turns`, or split the program",
             )
@@ -146,7 +146,7 @@ def make_turn_task(request: ProcessRequest) -> TurnTask:
     low, high = (angle * each for each in request.turn)
     if max(abs(low), abs(high), high - low) > 2.0 * np.pi * (1.0 + 1e-9):
         raise RequestError(
-            "the range of turns is more than a full turn, or beyond one",
+            "the range of turns exceeds a full turn, or lies beyond one",
             where="turn",
             remedy="state turns within a full turn, in `units.angle`; or `free`",
         )
@@ -164,7 +164,8 @@ def _refuse_without_orientation(program: Program, request: ProcessRequest, targe
     missing = any(not notations[i].has_pose and not notations[i].is_joints for i in used)
     if missing and request.turn != "keep" and request.branches == "keep":
         raise RequestError(
-            "the program states no angle about the tool's axis, so that a turn cannot be written into it",
+            "the program states no angle about the tool's axis, so that a turn cannot be written into "
+            "the program",
             where="turn",
             remedy="send full poses; or `branches: free`, and take the joints from points.csv",
         )

@@ -12,7 +12,7 @@ from jointstiff.service.tables.table import Sheet
 from jointstiff.solver.arrays import FloatArray
 
 WAYS: Final = ("before", "turned", "remaining")
-"""Names of the deflections that the table of turns has."""
+"""Columns of deflections in the table of turns."""
 _JOINT_UNIT: Final = 1e-6
 """Unit in which joints are stored [deg]: at a reach of 3 m it moves the tool by 0.05 µm."""
 _LENGTH_DECIMALS: Final = 7

@@ -169,7 +169,7 @@ def _state_forces(
         return {"force": array.tolist()}
     if array.ndim != 2 or array.shape[1] not in {3, 4}:
         raise ValueError(
-            "forces must be one force (3,), forces (N, 3) of the points, or lengths with forces (K, 4)"
+            "give one force (3,), a force for each point (N, 3), or rows of path length and force (K, 4)"
         )
     first = f"length [{units['length']}]"
     if array.shape[1] == 3:

@@ -80,8 +80,8 @@ class ProcessWork(ProgramWork):
     activity = "placing and turning"
     subject = "process"
     cut_remark = (
-        "the force of the cut is computed; the intervals along the path include its uncertainty, those of "
-        "the worst points leave it out"
+        "the force of the cut is computed: the intervals along the path include the uncertainty of this "
+        "force, the intervals of the worst points do not"
     )
     _request: ProcessRequest
 
@@ -246,8 +246,8 @@ class ProcessWork(ProgramWork):
         model, box, grid = self._run_model.model, self._box, self._box.places()
         if not np.isfinite(self._sizes).any():
             raise RequestError(
-                f"the robot follows the path within limits and step at none of {len(grid)} places of the "
-                "workpiece",
+                f"at none of {len(grid)} places of the workpiece can the robot follow the path within "
+                "limits and step",
                 where="place",
                 remedy="move or enlarge the box, raise `step`, or lower `clearance`",
             )
@@ -358,14 +358,20 @@ class ProcessWork(ProgramWork):
         """Return the reason that comes first: nothing orders the chosen path and the path as it was sent."""
         if self._gain() != "no_order" or self._is_kept:
             return []
-        message = "the robot does not follow the path where it was sent, so that no order is stated"
-        remedy = "compare places with each other, or send the program where the robot follows it"
+        message = (
+            "the robot cannot follow the path with the workpiece in its programmed place, so the "
+            "deflections before and after cannot be compared"
+        )
+        remedy = "compare places with each other, or send a program that the robot can follow"
         if self._ranking is not None:
             text = "has no interval, as the model error is unknown"
             if (interval := self._ranking.difference.with_model_error) is not None:
                 low, high = (figure(1e6 * each, ".3g") for each in interval)
                 text = f"is within {low} to {high} µm"
-            message = f"the difference of the deflections before and after {text}, so that no order is stated"
+            message = (
+                f"the difference of the deflections before and after {text}, so it is not certain which "
+                "deflection is less"
+            )
             measure = "measure more, or measure with loads like those of the process"
             if self._request.cut is not None or self._request.force_uncertainty:
                 measure = f"measure the force of the process, and state the force; or {measure}"
@@ -415,7 +421,7 @@ class ProcessWork(ProgramWork):
             return None  # the controller takes the nearest posture
         sent, robot = self._as_sent.programmed, self._run_model.model.robot
         if sent is None:
-            return "the arm configurations of the program as it was sent are not known"
+            return "the arm configurations of the sent program are not known"
         chosen, programmed = (
             find_branches(self._inverse, Postures(robot, robot.joint_map.model_angles(joints)))
             for joints in (self._placed.choice.joints, sent.cases.joints[self._visits.number])
@@ -466,8 +472,8 @@ class ProcessWork(ProgramWork):
         i = int(np.argmax(wrong))
         line = int(program.targets.line[self._visits.targets[i]])
         return (
-            f"line {line}: the controller would not reach the turned target in the posture that was meant, "
-            f"as a joint would differ by {np.degrees(np.abs(read[i] - self._meant[i]).max()):.3g}°"
+            f"line {line}: the controller would not reach the turned target in the chosen posture, as a "
+            f"joint would differ by {np.degrees(np.abs(read[i] - self._meant[i]).max()):.3g}°"
         )
 
     def list_remarks(self) -> list[str]:
@@ -484,7 +490,8 @@ class ProcessWork(ProgramWork):
         if edges := self._find_edges():
             remarks.insert(
                 0,
-                f"the best place is at the edge of the box along {edges}: a larger box may have a better one",
+                f"the best place is at the edge of the box along {edges}: a larger box may have a "
+                "better place",
             )
         if self._request.place is not None and not self._as_sent.moves_base[self._used_bases].all():
             place = "targets are written in the new place, in base frames with the numbers of the program"
@@ -520,7 +527,7 @@ class ProcessWork(ProgramWork):
             "difference": None if self._ranking is None else _band_message(self._ranking.difference),
             "fixed_turns": self._task.angles.tolist() if len(fixed) == len(self._task.angles) else [0.0],
             "fixed_deflections": [None if np.isnan(each) else each for each in fixed.tolist()],
-            "places": self._place_messages(placed),
+            "places": self._make_place_messages(placed),
             "places_tried": len(tried),
             "places_reached": int(np.isfinite(self._sizes).sum()),
             "flat_low": None if flat is None else point(flat.low[:3]),
@@ -556,15 +563,16 @@ class ProcessWork(ProgramWork):
         everywhere[self._written.corrections.points] = values
         return everywhere
 
-    def _place_messages(self, placed: _Placed) -> list[ProcessPlace]:
-        """Return the best places as messages."""
-        middle = self._as_sent.path.middle
+    def _make_place_messages(self, placed: _Placed) -> list[ProcessPlace]:
+        """Return the best places of the workpiece as `ProcessPlace` messages, best first."""
+        middle = self._as_sent.path.middle  # centre of the path in the sent program
         return [
             ProcessPlace(
                 centre=point(place[:3]),
                 shift=point(place[:3] - middle),
                 turn=float(place[3]),
                 deflection=_band_message(band),
+                # A ranking compares a place with the best one, which has none.
                 behind_best=None if ranking is None else _band_message(ranking.difference),
                 is_worse=ranking is not None and ranking.is_ordered,
             )

@@ -480,7 +480,10 @@ class ProgramWork(Work):
     activity = "compensating"
     subject = "program"  # noun for the result, in its verdict
     corrects = True  # whether deflections are corrected
-    cut_remark = "the force of the cut is uncertain by 25 %, which the intervals of the points leave out"
+    cut_remark = (
+        "the force of the cut is uncertain by 25 %, but the intervals of the points do not include this "
+        "uncertainty"
+    )
 
     def __init__(
         self,
@@ -584,19 +587,21 @@ class ProgramWork(Work):
         return self._visits.loaded
 
     def compute(self, span: Span) -> Arrays:
-        """Compute the corrections of the points of a step; return the fields of `Corrections` by name.
+        """Compute the corrections of a step, which is a span of points; return `Corrections`' fields by name.
 
         Raises:
-            RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
+            RequestError: the load twists a joint whose stiffness is unknown, or the robot does not reach the
+                path.
             ProgramError: the springs have no stable equilibrium under a load.
         """
         return self._correct(span)
 
     def _correct(self, span: Span) -> Arrays:
-        """Compute the corrections of a span of points under load, as the fields of `Corrections` by name.
+        """Compute the corrections of a span of points under load; return `Corrections`' fields by name.
 
         Raises:
-            RequestError: a load twists a joint of unknown stiffness, or the robot does not reach the path.
+            RequestError: the load twists a joint whose stiffness is unknown, or the robot does not reach the
+                path.
             ProgramError: the springs have no stable equilibrium under a load.
         """
         path, points = self._path, self._points()[slice(*span)]

@@ -430,22 +430,30 @@ def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
     return parts + [Line(f"  {line}", "dim") for line in lines]
 
 
+def _find_explained_by_model(choice: ModelChoice) -> dict[ElasticModel, float]:
+    """Return the fraction of the deflection of held-out postures that each compared model explains."""
+    # A model was compared with several losses: take its best loss, but for the model of this run the loss of
+    # this run.
+    loss_of_model = {**choice.losses, choice.elasticity: choice.loss}
+    return {each.model: each.compensation for each in choice.models if each.loss == loss_of_model[each.model]}
+
+
 def links_line(links: LinksResult, choice: ModelChoice) -> Line:
-    """Return a line on the deflection that elastic links explain, compared with elastic joints alone."""
-    model = choice.elasticity
-    # Each model is scored with its best loss, but the model of this run with the loss of this run.
-    loss_of_model = {**choice.losses, model: choice.loss}
-    scores = {
-        each.model: each.compensation for each in choice.models if each.loss == loss_of_model[each.model]
-    }
-    if choice.simplest is None or not {"joints", model} <= set(scores):
+    """Return a line on the deflection that a model with elastic links explains.
+
+    If models were compared, the line has the fractions of the deflection of held-out postures that this model
+    and joints alone explain; otherwise it has the fraction of the squared deflection of all readings.
+    """
+    model, explained_by_model = choice.elasticity, _find_explained_by_model(choice)
+    if choice.simplest is None or not {"joints", model} <= set(explained_by_model):
         return Line(
             f"  {_MODEL_NAMES[model]}: {format_percent(1.0 - links.unexplained)} of the squared deflection"
         )
     simplest = f"; simplest good model: {_MODEL_NAMES[choice.simplest]}"
     return Line(
-        f"  {_MODEL_NAMES[model]} with loss {choice.loss} explain {format_percent(scores[model])} of "
-        f"held-out postures, joints alone {format_percent(scores['joints'])}"
+        f"  {_MODEL_NAMES[model]} with loss {choice.loss} explain "
+        f"{format_percent(explained_by_model[model])} of "
+        f"held-out postures, joints alone {format_percent(explained_by_model['joints'])}"
         f"{'' if choice.simplest == model else simplest}"
     )
 
@@ -596,8 +604,8 @@ def resampling_table(run: Run, resampling: ResamplingResult, unit: StiffnessUnit
             ),
         ],
         title=f"{resampling.repetitions} fits of {sample_text}",
-        caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation of one fit; "
-        "compensation: explained fraction over all configurations",
+        caption=f"{unit.quantity} in {unit.label_of(joints)}: mean and standard deviation over the resampled "
+        "fits; compensation: fraction of the deflection explained in all configurations",
     )
 
 

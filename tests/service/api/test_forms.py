@@ -157,7 +157,7 @@ HOSTILE = {
     "backslashes": (HEAD.replace(b"a.csv", b"\\" * 3_999) + b"1\r\n--XyZ--", NAMELESS),
     "headers in latin-1": (
         HEAD.replace(b"a.csv", b"\xe9.csv") + b"1\r\n--XyZ--",
-        f"422 invalid-file | é.csv:1 | {HEADER} | check the file",
+        f"422 invalid-file | é.csv:1 | {HEADER} | export the file again, with its rows",
     ),
     "nul in a name": (HEAD.replace(b"a.csv", b"a\x00.csv") + b"1\r\n--XyZ--", NAMELESS),
     "markup in a name": (HEAD.replace(b"a.csv", b"<script>\x07") + b"1\r\n--XyZ--", NAMELESS),
@@ -167,7 +167,7 @@ HOSTILE = {
     ),
     "another charset": (
         HEAD[:-2] + b"Content-Type: text/csv; charset=utf-7\r\n\r\n+AGE-\r\n--XyZ--",
-        f"422 invalid-file | a.csv:1 | {HEADER} | check the file",
+        f"422 invalid-file | a.csv:1 | {HEADER} | export the file again, with its rows",
     ),
     "a form in a form": (
         HEAD + HEAD.replace(b"XyZ", b"abc") + b"1\r\n--abc--\r\n--XyZ--",
@@ -265,7 +265,9 @@ def test_an_import_finds_exchanged_states_before_anything_is_stored(local, robot
         "the targets moved against the force in 6 of 6 observations"
     )
     assert finding.remedy == (
-        "change the sign of every force (forces are those on the robot); or exchange unloaded and loaded"
+        "change the sign of every force, because forces are those on the robot; or exchange the unloaded "
+        "and the "
+        "loaded readings"
     )
     body = answer.measurement_set.model_dump(mode="json", exclude_none=True)
     stored = post(local, "/v1/measurement-sets", body | {"robot_id": robot})

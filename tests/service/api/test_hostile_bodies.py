@@ -13,7 +13,9 @@ from jointstiff.service.problems import MAX_PROBLEM_BYTES
 from jointstiff.service.security.admission import refuse_structure
 
 PATHS = ["/v1/robots", "/v1/measurement-sets", "/v1/runs"]
-EXAMPLE = "compare with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them"
+EXAMPLE = (
+    "compare with an example: `jointstiff simulate FILE` writes a campaign, and /openapi.json has examples"
+)
 JSON = "send valid JSON with finite numbers and at most 200 levels"
 SPLIT = "split the body into several requests"
 NO_OBJECT = f"422 invalid-request | body | must be an object | {EXAMPLE}"
@@ -193,8 +195,8 @@ REMEDIES = {
     "^the robot has 1002 links": "at most 1001 are supported: send only the arm",
     "robot has no link": "add links and joints",
     "needs <limit>": "give the limits in rad, or make the joint continuous",
-    "leave no range": "give a finite lower limit below the upper one, or no limits; "
-    "make a joint that cannot move a fixed one",
+    "leave no range": "give a finite lower limit below the upper limit, or no limits; make a joint that "
+    "cannot move a fixed joint",
     "there is a (floating|planar) joint": (
         "only revolute, continuous, prismatic and fixed joints are supported between base and flange: "
         "make this joint fixed at its position, or choose another base or flange"

@@ -7,7 +7,7 @@ from support.cases import campaign as recorded
 from support.documents import campaign
 from support.terminal import terminal
 
-UNSEEN = "joint_1: the load never twists this joint: add loads that twist it"
+UNSEEN = "joint_1: the load never twists this joint: add loads that twist the joint"
 PRIOR = "the prior is not returned as a result, because the readings do not determine the joint"
 TO_DO = "To do 1. joint_1: 1500 N along (0.50, 0.87, 0.00) in posture c05"
 TO_DO_OF_OTHER_METHODS = "To do 1. joint_1: 1500 N along (0.34, 0.94, 0.00) in posture c10"
@@ -44,7 +44,8 @@ def folder(tmp_path_factory):
             "--prior joint_1=3e6:3e5 --prior joint_2=2e6:1e4 --details",
             [
                 "Do not use: 1 reason the residuals are 3.55 times as large as the stated noise allows, so "
-                "the uncertainties are too small; by how much depends on deflections that the model does "
+                "the uncertainties are too small; how much too small depends on the deflections that the "
+                "model does "
                 "not explain. Targets of one posture agree to within 18.6 µm, so the flange moves "
                 "differently from the model",
                 "│ joint_2 │ 2.550 │ 0.018 │ 2.514 … 2.586 │ 0.65 │ do not use │",
@@ -111,7 +112,8 @@ def test_coupled_joints_of_an_arm_whose_links_bend_are_not_to_be_used(folder):
     words = " ".join(terminal("identify", folder / "beam.json", *options, width=120).stdout.split())
     for line in [
         "Do not use: 2 reasons the residuals are 21.6 times as large as the stated noise allows",
-        "With coupled joints, held-out postures are predicted to 807 µm, by joints alone to 807 µm. Each "
+        "The model with coupled joints predicts held-out postures to 807 µm, the model with joints alone "
+        "to 807 µm. Each "
         "joint's stiffness includes some bending of its link; the bias exceeds the stated uncertainty. "
         "Predicted deflections are not affected",
         "│ joint_1 │ 0.869 │ 0.028 │ — │ do not use │",

@@ -43,7 +43,7 @@ def test_a_joint_that_the_load_never_twists_has_no_number_and_says_what_to_do():
         "│ joint_5 │ 0.2547 │ 0.0066 │ 0.2424 … 0.2683 │ determined │",
         "│ joint_6 │ 0.0960 │ 0.0096 │ 0.0802 … 0.1194 │ roughly known │",
         "stiffness, its standard uncertainty and interval in 10⁶ N·m/rad",
-        "joint_1: the load never twists this joint: add loads that twist it",
+        "joint_1: the load never twists this joint: add loads that twist the joint",
         "To do 1. joint_1: in posture c05 apply 1500 N along (0.50, 0.87, 0.00): the uncertainty of "
         "joint_1's compliance falls to 0.0018 µrad/(N·m)",
     )
@@ -105,8 +105,9 @@ def test_resampled_fits_are_shown_in_the_unit_that_is_asked_for():
         "│ joint_1 │ 1110.2 │ 4.7 │ 0 % │ 0 % │ 0 % │",
         "│ joint_6 │ 27.1 │ 1.5 │ 0 % │ 0 % │ 0 % │",
         "│ compensation │ 98.7 % │ 0.0 % │ — │ — │ — │",
-        "stiffness in N·m/arcmin: mean and standard deviation of one fit; compensation: explained fraction "
-        "over all configurations",
+        "stiffness in N·m/arcmin: mean and standard deviation over the resampled fits; compensation: "
+        "fraction of the deflection "
+        "explained in all configurations",
         "│ Resampling: size │ 8 │ │ Resampling: repetitions │ 200 │ │ Resampling: seed │ 0 │",
     )
 
@@ -167,8 +168,8 @@ def test_a_thousand_fits_are_drawn_where_no_number_is_given():
             "--elasticity joints --cause load_point",
             [
                 "Use with care: 1 reason every load point moved by (-9.25, 1.95, 9.44) mm ± (8.38, 4.41, "
-                "29.8) mm in the flange frame (95 %) was fitted with the joints; the intervals include its "
-                "uncertainty, and the readings contradict the stated value",
+                "29.8) mm in the flange frame (95 %) was fitted with the joints; the intervals include the "
+                "uncertainty of this cause, and the readings contradict the stated value",
                 "│ joint_1 │ 3.827 │ 0.046 │ 3.739 … 3.918 │ use with care │",
                 "To do 1. measure the load point on the flange 2. joint_6: 1500 N along (0.00, 0.00, 1.00) "
                 "in posture c08: u 10 % → 9 %",

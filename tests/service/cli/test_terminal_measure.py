@@ -29,18 +29,22 @@ def test_a_goal_takes_five_readings_and_one_that_is_held_out():
         "│ joint_6 │ 0.137 │ 0.019 │ 0.108 … 0.188 │ roughly known │",
         "goal: every joint that the load can twist is known to ± 25 %",
         "m01: joint_6 ± 234 %, about 5 more readings",
-        "m02: uncertainty 1.45 of the goal's, joint_6 ± 36 %, agrees with its prediction (p 0.03), about 9 "
+        "m02: uncertainty 1.45 times that of the goal, joint_6 ± 36 %, agrees with its prediction (p "
+        "0.03), about 9 "
         "more readings",
-        "m03: uncertainty 0.97 of the goal's, joint_6 ± 24 %, agrees with its prediction (p 0.89), about 3 "
+        "m03: uncertainty 0.97 times that of the goal, joint_6 ± 24 %, agrees with its prediction (p "
+        "0.89), about 3 "
         "more readings",
         "the measurement continues: 3 readings: the goal needs 5 readings and then a held-out reading; "
         "about 3 more",
-        "m05: uncertainty 0.89 of the goal's, joint_6 ± 22 %, agrees with its prediction (p 0.83), about 1 "
+        "m05: uncertainty 0.89 times that of the goal, joint_6 ± 22 %, agrees with its prediction (p "
+        "0.83), about 1 "
         "more reading",
         "the measurement continues: the goal is met; one held-out reading checks it",
-        "m06: uncertainty 0.88 of the goal's, joint_6 ± 22 %, agrees with its prediction (p 0.98), "
+        "m06: uncertainty 0.88 times that of the goal, joint_6 ± 22 %, agrees with its prediction (p 0.98), "
         "held-out reading: as near to its prediction as 90 % of good readings, goal reached",
-        "reached after 6 readings, without the assumed errors of load point and force (with them ± 27 %); "
+        "reached after 6 readings; without the assumed errors of load point and force (± 27 % with these "
+        "errors); "
         "the held-out reading is as near to its prediction as 90 % of good readings",
         "wrote closed.json",
     )

@@ -111,7 +111,7 @@ def test_arrays_and_records_of_hdf5_are_tables(fill):
 def test_a_group_is_chosen_by_one_answer():
     file = "a.h5", hdf5(days)
     assert refusals(file) == [
-        "a.h5: several groups or arrays have data: 'day1, day2'; give `sheet`, several of them separated by "
+        "a.h5: several groups or arrays have data: 'day1, day2'; give `sheet`; separate several names by "
         "semicolons [sheet]"
     ]
     answer = answered(file, sheet="day2")
@@ -298,11 +298,17 @@ HARM = [
     (huge, LARGE),
     (huge_chunk, LARGE),
     (bomb_of_deflate, "damaged|ended without a result"),
-    (virtual, "is stored in other files; copy it into one file"),
-    (packed_otherwise, "is packed by a filter other than gzip; save it with gzip, or unpacked"),
+    (virtual, "is stored in other files; copy the array into one file"),
+    (
+        packed_otherwise,
+        "is packed by a filter other than gzip; save the array with gzip, or without a filter",
+    ),
     (of_pandas, "a frame of pandas, whose names and texts are pickled .* `to_parquet`"),
     (long_log, LARGE),
-    (long_unit, "a name or unit of an array has more than 256 characters; give the array a shorter one"),
+    (
+        long_unit,
+        "a name or unit of an array has more than 256 characters; give the array a shorter name or unit",
+    ),
     (long_name, "a name or unit of an array has more than 256 characters"),
     (long_path, "a name or unit of an array has more than 256 characters"),
     (long_field, "a name or unit of an array has more than 256 characters"),
@@ -468,7 +474,9 @@ def test_arrays_in_cells_of_matlab_are_not_unpacked_without_limit():
 def test_a_file_that_takes_too_long_is_refused(monkeypatch):
     monkeypatch.setattr(room, "MAX_WAIT", 0.0)
     (said,) = refusals(("a.mat", matlab()))
-    assert "ended without a result: it is damaged, or takes over 384 MiB or 60 s" in said
+    assert (
+        "ended without a result: the file is damaged, or reading the file takes over 384 MiB or 60 s" in said
+    )
 
 
 def in_folder_with(names, folder, monkeypatch):

@@ -48,7 +48,8 @@ def test_the_digits_of_states_are_a_guess_that_is_shown():
 def test_words_that_may_be_states_are_asked_about():
     file = "a.csv", CAMPAIGN.replace("unloaded", "pre").replace(" loaded", " post")
     assert refusals(file) == [
-        "a.csv:2:8: 'pre' and 'post' in the headers of positions may be states, but are not known; "
+        "a.csv:2:8: 'pre' and 'post' in the headers of positions may be states, but their meaning is "
+        "unknown; "
         'name the state of each in `state_words`, such as {"pre": "unloaded", "post": "loaded"} [state_words]'
     ]
     assert answered(file, show_faults=True).faults[0].words == ["pre", "post"]

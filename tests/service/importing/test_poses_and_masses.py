@@ -118,7 +118,7 @@ def test_masses_are_those_of_the_joints_of_a_robot_with_readings():
         "use one of joint_1, joint_2, joint_3, joint_4, joint_5, joint_6"
     ]
     assert refusals(("masses.csv", masses())) == [
-        "the files contain masses, but no readings; import them together with the readings of the robot"
+        "the files contain masses, but no readings; import the masses together with the readings of the robot"
     ]
 
 
@@ -132,8 +132,8 @@ def test_a_load_point_in_the_wrong_unit_is_blamed_on_itself():
         "length_unit_suspect", "do_not_use", "check the unit of `load_point`"
     )  # fmt: skip
     assert finding.message == (
-        "the load points and targets in the flange frame are up to 120 µm from its origin "
-        "(2 mm to 10 m is believed), "
+        "the load points and targets are up to 120 µm from the origin of the flange frame (2 mm to 10 m "
+        "is plausible), "
         "while the targets were read up to 3.52 m from the origin of R0"
     )
     assert answer.measurement_set.load_point == pytest.approx((0.0, 0.0, 0.00012))

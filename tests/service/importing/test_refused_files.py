@@ -76,11 +76,11 @@ def test_a_label_is_a_name_that_can_be_printed(label):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"", ": the file is empty; check the export"),
-        (b" \n\n", ": the file is empty; check the export"),
+        (b"", ": the file is empty; export the file again"),
+        (b" \n\n", ": the file is empty; export the file again"),
         (b"# only\n// comments\n", ": the file has no row of data; check that this is the right file"),
         (b"#" * 100_000, ": the file has no row of data; check that this is the right file"),
-        (b"label;x [mm]\n", ":1: the file has a header but no row of data; check the file"),
+        (b"label;x [mm]\n", ":1: the file has a header but no row of data; export the file again, with its rows"),
         (b"label;x [mm]\nc\x002;1\n", ":2: the file contains the control character '\\x00', "
          f"so it is not plain text; {SAVE}"),
         (b"\xff\xfe\x00", ": the text is damaged: it begins as UTF-16-LE, "
@@ -89,11 +89,11 @@ def test_a_label_is_a_name_that_can_be_printed(label):
          f"but byte 14 is not valid in this encoding; {SAVE}"),
         (b"1.5 2.5 3.5\n", f":1: the rows have 3 cells, and there is no header; {ADD}"),
         (b"a;1;2;3;4;5;6;7\n", f":1: the rows have 8 cells, and there is no header; {ADD}"),
-        (b"1.5;1.5;2.5;3.5\n", ":1:1: '1.5' is where a point's name must be, because there is no header; "
+        (b"1.5;1.5;2.5;without a header, the name of a point must be where 3.5\n", ":1:1: '1.5' is; "
          "give rows of name x y z, add a header, or give `header` [header]"),
         (b";" * 65_000, ":1: the file has more than 256 columns or 1000000 cells; "
          "remove columns that are not needed, or split the file"),
-        (b"a" * 70_000, ":1: a line has more than 65536 characters; check the line endings"),
+        (b"a" * 70_000, ":1: a line has more than 65536 characters; save the file with a line break after each row"),
         (b'"' + b"a" * 20_000, ":1: quotation marks do not enclose a whole cell; "
          'enclose a cell as in "Point 1", on one line, or remove the marks'),
         (b"PK\x03\x04", ": the file is not an Excel file (.xlsx), or is damaged (BadZipFile); open the "
@@ -206,7 +206,7 @@ def test_axes_are_spelt_alike_and_named_by_no_other_words():
         "write x, y and z alike, or give their meaning in `columns` [columns]"
     ]
     assert refusals(("a.csv", "label;x_t;y_t;z_t\nc01;1;2;3\n")) == [
-        "a.csv:1:2: 'x_t', read as t x, has no unit, nor have 2 others; write the unit in the header, such "
+        "a.csv:1:2: 'x_t', read as t x, and 2 other columns have no unit; write the unit in the header, such "
         "as `x_t [mm]`, or give `units`; if the column means something else, give `columns`, such as x_t=x "
         "[units.length]"
     ]

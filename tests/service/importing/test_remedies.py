@@ -255,9 +255,11 @@ ROWS = {
         "c01;1;2;3;0;0;-5\n",
         header=["label", "J1 [deg]", "J2 [deg]", "J3 [deg]", "Fx [N]", "Fy [N]", "Fz [N]"],
     ),
-    "number for a name": table("where a point's name must be", "1.5;1;2;3.5\n", POINTS),
+    "number for a name": table(
+        "without a header, the name of a point must be where", "1.5;1;2;3.5\n", POINTS
+    ),
     "number for a name, header stated": option(
-        "where a point's name must be",
+        "without a header, the name of a point must be where",
         "1;1.5;2.5;3.5\n1.5;2;3;4.5\n",
         header=["J1 [deg]", "Fx [N]", "Fy [N]", "Fz [N]"],
         by_order=True,
@@ -374,7 +376,7 @@ NAMES = {
         "occurs twice", POINTS + "c02_P10_loaded;1102.4128;402.8613;316.8891\n", mean_of_repeats=True
     ),
     "points far apart as repeated ones": mistake(
-        "repeated readings are believed to be within 0.2 mm",
+        "for repeated readings, up to 0.2 mm",
         "c02_P10_loaded",
         "c01_P10_loaded",
         POINTS,
@@ -672,7 +674,7 @@ ARRAYS = {
     ),
     "no arrays": Case("has no arrays of numbers", {"a.mat": arrays(text="a")}, {"a.mat": READINGS}),
     "one column of two arrays": Case(
-        "two arrays make the column 'q1'", {"a.mat": arrays(**TWICE)}, {"a.mat": READINGS}
+        "two arrays give the same column 'q1'", {"a.mat": arrays(**TWICE)}, {"a.mat": READINGS}
     ),
 }
 CASES: Mapping[str, Case] = {**COLUMNS, **ROWS, **NAMES, **VALUES, **FILES, **ARRAYS}

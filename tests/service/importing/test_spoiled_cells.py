@@ -172,7 +172,7 @@ def test_the_name_of_a_point_shows_observation_target_and_state(row):
         assert faults("p.txt", row, 0, new)[0] == ((row + 1, 1), reason, TEMPLATE)
     assert faults("p.txt", row, 0, "1e3")[0] == (
         (row + 1, 1),
-        "'1e3' is where a point's name must be, because there is no header",
+        "without a header, the name of a point must be where '1e3' is",
         "give rows of name x y z, add a header, or give `header`",
     )
 

@@ -51,7 +51,7 @@ def test_inches_that_a_comment_states_are_converted():
 
 OF_POINTS = (
     "U(95) was read as the expanded uncertainty of each point, that is the root of the sum of the squares "
-    "for x, y and z: σ = U/(1.96 √3); a reading has the root mean square of both positions"
+    "for x, y and z: σ = U/(1.96 √3); the σ of a reading is the root mean square over its two positions"
 )
 OF_COORDINATES = "U(95) X, Y, Z was read as the expanded uncertainty of each coordinate: σ = U/1.96"
 FIRST = "time of the first reading, in UTC if the file names no time zone: "
@@ -323,7 +323,7 @@ def test_quaternions_are_the_rotation_of_a_probe_and_other_numbers_joints():
     assert [
         each.partition(";")[0]
         for each in refusals(rotated("1;0;0;0", "0.1;0.2;0.3;0.4", "0.5;-0.5;0.5;0.5", "0;0;0;1"))
-    ] == ["a.csv:1:5: joint 1 has no unit, nor have 3 others"]
+    ] == ["a.csv:1:5: joint 1 and 3 other columns have no unit"]
     joints = "label;Q1;Q2;Q3;Q4\nc01;0.1;0.2;0.3;0.4\nc02;0.5;-0.5;0.5;-0.5\n"
     assert meanings_of(answered(("a.csv", joints), units=MM))[1:3] == ["joint 1 [deg]", "joint 2 [deg]"]
 

@@ -139,7 +139,7 @@ def test_deflections_need_targets_and_a_load_point_that_a_tool_reaches():
         (
             "accept_unusual",
             "a confirmation (`accept_unusual`) that these values are correct: the load point is 120 m from "
-            "the flange (up to 5 m is believed)",
+            "the flange (up to 5 m is plausible)",
         ),
     ]
 
@@ -196,8 +196,8 @@ ONE = "label;J1 [deg];Fx [N];Fy [N];Fz [N]\nc01;{};0;0;-1500\n"
         (ONE.format("1,234"), {"decimal_mark": "comma"}, 1.234, []),
         (ONE.format("1,234") + "c02;0,5;0;0;-1500\n", {}, 1.234, ["the comma was used as the decimal mark"]),
         (ONE.format("1.234"), {}, 1.234,
-         ["the point was used as the decimal mark, although every number with one has three digits after it: "
-          "check that it is not a thousands separator"]),
+         ["the point was read as the decimal mark, although three digits follow it in every "
+          "number: check that the point is not a thousands separator"]),
     ],
 )  # fmt: skip
 def test_three_digits_behind_a_mark_are_decimals_where_that_is_sure(text, options, angle, assumed):
@@ -208,8 +208,8 @@ def test_three_digits_behind_a_mark_are_decimals_where_that_is_sure(text, option
 
 def test_a_comma_that_may_separate_thousands_is_asked_about():
     assert refusals(("a", ONE.format("1,234"))) == [
-        "a:2:2: '1,234' may have a decimal comma or a thousands separator, and no other number shows which "
-        "of both; give `decimal_mark`, or write a point [decimal_mark]"
+        "a:2:2: '1,234' may have a decimal comma or a thousands separator; no other number in the file "
+        "shows which; give `decimal_mark`, or write a decimal point [decimal_mark]"
     ]
     said = refusals(("a", ONE.format("1,234")), decimal_mark="point")
     assert said[0].startswith("a:2:2: '1,234' is not a number with a decimal point; use digits with")
@@ -298,9 +298,9 @@ def test_numbers_far_from_their_column_are_asked_about():
     assert answer.missing == [
         "a confirmation (`accept_unusual`) that these values are correct: "
         "joint 1 90500 ('day.csv', line 11) is 1608 times the spread of the "
-        "other values away from the median (up to 100 times is believed); "
+        "other values away from the median (up to 100 times is plausible); "
         "P1 unloaded x 12495 ('day.csv', line 9, column 6) is 287 times the spread of the "
-        "other values away from the median (up to 100 times is believed)"
+        "other values away from the median (up to 100 times is plausible)"
     ]
     accepted = numbers_of(answered(file, accept_unusual=True))
     assert (accepted[9][1], accepted[7][3]["P1"][0][0]) == ([90500.0], 12495.0)

@@ -61,7 +61,7 @@ def test_the_sheet_is_stated_where_several_have_data():
 
     file = "a.xlsx", workbook(change=noted)
     assert refusals(file) == [
-        "a.xlsx: several sheets have data: 'Sheet, notes'; give `sheet`, several of them separated by "
+        "a.xlsx: several sheets have data: 'Sheet, notes'; give `sheet`; separate several names by "
         "semicolons [sheet]"
     ]
     assert refusals(file, sheet="Tabelle1") == [

@@ -151,7 +151,8 @@ class TestTwoCampaigns:
         other = js.identify(with_elbow(campaign(configurations=8, seed=6)), elasticity="joints")
         elbow = "joint_1, joint_2, elbow, joint_4, joint_5, joint_6"
         said = (
-            f"the robots have different joints: {', '.join(NAMES)}, and {elbow} | compare sets of one "
+            f"the robots have different joints: {', '.join(NAMES)} in the first set, {elbow} in the second "
+            "| compare sets of one "
             "robot, or of two robots of the same model with the same joint names"
         )
         assert refused(js.compare, first, other, methods=[]) == f"comparison.run_ids | {said}"
@@ -198,7 +199,8 @@ class TestTwoCampaigns:
                         "residuals_exceed_sigma",
                         "second",
                         "the residuals are 14.2 times as large as the stated noise allows, so the "
-                        "uncertainties are too small; by how much depends on deflections that the model "
+                        "uncertainties are too small; how much too small depends on the deflections that "
+                        "the model "
                         "does not explain. Targets of one posture agree to within 18.7 µm, so the flange "
                         "moves differently from the model",
                     ),
@@ -227,7 +229,7 @@ class TestTwoCampaigns:
         priors = {"joint_2": {"stiffness": 3e6, "standard_uncertainty": 3e5}}
         with_priors = posted(read, priors=priors)["id"]
         assert told(compared(with_priors)) == (
-            f"422 | run_ids | the run '{with_priors}' uses priors, whose errors may be common to both sets, "
+            f"422 | run_ids | the run '{with_priors}' uses priors, so the errors of both sets may be common, "
             "but the sets must be independent | identify the measurement set under external loads and "
             "without `priors`, and give the new run"
         )

@@ -38,7 +38,7 @@ def test_one_reading_identifies_no_joint(deflected):
     exact = "there are as many parameters as readings, so the fit reproduces any readings exactly"
     assert reasons_of(result) == [
         ("no_joint_identified", "the readings identify no joint: 6 not observable"),
-        ("no_residual_freedom", f"{exact}: its uncertainty comes from the stated noise only"),
+        ("no_residual_freedom", f"{exact}: the uncertainty comes from the stated noise only"),
         (
             "few_postures",
             "the set has 1 distinct posture, so the stiffnesses were not tested in other postures",
@@ -170,7 +170,8 @@ def test_what_acts_on_a_robot_is_refused_with_the_reasons_of_the_run(kind, detai
             "reason": "with the columns of joint_2 and joint_3 exchanged, the joints explain 98.6 "
             "% of the mean "
             "deflection instead of 84.2 %; the sum of squared residuals falls to 0.65 %",
-            "remedy": "check the columns of joint_2 and joint_3; if they are exchanged, exchange them back",
+            "remedy": "check the columns of joint_2 and joint_3; if the two columns are exchanged, "
+            "exchange the columns back",
         }
     ]
 

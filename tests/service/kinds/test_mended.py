@@ -137,7 +137,7 @@ def test_a_cause_is_named_with_its_size_and_fitted_it_stays_refuted(name):
     assert after.result.assessment.verdict == WITH_CARE
     (reason,) = after.result.assessment.reasons
     assert reason.message == (
-        f"{fitted} (95 %) was fitted with the joints; the intervals include its uncertainty, "
+        f"{fitted} (95 %) was fitted with the joints; the intervals include the uncertainty of this cause, "
         "and the readings contradict the stated value"
     )
     assert [part.source for part in after.result.budget.components] == [

@@ -97,8 +97,8 @@ def test_noise_that_was_refuted_is_said_with_its_factor(own):
     noise = ("measurement_set.noise", {"sigma": 1e-6, "refuted": True})
     reasons = js.identify(changed(own, noise)).result.assessment.reasons
     assert [reason.message for reason in reasons] == [
-        "the residuals give a standard uncertainty of 28.7 µm per coordinate of a reading, 28.7 times the "
-        "1 µm that were stated, which the residuals contradict: deflections that the model does not explain "
+        "the stated standard uncertainty is 1 µm per coordinate of a reading, "
+        "but the residuals give 28.7 µm, 28.7 times as much: deflections that the model does not explain "
         "are counted as noise"
     ]
 

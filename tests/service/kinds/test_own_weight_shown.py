@@ -98,7 +98,7 @@ def test_sag_is_in_a_prediction_that_is_absolute_and_only_there(local, run):
     for found, said in (
         (
             bent,
-            "the predictions are absolute (relative to an arm that does not bend), so they include the sag "
+            "the predictions are absolute (relative to an arm that does not bend), and include the sag "
             "under own weight",
         ),
         (relative, "own weight is not included, because `absolute` is not requested"),

@@ -32,7 +32,7 @@ DOCUMENT = simulate_campaign(default_arm(), load="pull", configurations=12, seed
 ROBOT, SET = prepare(DOCUMENT | {"robot": DOCUMENT["robot"] | {"payload": 240.0}})
 
 UNIT = r"(?:deg or mm|m|mm|µm|nm|rad|mrad|°|N|rad⁻¹|rad/rad|N·m/rad)"
-BELIEVED = re.compile(rf"\d *(?:· 10\S* )?\(?{UNIT}\W.{{0,60}}\bis believed")
+BELIEVED = re.compile(rf"\d *(?:· 10\S* )?\(?{UNIT}\W.{{0,60}}\bis plausible")
 """A number with its unit, and within a few words the statement that such numbers are believed."""
 PAST = re.compile(
     r"if the numbers are right|omit a `payload`|`noise.sigma` in place|correct the limits|as a URDF"

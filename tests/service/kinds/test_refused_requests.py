@@ -141,7 +141,7 @@ class TestPredictions:
 
         assert len(asked(146).joints) == 146
         assert refused(asked, 147) == (
-            "cases | 147 cases for 32 joints: cases times joints squared exceed 150,000 | send at "
+            "cases | 147 cases for 32 joints are too many: cases × joints² may be at most 150,000 | send at "
             "most 146 cases in a request"
         )
 
@@ -275,19 +275,20 @@ def test_deflections_of_another_unit_are_no_measurement():
         ("complementary_stiffness_matters", None),
     ]
     messages = [reason.message for reason in found.reasons]
-    assert messages[0] == "target 'P11' moved by 2.14 m; up to 20 mm is believed (and 9 more of this kind)"
+    assert messages[0] == "target 'P11' moved by 2.14 m; up to 20 mm is plausible (and 9 more of this kind)"
     assert messages[1] == (
         "the distance between 'P10' and 'P12' (loaded) differs by 500 mm from its median (limit 188 mm): "
         "'P10' or 'P12' moved (and 9 more of this kind)"
     )
     assert messages[2] == (
-        "the stiffness of joint_4 is 430.6 N·m/rad; of joints of industrial robots 1000 N·m/rad "
-        "to 1 · 10⁹ N·m/rad is believed"
+        "the stiffness of joint_4 is 430.6 N·m/rad; for joints of industrial robots, 1000 N·m/rad to 1 · "
+        "10⁹ N·m/rad is "
+        "plausible"
     )
     assert messages[5] == "distances between targets scatter by 43.6 mm, but the stated noise gives 28.3 µm"
     assert found.reasons[0].remedy == (
         "check `units.length`, and that unloaded and loaded readings belong together; if the numbers are "
-        "right, `accept_verdict` goes past this verdict"
+        "right, state `accept_verdict` to use the result"
     )
 
 

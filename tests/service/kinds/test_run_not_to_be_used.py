@@ -10,7 +10,8 @@ from support.refusals import told
 
 RESIDUALS = (
     "the residuals are 11.6 times as large as the stated noise allows, so the uncertainties are too small; "
-    "by how much depends on deflections that the model does not explain. Targets of one posture agree to "
+    "how much too small depends on the deflections that the model does not explain. Targets of one posture "
+    "agree to "
     "within 18.6 µm, so the flange moves differently from the model"
 )
 
@@ -51,7 +52,8 @@ def test_tables_have_a_joint_at_its_bound_and_one_without_a_number(local, run):
         ["joint_6", "0.088", "0.014", "0.045 … 0.113", "0.26", "do not use"],
     ]
     assert found["lines"] == [
-        "joint_1: the load never twists this joint: add loads that twist it; the prior is not returned as "
+        "joint_1: the load never twists this joint: add loads that twist the joint; the prior is not "
+        "returned as "
         "a result, because the readings do not determine the joint",
         "joint_2: the joint is at the maximum stiffness of `stiffness_bounds`",
         "explains 85.0 % of the mean deflection, residual 555 µm rms (3-D), sigma of a reading 20 µm (given)",
@@ -137,7 +139,7 @@ FEWER = "no bound of the model error at 95 %: 19 postures are needed, but the ca
                 "prediction_implausible",
                 "do_not_use",
                 "the greatest deflection is 93.15 mm, 19.1 times the greatest of the campaign; up to 20 mm, "
-                "and 20 times the campaign's, is believed",
+                "and 20 times the campaign's, is plausible",
             ),
             [[-0.00048895, 0.0, -0.093147]],
             [["extrapolated: the load is 60 times the greatest measured load"]],
@@ -147,7 +149,7 @@ FEWER = "no bound of the model error at 95 %: 19 postures are needed, but the ca
             (
                 "point_implausible",
                 "use_with_care",
-                "the load point or the place is 3 m from the flange; up to 1.5 m is believed",
+                "the load point or the place is 3 m from the flange; up to 1.5 m is plausible",
             ),
             [[-0.00013743, 0.0, -0.00010939]],
             [

@@ -282,7 +282,7 @@ def test_automatic_takes_the_simplest_model_that_is_good_enough(memory, set_id):
     residuals = {scored.model: scored.mean_residual for scored in bends.choice.models}
     assert residuals[bends.choice.elasticity] < residuals["joints"]
     said = {reason.code: reason.message for reason in bends.assessment.reasons}["links_bend_with_joints"]
-    assert "held-out postures are predicted to" in said
+    assert "predicts held-out postures to" in said
     assert bends.choice.elasticity == bends.choice.simplest != "joints"
 
 

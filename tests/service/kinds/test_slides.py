@@ -350,8 +350,8 @@ class TestWhatDoesNotGoWithASlide:
         cell = {"name": "cell", "robot": document["robot"], "units": units, "poses": poses}
         assert refused(js.geometry, cell) == (
             "robot | only axes of revolute joints can be identified, but joint_1 is prismatic | make this "
-            "joint fixed in the model (URDF: type fixed, at its present position), and omit it from the "
-            "readings; or use the nominal model"
+            "joint fixed in the model (URDF: type fixed, at its present position), and omit the joint from "
+            "the readings; or use the nominal model"
         )
 
     def test_own_weight(self):

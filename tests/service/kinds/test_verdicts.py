@@ -324,7 +324,7 @@ def test_the_head_of_what_is_absurd_does_not_say_use(name, run, by_weights):
     assert [reason.code for reason in reasons] == codes
 
 
-BELIEVED = "; up to 20 mm, and 20 times the campaign's, is believed"
+BELIEVED = "; up to 20 mm, and 20 times the campaign's, is plausible"
 
 
 def test_the_reasons_of_what_is_absurd_name_its_size(run, by_weights):
@@ -339,7 +339,7 @@ def test_the_reasons_of_what_is_absurd_name_its_size(run, by_weights):
     ]
     assert said["prediction, a few metres"][:2] == [
         f"the greatest deflection is 26.5 mm, 5.14 times the greatest of the campaign{BELIEVED}",
-        "the load point or the place is 4 m from the flange; up to 1.5 m is believed",
+        "the load point or the place is 4 m from the flange; up to 1.5 m is plausible",
     ]
     assert said["prediction, joint without a number"] == ["none of the 1 cases has a number"]
     assert said["map, no place reached"] == ["none of the 9 places have a number"]
@@ -349,7 +349,7 @@ def test_the_reasons_of_what_is_absurd_name_its_size(run, by_weights):
     assert said["plan, joint without a load"] == ["no load of this plan twists joint_1"]
 
 
-NO_TOOL = "check its unit; a longer tool belongs to the robot, whose flange is then on the tool"
+NO_TOOL = "check the unit of the point; for a longer tool, put the flange of the robot's model on the tool"
 
 
 @pytest.mark.parametrize(
@@ -366,7 +366,7 @@ def test_a_point_where_no_tool_reaches_is_refused(name, where, metres, run):
     problem = refused.value.problem
     assert (problem.where, problem.detail, problem.remedy) == (
         where,
-        f"the point is {metres} m from the flange, where no tool reaches: up to 5 m is believed",
+        f"the point is {metres} m from the flange, where no tool reaches: up to 5 m is plausible",
         NO_TOOL,
     )
 
@@ -384,7 +384,7 @@ def test_a_program_for_kilonewtons_is_refused_with_all_its_reasons(run):
     ]
     assert problem.errors[0].remedy == (
         "check the units of the load and of the points (N or kN, m or mm); if the numbers are right, "
-        "`accept_verdict` goes past this verdict"
+        "state `accept_verdict` to use the result"
     )
 
 

@@ -89,7 +89,8 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         (
             {"units": "m, deg, kN, N·mm"},
             "load_point: the point is 190.788 m from the flange, where no tool reaches: up to 5 m is "
-            "believed; remedy: check its unit; a longer tool belongs to the robot, whose flange is then on "
+            "plausible; remedy: check the unit of the point; for a longer tool, put the flange of the "
+            "robot's model on "
             "the tool",
         ),
         (
@@ -120,7 +121,7 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         (
             {"unloaded": None},
             "unloaded: `loaded` alone cannot be used as readings; remedy: give `unloaded` and `loaded`, or "
-            "`deflections`; `unloaded` alone is for the own weight",
+            "`deflections`; give `unloaded` alone only to identify by the own weight",
         ),
         (
             FREE,
@@ -136,7 +137,7 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
             {"unloaded": read("unloaded") * np.nan},
             "1 fault; first: observations[0].readings: must have at least 1 items, but has 0; "
             "remedy: compare "
-            "with an example: `jointstiff simulate FILE` writes one, and /openapi.json has them",
+            "with an example: `jointstiff simulate FILE` writes a campaign, and /openapi.json has examples",
         ),
         (
             {"joints": "x"},

@@ -36,7 +36,7 @@ def test_a_table_may_have_semicolons():
          "use label, J1 [deg], Fx [N], Mx [N.m], load point x [mm], place x [mm], direction x, …"),
         ("J2 [deg]", "J1 [deg]", "line 1", f"the column J1 occurs twice; {COLUMNS}"),
         (",Fz [N]", ",direction x", "line 1", f"the column Fz is missing; {COLUMNS}"),
-        (",-800.5", ",strong", "line 2, column 7", "'strong' is not a number; correct the value"),
+        (",-800.5", ",strong", "line 2, column 7", "'strong' is not a number; write a number"),
         (
             *(",-800.5", "", "line 2"),
             "the row has 6 cells, but the table has 7 headers; give a cell for each header",

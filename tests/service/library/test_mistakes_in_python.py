@@ -90,7 +90,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
                 "Do not use: 2 reasons the work of the load on the joints is -32.5 J",
                 "│ joint_1 │ rigid │ — │ — │ at bound │",
                 "joint_1, joint_2, joint_3, joint_4, joint_5, joint_6: these readings cannot distinguish "
-                "the joint from a rigid one",
+                "the joint from a rigid joint",
                 "explains 0.0 % of the mean deflection, residual 1.45 mm rms",
                 "To do 1. change the sign of every force",
                 "2. exchange unloaded and loaded readings",
@@ -102,7 +102,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
                 "Do not use: 1 reason",
                 "│ joint_4 │ 0.813 │ 0.079 │ 0.397 … 1.420 │ do not use │",
                 "│ joint_6 │ rigid │ — │ — │ at bound │",
-                "joint_6: these readings cannot distinguish the joint from a rigid one",
+                "joint_6: these readings cannot distinguish the joint from a rigid joint",
                 "explains 59.6 % of the mean deflection, residual 594 µm rms",
             ],
         ),
@@ -140,7 +140,7 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
                 "│ joint_3 │ 4.129 │ 0.093 │ 3.939 … 4.318 │ well determined │",
                 "│ joint_4 │ rigid │ — │ > 8.07 │ at bound │",
                 "joint_4: stiffer than 8.07 · 10⁶ N·m/rad at 95 %: these readings cannot distinguish the "
-                "joint from a rigid one",
+                "joint from a rigid joint",
                 "To do 1. joint_4: 1200 N along (1.00, 0.00, 0.00) in posture c005: u(c) becomes 0.14 "
                 "µrad/(N·m)",
             ],
@@ -148,8 +148,8 @@ def test_a_reason_names_its_observation_and_its_action_what_it_changes():
         (
             "gauges",
             [
-                "The set has deflections and no positions, so the geometry of robot, frames and targets, "
-                "and the joint angles, cannot be checked.",
+                "The set has deflections but no positions, so the joint angles and the geometry of robot, "
+                "frames and targets cannot be checked.",
                 "│ joint_6 │ 0.1021 │ 0.0013 │ 0.0995 … 0.1048 │ well determined │",
                 "residual 3.61 µm rms (3-D), sigma of a reading 3 µm (given)",
             ],

@@ -240,7 +240,7 @@ def test_rows_of_a_robot_are_in_mm_and_deg():
 
 
 def test_units_that_are_not_known_or_not_stated_are_refused():
-    with pytest.raises(js.CampaignError, match="'cm' is no known unit of length"):
+    with pytest.raises(js.CampaignError, match="'cm' is not a known unit of length"):
         requested("map", None, units={"length": "cm"}, place=(0, 0, 1))
     with pytest.raises(js.CampaignError, match="the unit of moments is missing"):
         requested("map", None, units="mm, deg, kN", moment=(0, 0, 1))

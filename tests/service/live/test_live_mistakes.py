@@ -85,10 +85,10 @@ def with_less_force(reading, _first):
             0.0,
             [
                 "the arm or the tracker moved between the two readings",
-                "the force differs from the stated one",
+                "the force differs from the stated force",
             ],
             "the reading is 374 µm away from the prediction by the other readings: the arm or the tracker "
-            f"moved between the two readings or the force differs from the stated one? {AGAIN}",
+            f"moved between the two readings or the force differs from the stated force? {AGAIN}",
         ),
     ],
 )

@@ -151,7 +151,9 @@ def test_a_mistake_at_the_second_reading_is_named_at_once_and_better_with_the_th
     (reason,) = state["assessment"]["reasons"]
     assert (reason["code"], reason["weight"]) == ("deflection_against_force", "do_not_use")
     assert (reason["where"], reason["observation"]) == ("observations[1] 'm02'", "m02")
-    assert reason["remedy"] == "change the sign of this force, or exchange unloaded and loaded"
+    assert (
+        reason["remedy"] == "change the sign of this force, or exchange the unloaded and the loaded readings"
+    )
     assert [each["code"] for each in state["warnings"]] == ["deflection_against_force"]
 
 

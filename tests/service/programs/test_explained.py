@@ -18,8 +18,10 @@ SAMPLES = Path(__file__).parent / "samples"
 PLACE = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
 ROB = "[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 OF_KRL = "write X, Y, Z, A, B, C (or A1 ... A6) in numbers, and send the .dat that declares them"
-OF_FANUC = "write positions in numbers in /POS: no PR[], no P[R[]]; choose frames by numbers, line by line"
-OF_UR = "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or a variable that gets them once"
+OF_FANUC = "write the numbers of positions in /POS, without PR[] and P[R[]]; choose frames by number, in a line without a condition"
+OF_UR = (
+    "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or use a variable that gets these numbers once"
+)
 OF_TABLES = (
     "name columns x, y, z and a, b, c (or w, p, r; qw ... qz; rx, ry, rz; i, j, k), or j1 ... j6, with "
     "units as in `x [mm]`"
@@ -68,13 +70,13 @@ def test_moves_behind_an_unknown_routine_are_told_with_the_reason_and_the_remedy
         (46, False),
     ]
     reason = "'SPINDLE_ON' is unknown: it may move the robot or change its frames"
-    remedy = "if it does neither, state `trust_routines`, or name it in `leave_alone`: ['SPINDLE_ON']"
+    remedy = "if 'SPINDLE_ON' does neither, state `trust_routines`, or name the routine in `leave_alone`: ['SPINDLE_ON']"
     assert tuple(found[4][1:6]) == ("in numbers, in numbers", "", "", reason, remedy)
 
 
 def test_frames_that_are_set_behind_an_unknown_routine_are_known_and_a_remark_says_what_is_assumed():
     program = read_program(sample("cell.src", "cell.dat"), leave_others=True)
-    text = "it is assumed that stored frames and points of the program stay as they are in 'SPINDLE_ON'"
+    text = "it is assumed that these routines leave the stored frames and points of the program unchanged: 'SPINDLE_ON'"
     assert [(each.line, each.text) for each in program.left_alone if not each.target] == [(30, text)]
 
 
@@ -119,9 +121,7 @@ NO_POSE = (
     "the target is neither a whole pose nor all joint angles in numbers, or the text after it is unknown"
 )
 AXIS = "an external axis or another group is away from zero, and may carry the arm or the part"
-CARRY = (
-    "state `external_axes: carry_nothing` if it carries neither the arm nor the part; else keep it at zero"
-)
+CARRY = "if the axis or group carries neither the arm nor the part, state `external_axes: carry_nothing`; otherwise keep the axis at zero"
 LEFT = {
     "a pose without angles": ("a.src", krl("LIN {X 1,Y 2,Z 3}"), 2, NO_POSE, OF_KRL),
     "a variable in a pose": ("a.src", krl("LIN {X x1,Y 2,Z 3,A 0,B 0,C 0}"), 2, NO_POSE, OF_KRL),
@@ -216,7 +216,7 @@ def test_a_target_in_two_bases_is_left_at_both_of_its_moves():
 
 
 NOT_CNC = "programs in the formats CNC, APT and CLS cannot be read"
-ITS_LANGUAGE = "write it in the controller's own language, or as a table of targets (CSV)"
+ITS_LANGUAGE = "write the program in the controller's own language, or as a table of targets (CSV)"
 BRACES = "braces are nested more than 16 deep; declare inner structures on their own"
 UNITS = "the columns of the targets have no units, different units, or units of another quantity"
 REFUSED = {
@@ -249,7 +249,7 @@ REFUSED = {
     "a move of frames": (
         "a.mod",
         "MODULE a\nPROC main()\nPDispSet x;\nENDPROC\nENDMODULE",
-        "'a.mod', line 3: PDispSet moves targets or frames; omit it",
+        "'a.mod', line 3: PDispSet moves targets or frames; omit the statement",
     ),
     "a table of two columns": (
         "a.csv",
@@ -283,7 +283,7 @@ def test_more_files_than_a_program_of_a_language_has_are_refused(suffix, most):
     with pytest.raises(ProgramError) as refused:
         list_moves([(f"{i}.{suffix}", b"") for i in range(most + 1)])
     remedy = (
-        "send one program; with KUKA's .src its .dat and $config.dat, with ABB's module those of its task"
+        "send one program: for KUKA a .src with its .dat and $config.dat, for ABB the modules of one task"
     )
     assert str(refused.value) == f"'{most}.{suffix}': more files were sent than one program has; {remedy}"
 
@@ -323,7 +323,7 @@ def test_a_fault_quotes_the_statement_that_is_unknown(name, text, words):
 def test_a_remark_quotes_a_statement_that_is_unknown_and_names_no_frame():
     program = read("a.src", krl(f"LIN {PLACE}", "x=1 y=2", f"LIN {PLACE}"))
     remarks = [remark.text for remark in program.left_alone]
-    reason = "this text is not understood, or is not complete; it is assumed to change only what it names"
+    reason = "this text is not understood, or is not complete; it is assumed that the statement changes only the values that it names"
     assert remarks == [f"'X=1 Y=2': {reason}"]
 
 
@@ -339,7 +339,8 @@ def test_the_routine_of_a_move_with_a_call_may_be_confirmed():
     assert len(program.moves) == 1
     (remark,) = program.left_alone
     assert (
-        remark.text == "P1 is called; the request states that it neither moves the robot nor changes frames"
+        remark.text
+        == "P1 is called; the request states that this routine neither moves the robot nor changes frames"
     )
 
 
@@ -418,14 +419,16 @@ def test_data_that_are_local_in_one_of_two_modules_are_unknown():
     second = f"MODULE b\nPROC b()\n{move.format('t1')}ENDPROC\nENDMODULE\n"
     found = list_moves([("a.mod", (first + second).encode())])
     assert [(each.line, each.corrected) for each in found] == [(4, False), (5, True), (10, False)]
-    assert {each.reason for each in found if not each.corrected} == {"it is LOCAL in one of the modules"}
+    assert {each.reason for each in found if not each.corrected} == {
+        "the name is LOCAL in one of the modules"
+    }
 
 
 def test_a_routine_that_is_local_in_one_of_two_modules_and_used_in_the_other_is_refused():
     module = "MODULE {0}\n{1}PROC {2}()\nENDPROC\nPROC {0}()\n{2};\nENDPROC\nENDMODULE\n"
     text = module.format("a", "LOCAL ", "sub") + "MODULE b\nPROC b()\nsub;\nENDPROC\nENDMODULE\n"
     with pytest.raises(
-        ProgramError, match="'SUB' is LOCAL in one of the modules, and another one uses its name"
+        ProgramError, match="'SUB' is LOCAL in one module, and another module uses the same name"
     ):
         list_moves([("a.mod", text.encode())])
 

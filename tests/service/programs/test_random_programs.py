@@ -14,12 +14,12 @@ from jointstiff.service.programs.formats import list_moves
 
 REASONS = {
     "unknown routine": "is unknown: it may move",
-    "other callers": "may be called from elsewhere",
+    "other callers": "while other frames are active",
     "no way": "the program never reaches this line",
-    "branch": "by a branch, a loop or a call",
+    "branch": "in a branch, a loop or a call",
     "part or computed": "computed",
     "no numbers": "is not given by constant numbers",
-    "used elsewhere": "where it is not certain what they mean",
+    "used elsewhere": "where their meaning is not certain",
     "two frames": "with another base or tool",
     "moved": "moves the target",
     "other record": "is recorded with another",

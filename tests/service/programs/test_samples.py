@@ -136,11 +136,17 @@ def test_a_target_has_the_words_of_its_configuration(kind):
 def test_moves_to_places_of_the_controller_and_confirmed_calls_stay_as_they_are():
     assert [(each.line, each.text) for each in read("krl").left_alone] == [
         (20, "a move to XHOME, a position stored in the controller"),
-        (30, "SPINDLE_ON is called; the request states that it neither moves the robot nor changes frames"),
+        (
+            30,
+            "SPINDLE_ON is called; the request states that this routine neither moves the robot nor changes frames",
+        ),
         (46, "a move to $AXIS_ACT, a position stored in the controller"),
     ]
     assert [(each.line, each.text) for each in read("fanuc").left_alone] == [
-        (22, "SPINDLE_OFF is called; the request states that it neither moves the robot nor changes frames")
+        (
+            22,
+            "SPINDLE_OFF is called; the request states that this routine neither moves the robot nor changes frames",
+        )
     ]
 
 

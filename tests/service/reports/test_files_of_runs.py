@@ -16,10 +16,8 @@ CAMPAIGNS = {
     **{name: lambda name=name: recorded(name) for name in ("gauges", "encoders", "scara")},
 }
 PARTIAL = "k = 2, partial"
-ONLY_TOGETHER = (
-    "only a combination of joint_3, joint_4 is observable, c(joint_3) + c(joint_4): add postures in which "
-    "their axes differ"
-)
+ONLY_TOGETHER = "only a combination of joint_3, joint_4 is observable, c(joint_3) + c(joint_4): add "
+"postures in which the axes of these joints differ"
 
 
 @pytest.fixture(scope="module")

@@ -66,7 +66,7 @@ def test_the_caller_chooses_axes_title_joints_and_size(run):
     axes = own.subplots(2, 2)
     assert run.plot(axes) is own
     assert [each.get_title() for each in axes.flat] == list(PANELS)
-    with pytest.raises(ValueError, match="the result has 4 panels: give as many axes, not 1"):
+    with pytest.raises(ValueError, match="the result has 4 panels: give 4 axes, not 1"):
         run.plot(Figure().subplots())
     with pytest.raises(ValueError, match="there is no joint joint_9: the joints are joint_1, joint_2"):
         run.plot(joints=["joint_9"])

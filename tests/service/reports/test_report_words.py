@@ -179,7 +179,7 @@ def test_a_joint_without_a_number_has_none_in_results_prediction_and_budget(labo
         "joint_1 | — | — | — | — | not observable |",
         "joint_2 | 3.109 | 0.016 | 0.032 | 3.078 … 3.141 | use |",
         "joint_6 | 0.0880 | 0.0043 | 0.0086 | 0.0804 … 0.0971 | use |",
-        "joint_1: no number: the load never twists this joint: add loads that twist it.",
+        "joint_1: no number: the load never twists this joint: add loads that twist the joint.",
         "joint_1 no number: see the table joint_2",
         "X | — | — | — | — | Y | — | — | — | — | Z | -0.000276 | 0.000226 | 0.001787 | 0.000011 |",
         "the load or own weight twists joint_1, which the readings of the run do not determine: the "
@@ -223,7 +223,7 @@ def test_the_tables_of_a_run_have_its_lines_and_its_evidence(laboratory, weighed
     assert table["rows"][1] == ["joint_2", "3.109", "0.016", "3.078 … 3.141", "well determined"]
     assert table["texts"] == [0, 4]
     assert answer["lines"] == [
-        "joint_1: the load never twists this joint: add loads that twist it",
+        "joint_1: the load never twists this joint: add loads that twist the joint",
         "explains 98.8 % of the mean deflection, residual 44.1 µm rms (3-D), sigma of a reading 20 µm "
         "(given)",
     ]

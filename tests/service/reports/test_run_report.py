@@ -385,7 +385,7 @@ def test_a_run_by_own_weight_states_its_uncertainty_by_the_interval():
         assert joint.stiffness + u >= high * (1 - 1e-12)
         assert (probability, factor) == (0.95, pytest.approx(1.959964, abs=1e-6))
     described = texts(results[-1], "dcc:description/dcc:content")
-    assert described[0].endswith("No uncertainty is stated of these predictions.")
+    assert described[0].endswith("No uncertainty of these predictions is stated.")
 
 
 @pytest.mark.parametrize(

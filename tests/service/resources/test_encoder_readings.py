@@ -42,8 +42,9 @@ def test_an_encoder_against_its_torque_is_warned_of(client, encoded):
         "the encoder of joint_4 shows -989 µrad, opposite to the torque of 441.7 N.m, in 18 of 19 readings"
     )
     assert warning["remedy"] == (
-        "check the encoder's sign, which is that of the model's joint, not the controller's; that unloaded "
-        "and loaded are not exchanged; and the signs of the force"
+        "check that the encoder has the sign of the model's joint, not of the "
+        "controller's; check the signs of the force; check that unloaded and "
+        "loaded readings are not exchanged"
     )
     assert post(client, "/v1/measurement-sets", encoded)["warnings"] == []
 

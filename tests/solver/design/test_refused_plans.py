@@ -64,7 +64,8 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         ),
         (
             {"readings": 1},
-            "readings | 1 readings, after those for validation are held out, do not determine 6 joints | "
+            "readings |without the readings for validation,  1 readings remain, too few to determine 6 "
+            "joints | "
             "request more readings, or a smaller fraction for validation",
         ),
         (
@@ -84,7 +85,8 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         ),
         (
             {"postures": THREE, "validation": 0.5, "readings": 4},
-            "distinct_angle | only 0 of 2 readings for validation are in postures distinct from all others | "
+            "distinct_angle | only 0 of 2 readings for validation are in postures that differ from those "
+            "of all other readings | "
             f"{FEWER}",
         ),
     ],
@@ -191,7 +193,7 @@ def test_advice_names_posture_and_load_and_what_they_give(force, uncertainties, 
     begins = f"in posture c03 apply {force:.0f} N along (0.00, 1.00, 0.00): the uncertainty of joint_1's"
     assert first == f"{begins} {falls_to[0]}"
     same = (
-        "in posture (-31, 1, -38, 79, -59, -42)°, if it is free of collisions, apply the load of "
+        "in posture (-31, 1, -38, 79, -59, -42)°, if this posture is free of collisions, apply the load of "
         f"{force:.0f} N as before: the uncertainty of"
     )
     assert second == f"{same} joint_4's {falls_to[1]}, 0.4 times its present value"

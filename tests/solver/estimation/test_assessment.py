@@ -186,9 +186,9 @@ class TestFit:
     [
         ([1e6, 2e6, -3e6], "", ""),
         ([1e6, 2e6, -30.0], "joint_3", "set `positive` to true"),
-        ([1e6, 2e6, 30.0], "joint_3", "the other joints are plausible"),
+        ([1e6, 2e6, 30.0], "joint_3", "the stiffnesses of the other joints are plausible"),
         ([1e2, 2e2, 30.0], "joint_1 joint_2 joint_3", "check the units of force, length and moment"),
-        ([1e10, 2e6, 3e6], "joint_1", "the other joints are plausible"),
+        ([1e10, 2e6, 3e6], "joint_1", "the stiffnesses of the other joints are plausible"),
         ([1e2, 2e2, -30.0], "joint_3", "set `positive` to true"),
     ],
 )

@@ -89,9 +89,9 @@ def test_a_hung_mass_in_kg_is_as_many_kgf(pulls):
 def test_the_finding_states_the_ratio_and_the_two_arms(pulls):
     (finding,) = inspected(pulls, 9.80665 * np.array(KR_240), "kgf")
     assert finding.message == (
-        "the geometric mean of the stiffnesses of joint_2 to joint_6 over payload · g · reach "
-        "(240 kg, 2.69 m) is 914 rad⁻¹; the only two arms in our comparison have 93.2 (KUKA KR 240) "
-        "and 104 (FANUC R-2000iC), and 25 to 400 rad⁻¹ is believed; "
+        "the geometric mean of the stiffnesses of joint_2 to joint_6, divided by payload · g · reach "
+        "(240 kg, 2.69 m), is 914 rad⁻¹; the two arms of our comparison have 93.2 (KUKA KR 240) "
+        "and 104 (FANUC R-2000iC), and 25 to 400 rad⁻¹ is plausible; "
         "forces in N, not in kgf as declared, would give 93.2 rad⁻¹"
     )
 

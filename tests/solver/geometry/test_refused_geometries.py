@@ -73,8 +73,8 @@ def parallel_cell():
         ),
         (
             lambda: identify_axes(coupled_sweep_from_elsewhere()),
-            "sweep of joint_2 | this sweep turns model joints 2 and 3, and it was recorded in another "
-            "configuration than the sweep of joint_3 | start both sweeps from the same configuration of "
+            "sweep of joint_2 | this sweep moves the joints 2 and 3 of the model, but the sweep was recorded "
+            "in another configuration of joint_3 | start both sweeps from the same configuration of "
             "the other joints",
         ),
         (
@@ -112,13 +112,13 @@ def test_sweeps_that_do_not_determine_each_axis_are_refused(do, said):
     [
         (
             1e3,
-            "units.length | a target moves by 2,166 m; 10 mm to 50 m is believed | check units.length: "
+            "units.length | a target moves by 2,166 m; 10 mm to 50 m is plausible | check units.length: "
             "positions in mm seem to be declared in m; for a machine of another size give the robot as a "
             "URDF or table",
         ),
         (
             2e-3,
-            "units.length | no target moves farther than 4.3 mm; 10 mm to 50 m is believed | check "
+            "units.length | no target moves farther than 4.3 mm; 10 mm to 50 m is plausible | check "
             "units.length: positions in m seem to be declared in mm; for a machine of another size give the "
             "robot as a URDF or table",
         ),
@@ -173,8 +173,9 @@ ARC = arc(-40.0, 60.0)
         (
             {"points": ARC.points[:, :2]},
             "the angles have shape (15, 6), the readings (15, 2, 3), and their covariance (3, 3) | give "
-            "all joint angles and a reading of each target for each position, and one covariance for all "
-            "readings or one for each",
+            "all joint angles and a reading of each target for each position; give one covariance for all "
+            "readings, or one for each "
+            "reading",
         ),
     ],
 )
@@ -238,8 +239,9 @@ def test_a_nominal_model_has_the_joints_that_were_swept():
         (
             lambda: replace(poses(30), points=poses(4).points),
             "the angles have shape (30, 6), the readings (4, 3, 3), and their covariance (3, 3) | give "
-            "all joint angles and a reading of each target for each position, and one covariance for all "
-            "readings or one for each",
+            "all joint angles and a reading of each target for each position; give one covariance for all "
+            "readings, or one for each "
+            "reading",
         ),
         (
             lambda: replace(poses(30), angles=np.full((30, 6), np.nan)),

@@ -45,8 +45,8 @@ def test_the_finding_gives_its_figures_and_the_remedy():
     measurements = readings_on(ARMS["KUKA KR 6 R900 sixx"].robot, seed=3, configurations=40)
     (finding,) = found(ARMS["KUKA KR 210 R2700 extra"].robot, measurements)
     assert re.fullmatch(
-        r"with the robot 'KUKA KR 6 R900 sixx', 40 of 40 observations keep the targets on one place of the "
-        r"flange, within [12]\.\d+ mm; with the chosen robot, only \d of 40, within 20 mm",
+        r"with the robot 'KUKA KR 6 R900 sixx', the targets keep their places on the flange in 40 of 40 "
+        r"observations, within [12]\.\d+ mm; with the chosen robot, in only \d of 40, within 20 mm",
         finding.message,
     ), finding.message
     assert finding.remedy == (

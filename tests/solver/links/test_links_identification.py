@@ -56,7 +56,7 @@ from jointstiff.solver.mechanics.cases import LoadCases
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.predict.answers import build_forward_model, build_stored_model
-from jointstiff.solver.predict.models import ElasticPredictor, leave_folds_out
+from jointstiff.solver.predict.models import ElasticPredictor, estimate_error_by_leaving_folds_out
 
 COLUMNS = ElasticColumns(6, tuple(range(6)))
 VISIBLE = np.ones(6, dtype=bool)
@@ -446,7 +446,7 @@ def test_predictions_hold_on_beams_at_any_place(elastic):
     fitted, held_out = measurements[:25], measurements[25:]
     found = estimate(robot, fitted, weight=1e-4, shares=CrossValidation(folds=3))
     predictor = ElasticPredictor.from_estimate(robot, found)
-    error = leave_folds_out(robot, fitted, found)
+    error = estimate_error_by_leaving_folds_out(robot, fitted, found)
     assert error.postures == 25
     configurations = Postures(robot, robot.joint_map.model_angles(held_out.joints))
     origin = configurations.to_base(np.zeros((len(held_out), 1, 3)))[:, 0]
@@ -474,7 +474,8 @@ def test_balls_hardly_grow_within_the_loads_and_in_proportion_beyond(elastic):
     """No noise is stated: it remains, with what the readings leave open. A stored model says the same."""
     robot, fitted = elastic[0], replace(elastic[1][:25], sigma=None)
     found = estimate(robot, fitted, weight=1e-4, shares=CrossValidation(folds=2))
-    predictor, error = ElasticPredictor.from_estimate(robot, found), leave_folds_out(robot, fitted, found)
+    predictor = ElasticPredictor.from_estimate(robot, found)
+    error = estimate_error_by_leaving_folds_out(robot, fitted, found)
     assert error.noise == pytest.approx(np.sqrt(2.0) * 2e-5, rel=0.3)
     cases = LoadCases(fitted.joints, fitted.force, fitted.moment, fitted.load_point, fitted.load_point)
     stored = build_stored_model(predictor, error)

@@ -103,8 +103,8 @@ def test_a_load_without_a_balance_is_refused():
 def test_joints_too_soft_to_balance_the_load_are_refused_with_its_complementary_stiffness():
     robot, readings = simulated(load="pull", configurations=2, sigma=0.0, seed=3)
     assert refused(lambda: next(regressor_blocks(robot, readings, 1e3 * ARM.compliances))) == (
-        "complementary_stiffness | there is no equilibrium under the load near the unloaded posture "
-        "with joints as soft as these | neglect the complementary stiffness, or check the units of "
+        "complementary_stiffness | with joints as soft as these, there is no equilibrium under the "
+        "load near the unloaded posture | neglect the complementary stiffness, or check the units of "
         "force and length"
     )
     one_reading = replace(first_target(readings), sigma=None)
@@ -193,7 +193,8 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
             1e-5,
             1e-16,
             "noise.instrument | the standard uncertainties of 1e-05 m along and 1e-16 m across the line "
-            "of sight are not those of a tracker: at least 1e-12 m, and a ratio up to 1e+06, is believed | "
+            "of sight are not those of a tracker: at least 1e-12 m, and a ratio of at most 1e+06, is "
+            "plausible | "
             "check the constants, which are in `units.length`, and the terms per distance; or state "
             "`noise.sigma` in place of the instrument",
         ),
@@ -202,7 +203,8 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
             1e2,
             1e-6,
             "noise.instrument | the standard uncertainties of 100 m along and 1e-06 m across the line of "
-            "sight are not those of a tracker: at least 1e-12 m, and a ratio up to 1e+06, is believed | "
+            "sight are not those of a tracker: at least 1e-12 m, and a ratio of at most 1e+06, is "
+            "plausible | "
             "check the constants, which are in `units.length`, and the terms per distance; or state "
             "`noise.sigma` in place of the instrument",
         ),

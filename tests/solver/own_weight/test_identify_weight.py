@@ -208,7 +208,7 @@ def test_readings_that_join_in_count_once_along_a_direction():
 @pytest.mark.parametrize("joints", [(), (6,), (0, -1)])
 def test_a_burden_that_is_none_is_refused(joints):
     readings, bodies = campaign(postures=5), [Body.within("link", j, 1.0, (0.0, 0.0, 0.0)) for j in joints]
-    with pytest.raises(MeasurementError, match="on none of its 6 joints"):
+    with pytest.raises(MeasurementError, match="belongs to none of the 6 joints"):
         replace(readings, burden=Burden(tuple(bodies)), carried=np.ones((5, len(joints))))
     with pytest.raises(MeasurementError, match="shape"):
         replace(readings, force=np.zeros((4, 3)))

@@ -34,7 +34,7 @@ from jointstiff.solver.predict.models import (
     ElasticPredictor,
     JointModel,
     ModelError,
-    leave_postures_out,
+    estimate_error_by_leaving_postures_out,
     merge_score_steps,
 )
 
@@ -414,7 +414,7 @@ def left_out(robot, measurements, method="partial_pose", **options):
     settings = Settings(method, "covariance", Bounds.positive(robot.n), **options)
     estimate = identify(robot, measurements, settings)
     model = JointModel.from_estimate(robot, estimate, settings.constraints)
-    return model, leave_postures_out(robot, measurements, settings, estimate, model)
+    return model, estimate_error_by_leaving_postures_out(robot, measurements, settings, estimate, model)
 
 
 def noisy():

@@ -14,7 +14,7 @@ from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.mechanics.inverse import InverseKinematics
 from jointstiff.solver.predict.answers import STATUSES, MapTask, compute_tool_rotations, map_places
 from jointstiff.solver.predict.forward import CorrectionLimits, compensate, compute_ramp_shares
-from jointstiff.solver.predict.models import JointModel, ModelError, leave_postures_out
+from jointstiff.solver.predict.models import JointModel, ModelError, estimate_error_by_leaving_postures_out
 
 ROBOT = robot_of(ARM)
 POSITIVE = Constraints(Bounds.positive(6))
@@ -31,7 +31,7 @@ def of_readings(measurements):
     """Return the model of readings, and its error at postures that are left out."""
     found = identify(ROBOT, measurements, SETTINGS)
     model = JointModel.from_estimate(ROBOT, found, SETTINGS.constraints)
-    return model, leave_postures_out(ROBOT, measurements, SETTINGS, found, model)
+    return model, estimate_error_by_leaving_postures_out(ROBOT, measurements, SETTINGS, found, model)
 
 
 MODEL, ERROR = of_readings(READ)
