@@ -299,7 +299,7 @@ def _refuse_implausible_lengths(
         i = int(np.unravel_index(np.argmax(size), size.shape)[0])
         quantity = "deflection" if are_deflections else "position"
         raise MeasurementError(
-            f"a {quantity} of {size.max():.4g} m is too long for an arm; up to {most:g} m is believed",
+            f"a {quantity} of {size.max():.4g} m is too long for an arm; up to {most:g} m is plausible",
             where=f"{name}[{i}]",
             remedy="check the unit of length in `units`: positions, deflections, load point and sigma are in "
             "this unit; a campaign file may have greater lengths",

@@ -130,7 +130,7 @@ def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float
     if distance > FAR_POINT:
         raise RequestError(
             f"the point is {distance:g} m from the flange, where no tool reaches: up to {FAR_POINT:g} m is "
-            "believed",
+            "plausible",
             where=where,
             remedy="check its unit; a longer tool belongs to the robot, whose flange is then on the tool",
         )

@@ -456,7 +456,7 @@ class _Merging:
         if self._worst_joints is None or relative_difference > self._worst_joints[0]:
             reason = (
                 f"the joint angles of {quote(label)} differ by {difference:.4g} from those at {first.place}; "
-                f"up to {self._options.joint_tolerance:g} (deg or mm) is believed"
+                f"up to {self._options.joint_tolerance:g} (deg or mm) is plausible"
             )
             remedy = (
                 "give each observation a unique label, correct one of the two rows, or raise "
@@ -495,8 +495,8 @@ class _Merging:
             if sqrt(max(errors)) > _MAX_REPEAT * self._metre:
                 distance = f"{1e3 * sqrt(max(errors)) / self._metre:.3g} mm from their mean"
                 reason = (
-                    f"readings of {reading_text} are up to {distance}; repeated readings are believed to "
-                    f"be within {1e3 * _MAX_REPEAT:g} mm"
+                    f"readings of {reading_text} are up to {distance}; repeated readings are plausible "
+                    f"within {1e3 * _MAX_REPEAT:g} mm"
                 )
                 remedy = "correct their names, or give one mean of readings that scatter more"
                 self._faults.report(values[1].place, reason, remedy)
@@ -697,6 +697,6 @@ def _find_unusual_values(observations: list[ObservationRecord]) -> Iterator[str]
             if spreads > 0.99 * _MAX_SPREADS:
                 distance = (
                     f"{spreads:.0f} times the spread of the other values away from the median (up to "
-                    f"{_MAX_SPREADS:g} times is believed)"
+                    f"{_MAX_SPREADS:g} times is plausible)"
                 )
                 yield f"{name} {number:g} ({place}) is {distance}"

@@ -282,7 +282,7 @@ class CheckedSource:
         if not is_plausible or (sigma is not None and not 0.0 < sigma < 1.0):
             raise SourceError(
                 f"{name}: ({x:g}, {y:g}, {z:g}) m cannot be the position of a target: up to {_FARTHEST:g} m, "
-                "and a standard uncertainty below 1 m, is believed",
+                "and a standard uncertainty below 1 m, is plausible",
                 remedy=f"check the unit and the columns of the source; {_PAST}",
             )
         return (x, y, z), sigma
@@ -315,7 +315,7 @@ class CheckedSource:
                 raise SourceError(
                     f"the source has jumped to another target: {name} is {1e3 * measured_distance:.0f} mm "
                     f"from {other}, but the targets are {1e3 * distance_on_flange:.0f} mm apart on the "
-                    f"flange; a difference up to {1e3 * _LARGEST_DISTANCE_ERROR:g} mm is believed",
+                    f"flange; a difference up to {1e3 * _LARGEST_DISTANCE_ERROR:g} mm is plausible",
                     remedy=f"check which target the instrument sees, then read again; {_PAST}",
                 )
         if stand.loaded:
@@ -325,7 +325,7 @@ class CheckedSource:
             if deflection > _LARGEST_DEFLECTION:
                 raise SourceError(
                     f"the source has jumped to another target: {name} is {1e3 * deflection:.0f} mm from "
-                    f"its position without load; up to {1e3 * _LARGEST_DEFLECTION:g} mm is believed",
+                    f"its position without load; up to {1e3 * _LARGEST_DEFLECTION:g} mm is plausible",
                     remedy=f"check that the arm is still in the posture, then read again; {_PAST}",
                 )
             return
@@ -336,7 +336,7 @@ class CheckedSource:
             raise SourceError(
                 f"the source has jumped to another target: {name} is {position_error:.3g} m from the "
                 "position that the robot's joint values give; up to "
-                f"{_LARGEST_POSITION_ERROR:g} m is believed",
+                f"{_LARGEST_POSITION_ERROR:g} m is plausible",
                 remedy="check the posture, and the frame and the unit of the readings, then read again; "
                 f"{_PAST}",
             )

@@ -213,7 +213,7 @@ def _describe_unusual_values(understood: Understood, request: ImportRequest) -> 
         distances.append(hypot(*_convert_lengths(request.load_point, unit_of_request, "m", "load_point")))
     greatest = max(distances, default=0.0)  # [m]
     far_point = (
-        [f"the load point is {greatest:g} m from the flange (up to {FAR_POINT:g} m is believed)"]
+        [f"the load point is {greatest:g} m from the flange (up to {FAR_POINT:g} m is plausible)"]
         if greatest > FAR_POINT
         else []
     )

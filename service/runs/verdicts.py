@@ -345,7 +345,7 @@ def find_implausible_deflection(greatest: float | None, run: RunResult | None) -
             "prediction_implausible",
             "do_not_use",
             f"the greatest deflection is {1e3 * greatest:.4g} mm{comparison}; up to "
-            f"{1e3 * LARGEST_DEFLECTION:g} mm, and {LARGEST_RATIO:g} times the campaign's, is believed",
+            f"{1e3 * LARGEST_DEFLECTION:g} mm, and {LARGEST_RATIO:g} times the campaign's, is plausible",
             f"check the units of the load and of the points (N or kN, m or mm); {PAST_DO_NOT_USE}",
         )
     ]
@@ -357,7 +357,7 @@ def find_far_points(points: Iterable[Sequence[float] | None]) -> list[Finding]:
     if greatest_distance <= LONGEST_TOOL:
         return []
     distance = f"{greatest_distance:.3g} m from the flange"
-    message = f"the load point or the place is {distance}; up to {LONGEST_TOOL:g} m is believed"
+    message = f"the load point or the place is {distance}; up to {LONGEST_TOOL:g} m is plausible"
     remedy = f"check the unit and the frame of this point; {PAST_CARE}"
     return [make_reason("point_implausible", "use_with_care", message, remedy)]
 

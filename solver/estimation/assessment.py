@@ -784,7 +784,7 @@ def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bo
             code="residuals_vanish",
             weight="use_with_care",
             message=f"the residuals give a standard uncertainty of {length_text(sigma)} per reading, which "
-            f"no tracker reaches (at least {length_text(LEAST_SIGMA)} is believed): these readings are "
+            f"no tracker reaches (at least {length_text(LEAST_SIGMA)} is plausible): these readings are "
             "computed, not measured, and the uncertainties are meaningless",
             remedy=f"state `noise` from the tracker's data sheet; {PAST_CARE}",
         )
@@ -794,7 +794,7 @@ def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bo
             weight="use_with_care",
             message=f"the residuals give a standard uncertainty of {length_text(sigma)} per coordinate of "
             "a reading; laser trackers have 10 to 40 µm, and up to "
-            f"{length_text(LARGEST_SIGMA)} is believed, so most of this value comes from deflections "
+            f"{length_text(LARGEST_SIGMA)} is plausible, so most of this value comes from deflections "
             "that the model does not explain",
             remedy="state `noise` from the instrument's data sheet; check geometry, angles and loads, and "
             f"whether links bend; {PAST_CARE}",
@@ -937,7 +937,7 @@ def report_implausible_joints(joints: Sequence[JointCompliance]) -> Iterator[Fin
             weight="do_not_use",
             message=f"the stiffness of {name} is {stiffness_text(stiffness, kinds[name])}; of joints "
             f"of industrial robots {stiffness_text(least, kinds[name])} to "
-            f"{stiffness_text(greatest, kinds[name])} is believed",
+            f"{stiffness_text(greatest, kinds[name])} is plausible",
             remedy=f"{remedy}; {PAST_DO_NOT_USE}",
             where=name,
         )

@@ -100,7 +100,7 @@ def inspect_force_unit(
     message = (
         f"the geometric mean of the stiffnesses of {joints_text} over payload · g · reach "
         f"({figure(robot.payload)} kg, {figure(reach, '.3g')} m) is {figure(ratio, '.3g')} rad⁻¹; the only "
-        f"two arms in our comparison have {' and '.join(arms)}, and {range_text} is believed"
+        f"two arms in our comparison have {' and '.join(arms)}, and {range_text} is plausible"
     )
     declared = measurements.force_unit
     newtons_of_declared = FORCE_UNITS["kgf" if declared == "kg" else declared]
@@ -115,7 +115,7 @@ def inspect_force_unit(
         yield Finding(
             code="stiffness_against_payload",
             weight="use_with_care",
-            message=f"{comparison_text}; {range_text} is believed"
+            message=f"{comparison_text}; {range_text} is plausible"
             if number
             else f"{message}; {comparison_text}",
             remedy=f"check in which unit the forces were read; if in {unit}, set `units.force` to {unit}; "

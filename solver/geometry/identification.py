@@ -178,7 +178,7 @@ def report_sweep(
             where,
             f"the joint turned {fit.angle_scale:.4f} times as far as the controller's angles and the "
             f"joint map give; {1.0 - _ANGLE_SCALE_TOLERANCE:g} to {1.0 + _ANGLE_SCALE_TOLERANCE:g} rad/rad "
-            "is believed",
+            "is plausible",
             "check the joint map, the unit of the angles, and the order of the rows; a gear of another ratio "
             "belongs to the joint map",
         )

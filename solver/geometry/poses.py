@@ -548,7 +548,7 @@ def refuse_wrong_units(sigma: float | None, reach: float) -> None:
     declared_unit, likely_unit = ("m", "mm") if reach > 1.0 else ("mm", "m")
     raise MeasurementError(
         (f"no target moves farther than {reach_text}" if reach < 1.0 else f"a target moves by {reach_text}")
-        + f"; {1e3 * LEAST_REACH:g} mm to {MOST_REACH:g} m is believed",
+        + f"; {1e3 * LEAST_REACH:g} mm to {MOST_REACH:g} m is plausible",
         where="units.length",
         remedy=f"check units.length: positions in {likely_unit} seem to be declared in {declared_unit}; "
         "for a machine of another size give the robot as a URDF or table",

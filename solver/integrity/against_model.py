@@ -182,7 +182,7 @@ def inspect_places(view: View) -> tuple[list[Finding], BoolArray]:
     if explained_count >= EXPLAINED * len(sample) and explained_count / len(sample) > posted_share + 0.1:
         effect = (
             "with the data as given, the targets keep one position on the flange (up to "
-            f"{length_text(LARGEST_MODEL_ERROR)} apart is believed) in only {agrees.sum()} of {len(rows)} "
+            f"{length_text(LARGEST_MODEL_ERROR)} apart is plausible) in only {agrees.sum()} of {len(rows)} "
             f"observations; with {best_hypothesis.change}, they do so in {explained_count} "
             f"of {len(is_explained)}, within {length_text(float(corrected_distances[is_explained].max()))}"
         )
@@ -267,7 +267,7 @@ def _inspect_disagreeing_rows(
                 "target_off_model",
                 f"target '{view.measurements.targets[farthest]}' is {length_text(distances[farthest])} "
                 "away from its median "
-                f"position on the flange; up to {length_text(LARGEST_MODEL_ERROR)} is believed",
+                f"position on the flange; up to {length_text(LARGEST_MODEL_ERROR)} is plausible",
                 "check that positions are in R0 and in `units.length`, the angles and their order, the "
                 f"joint map, and the robot's model; {PAST_DO_NOT_USE}",
                 "do_not_use",
@@ -400,7 +400,7 @@ def _report_mistyped_rows(
             "target_off_model",
             f"all targets are at least {length_text(nearest_distance[k])} away from their median positions "
             f"on the flange; the typical distance is {length_text(typical)}, and up to "
-            f"{length_text(greatest)} is believed",
+            f"{length_text(greatest)} is plausible",
             "check the angles of this observation for a typing error, and whether the robot stood still; "
             f"{PAST_CARE}",
             row=int(rows[k]),
@@ -1204,7 +1204,7 @@ def inspect_encoders(view: View) -> Iterator[Finding]:
         yield view.build_finding(
             "encoder_deflection_implausibly_large",
             f"the encoder of {joint_names[joint]} shows a deflection of {1e3 * size[worst, joint]:.3g} "
-            f"mrad; up to {1e3 * LARGEST_ENCODER_DEFLECTION:g} mrad is believed",
+            f"mrad; up to {1e3 * LARGEST_ENCODER_DEFLECTION:g} mrad is plausible",
             "check `units.angle`, and that unloaded and loaded readings are of the same posture; "
             f"{PAST_CARE}",
             row=worst,

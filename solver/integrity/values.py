@@ -220,7 +220,7 @@ def inspect_angles(view: View) -> Iterator[Finding]:
     largest = float(np.abs(joints[:, is_revolute]).max(initial=0.0))
     if not view.degrees and largest > _MANY_TURNS:
         effect = (
-            f"the largest angle is {largest:.4g} rad; up to {_MANY_TURNS:.3g} rad, two turns, is believed"
+            f"the largest angle is {largest:.4g} rad; up to {_MANY_TURNS:.3g} rad, two turns, is plausible"
         )
         yield view.suspect_other_unit("deg", effect)
     largest_degrees = float(np.rad2deg(largest))
@@ -228,7 +228,7 @@ def inspect_angles(view: View) -> Iterator[Finding]:
         yield view.suspect_other_unit(
             "rad",
             f"no joint turns by more than {largest_degrees:.3g}° in {len(joints)} observations; over "
-            f"{_SMALL_DEGREES:.3g}° is believed",
+            f"{_SMALL_DEGREES:.3g}° is plausible",
         )
     model_angles = view.robot.joint_map.model_angles(joints)
     lower, upper = view.robot.limits.T
@@ -268,7 +268,7 @@ def inspect_stated_noise(view: View) -> Iterator[Finding]:
         yield view.build_finding(
             "sigma_suspect",
             f"the stated standard uncertainty of a reading is {length_text(sigma)}; up to "
-            f"{length_text(LARGEST_SIGMA)} is believed of a tracker",
+            f"{length_text(LARGEST_SIGMA)} is plausible of a tracker",
             f"check the stated noise, which is in `units.length`; {PAST_DO_NOT_USE}",
             "do_not_use",
         )
@@ -292,7 +292,8 @@ def inspect_loads(view: View) -> Iterator[Finding]:
     if median_force > greatest or (median_force < least and not view.measurements.moment.any()):
         yield view.build_finding(
             "force_unit_suspect",
-            f"the median force is {figure(median_force, '.3g')} N; {least:g} N to {greatest:g} N is believed",
+            f"the median force is {figure(median_force, '.3g')} N; "
+            f"{least:g} N to {greatest:g} N is plausible",
             "check `units.force`: kN may have been read as N, or N as kN (kgf read as N is not detected); "
             f"{PAST_DO_NOT_USE}",
             "do_not_use",
@@ -314,7 +315,7 @@ def inspect_flange_lengths(view: View) -> Iterator[Finding]:
         return
     effect = (
         f"the load points and targets in the flange frame are up to {length_text(largest)} from its origin "
-        f"({length_text(near)} to {length_text(far)} is believed)"
+        f"({length_text(near)} to {length_text(far)} is plausible)"
     )
     farthest = float(np.linalg.norm(measurements.position[view.measured], axis=1).max(initial=0.0))
     # Plausible positions in R0 have the declared unit, so only the lengths in the flange frame are wrong.
@@ -338,7 +339,7 @@ def inspect_deflections(view: View) -> Iterator[Finding]:
         yield view.build_finding(
             "deflection_implausibly_large",
             f"target '{measurements.targets[length[row].argmax()]}' moved by {length_text(largest[row])}; "
-            f"up to {length_text(LARGEST_DEFLECTION)} is believed",
+            f"up to {length_text(LARGEST_DEFLECTION)} is plausible",
             f"check `units.length`, and that unloaded and loaded readings belong together; {PAST_DO_NOT_USE}",
             "do_not_use",
             row=row,
@@ -347,7 +348,7 @@ def inspect_deflections(view: View) -> Iterator[Finding]:
         yield view.build_finding(
             "deflection_implausibly_small",
             f"no target moved by more than {length_text(float(largest.max()))}; at least "
-            f"{length_text(SMALLEST_DEFLECTION)} is believed",
+            f"{length_text(SMALLEST_DEFLECTION)} is plausible",
             "check `units.length`, and that the loaded readings were taken with the load applied; "
             f"{PAST_DO_NOT_USE}",
             "do_not_use",

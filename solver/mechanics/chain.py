@@ -282,8 +282,8 @@ def dh_chain(rows: Sequence[DhRow], convention: Convention, name: str) -> Kinema
     if reach > LARGEST_LENGTH and any(abs(row.d) > LARGEST_LENGTH for row in rows):
         raise RobotError(
             f"the flange is {reach:g} m from the base if all joints are at zero; up to {LARGEST_LENGTH:g} m "
-            "is believed",
-            remedy=f"check d and its unit: offsets above {LARGEST_LENGTH:g} m are believed only if they "
+            "is plausible",
+            remedy=f"check d and its unit: offsets above {LARGEST_LENGTH:g} m are plausible only if they "
             f"cancel to {LARGEST_LENGTH:g} m; a longer machine can be given as a URDF",
             where="model.rows",
         )

@@ -87,7 +87,7 @@ class Instrument:
                 f"the standard uncertainties of {sigma_along.max():.3g} m along and "
                 f"{sigma_across.max():.3g} m across "
                 f"the line of sight are not those of a tracker: at least {LEAST_SIGMA:g} m, and a ratio "
-                f"up to {LARGEST_CONDITION**0.5:g}, is believed",
+                f"up to {LARGEST_CONDITION**0.5:g}, is plausible",
                 where="noise.instrument",
                 remedy="check the constants, which are in `units.length`, and the terms per distance; or "
                 "state `noise.sigma` in place of the instrument",

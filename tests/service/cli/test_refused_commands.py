@@ -60,7 +60,7 @@ def test_lengths_and_angles_at_the_terminal_become_those_of_the_file(folder):
         ),
         (
             ["options.json", "--load-point", "0,0,6000"],
-            "load_point: the point is 6 m from the flange, where no tool reaches: up to 5 m is believed "
+            "load_point: the point is 6 m from the flange, where no tool reaches: up to 5 m is plausible "
             "remedy: check its unit; a longer tool belongs to the robot, whose flange is then on the tool",
         ),
         (["pull.json"], "the file is a campaign remedy: use `jointstiff identify FILE`"),
@@ -90,8 +90,8 @@ def test_a_result_that_must_not_be_used_compensates_no_program(folder):
     assert refused.exit_code == 2
     assert words(refused.stderr) == (
         "The result must not be used all readings: the angles seem to be in rad, not in deg as declared: "
-        "with the data as given, the targets keep one position on the flange (up to 20 mm apart is believed) "
-        "in only 1 of 12 observations; "
+        "with the data as given, the targets keep one position on the flange (up to 20 mm apart is "
+        "plausible) in only 1 of 12 observations; "
         "with all angles taken as radians, they do so in 12 of 12, within 52.2 µm; set `units.angle` to rad; "
         "if the numbers are right, `--despite-verdict` goes past this verdict "
         "remedy: follow the remedies of the reasons and identify again; "

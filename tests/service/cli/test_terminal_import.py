@@ -129,10 +129,10 @@ def test_readings_with_errors_are_written_only_despite_them():
     past = "if the numbers are right, `accept_verdict` goes past this verdict"
     errors = (
         "do not use: the angles seem to be in rad, not in deg as declared: no joint turns by more than "
-        f"2.79° in 6 observations; over 6.28° is believed; set `units.angle` to rad; {past} do not use: the "
-        "angles seem to be in rad, not in deg as declared: with the data as given, the targets keep one "
-        "position on the flange (up to 20 mm apart is believed) in only 1 of 6 observations; with all angles "
-        f"taken as radians, they do so in 6 of 6, within 56.3 µm; set `units.angle` to rad; {past}"
+        f"2.79° in 6 observations; over 6.28° is plausible; set `units.angle` to rad; {past} do not use: "
+        "the angles seem to be in rad, not in deg as declared: with the data as given, the targets keep one "
+        "position on the flange (up to 20 mm apart is plausible) in only 1 of 6 observations; with all "
+        f"angles taken as radians, they do so in 6 of 6, within 56.3 µm; set `units.angle` to rad; {past}"
     )
     assert_said(
         typed(line, status=1),
@@ -194,7 +194,7 @@ def test_words_of_states_and_a_far_load_point_are_asked_for():
         "│ 11 │ P10 post x [mm] │ P10 loaded x │ mm │ 1245.6021; 1102.4127 │",
         "Word for readings without load (pre, post) [pre]:",
         "Encoders that close the position loop (motor, secondary) [motor]:",
-        "Is this value correct: the load point is 6 m from the flange (up to 5 m is believed)? [y/N]:",
+        "Is this value correct: the load point is 6 m from the flange (up to 5 m is plausible)? [y/N]:",
         "wrote asked.json, a measurement set; now: add a robot with --robot",
     )
     assert json.loads(Path("asked.json").read_text())["load_point"] == [0.0, 0.0, 6000.0]

@@ -133,7 +133,7 @@ def test_a_load_point_in_the_wrong_unit_is_blamed_on_itself():
     )  # fmt: skip
     assert finding.message == (
         "the load points and targets in the flange frame are up to 120 µm from its origin "
-        "(2 mm to 10 m is believed), "
+        "(2 mm to 10 m is plausible), "
         "while the targets were read up to 3.52 m from the origin of R0"
     )
     assert answer.measurement_set.load_point == pytest.approx((0.0, 0.0, 0.00012))

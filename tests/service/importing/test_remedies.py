@@ -374,7 +374,7 @@ NAMES = {
         "occurs twice", POINTS + "c02_P10_loaded;1102.4128;402.8613;316.8891\n", mean_of_repeats=True
     ),
     "points far apart as repeated ones": mistake(
-        "repeated readings are believed to be within 0.2 mm",
+        "repeated readings are plausible within 0.2 mm",
         "c02_P10_loaded",
         "c01_P10_loaded",
         POINTS,

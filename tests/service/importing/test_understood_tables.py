@@ -139,7 +139,7 @@ def test_deflections_need_targets_and_a_load_point_that_a_tool_reaches():
         (
             "accept_unusual",
             "a confirmation (`accept_unusual`) that these values are correct: the load point is 120 m from "
-            "the flange (up to 5 m is believed)",
+            "the flange (up to 5 m is plausible)",
         ),
     ]
 
@@ -298,9 +298,9 @@ def test_numbers_far_from_their_column_are_asked_about():
     assert answer.missing == [
         "a confirmation (`accept_unusual`) that these values are correct: "
         "joint 1 90500 ('day.csv', line 11) is 1608 times the spread of the "
-        "other values away from the median (up to 100 times is believed); "
+        "other values away from the median (up to 100 times is plausible); "
         "P1 unloaded x 12495 ('day.csv', line 9, column 6) is 287 times the spread of the "
-        "other values away from the median (up to 100 times is believed)"
+        "other values away from the median (up to 100 times is plausible)"
     ]
     accepted = numbers_of(answered(file, accept_unusual=True))
     assert (accepted[9][1], accepted[7][3]["P1"][0][0]) == ([90500.0], 12495.0)

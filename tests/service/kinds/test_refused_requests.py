@@ -275,14 +275,14 @@ def test_deflections_of_another_unit_are_no_measurement():
         ("complementary_stiffness_matters", None),
     ]
     messages = [reason.message for reason in found.reasons]
-    assert messages[0] == "target 'P11' moved by 2.14 m; up to 20 mm is believed (and 9 more of this kind)"
+    assert messages[0] == "target 'P11' moved by 2.14 m; up to 20 mm is plausible (and 9 more of this kind)"
     assert messages[1] == (
         "the distance between 'P10' and 'P12' (loaded) differs by 500 mm from its median (limit 188 mm): "
         "'P10' or 'P12' moved (and 9 more of this kind)"
     )
     assert messages[2] == (
         "the stiffness of joint_4 is 430.6 N·m/rad; of joints of industrial robots 1000 N·m/rad "
-        "to 1 · 10⁹ N·m/rad is believed"
+        "to 1 · 10⁹ N·m/rad is plausible"
     )
     assert messages[5] == "distances between targets scatter by 43.6 mm, but the stated noise gives 28.3 µm"
     assert found.reasons[0].remedy == (

@@ -137,7 +137,7 @@ FEWER = "no bound of the model error at 95 %: 19 postures are needed, but the ca
                 "prediction_implausible",
                 "do_not_use",
                 "the greatest deflection is 93.15 mm, 19.1 times the greatest of the campaign; up to 20 mm, "
-                "and 20 times the campaign's, is believed",
+                "and 20 times the campaign's, is plausible",
             ),
             [[-0.00048895, 0.0, -0.093147]],
             [["extrapolated: the load is 60 times the greatest measured load"]],
@@ -147,7 +147,7 @@ FEWER = "no bound of the model error at 95 %: 19 postures are needed, but the ca
             (
                 "point_implausible",
                 "use_with_care",
-                "the load point or the place is 3 m from the flange; up to 1.5 m is believed",
+                "the load point or the place is 3 m from the flange; up to 1.5 m is plausible",
             ),
             [[-0.00013743, 0.0, -0.00010939]],
             [

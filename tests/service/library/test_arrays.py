@@ -89,7 +89,7 @@ CELLS = "give finite numbers of shape (3,) or (6, 3)"
         (
             {"units": "m, deg, kN, N·mm"},
             "load_point: the point is 190.788 m from the flange, where no tool reaches: up to 5 m is "
-            "believed; remedy: check its unit; a longer tool belongs to the robot, whose flange is then on "
+            "plausible; remedy: check its unit; a longer tool belongs to the robot, whose flange is then on "
             "the tool",
         ),
         (

@@ -209,7 +209,7 @@ def test_residuals_and_configurations_are_tables_of_their_own(results):
         (
             lambda run, _: run.predict([[0.0] * 6], FORCE, at=(0, 0, 120e3)),
             "prediction.load_point: the point is 120 m from the flange, where no tool reaches: up to 5 m "
-            "is believed; remedy: check its unit; a longer tool belongs to the robot",
+            "is plausible; remedy: check its unit; a longer tool belongs to the robot",
         ),
         (
             lambda run, _: run.predict([[0] * 5], FORCE, at=(0, 0, 100)),

@@ -314,17 +314,17 @@ def shown(*stands, where=None):
         (
             [THERE + 0.099 * UP],
             [THERE + 0.101 * UP],
-            "P10 is 0.101 m from the position that the robot's joint values give; up to 0.1 m is believed",
+            "P10 is 0.101 m from the position that the robot's joint values give; up to 0.1 m is plausible",
         ),
         (
             [THERE + 0.009 * LONGER],
             [THERE + 0.011 * LONGER],
-            "P11 is .* a difference up to 10 mm is believed",
+            "P11 is .* a difference up to 10 mm is plausible",
         ),
         (
             [THERE, THERE - 0.049 * UP],
             [THERE, THERE - 0.051 * UP],
-            "P10 is 51 mm from its position without load; up to 50 mm is believed",
+            "P10 is 51 mm from its position without load; up to 50 mm is plausible",
         ),
         (
             [THERE, THERE + 1e-9],

@@ -59,6 +59,6 @@ def test_a_source_is_a_class_with_one_method_that_an_entry_point_names(monkeypat
     assert opened == ["here"]
     assert str(refused.value) == (
         "P10: (1, 2, nan) m cannot be the position of a target: up to 100 m, and a standard uncertainty "
-        "below 1 m, is believed: check the unit and the columns of the source; `jointstiff import` takes "
+        "below 1 m, is plausible: check the unit and the columns of the source; `jointstiff import` takes "
         "such readings from a file"
     )

@@ -91,7 +91,7 @@ def test_the_finding_states_the_ratio_and_the_two_arms(pulls):
     assert finding.message == (
         "the geometric mean of the stiffnesses of joint_2 to joint_6 over payload · g · reach "
         "(240 kg, 2.69 m) is 914 rad⁻¹; the only two arms in our comparison have 93.2 (KUKA KR 240) "
-        "and 104 (FANUC R-2000iC), and 25 to 400 rad⁻¹ is believed; "
+        "and 104 (FANUC R-2000iC), and 25 to 400 rad⁻¹ is plausible; "
         "forces in N, not in kgf as declared, would give 93.2 rad⁻¹"
     )
 

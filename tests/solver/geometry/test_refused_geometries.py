@@ -112,13 +112,13 @@ def test_sweeps_that_do_not_determine_each_axis_are_refused(do, said):
     [
         (
             1e3,
-            "units.length | a target moves by 2,166 m; 10 mm to 50 m is believed | check units.length: "
+            "units.length | a target moves by 2,166 m; 10 mm to 50 m is plausible | check units.length: "
             "positions in mm seem to be declared in m; for a machine of another size give the robot as a "
             "URDF or table",
         ),
         (
             2e-3,
-            "units.length | no target moves farther than 4.3 mm; 10 mm to 50 m is believed | check "
+            "units.length | no target moves farther than 4.3 mm; 10 mm to 50 m is plausible | check "
             "units.length: positions in m seem to be declared in mm; for a machine of another size give the "
             "robot as a URDF or table",
         ),

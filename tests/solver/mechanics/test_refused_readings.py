@@ -193,7 +193,7 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
             1e-5,
             1e-16,
             "noise.instrument | the standard uncertainties of 1e-05 m along and 1e-16 m across the line "
-            "of sight are not those of a tracker: at least 1e-12 m, and a ratio up to 1e+06, is believed | "
+            "of sight are not those of a tracker: at least 1e-12 m, and a ratio up to 1e+06, is plausible | "
             "check the constants, which are in `units.length`, and the terms per distance; or state "
             "`noise.sigma` in place of the instrument",
         ),
@@ -202,7 +202,7 @@ def test_gauges_give_neither_poses_nor_lengths_of_residuals():
             1e2,
             1e-6,
             "noise.instrument | the standard uncertainties of 100 m along and 1e-06 m across the line of "
-            "sight are not those of a tracker: at least 1e-12 m, and a ratio up to 1e+06, is believed | "
+            "sight are not those of a tracker: at least 1e-12 m, and a ratio up to 1e+06, is plausible | "
             "check the constants, which are in `units.length`, and the terms per distance; or state "
             "`noise.sigma` in place of the instrument",
         ),

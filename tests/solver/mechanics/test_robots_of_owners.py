@@ -63,7 +63,7 @@ def test_offsets_of_calibrated_parallel_axes_may_be_large_if_they_cancel():
     rows[2][2] = 0.1
     with pytest.raises(RobotError, match="the flange is 512") as refused:
         prepare_robot(js.robot(rows, convention="standard", units="m, rad, N"))
-    assert "believed only if they cancel" in refused.value.remedy
+    assert "plausible only if they cancel" in refused.value.remedy
 
 
 def urdf(limits, name=' name="arm"', axis='<axis xyz="0 0 1"/>'):
