@@ -1,4 +1,4 @@
-"""Targets with exchanged unloaded and loaded readings in all rows are named; in clean sets no target is named."""
+"""Targets with exchanged unloaded and loaded readings in all rows are named; in clean sets none is named."""
 
 from dataclasses import replace
 
