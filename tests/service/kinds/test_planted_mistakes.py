@@ -48,6 +48,9 @@ MISTAKES = {
     "kilonewtons as newtons": lambda d: each(d, "force", lambda f: [1e-3 * x for x in f]),
     "forces turned round": lambda d: each(d, "force", lambda f: [-x for x in f]),
     "states exchanged": lambda d: of_states(d, lambda r: {"unloaded": r["loaded"], "loaded": r["unloaded"]}),
+    "states of a target exchanged": lambda d: of_states(
+        d, lambda r: {"unloaded": r["loaded"], "loaded": r["unloaded"]} if r["target"] == "P10" else {}
+    ),
     "columns exchanged": columns_exchanged,
     "zero elsewhere": lambda d: each(d, "joints", lambda q: [*q[:2], q[2] + pi / 2, *q[3:]]),
     "millimetres as metres": lambda d: of_states(
