@@ -787,7 +787,7 @@ function Joints({ state, goal, read }: { state: LiveState; goal: number | null; 
   return (
     <>
       <h3>
-        {words.stiffness} <small class="soft">{labelOf(unit, kinds)}</small>
+        {words.stiffness} <small class="soft">{words.half(labelOf(unit, kinds))}</small>
       </h3>
       <ul class="live-joints">
         {state.joints.map(({ name, kind, stiffness, relative, reason }) => (
