@@ -33,4 +33,7 @@ export const isUnseen = (note: string): boolean =>
 
 /** A remark of the service as it is read on the page itself, where nobody sends requests by hand. */
 export const onPage = (remark: string): string =>
-  remark.replace("on the page:", `${text.app.measure}:`).replace(/; list the existing ids with GET \S+$/, "");
+  remark
+    .replace("on the page:", `${text.app.measure}:`)
+    .replace(", in `causes`)", ")")
+    .replace(/; list the existing ids with GET \S+$/, "");

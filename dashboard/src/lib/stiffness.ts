@@ -190,8 +190,7 @@ export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownSt
   const [low, high] = intervalIn(joint.stiffness_interval, unit, kind);
   const limit = lowerLimit(joint);
   const half = low === null || high === null ? null : (high - low) / 2;
-  const known =
-    change === null || open ? null : half === null ? `u\u00a0=\u00a0${show(change)}` : `±\u00a0${show(half)}`;
+  const known = change === null || open ? null : half === null ? `u\u00a0${show(change)}` : `±\u00a0${show(half)}`;
   return {
     value: joint.stiffness === null ? null : `${show(inUnit(joint.stiffness, unit, kind))}${beside}`,
     uncertainty: known,

@@ -454,6 +454,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
                     <rect class="share-bar" width={(Math.abs(part.share) / most) * SHARE_WIDTH} height={10} rx={2} />
                   </svg>
                   <b>{percent(part.share)}</b>
+                  <span class="soft of">{runWords.ofDeflection}</span>
                   <span class="soft">
                     {fixed(part.mean * 1e3, 3)} {text.units.mm}
                   </span>
