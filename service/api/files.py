@@ -230,7 +230,9 @@ def _make_program_file(requested: _RequestedFile) -> Content:
         names = ", ".join(candidate.name for candidate in result.files) if result else ""
         raise RequestError("the program has no such file", where="query.file", remedy=f"use one of {names}")
     path, number = PurePath(chosen.name), requested.job_id[:8]
-    ending = f"-turned-{number}" if requested.job.kind == "process" else "-corrected" if result.corrected else ""
+    ending = "-corrected" if result.corrected else ""
+    if requested.job.kind == "process":
+        ending = f"-turned-{number}"
     name = f"{path.stem}{ending}{path.suffix}"
     disposition = f"attachment; filename*=UTF-8''{quote(name, safe='')}"
     return Content(decompress_file(chosen), "application/octet-stream", {"Content-Disposition": disposition})

@@ -635,7 +635,9 @@ class RobotTrend(Presented, Trend):
             change_text = NO_NUMBER
             if (change := joint.change) is not None:
                 uncertainty = change.standard_uncertainty
-                uncertainty_text = "" if uncertainty is None else f" (u = {figure(100 * uncertainty, '.2g')} %)"
+                uncertainty_text = (
+                    "" if uncertainty is None else f" (u = {figure(100 * uncertainty, '.2g')} %)"
+                )
                 change_text = f"{figure(100 * change.value, '.2g')} %{uncertainty_text}"
             p_value = NO_NUMBER if joint.p_value is None else figure(joint.p_value, ".2g")
             rows.append([joint.name, "changed" if joint.changed else "", change_text, p_value])

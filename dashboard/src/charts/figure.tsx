@@ -88,8 +88,8 @@ interface FigureProps {
   /** Draws the chart for a width in pixels. */
   children: (width: number) => ComponentChildren;
   tools?: ComponentChildren;
-  /** What is downloaded where the page shows a table with marks in it. */
-  drawing?: (width: number) => ComponentChildren;
+  /** What is downloaded where the page shows a table with marks in it; null for nothing. */
+  drawing?: ((width: number) => ComponentChildren) | null;
 }
 
 /** What the view is about, as the browser's tab names it: files of two views do not have one name. */
@@ -140,7 +140,7 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
             {svg}
           </div>
         </details>
-      ) : (
+      ) : drawing === null ? null : (
         <details>
           <summary>{text.figure.files}</summary>
           <div class="actions">{svg}</div>

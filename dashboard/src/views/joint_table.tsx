@@ -341,7 +341,7 @@ export function JointTable(shown: TableProps) {
     <Figure
       title={runWords.stiffness}
       {...(bare ? {} : { note: `${runWords.stiffnessNote(level)} ${runWords.half(level)}` })}
-      drawing={(width) => <StiffnessIntervals {...{ rows, width, unit, label: runWords.stiffness }} />}
+      drawing={bare ? null : (width) => <StiffnessIntervals {...{ rows, width, unit, label: runWords.stiffness }} />}
     >
       {() => <Rows {...shown} />}
     </Figure>

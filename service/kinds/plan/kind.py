@@ -75,7 +75,8 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
     if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
         lines.append(
             "standard uncertainty of a deflection in the work area: "
-            f"{length_text(result.deflection_uncertainty)} rms, {length_text(result.worst_deflection_uncertainty)} at the worst place"
+            f"{length_text(result.deflection_uncertainty)} rms, "
+            f"{length_text(result.worst_deflection_uncertainty)} at the worst place"
         )
     if job.request.measurement_set_id is not None:
         lines.append(
