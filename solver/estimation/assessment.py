@@ -298,8 +298,8 @@ def report_remaining_deflection(unloading: Unloading) -> Finding:
         code="deflection_remains",
         weight="use_with_care",
         message=f"{100.0 * share:.2g} % of the deflection remains after unloading (u = {100.0 * u:.2g} %): "
-        "the stiffnesses refer to the mean of the unloaded positions before and after the load; with only one "
-        f"of these positions they would differ by {50.0 * abs(share):.2g} %",
+        "the stiffnesses refer to the mean of the unloaded positions before and after the load; with only "
+        f"one of these positions they would differ by {50.0 * abs(share):.2g} %",
         remedy="load and unload the arm once before the first reading; check that tool, hook and base are "
         "tight",
     )
