@@ -250,6 +250,7 @@ export const en = {
     stiffness: "Joint stiffness",
     stiffnessNote: (level: string) =>
       `Point: estimate. Bar: ${level} interval. Arrow: no upper limit. Logarithmic axis.`,
+    stiffnessIn: (unit: string) => `Joints in ${unit}.`,
     half: (level: string) => `±: half of the ${level} interval.`,
     beside: (positive: boolean) => (positive ? "Show constrained beside" : "Show unconstrained beside"),
     joint: "Joint",

@@ -66,14 +66,18 @@ export function RunsTable({ columns, label }: { columns: RunColumn[]; label: str
       row(text.run.verdict, ({ assessment }) => <Badge verdict={assessment.verdict} />),
       row(text.lists.explainedTitle, ({ compensation }) => compensation && percent(compensation)),
       row(`${text.lists.rms} [${text.units.micrometre}]`, (result) => significant(result.rms_residual * 1e6, 2)),
-      ...[...names].map((name) => row(`${name} [${STIFFNESS_UNITS[unit].label}]`, stiffness(name))),
+      ...[...names].map((name) => row(name, stiffness(name))),
     ],
   };
   return (
-    <div class="side-by-side">
-      <DataTable table={table} caption={label} />
-      <p class="soft">{text.run.half([...levels].join(" / "))}</p>
-    </div>
+    <>
+      <div class="side-by-side">
+        <DataTable table={table} caption={label} />
+      </div>
+      <p class="soft">
+        {text.run.stiffnessIn(STIFFNESS_UNITS[unit].label)} {text.run.half([...levels].join(" / "))}
+      </p>
+    </>
   );
 }
 
