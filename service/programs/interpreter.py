@@ -1172,13 +1172,11 @@ class Machine:
         contents = [self._evaluate_target(place, each, state) for each in op.targets]
         cause = cause or next((each for each in contents if isinstance(each, Cause)), None)
         if cause is not None:
-            for name in op.targets:
-                if isinstance(name, Literal):
-                    continue
-                if place.qualify(name) in self._origins:
-                    self._note_offset(place, name, frames[0], state)
+            for target in self._list_named_targets(place, op):
+                if target in self._origins:
+                    self._note_offset(place, target, frames[0], state)
                 else:
-                    self._used[place.qualify(name)] = place.line
+                    self._used[target] = place.line
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
         targets = [each for each in contents if isinstance(each, WrittenNumbers)]
         self.columns.add_move(op, place.line, targets, frames, cause)
