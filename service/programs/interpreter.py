@@ -1052,6 +1052,7 @@ class Machine:
         for name, body in bodies.items():
             self._propagate_through(name, body)
         self._trace_uses()
+        self._remark_conditions()
         self._note_assumption()
         return self.columns, self._used, self._causes
 
@@ -1063,7 +1064,7 @@ class Machine:
         """
         to_visit = [
             name
-            for name in self._origins
+            for name in self._origins.keys() - {ir.CONDITION}
             if name in self._used
             or not (name in self._declared or name in self._flow.begins or OF_ROUTINE in name)
         ]
@@ -1072,6 +1073,21 @@ class Machine:
                 if name not in self._used:
                     self._used[name] = line
                     to_visit.append(name)
+
+    def _remark_conditions(self) -> None:
+        """Add a remark for each target that is corrected and whose numbers decide a condition."""
+        lines = dict(self._origins[ir.CONDITION])
+        to_visit = [*lines]
+        while to_visit:
+            name = to_visit.pop()
+            origins = self._origins.get(name, {}).keys() | self._offsets_of.get(name, set())
+            for origin in origins - lines.keys():
+                lines[origin] = lines[name]
+                to_visit.append(origin)
+        for name in sorted((lines.keys() & self._targets) - self._used.keys()):
+            target, _, _ = name.partition(OF_ROUTINE)
+            text = f"numbers of the target {quote_text(target)} decide here, and the correction changes them"
+            self.columns.add_remark(lines[name], text)
 
     def _collect_targets(self) -> None:
         """Collect the names of the targets of moves, and of poses at offsets from them.

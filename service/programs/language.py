@@ -129,6 +129,8 @@ class Use(NamedTuple):
 
 RESULT: Final = "\0result"
 """Name of the value that a routine returns."""
+CONDITION: Final = "\0condition"
+"""Name of all conditions: what decides about branches, loops and waiting."""
 
 
 class Offset(NamedTuple):
@@ -424,8 +426,7 @@ class Language:
         """Return the operations `used` of the statement's expressions, then a `Flow` of this kind, if any."""
         # The condition of a loop or of a further branch may be computed again, or not at all.
         used = mark_anytime(used, "\0loop" if kind == "loop" else "") if kind in {"branch", "loop"} else used
-        # A condition decides; what comes of each branch is another matter.
-        used = pass_uses(used, RESULT) if kind == "return" else omit_uses(used)
+        used = pass_uses(used, RESULT if kind == "return" else CONDITION)
         # A name that is a number is masked as NUL: the number is looked up by its ordinal.
         name = ("%s", line.first_ordinal("name")) if line["name"] == "\0" else line["name"]
         return [*used, *([Flow(kind, name)] if kind else [])]
@@ -556,7 +557,7 @@ def pass_uses(ops: list[Op], into: Name) -> list[Op]:
 
 
 def omit_uses(ops: list[Op]) -> list[Op]:
-    """Return the operations of an expression that decides or is shown, and gives its value to no name."""
+    """Return the operations of an expression that is shown or sent, and gives its value to no name."""
     return [op for op in ops if not isinstance(op, Use)]
 
 

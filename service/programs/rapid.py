@@ -102,8 +102,9 @@ def _translate_routine(line: Line) -> list[Op]:
 
 def _translate_test(line: Line) -> list[Op]:
     """Return the operations of TEST up to its first CASE, DEFAULT or ENDTEST."""
-    subject = ir.omit_uses(line.read_expression(line["subject"]))
-    first_case = ir.omit_uses(ir.mark_anytime(line.read_expression(line["first"]))) if line["first"] else []
+    subject = ir.pass_uses(line.read_expression(line["subject"]), ir.CONDITION)
+    cases = ir.mark_anytime(line.read_expression(line["first"])) if line["first"] else []
+    first_case = ir.pass_uses(cases, ir.CONDITION)
     # CASE and DEFAULT end with a colon, ENDTEST does not.
     kind = "close" if line.text[-1] != ":" else "branch" if line["first"] else "default"
     return [*subject, ir.Flow("if"), *first_case, ir.Flow(kind)]
@@ -130,7 +131,8 @@ def _translate_compact_if(line: Line) -> list[Op]:
         raise Misread(UNKNOWN_STATEMENT)
     statement = Line(line.language, line.text[end.end() :], line.ordinals_in(end.end(), len(line.text)))
     condition = line.read_expression(line.text[begin : end.start()])
-    return [*ir.omit_uses(condition), ir.Flow("if"), *line.language.apply_rules(statement), ir.Flow("close")]
+    decides = ir.pass_uses(condition, ir.CONDITION)
+    return [*decides, ir.Flow("if"), *line.language.apply_rules(statement), ir.Flow("close")]
 
 
 def _translate_instruction(line: Line) -> list[Op]:
@@ -144,7 +146,8 @@ def _translate_instruction(line: Line) -> list[Op]:
         note = ir.Note("SingArea \\Wrist: near singularities the tool turns away from its stated orientation")
         return [*found, note]
     if re.fullmatch(_HARMLESS, name):
-        return [*ir.omit_uses(found), ir.Call(name, names, harmless=True)]
+        uses = ir.pass_uses(found, ir.CONDITION) if name == "WAITUNTIL" else ir.omit_uses(found)
+        return [*uses, ir.Call(name, names, harmless=True)]
     if match := _PROCESS_MOVE.fullmatch(name):
         return _translate_process_move(line, match["letter"] or match["first"] or "L", found)
     if match := _SEARCH.fullmatch(name):
