@@ -225,12 +225,12 @@ class ControlFlow:
         Raises:
             UnmatchedEnd: the operation is nested too deep.
         """
-        if op.kind in {"routine", "handler", "if"} | ir.LOOPS:
+        if op.kind in {"routine", "handler"} | ir.BLOCKS:
             if len(self._open_blocks) >= _MAX_DEPTH:
                 reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
                 raise UnmatchedEnd(i, reason, "move inner branches and loops to routines of their own")
             self._open_blocks.append(
-                _OpenBlock(op.kind, i) if op.kind in {"if"} | ir.LOOPS else self._begin_routine(i, op)
+                _OpenBlock(op.kind, i) if op.kind in ir.BLOCKS else self._begin_routine(i, op)
             )
         elif op.kind == "label":
             self._labels[self._open_routines[-1]][self._names[i]] = i
@@ -297,7 +297,7 @@ class ControlFlow:
         for place in (*block.other_branches, *block.exits):
             self.successors[place].append(i)
         self.successors[block.begin] += block.other_branches
-        if block.kind in {"if", "loop"} and not block.has_default:  # the block may be skipped
+        if block.kind in {"if", "switch", "loop"} and not block.has_default:  # the block may be skipped
             self.successors[block.begin].append(i)
         if block.kind in ir.LOOPS:
             for place in (i, *block.repetitions):
@@ -542,7 +542,7 @@ class Machine:
         """
         if op.kind in {"routine", "handler"}:  # a handler without a name shares the scope of its routine
             self._scopes.append(Scope(str(op.name), set(names)) if op.name else self._last_scope)
-        elif op.kind in {"if"} | ir.LOOPS:
+        elif op.kind in ir.BLOCKS:
             self._scopes.append(self._scopes[-1])
         elif op.kind in {"close", "end", "close_or_end"} and len(self._scopes) > 1:
             self._last_scope = self._scopes.pop()
@@ -785,8 +785,8 @@ class Machine:
         state = self._add_fault(fault, state)
         for place in self._flow.successors.get(i, ()):
             self._join_into(place, state)
-        # These operations are not reached from the operation before them, only by jumps.
-        if op.kind in {"routine", "handler", "branch", "default"}:
+        # What follows these operations is reached by jumps alone.
+        if op.kind in {"routine", "handler", "switch", "branch", "default"}:
             state = None
         elif state is not None and (op.kind in ir.JUMPS or i in self._flow.endless):
             state = {**state, _NEVER: ("", 0)}

@@ -590,8 +590,8 @@ LANGUAGE: Final = ir.Language(
         (r"ENDPROC|ENDFUNC|ENDTRAP", "end"),
         (r"(?:ERROR|UNDO|BACKWARD)(?:\([^()]*\))?", lambda _: [ir.Flow("end"), ir.Flow("handler")]),
         (r"IF ?(.*?) ?THEN", "if"),
-        (r"ELSEIF ?(.*?) ?THEN|ELSE|CASE ?(.*):", "branch"),
-        (r"DEFAULT ?:", "default"),
+        (r"ELSEIF ?(.*?) ?THEN|CASE ?(.*):", "branch"),
+        (r"ELSE|DEFAULT ?:", "default"),
         (
             r"TEST ?(?P<subject>(?:(?!\b(?:CASE|DEFAULT|ENDTEST)\b).)+?) ?"
             r"(?:CASE ?(?P<first>[^:]*):|DEFAULT ?:|ENDTEST)",

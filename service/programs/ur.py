@@ -56,7 +56,7 @@ _REMEDY: Final = (
 _WORD: Final = r"[^\W\d]\w*+"
 _SIX: Final = r"\[\0(?:,\0){5}\]"
 _OFFSET: Final = re.compile(
-    rf"pose_(?:trans|add)\((?P<target>{_WORD}),(?P<offset>[^()]++(?:\([^()]*+\)[^()]*+)*+)\)"
+    rf"pose_(?:trans|add)\((?P<target>{_WORD}),(?P<offset>[^()]++(?:\([^()]*+\)[^()]*+)*)\)"
 )
 """A pose at an offset from a target."""
 _LITERALS: Final = ((POSE, re.compile(rf"p{_SIX}")), (JOINTS, re.compile(_SIX)))
@@ -231,11 +231,12 @@ LANGUAGE: Final = ir.Language(
         (r"\$ ?\0(?: ?\"[^\"]*\")*", ""),  # PolyScope numbers its nodes: $ 3 "Waypoint_1"
         (r"(?P<kind>def|sec|thread) @{name}\((?P<parameters>.*)\):", _translate_routine),
         (r"end", "close_or_end"),
-        (r"(?:if|switch) ?(.+):", "if"),
+        (r"if ?(.+):", "if"),
+        (r"switch ?(.+):", "switch"),
         (r"while ?(?:True|\(True\)):", "forever"),
         (r"while ?(.+):", "loop"),
-        (r"(?:elif|case) ?(.+):|else:?", "branch"),
-        (r"default:", "default"),
+        (r"(?:elif|case) ?(.+):", "branch"),
+        (r"else:?|default:", "default"),
         (r"break", "leave"),
         (r"continue", "again"),
         (rf"pass|(?:enter|exit)_critical|(?:kill|join) {_WORD}", ""),
