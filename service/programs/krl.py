@@ -40,7 +40,7 @@ _BAS: Final[dict[str, tuple[Op, ...]]] = {
 }
 # KSS: system variables, apart from $BASE and $TOOL, on which the meaning of a target depends
 _MAY_MOVE_TARGETS: Final = re.compile(
-    r"\$(?!BASE\b|TOOL\b|IPO_MODE=#BASE|H_POS|IN_POS)\w*(?:BASE|TOOL|ROOT|WORLD|FRAME|POS|IPO|TECH|SEN|SOFT|ASY|EXT?_?AX|EX_|CORR|CMD)"
+    r"\$(?!BASE\b|TOOL\b|IPO_MODE=#BASE|H_POS|IN_POS|(?:VEL|ACC|RED|JERK|APO)[._])\w*(?:BASE|TOOL|ROOT|WORLD|FRAME|POS|IPO|TECH|SEN|SOFT|ASY|EXT?_?AX|EX_|CORR|CMD)"
 )
 # KSS: with these, the orientation of the tool is not the stated one
 _TURNS_TOOL: Final = frozenset({"$ORI_TYPE", "$PAL_MODE"})
