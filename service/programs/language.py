@@ -174,11 +174,12 @@ class MoveToStored(NamedTuple):
 class Flow(NamedTuple):
     """Beginning or end of a branch, loop, jump or routine.
 
-    Blocks begin with `if`, `switch` (all its branches are further ones), `loop`, `repeat` (a loop that runs at
-    least once) or `forever` (a loop that only `leave`, a jump or a return ends), and end with `close`; further
-    branches begin with `branch` or `default`. `leave` leaves a loop, `again` begins its next round. Routines begin with `routine`, or with
-    `handler` if they may run at any time, and end with `end`. `close_or_end` ends a block or a routine. The
-    other kinds are `label`, `jump`, `return`, and `resume`, which also ends the interrupted routines.
+    Blocks begin with `if`, `switch` (all its branches are further ones), `loop`, `repeat` (a loop that runs
+    at least once) or `forever` (a loop that only `leave`, a jump or a return ends), and end with `close`;
+    further branches begin with `branch` or `default`. `leave` leaves a loop, `again` begins its next round.
+    Routines begin with `routine`, or with `handler` if they may run at any time, and end with `end`.
+    `close_or_end` ends a block or a routine. The other kinds are `label`, `jump`, `return`, and `resume`,
+    which also ends the interrupted routines.
     """
 
     kind: str
