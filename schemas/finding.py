@@ -95,6 +95,9 @@ class AdvisedAction(Message):
     target: Name | None = Field(
         description="Target whose position is exchanged with the load point; null for other actions."
     )
+    targets: list[Name] = Field(
+        default_factory=list, description="Targets whose readings are exchanged; empty: all."
+    )
     causes: list[NamedCause] = Field(description="Causes to fit with the joints; empty for other actions.")
     unit: Unit | None = Field(description="Unit of the corrected numbers; null for other actions.")
     robot: Name | None = Field(
@@ -116,6 +119,7 @@ class AdvisedAction(Message):
         joint_map: Sequence[Sequence[float]] = (),
         offset: Sequence[float] = (),
         target: str | None = None,
+        targets: Sequence[str] = (),
         causes: Sequence[NamedCause] = (),
         unit: Unit | None = None,
         robot: str | None = None,
@@ -129,6 +133,7 @@ class AdvisedAction(Message):
             joint_map=[list(row) for row in joint_map],
             offset=list(offset),
             target=target,
+            targets=list(targets),
             causes=list(causes),
             unit=unit,
             robot=robot,

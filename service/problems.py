@@ -311,7 +311,7 @@ class TooManyJobsError(StoreError):
 
     def __init__(self, kind: Resource, most: int) -> None:
         super().__init__(
-            f"at most {most:,} {kind.collection} may be queued or running",
+            f"{most:,} {kind.collection} are queued or running; no more are accepted",
             "try again when some jobs have finished, or cancel some jobs",
         )
 

@@ -64,13 +64,15 @@ describe("stiffness in the unit that was chosen", () => {
   it("shows the digits of the uncertainty", () => {
     expect(shownStiffness(joint({ stiffness: 1_234_567 }), "MNm")).toMatchObject({
       value: "1.235",
-      uncertainty: "0.015",
+      uncertainty: "±\u00a00.020",
     });
     expect(shownStiffness(joint({ stiffness: 1_234_567 }), "Nm")).toMatchObject({
       value: "1\u202f235\u202f000",
-      uncertainty: "15\u202f000",
+      uncertainty: "±\u00a020\u202f000",
     });
   });
+  it("shows the standard uncertainty, by its letter, where there is no interval", () =>
+    expect(shownStiffness(joint({ stiffness_interval: null }), "MNm").uncertainty).toBe("u\u00a00.010"));
   it("puts the unit of a prismatic joint beside its number", () => {
     const slide = joint({ kind: "prismatic", stiffness: 20_100_000, standard_uncertainty: 1e-9 });
     expect(shownStiffness(slide, "MNm").value).toBe("20.10\u00a0N/µm");
@@ -97,9 +99,9 @@ describe("units", () => {
   // 1e6 N·m/rad: 17.453 kN·m/°, 290.89 N·m/arcmin, 1 µrad/(N·m)
   const k = joint({ stiffness: 1e6, compliance: 1e-6, standard_uncertainty: 1e-8, stiffness_interval: [0.8e6, 2e6] });
   it.each([
-    ["kNmDeg", "17.45", "0.17", "13.96", "34.91"],
-    ["NmArcmin", "290.9", "2.9", "232.7", "581.8"],
-    ["compliance", "1.000", "0.010", "0.500", "1.250"],
+    ["kNmDeg", "17.45", "±\u00a010.47", "13.96", "34.91"],
+    ["NmArcmin", "290.9", "±\u00a0174.5", "232.7", "581.8"],
+    ["compliance", "1.000", "±\u00a00.375", "0.500", "1.250"],
   ] as const)("%s", (unit, value, uncertainty, low, high) =>
     expect(shownStiffness(k, unit)).toMatchObject({ value, uncertainty, interval: { low, high } }),
   );

@@ -165,7 +165,10 @@ def _make_table_file(file: File, requested: _RequestedFile) -> Content:
         reason = f"this {kind.name} has no rows for {file.name}, {file_words}"
         raise HTTPException(404, f"{reason}; use tables.json, or another file of the job")
     body = csv_parts(sheet) if file.suffix == "csv" else write_sheet(sheet, file.suffix)
-    return Content(body, file.media_type, _make_attachment_header(f"{kind.name}-{job.id}.{file.suffix}"))
+    is_alone = sum(each.suffix == file.suffix for each in kind.files) == 1
+    table = "" if is_alone else f"-{PurePath(file.name).stem}"
+    name = f"{kind.name}{table}-{job.id}.{file.suffix}"
+    return Content(body, file.media_type, _make_attachment_header(name))
 
 
 def _make_job_report(requested: _RequestedFile) -> Content:
@@ -210,7 +213,9 @@ def _make_model_file(requested: _RequestedFile) -> Content:
 
 
 def _make_program_file(requested: _RequestedFile) -> Content:
-    """Return a corrected file of a program: that of the query, or the first one.
+    """Return a file of a program that was corrected or turned: that of the query, or the first one.
+
+    Its name tells it from the original. A turned program may differ from job to job, so its name has the job.
 
     Raises:
         RequestError: the program has no file of this name.
@@ -224,8 +229,11 @@ def _make_program_file(requested: _RequestedFile) -> Content:
     if result is None or chosen is None:
         names = ", ".join(candidate.name for candidate in result.files) if result else ""
         raise RequestError("the program has no such file", where="query.file", remedy=f"use one of {names}")
-    path = PurePath(chosen.name)
-    name = f"{path.stem}-corrected{path.suffix}" if result.corrected else chosen.name
+    path, number = PurePath(chosen.name), requested.job_id[:8]
+    ending = "-corrected" if result.corrected else ""
+    if requested.job.kind == "process":
+        ending = f"-turned-{number}"
+    name = f"{path.stem}{ending}{path.suffix}"
     disposition = f"attachment; filename*=UTF-8''{quote(name, safe='')}"
     return Content(decompress_file(chosen), "application/octet-stream", {"Content-Disposition": disposition})
 

@@ -15,6 +15,7 @@ from jointstiff.service.cli import options as cli
 from jointstiff.service.cli.kinds import field_options, gather_stated_fields
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.rehearsal import RehearsedJoint
     from jointstiff.service.library.measure import LiveMeasurement
 
 _FIELDS_WITHOUT_OPTION: Final = {
@@ -302,9 +303,11 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
     """
     from jointstiff.service.cli.at_terminal import AtTerminal
     from jointstiff.service.kinds.run.kind import RUN
+    from jointstiff.service.live.rehearsal import make_planted_table
     from jointstiff.service.live.sources import SourceError
     from jointstiff.service.reports.job import lay_out_job
-    from jointstiff.service.tables.terminal import console
+    from jointstiff.service.tables.stiffness import UNITS
+    from jointstiff.service.tables.terminal import console, lay_out_parts
 
     person = AtTerminal(campaign, asks=asks, confirmed=values["yes"])
     cli.warn(f"goal: {campaign.state.goal}")
@@ -329,8 +332,25 @@ def _measure_and_print(campaign: LiveMeasurement, values: dict[str, Any], *, ask
         typer.echo(json.dumps(_make_json_document(campaign, source_error), indent=2, ensure_ascii=False))
     else:
         console().print(lay_out_job(RUN, run, details=values["details"], unit=values["unit"]))
+        if planted := _compare_with_planted(campaign):
+            confidence = run.request.confidence
+            table = make_planted_table(planted, confidence, "the simulated source", UNITS[values["unit"]])
+            console().print(lay_out_parts([table]))
     if source_error is not None or run.state != "succeeded":
         raise typer.Exit(1)
+
+
+def _compare_with_planted(campaign: LiveMeasurement) -> list[RehearsedJoint]:
+    """Return planted stiffness and result of each joint; an empty list if no simulated arm was identified."""
+    from jointstiff.service.live.rehearsal import compare_with_planted
+
+    planted, run = getattr(campaign.source, "stiffness", None), campaign.close()
+    if planted is None or run.result is None:
+        return []
+    return [
+        compare_with_planted(joint, float(stiffness))
+        for joint, stiffness in zip(run.result.joints, planted, strict=True)
+    ]
 
 
 def _make_json_document(campaign: LiveMeasurement, source_error: Any) -> dict[str, Any]:  # noqa: ANN401 - an error or None
@@ -352,6 +372,7 @@ def _make_json_document(campaign: LiveMeasurement, source_error: Any) -> dict[st
             (each["ball_ratio"] for each in readings[::-1] if each["ball_ratio"] is not None), None
         ),
         "record": readings,
+        "planted": [joint.model_dump(mode="json") for joint in _compare_with_planted(campaign)],
         "stopped": None if source_error is None else source_error.reason,
         "run_id": run.id,
         "error": None if run.error is None else run.error.model_dump(mode="json"),

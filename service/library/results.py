@@ -637,8 +637,10 @@ class RobotTrend(Presented, Trend):
             change_text = NO_NUMBER
             if (change := joint.change) is not None:
                 uncertainty = change.standard_uncertainty
-                uncertainty_text = "" if uncertainty is None else f" ± {figure(100 * uncertainty, '.2g')}"
-                change_text = f"{figure(100 * change.value, '.2g')}{uncertainty_text} %"
+                uncertainty_text = (
+                    "" if uncertainty is None else f" (u = {figure(100 * uncertainty, '.2g')} %)"
+                )
+                change_text = f"{figure(100 * change.value, '.2g')} %{uncertainty_text}"
             p_value = NO_NUMBER if joint.p_value is None else figure(joint.p_value, ".2g")
             rows.append([joint.name, "changed" if joint.changed else "", change_text, p_value])
         lines = [
@@ -646,7 +648,7 @@ class RobotTrend(Presented, Trend):
             *map(Line, self._describe_other_pairs()),
             *([Line(self.note)] if self.note else []),
         ]
-        return [*lines, build_text_table(["joint", "", "change, ± u", "p-value"], rows, left_aligned=[0, 1])]
+        return [*lines, build_text_table(["joint", "", "change", "p-value"], rows, left_aligned=[0, 1])]
 
     def _describe_other_pairs(self) -> Iterator[str]:
         """Yield a sentence for each joint whose test does not compare the first with the latest campaign."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -90,8 +90,7 @@ def rehearse_campaign(
         refuse_long_identification(work)
     result = work.conclude([work.compute(span) for span in work.steps()])
     joints = [
-        _compare_with_planted(joint, float(value))
-        for joint, value in zip(result.joints, planted, strict=True)
+        compare_with_planted(joint, float(value)) for joint, value in zip(result.joints, planted, strict=True)
     ]
     return RehearsalResult(
         joints=joints,
@@ -153,8 +152,22 @@ def describe_verdict(rehearsal: RehearsalResult) -> Iterator[str]:
 
 def make_joints_table(rehearsal: RehearsalResult, unit: StiffnessUnit) -> Table:
     """Return the table of the joints: planted stiffness or compliance, the number found, and its interval."""
+    return make_planted_table(rehearsal.joints, rehearsal.confidence, rehearsal.planted_by, unit)
+
+
+def make_planted_table(
+    joints: Sequence[RehearsedJoint], confidence: float, planted_by: str, unit: StiffnessUnit
+) -> Table:
+    """Return a table of planted stiffnesses or compliances, the numbers found, and their intervals.
+
+    Args:
+        joints: planted stiffness and result of each joint.
+        confidence: probability of the intervals.
+        planted_by: source of the planted stiffnesses, in words.
+        unit: unit of the stiffnesses in the table.
+    """
     rows = []
-    for joint in rehearsal.joints:
+    for joint in joints:
         own = unit.for_kind(joint.kind)
 
         def show(stiffness: float | None, missing: str, own: StiffnessUnit = own) -> str:
@@ -173,11 +186,9 @@ def make_joints_table(rehearsal: RehearsalResult, unit: StiffnessUnit) -> Table:
                 NO_NUMBER if joint.half_width is None else f"± {100 * joint.half_width:.2g} %",
             ]
         )
-    column_titles = ["joint", "planted", "found", f"{100 * rehearsal.confidence:g} % interval", "half-width"]
-    label, name = unit.label_of(rehearsal.joints), "compliances" if unit.is_compliance else "stiffnesses"
-    return build_text_table(
-        column_titles, rows, caption=f"{name} in {label}; planted by {rehearsal.planted_by}"
-    )
+    column_titles = ["joint", "planted", "found", f"{100 * confidence:g} % interval", "half-width"]
+    label, name = unit.label_of(joints), "compliances" if unit.is_compliance else "stiffnesses"
+    return build_text_table(column_titles, rows, caption=f"{name} in {label}; planted by {planted_by}")
 
 
 def add_planned_readings(campaign: Campaign, plan: PlanResult, robot: Robot) -> Campaign:
@@ -253,7 +264,7 @@ def _has_no_upper_limit(joint: RehearsedJoint) -> bool:
     return joint.interval is None or None in joint.interval
 
 
-def _compare_with_planted(joint: JointResult, planted: float) -> RehearsedJoint:
+def compare_with_planted(joint: JointResult, planted: float) -> RehearsedJoint:
     """Return the identified result of a joint together with its planted stiffness [N·m/rad or N/m]."""
     contained, half_width = None, None
     if joint.stiffness_interval is not None:

@@ -96,6 +96,9 @@ class Source(ABC):
 
     Then no question is asked before each reading.
     """
+    stiffness: FloatArray | None = None
+    """(n,) planted stiffnesses of a simulated arm [N·m/rad, N/m of a prismatic joint]; None for other
+    sources, and before the source is open."""
 
     async def open(self, setting: Setting) -> None:  # noqa: B027 - most sources do not ask
         """Get ready to read for a campaign, for instance connect to the instrument.
@@ -412,7 +415,7 @@ class Simulated(Source):
         """Draw random stiffnesses of the joints of the campaign's robot."""
         robot = setting.robot
         self._setting = setting
-        self.stiffness: FloatArray = draw_plausible_stiffness(robot, self._random)  # (n,) [N·m/rad or N/m]
+        self.stiffness = draw_plausible_stiffness(robot, self._random)
         bounds = Constraints(Bounds.positive(robot.n))
         self._model = JointModel(robot, 1.0 / self.stiffness, None, bounds)
 

@@ -472,7 +472,7 @@ LANGUAGE: Final = ir.Language(
         ),
         (r"IF ?(.+?) ?THEN", "if"),
         (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
-        (r"ELSE", "branch"),
+        (r"ELSE", "default"),
         (r"ENDIF|ENDFOR", "close"),
         (r"LBL ?\[#{name}\]", "label"),
         (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),

@@ -41,6 +41,9 @@ _MAX_CALLS: Final = 200
 UNKNOWN: Final = "\0everything"
 """Name in a state behind an unknown call: its value is the cause why values of other names are unknown."""
 
+_NEVER: Final = "\0never"
+"""Name in a state behind a jump, which no path reaches: any other state takes its place where both meet."""
+
 Content: TypeAlias = WrittenNumbers | Cause | str
 """Content of a variable: numbers, the cause why the numbers are unknown, or the name of another value."""
 Operations: TypeAlias = "list[tuple[int, Op]]"
@@ -127,6 +130,7 @@ class _OpenBlock:
     begin: int  # index of the operation that begins the block
     other_branches: list[int] = field(default_factory=list)  # indices at which further branches begin
     exits: list[int] = field(default_factory=list)  # indices of jumps to the end of the block
+    repetitions: list[int] = field(default_factory=list)  # indices of jumps to its next round
     has_default: bool = False  # whether the block has a default branch, so that one branch is always taken
 
 
@@ -157,6 +161,7 @@ class ControlFlow:
         self.routine_of: list[str] = []  # routine of each operation
         self.anytime_routines: set[str] = set()  # routines that may run at any time
         self.shared_routines: set[str] = set()  # routines that other programs may call
+        self.endless: set[int] = set()  # indices of the ends of loops that only a jump leaves
         self._names = names
         self._open_blocks: list[_OpenBlock] = []  # blocks whose end was not reached yet
         self._open_routines = [""]  # routines whose end was not reached yet; "" for text outside of routines
@@ -220,22 +225,23 @@ class ControlFlow:
         Raises:
             UnmatchedEnd: the operation is nested too deep.
         """
-        if op.kind in {"routine", "handler", "if", "loop", "repeat"}:
+        if op.kind in {"routine", "handler"} | ir.BLOCKS:
             if len(self._open_blocks) >= _MAX_DEPTH:
                 reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
                 raise UnmatchedEnd(i, reason, "move inner branches and loops to routines of their own")
             self._open_blocks.append(
-                _OpenBlock(op.kind, i) if op.kind in {"if", "loop", "repeat"} else self._begin_routine(i, op)
+                _OpenBlock(op.kind, i) if op.kind in ir.BLOCKS else self._begin_routine(i, op)
             )
         elif op.kind == "label":
             self._labels[self._open_routines[-1]][self._names[i]] = i
         elif op.kind == "jump":
             self._jumps.append(i)
-        elif op.kind in {"leave", "return", "resume"}:
-            kinds = {"routine"} if op.kind != "leave" else {"loop", "repeat", "routine"}
+        elif op.kind in ir.JUMPS:
+            kinds = ir.LOOPS | {"routine"} if op.kind in {"leave", "again"} else {"routine"}
             enclosing = [block for block in self._open_blocks if block.kind in kinds]
             for block in enclosing[-1:]:  # the innermost block of these kinds, if any
-                block.exits.append(i)
+                is_repetition = op.kind == "again" and block.kind != "routine"
+                (block.repetitions if is_repetition else block.exits).append(i)
         else:
             self._end_block(i, op.kind)
 
@@ -291,11 +297,13 @@ class ControlFlow:
         for place in (*block.other_branches, *block.exits):
             self.successors[place].append(i)
         self.successors[block.begin] += block.other_branches
-        if block.kind in {"if", "loop"} and not block.has_default:  # the block may be skipped
+        if block.kind in {"if", "switch", "loop"} and not block.has_default:  # the block may be skipped
             self.successors[block.begin].append(i)
-        if block.kind in {"loop", "repeat"}:  # the loop may begin again at its end, or at a `continue`
-            for place in (i, *block.exits):
+        if block.kind in ir.LOOPS:
+            for place in (i, *block.repetitions):
                 self.successors[place].append(block.begin)
+        if block.kind == "forever":
+            self.endless.add(i)
 
     def _note_fault(self, i: int, routine: str, reason: str, remedy: str) -> None:
         """Note that operation i does not fit, so that no move of the routine is certain."""
@@ -349,10 +357,18 @@ class Machine:
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
         self._shared_fields: dict[tuple[tuple[str, Content], ...], tuple[tuple[str, Content], ...]] = {}
         self._constants: set[str] = set()  # names that are declared as constants
-        self._shared: set[str] = set()  # names that other programs use as well
+        self._shared: set[str] = set()  # names that other programs may use as well
+        self._stored: set[str] = set()  # those of them that the controller stores for all programs
+        self._noted: set[str] = set()  # shared names of targets about which a remark was made
         self._private: set[str] = set()  # names that no other program knows
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
+        self._offsets: list[tuple[Place, ir.Offset]] = []
+        self._offsets_of: dict[str, set[str]] = defaultdict(set)  # targets by names of poses at offsets
+        self._targets: set[str] = set()  # names of the targets of moves
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
+        # names of which each name was calculated, with the lines; names of data that the program declares
+        self._origins: dict[str, dict[str, int]] = defaultdict(dict)
+        self._declared: set[str] = set()
         self._causes: list[Cause] = []  # causes of all statements that are not understood
         # names of all that may last, the first one of what no statement ends
         self._lasting: dict[str, None] = {ir.MODE: None}
@@ -452,10 +468,8 @@ class Machine:
         self._add_operations(ops, source, line, number, declares)
         if is_move and held:
             self._add_held(held, source)
-        elif (
-            is_move and not declares and isinstance(effects[0], ir.Move) and effects[0].differs_only_in_target
-        ):
-            return ops
+        elif is_move and not declares and isinstance(effects[0], ir.Move):
+            return ops if len(ops) == 1 or effects[0].differs_only_in_target else None
         return None
 
     def _translate(
@@ -495,16 +509,25 @@ class Machine:
             scope = self._scopes[-1]
             place = Place(source, line + line_offset, number, self.numerals[source].values, scope)
             if isinstance(op, ir.Use):
-                self._used.update((place.qualify(name), place.line) for name in op.names)
-            elif isinstance(op, ir.Note):
-                self.columns.add_remark(place.line, place.make_cause(op.text).reason)
-            elif isinstance(op, ir.Local):
-                scope.names.update(op.names if scope.routine else ())
+                into = scope.routine if op.into == ir.RESULT else place.qualify(op.into)
+                noted = self._origins[into] if into else self._used
+                noted.update((place.qualify(name), place.line) for name in op.names)
+            elif isinstance(op, ir.Note | ir.Offset | ir.Local):
+                self._add_statement_about_names(place, op)
             elif isinstance(op, ir.Assign) and (declares or op.declares):
                 self._declare(place, op, op.declares or declares)
             elif not declares:
                 self._places.append(place)
                 self._ops.append(op)
+
+    def _add_statement_about_names(self, place: Place, op: ir.Note | ir.Offset | ir.Local) -> None:
+        """Note a remark, a pose at an offset from a target, or local names."""
+        if isinstance(op, ir.Note):
+            self.columns.add_remark(place.line, place.make_cause(op.text).reason)
+        elif isinstance(op, ir.Offset):
+            self._offsets.append((place, op))
+        else:
+            (place.scope.names if place.scope.routine else self._declared).update(op.names)
 
     def forget_anytime(self, names: frozenset[str], reason: str, remedy: str) -> None:
         """Make the values of names unknown anywhere in the program, for a reason."""
@@ -519,7 +542,7 @@ class Machine:
         """
         if op.kind in {"routine", "handler"}:  # a handler without a name shares the scope of its routine
             self._scopes.append(Scope(str(op.name), set(names)) if op.name else self._last_scope)
-        elif op.kind in {"if", "loop", "repeat"}:
+        elif op.kind in ir.BLOCKS:
             self._scopes.append(self._scopes[-1])
         elif op.kind in {"close", "end", "close_or_end"} and len(self._scopes) > 1:
             self._last_scope = self._scopes.pop()
@@ -528,6 +551,7 @@ class Machine:
         """Note the initial content of a declared name, and whether other programs may change this content."""
         name = place.qualify(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
+        self._stored |= {name} if kind == "shared" else set()
         if op.private and not self._language.is_own(name):
             self._private.add(_get_structure_name(name))
         content = self._evaluate(place, name, op.value, {})
@@ -551,6 +575,7 @@ class Machine:
             if isinstance(op, ir.Assign):
                 name = place.qualify(op.name)
                 self._changes[name].append(place.make_cause(f"the name gets numbers on line {place.line}"))
+                self._lasting |= {name: None} if name.startswith(ir.MODE) else {}
             elif isinstance(op, ir.Call) and op.event:
                 attached = self._attached[place.qualify(op.event)]
                 attached += [] if op.harmless else [place.qualify(op.name)]
@@ -598,7 +623,9 @@ class Machine:
             f"{quote_text(str(op.name))} gets this name as an argument, and may change its value"
         )
         changes = self._changes_parameters(str(op.name), passed) if is_own else unknown is not None
-        for name in map(place.scope.qualify, op.passed if changes else ()):
+        for parameter in self._list_parameters(str(op.name)) if is_own else ():
+            self._origins[parameter].update((place.scope.qualify(name), place.line) for name in op.passed)
+        for name in {place.scope.qualify(name) for name in (op.passed if changes else ())} - self._constants:
             self._changes[name].append(cause)
             self._anytime.update(dict.fromkeys(self._list_name_and_fields(name), cause))
         if is_own:
@@ -617,15 +644,20 @@ class Machine:
 
         `passed` are the names that any call of the program passes as arguments.
         """
-        begin = self._flow.begins[routine]
-        op, place = self._ops[begin + 1], self._places[begin]
-        if not (isinstance(op, ir.MakeUnknown) and op.reason == ir.IS_PARAMETER):
+        names = self._list_parameters(routine)
+        if not names:
             return True  # arguments without parameters
-        names = set(map(place.qualify, op.names))
         fields = {field for name in names for field in self._list_name_and_fields(name)}
         # the beginning of the routine itself makes each parameter unknown, once
         changes = sum(len(self._changes.get(each, ())) for each in fields) - len(names)
         return changes > 0 or not names.isdisjoint(passed)
+
+    def _list_parameters(self, routine: str) -> set[str]:
+        """Return the names of the parameters of a routine of the program."""
+        begin = self._flow.begins[routine]
+        op, place = self._ops[begin + 1], self._places[begin]
+        is_known = isinstance(op, ir.MakeUnknown) and op.reason == ir.IS_PARAMETER
+        return set(map(place.qualify, op.names)) if is_known and isinstance(op, ir.MakeUnknown) else set()
 
     def _explain_unknown_call(self, place: Place, op: ir.Call) -> Cause | None:
         """Return the cause why values are unknown after a call; None if the called routine is allowed.
@@ -753,9 +785,11 @@ class Machine:
         state = self._add_fault(fault, state)
         for place in self._flow.successors.get(i, ()):
             self._join_into(place, state)
-        # These operations are not reached from the operation before them, only by jumps.
-        if op.kind in {"routine", "handler", "branch", "default"}:
+        # What follows these operations is reached by jumps alone.
+        if op.kind in {"routine", "handler", "switch", "branch", "default"}:
             state = None
+        elif state is not None and (op.kind in ir.JUMPS or i in self._flow.endless):
+            state = {**state, _NEVER: ("", 0)}
         return self._add_fault(fault, self._join_states(self._incoming.get(i), state))
 
     def _add_fault(self, fault: int | None, state: State | None) -> State | None:
@@ -772,10 +806,11 @@ class Machine:
         returned, changed = self._exits.get(routine), self._changed[routine]
         if returned is None:
             return None
-        if UNKNOWN in changed:  # the routine may change any name
-            return returned
         self._count_work(len(changed))
-        return {**state, **{name: self._look_up(returned, name) for name in changed}}
+        never = {_NEVER: ("", 0)} if _NEVER in state or _NEVER in returned else {}
+        if UNKNOWN in changed:  # the routine may change any name
+            return {**returned, **never}
+        return {**state, **{name: self._look_up(returned, name) for name in changed}, **never}
 
     def _join_into(self, place: int, state: State | None) -> bool:
         """Join a state into the state at operation `place`; return whether the latter changed."""
@@ -795,6 +830,8 @@ class Machine:
         """
         if first is None or second is None or first == second:
             return second if first is None else first
+        if (_NEVER in first) != (_NEVER in second):
+            return second if _NEVER in first else first
         joined = dict(first)
         self._count_work(len(second) + len(first))
         for name in {**first, **second}:
@@ -839,7 +876,10 @@ class Machine:
         op, place = self._ops[i], self._places[i]
         if isinstance(op, ir.Assign):
             name = place.qualify(op.name)
-            state[name] = self._evaluate(place, name, op.value, state), place.line
+            content = self._evaluate(place, name, op.value, state)
+            # Of what lasts, only a cause against moves counts, not the name of what has none.
+            is_over = name in self._lasting and not isinstance(content, Cause)
+            state[name] = "" if is_over else content, place.line
         elif isinstance(op, ir.MakeUnknown):
             self._make_unknown(state, op, place)
         elif isinstance(op, ir.Call) and (op.event or not op.anytime):
@@ -849,6 +889,12 @@ class Machine:
                 self._forget_names(state, unknown)
                 if op.may_last:
                     state[ir.MODE] = unknown, unknown.line
+            if op.prefix is not None and any(each.startswith(op.prefix) for each in self._flow.begins):
+                self._count_work(len(self._changes))
+                reason = f"{quote_text(str(op.name))} may call any routine of the program"
+                cause = place.make_cause(reason, "call the routine by its name")
+                for name in self._changes:
+                    state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
 
     def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
         """Make the values of names unknown in a state; without names, all that other routines may change."""
@@ -870,13 +916,11 @@ class Machine:
         Routines of other files change names of their own, and the active frames. A table of the controller,
         or data that other programs share, are safe if no file of the program writes them.
         """
-        if name in self._constants or name in self._lasting or OF_ROUTINE in name:
+        if name in self._constants or name in self._lasting or OF_ROUTINE in name or name == _NEVER:
             return True
         if self._language.is_own(name) and "." in name:  # frames that a position states
             return True
         if self._language.is_own(name) or _get_structure_name(name) in self._private:
-            return not self._find_changes(name)
-        if self._language.keeps_declared and name in self._initial:
             return not self._find_changes(name)
         is_reached = self._language.is_reached
         if is_reached is None or is_reached(name):
@@ -893,6 +937,8 @@ class Machine:
         """Return the content that an assignment of `value`, at a place and in a state, gives to a name."""
         if isinstance(value, Literal):
             return WrittenNumbers(name, place.source, place.line, place.first, value)
+        if isinstance(value, ir.Unknown):
+            return place.make_cause(value.reason, value.remedy)
         content: Content = place.qualify(value.name)
         if "\0" in content:
             return place.make_cause("the number of a frame is not a whole number")
@@ -966,6 +1012,11 @@ class Machine:
             self.add_statements(0, self.sources[0].starts, self.sources[0].ends)
         # All statements are translated: the texts without numbers take as much memory as the files.
         self.numerals[:] = [replace(each, masked_text="") for each in self.numerals]
+        places = zip(self._places, self._ops, strict=True)
+        self._ops = [
+            op.settle_bounds(place.values[place.first :]) if isinstance(op, ir.Flow) else op
+            for place, op in places
+        ]
         names = [
             self._places[i].qualify(op.name) if isinstance(op, ir.Flow) else ""
             for i, op in enumerate(self._ops)
@@ -984,6 +1035,7 @@ class Machine:
             self._causes.append(cause)
             self.columns.add_remark(cause.line, cause.reason)
         self._collect_changes()
+        self._collect_targets()
         self._enter_routines()
         bodies = self._flow.bodies
         for name, body in bodies.items():
@@ -999,8 +1051,80 @@ class Machine:
         self._find_what_outlasts_routines()
         for name, body in bodies.items():
             self._propagate_through(name, body)
+        self._trace_uses()
+        self._remark_conditions()
         self._note_assumption()
         return self.columns, self._used, self._causes
+
+    def _trace_uses(self) -> None:
+        """Let what is calculated of numbers be used where the result is used.
+
+        The use of a result is not known if its name is that of a routine of another file, or of data that the
+        program does not declare.
+        """
+        to_visit = [
+            name
+            for name in self._origins.keys() - {ir.CONDITION}
+            if name in self._used
+            or not (name in self._declared or name in self._flow.begins or OF_ROUTINE in name)
+        ]
+        while to_visit:
+            for name, line in self._origins.get(to_visit.pop(), {}).items():
+                if name not in self._used:
+                    self._used[name] = line
+                    to_visit.append(name)
+
+    def _remark_conditions(self) -> None:
+        """Add a remark for each target that is corrected and whose numbers decide a condition."""
+        lines = dict(self._origins[ir.CONDITION])
+        to_visit = [*lines]
+        while to_visit:
+            name = to_visit.pop()
+            origins = self._origins.get(name, {}).keys() | self._offsets_of.get(name, set())
+            for origin in origins - lines.keys():
+                lines[origin] = lines[name]
+                to_visit.append(origin)
+        for name in sorted((lines.keys() & self._targets) - self._used.keys()):
+            target, _, _ = name.partition(OF_ROUTINE)
+            text = f"numbers of the target {quote_text(target)} decide here, and the correction changes them"
+            self.columns.add_remark(lines[name], text)
+
+    def _collect_targets(self) -> None:
+        """Collect the names of the targets of moves, and of poses at offsets from them.
+
+        Where such a pose is used otherwise than as a target, so are the numbers of the target behind it.
+        """
+        places = zip(self._places, self._ops, strict=True)
+        moves = [(place, op) for place, op in places if isinstance(op, ir.Move)]
+        for place, move in moves:
+            self._targets.update(self._list_named_targets(place, move))
+        for place, offset in self._offsets:
+            self._offsets_of[place.qualify(offset.name)].add(place.qualify(offset.target))
+        for place, move in moves:
+            if self._is_near_target(place, move):  # the offset itself is part of a calculation
+                self._used |= dict.fromkeys(self._list_named_targets(place, move), place.line)
+        for name in self._offsets_of.keys() & self._used.keys():
+            for target in self._trace_offsets([name]):
+                self._used.setdefault(target, self._used[name])
+
+    @staticmethod
+    def _list_named_targets(place: Place, op: ir.Move) -> list[str]:
+        """Return the names of the targets of a move."""
+        return [place.qualify(each) for each in op.targets if not isinstance(each, Literal)]
+
+    def _is_near_target(self, place: Place, op: ir.Move) -> bool:
+        """Return whether a move goes to an offset from a target, and not to numbers in a frame."""
+        names = set(map(place.qualify, op.near_target.offset_from)) if op.near_target else set()
+        return any(each in self._targets or each in self._offsets_of for each in names)
+
+    def _trace_offsets(self, names: Iterable[str]) -> list[str]:
+        """Return the names of all targets from which poses with these names are at an offset."""
+        found, to_visit = dict[str, None](), [*names]
+        while to_visit:
+            targets = self._offsets_of.get(to_visit.pop(), set()) - found.keys()
+            found |= dict.fromkeys(sorted(targets))
+            to_visit += targets
+        return [*found]
 
     def _find_what_outlasts_routines(self) -> None:
         """Let what lasts when a routine ends last at any time: the next one may be called from outside."""
@@ -1031,50 +1155,64 @@ class Machine:
             return
         if state is None:
             state = {UNKNOWN: (Cause(0, "the program never reaches this line", "omit the move"), 0)}
+        if self._is_near_target(place, op) and op.near_target:
+            op = op.near_target
+        lines, numbers = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2).T
+        if len(lines) and op.differs_only_in_target:
+            frames, cause = self._evaluate_frames(op, place, state)
+            if cause is None:
+                lines, numbers = np.append(place.line, lines), np.append(place.first, numbers)
+                self.columns.add_moves(op, place.source, lines, numbers, frames[0])
+                return
+        self._add_move(op, place, state)
+        for line, number in zip(iterate_integers(lines), iterate_integers(numbers), strict=True):
+            self._add_move(op, replace(place, line=line, first=number), state)
+
+    def _evaluate_frames(self, op: ir.Move, place: Place, state: State) -> tuple[list[Frames], Cause | None]:
+        """Return base and tool of each target of a move, and the cause, if any, against its correction."""
         frames = [
             (self._evaluate_frame(place, base, state), self._evaluate_frame(place, tool, state))
             for base, tool in zip(op.bases, op.tools, strict=True)
         ]
         cause = self._find_obstacle(place, op, frames, state)
-        for name in op.offset_from:
-            self._note_offset(place, name, frames[0], state)
         is_behind_unknown = UNKNOWN in state or UNKNOWN in self._anytime
         self._needs_assumption |= cause is None and is_behind_unknown and bool(self.unknown_routines)
-        repeats = np.asarray(self._repeats.get(i, ()), dtype=np.intp).reshape(-1, 2)
-        if len(repeats) and cause is None:
-            lines, first = np.vstack([[place.line, place.first], repeats]).T
-            self.columns.add_moves(op, place.source, lines, first, frames[0])
-            return
-        # A cause on the line of the move itself is on the line of each repetition, too.
-        is_on_same_line = cause is not None and (
-            not cause.line or (cause.line, cause.source) == (place.line, place.source)
-        )
-        for line, first in [(place.line, place.first), *repeats.tolist()]:
-            move_place = replace(place, line=line, first=first)
-            move_cause = cause
-            if cause and is_on_same_line:
-                move_cause = cause._replace(line=line, source=place.source)
-            self._add_move(op, move_place, move_cause, frames, state)
+        return frames, cause
 
-    def _add_move(
-        self, op: ir.Move, place: Place, cause: Cause | None, frames: list[Frames], state: State
-    ) -> None:
+    def _add_move(self, op: ir.Move, place: Place, state: State) -> None:
         """Add one move to the columns, with its targets in a state, or with the cause against correction."""
+        frames, cause = self._evaluate_frames(op, place, state)
+        own = [place.qualify(each) for each in op.offset_from]
+        for name in [*own, *self._trace_offsets([*own, *self._list_named_targets(place, op)])]:
+            self._note_offset(place, name, frames[0], state)
         contents = [self._evaluate_target(place, each, state) for each in op.targets]
         cause = cause or next((each for each in contents if isinstance(each, Cause)), None)
         if cause is not None:
-            self._used.update(
-                (place.qualify(name), place.line) for name in op.targets if not isinstance(name, Literal)
-            )
+            for target in self._list_named_targets(place, op):
+                if target in self._origins:
+                    self._note_offset(place, target, frames[0], state)
+                else:
+                    self._used[target] = place.line
             cause = cause if cause.line else cause._replace(line=place.line, source=place.source)
         targets = [each for each in contents if isinstance(each, WrittenNumbers)]
         self.columns.add_move(op, place.line, targets, frames, cause)
 
     def _note_offset(self, place: Place, name: Name, frames: Frames, state: State) -> None:
-        """Note that a move goes to an offset from a target; in other frames, the target is not corrected."""
-        target = self._evaluate_target(place, name, state)
-        if isinstance(target, WrittenNumbers):
-            self.columns.add_offset(target, frames, place.line)
+        """Note that a move goes to an offset from a target, or to what was calculated of targets.
+
+        If frames of the move differ from those of a target, the target is not corrected.
+        """
+        to_visit = [place.qualify(name)]
+        visited = set(to_visit)
+        while to_visit:
+            self._count_work(1)
+            each = to_visit.pop()
+            target = self._evaluate_target(place, each, state)
+            if isinstance(target, WrittenNumbers) and each not in self._used:
+                self.columns.add_offset(target, frames, place.line)
+            new = self._origins.get(each, {}).keys() - visited
+            visited |= new
+            to_visit += sorted(new)
 
     def _find_obstacle(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""
@@ -1105,9 +1243,13 @@ class Machine:
         reason = content.reason if isinstance(content, Cause) and content.line else ""
         if len(changes) + (name in self._initial) > 1:  # the target gets numbers more than once
             reason = changes[-1].reason
-        elif isinstance(content, WrittenNumbers) and name in self._shared:
+        elif isinstance(content, WrittenNumbers) and name in self._stored:
             reason = "the declaration is shared with other programs"
         elif isinstance(content, WrittenNumbers):
+            if name in self._shared and name not in self._noted:
+                self._noted.add(name)
+                text = f"{quote_text(name)} is GLOBAL: its correction moves it for other programs, too"
+                self.columns.add_remark(place.line, text)
             return content if content.label == name else content._replace(label=name)
         unknown = f"the target {quote_text(name)} is not given by constant numbers"
         return place.make_cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)

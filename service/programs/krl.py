@@ -18,17 +18,21 @@ POSE: Final = Notation(Orientation.EULER_ZYX)
 JOINTS: Final = Notation(Orientation.JOINTS)
 _POSES: Final = ((POSE, ("X", "Y", "Z", "A", "B", "C")), (JOINTS, ("A1", "A2", "A3", "A4", "A5", "A6")))
 _MOTIONS: Final = {"PTP": Motion.JOINT, "LIN": Motion.LINEAR, "CIRC": Motion.CIRCULAR, "SPL": Motion.SPLINE}
+_IPO: Final = f"{ir.MODE} IPO"
+"""Name of the controller's interpolation mode, which lasts: with #TCP the arm carries the part."""
+_FIXED_TOOL: Final = "the tool is fixed in the cell, and the arm carries the part (#TCP)"
 # Facts. Sources: KUKA System Software 8.x, programming instructions for system integrators (KSS); the
 # controller's bas.src (BAS).
 _BAS: Final[dict[str, tuple[Op, ...]]] = {
     # BAS: INITMOV sets the null base and tool 1
     "INITMOV": (ir.Assign("$BASE", ir.Copy("BASE_DATA[0]")), ir.Assign("$TOOL", ir.Copy("TOOL_DATA[1]"))),
-    # BAS: FRAMES, PTP_PARAMS and CP_PARAMS make the frames of FDAT_ACT the active ones
+    # BAS: FRAMES, PTP_PARAMS and CP_PARAMS make frames and interpolation mode of FDAT_ACT the active ones
     **dict.fromkeys(
         ("FRAMES", "PTP_PARAMS", "CP_PARAMS"),
         (
             ir.Assign("$BASE", ir.Copy("FDAT_ACT.BASE", through=True)),
             ir.Assign("$TOOL", ir.Copy("FDAT_ACT.TOOL", through=True)),
+            ir.Assign(_IPO, ir.Copy("FDAT_ACT.IPO")),
         ),
     ),
     # BAS: these set speeds and accelerations only
@@ -36,7 +40,7 @@ _BAS: Final[dict[str, tuple[Op, ...]]] = {
 }
 # KSS: system variables, apart from $BASE and $TOOL, on which the meaning of a target depends
 _MAY_MOVE_TARGETS: Final = re.compile(
-    r"\$(?!BASE\b|TOOL\b|IPO_MODE=#BASE|H_POS|IN_POS)\w*(?:BASE|TOOL|ROOT|WORLD|FRAME|POS|IPO|TECH|SEN|SOFT|ASY|EXT?_?AX|EX_|CORR|CMD)"
+    r"\$(?!BASE\b|TOOL\b|IPO_MODE=#BASE|H_POS|IN_POS|(?:VEL|ACC|RED|JERK|APO)[._])\w*(?:BASE|TOOL|ROOT|WORLD|FRAME|POS|IPO|TECH|SEN|SOFT|ASY|EXT?_?AX|EX_|CORR|CMD)"
 )
 # KSS: with these, the orientation of the tool is not the stated one
 _TURNS_TOOL: Final = frozenset({"$ORI_TYPE", "$PAL_MODE"})
@@ -71,6 +75,7 @@ _TRIGGER: Final = (
 )
 _AXES_OF_STEP: Final = r" ?#(?:TOOL|BASE)$"
 """Axes along which the step of a relative move is given, at the end of the move."""
+_FIELD_OF_FRAMES: Final = re.compile(r"\.(?:(BASE|TOOL)_NO=\0|IPO_FRAME=(?P<mode>#(?:BASE|TCP)))")
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 
@@ -112,8 +117,21 @@ def _find_target_in_fields(fields: dict[str, int | str]) -> Literal | None:
 
 
 def _copy_frames(target: str, source: str) -> list[Op]:
-    """Return the operations that copy base and tool from the frame data `source` to those of `target`."""
-    return [ir.Assign(f"{target}.{role}", ir.Copy(f"{source}.{role}")) for role in ("BASE", "TOOL")]
+    """Return the operations that copy frame data, with their interpolation mode, to those of `target`."""
+    return [ir.Assign(f"{target}.{role}", ir.Copy(f"{source}.{role}")) for role in ("BASE", "TOOL", "IPO")]
+
+
+def _set_frame_data(name: ir.Name, numbers: dict[str, int], mode: str) -> list[Op]:
+    """Return the operations that set fields of frame data: ordinals of BASE and TOOL, and `#BASE` or `#TCP`.
+
+    KSS: with IPO_FRAME #TCP the tool is fixed in the cell, and the arm carries the part.
+    """
+    is_fixed, unknown = mode not in {"", "#BASE"}, ir.Unknown(_FIXED_TOOL, _FRAME_REMEDY)
+    named = {role: ir.Named((f"{role}_DATA[%s]", number)) for role, number in numbers.items()}
+    frames: list[Op] = [
+        ir.Assign(f"{name}.{role}", unknown if is_fixed else value) for role, value in named.items()
+    ]
+    return [*frames, *([ir.Assign(f"{name}.IPO", unknown if is_fixed else ir.Named(""))] if mode else [])]
 
 
 def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op]:
@@ -125,13 +143,9 @@ def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op
     if pose := _find_target_in_fields(fields):
         return [ir.Assign(name, pose)]
     frames = {role: fields.get(f"{role}_NO") for role in ("BASE", "TOOL")}  # frame data, such as FDAT_ACT
-    # KSS: with IPO_FRAME #TCP the tool is fixed in the cell, and the arm carries the part
-    if None not in frames.values() and fields.get("IPO_FRAME", "#BASE") == "#BASE":
-        return [
-            ir.Assign(f"{name}.{role}", ir.Named((f"{role}_DATA[%s]", number)))
-            for role, number in frames.items()
-            if isinstance(number, int)
-        ]
+    numbers = {role: number for role, number in frames.items() if isinstance(number, int)}
+    if len(numbers) == len(frames):
+        return _set_frame_data(name, numbers, str(fields.get("IPO_FRAME", "#BASE")))
     if name == "FDAT_ACT" and re.fullmatch(_NAME, text):
         return _copy_frames("FDAT_ACT", text)
     if name in {"$BASE", "$TOOL"} and re.fullmatch(_NAME, text):
@@ -171,6 +185,18 @@ def _translate_declaration(line: Line) -> list[Op]:
     return ops
 
 
+def _set_field_of_frames(line: Line) -> list[Op]:
+    """Return the operations that set a single field of frame data, or the interpolation mode; else []."""
+    if line.text in {"$IPO_MODE=#BASE", "$IPO_MODE=#TCP"}:
+        is_fixed = line["value"] == "#TCP"
+        return [ir.Assign(_IPO, ir.Unknown(_FIXED_TOOL, "omit the statement") if is_fixed else ir.Named(""))]
+    match = _FIELD_OF_FRAMES.fullmatch(f"{line['index']}={line['value']}")
+    if match is None:
+        return []
+    numbers = {match[1]: line.first_ordinal("value")} if match[1] else {}
+    return _set_frame_data(line["name"], numbers, match["mode"] or "")
+
+
 def _translate_assignment(line: Line) -> list[Op]:
     """Return the operations of an assignment; setting one element or field makes the whole name unknown.
 
@@ -183,6 +209,8 @@ def _translate_assignment(line: Line) -> list[Op]:
         if not index.startswith("[\0]"):
             raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
         target, index = (f"{name}[%s]", line.first_ordinal("index")), index.removeprefix("[\0]")
+    elif found := _set_field_of_frames(line):
+        return found
     elif name in {"$ACT_BASE", "$ACT_TOOL"} and not index:  # BAS copies them where it sets frames
         active: ir.Name = name.replace("ACT_", "")
         statement = ir.quote_statement(line.text, line.ordinals)
@@ -221,6 +249,10 @@ def _translate_move(line: Line) -> list[Op]:
     targets: list[Literal | ir.Name | None] = []
     for start, stop in split_outside_brackets(line.text[:end], begin):
         name = line.text[start:stop]
+        if len(targets) == 2 and name.startswith("CA "):
+            angle = line.read_expression(name.removeprefix("CA "))
+            found += [*angle, ir.Note("the arc ends at its angle CA, not at the second of its targets")]
+            continue
         if _STORED_POSITION.fullmatch(name):
             if name != line.text[begin:end]:  # one of the two targets of an arc
                 raise Misread("the arc goes through a position stored in the controller")
@@ -345,8 +377,9 @@ def _translate_triggered_assignment(line: Line) -> list[Op]:
     start, end = line.span("action")
     action = Line(line.language, line["action"], line.ordinals_in(start, end))
     found = line.language.apply_rules(action)
+    name = line["action"].partition("=")[0]
     changed: list[Op] = [
-        ir.MakeUnknown(frozenset({op.name}), f"{op.name} changes at a trigger", _REMEDY, anytime=True)
+        ir.MakeUnknown(frozenset({op.name}), f"{name} changes at a trigger", _REMEDY, anytime=True)
         for op in found
         if isinstance(op, ir.Assign)
     ]
@@ -445,10 +478,11 @@ LANGUAGE: Final = ir.Language(
     r"|EKI_(?:INIT|OPEN|CLOSE|CLEAR\w*|CHECK\w*|LOCK|UNLOCK|SEND|SET\w+)|ARC(?:MAINNG|GET\w+)",
     motion=r"\b(?:S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?)(?!\w)",
     remedy=_REMEDY,
-    active={"$BASE": "active $BASE", "$TOOL": "active $TOOL"},
-    constants={name: np.eye(4) for name in ("$NULLFRAME", "BASE_DATA[0]", "TOOL_DATA[0]")},
-    field_endings=(".BASE", ".TOOL"),
-    is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")),
+    active={"$BASE": "active $BASE", "$TOOL": "active $TOOL", "FDAT_ACT.IPO": ""},
+    constants={name: np.eye(4) for name in ("$NULLFRAME", "$WORLD", "BASE_DATA[0]", "TOOL_DATA[0]")},
+    field_endings=(".BASE", ".TOOL", ".IPO"),
+    # data of inline forms that no file gives state no fixed tool
+    is_frame=lambda name: name.startswith(("BASE_DATA[", "TOOL_DATA[")) or name.endswith(".IPO"),
     # KSS: frames, and the data of inline forms, are active for all programs
     is_reached=lambda name: name.startswith(("$", "FDAT_ACT")),
     lasting=rf"(?:^|\bDO ){_MAY_MOVE_TARGETS.pattern}[^=]*=(?!=)",
@@ -461,22 +495,28 @@ LANGUAGE: Final = ir.Language(
             _translate_routine,
         ),
         (
-            r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)|INTERRUPT OFF \0"
+            r"DEFDAT \w+(?: PUBLIC)?|ENDDAT|HALT|CONTINUE|ENDSPLINE.*|INTERRUPT (?:ON|OFF)"
+            r"|INTERRUPT (?:OFF|DISABLE) \0"
             r"|TIME_BLOCK (?:START|(?:PART|END)=.+)|CONST_VEL (?:START|END).*",
             "",
         ),
+        # KSS: a stop on the path until a condition is met
+        (r"STOP WHEN PATH=((?:(?! ?\b(?:ONSTART|IF)\b).)+)(?: ?ONSTART)? ?IF (.+)", ""),
         (r"(?:EXT(?:FCT)?P?|ENUM|STRUC|IMPORT|(?:DECL )?(?:GLOBAL )?SIGNAL) [\w ,()\[\]:$.\0\"#]*", ""),
         (r"END|ENDFCT", "end"),
-        (r"IF ?(.*?) ?THEN|SWITCH ?(.+)", "if"),
-        (r"ELSE|CASE ?(.+)", "branch"),
-        (r"DEFAULT", "default"),
+        (r"IF ?(.*?) ?THEN", "if"),
+        (r"SWITCH ?(.+)", "switch"),
+        (r"CASE ?(.+)", "branch"),
+        (r"ELSE|DEFAULT", "default"),
         (r"ENDIF|ENDSWITCH|ENDFOR|ENDWHILE|ENDLOOP|UNTIL ?(.+)", "close"),
+        (r"WHILE ?(?:TRUE|\(TRUE\))", "forever"),
         (r"WHILE ?(.+)", "loop"),
         (
-            r"FOR @{name}=(.+?) ?\bTO (.+?)(?: ?\bSTEP (.+))?",
-            lambda line: ir.begin_counted_loop(line["name"], _REMEDY),
+            r"FOR @{name}=(?P<first>.+?) ?\bTO (?P<last>.+?)(?: ?\bSTEP (?P<step>.+))?",
+            lambda line: ir.begin_counted_loop(line, _REMEDY),
         ),
-        (r"LOOP|REPEAT", "repeat"),
+        (r"LOOP", "forever"),
+        (r"REPEAT", "repeat"),
         (r"EXIT", "leave"),
         (r"GOTO @{name}", "jump"),
         (r"@{name}:", "label"),
@@ -495,7 +535,7 @@ LANGUAGE: Final = ir.Language(
             _translate_attachment,
         ),
         (
-            r"INTERRUPT ON #{number}",
+            r"INTERRUPT (?:ON|ENABLE) #{number}",
             lambda line: [ir.Call(("INTERRUPT %s", line.first_ordinal("number")))],
         ),
         (rf"{_TRIGGER}(?P<action>{_NAME}\(.*\)(?: ?PRIO=.+)?)", _translate_attachment),

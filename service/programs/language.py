@@ -45,13 +45,20 @@ class Named(NamedTuple):
     name: Name
 
 
+class Unknown(NamedTuple):
+    """Value that is not known, for a reason."""
+
+    reason: str
+    remedy: str
+
+
 class Product(NamedTuple):
     """Product of frames; each frame is given in the coordinates of the frame before it."""
 
     names: tuple[str, ...]  # names of the frames
 
 
-Value: TypeAlias = Literal | Copy | Named
+Value: TypeAlias = Literal | Copy | Named | Unknown
 
 
 class Assign(NamedTuple):
@@ -107,12 +114,30 @@ class Call(NamedTuple):
     # whether an unknown routine may also leave something that lasts (`MODE`)
     may_last: bool = False
     behind_next: bool = False  # whether the routine runs only behind a move that is the next statement
+    # beginning of the names of the program's routines one of which may be meant; None if the name is fixed
+    prefix: str | None = None
 
 
 class Use(NamedTuple):
     """Use of the numbers of variables for something else than the target of a move."""
 
     names: frozenset[Name]
+    # name that gets what is calculated of the numbers, or routine that gets them: the use is what becomes of
+    # that name; `RESULT` for what the routine returns; empty if the use is not known
+    into: Name = ""
+
+
+RESULT: Final = "\0result"
+"""Name of the value that a routine returns."""
+CONDITION: Final = "\0condition"
+"""Name of all conditions: what decides about branches, loops and waiting."""
+
+
+class Offset(NamedTuple):
+    """Assignment of a pose at an offset from a target: moves to it shift with the target's correction."""
+
+    name: Name
+    target: Name
 
 
 class Move(NamedTuple):
@@ -128,6 +153,8 @@ class Move(NamedTuple):
     remedy: str = ""
     # names of targets near which a move that is not corrected ends: corrections of them shift this move, too
     offset_from: tuple[Name, ...] = ()
+    # move that takes the place of this one if `offset_from` of that move is a target of any move
+    near_target: Move | None = None
 
     @property
     def differs_only_in_target(self) -> bool:
@@ -147,18 +174,36 @@ class MoveToStored(NamedTuple):
 class Flow(NamedTuple):
     """Beginning or end of a branch, loop, jump or routine.
 
-    Blocks begin with `if`, `loop` or `repeat` (a loop that runs at least once) and end with `close`; further
-    branches begin with `branch` or `default`; `leave` leaves a loop. Routines begin with `routine`, or with
-    `handler` if they may run at any time, and end with `end`. `close_or_end` ends a block or a routine. The
-    other kinds are `label`, `jump`, `return`, and `resume`, which also ends the interrupted routines.
+    Blocks begin with `if`, `switch` (all its branches are further ones), `loop`, `repeat` (a loop that runs
+    at least once) or `forever` (a loop that only `leave`, a jump or a return ends), and end with `close`;
+    further branches begin with `branch` or `default`. `leave` leaves a loop, `again` begins its next round.
+    Routines begin with `routine`, or with `handler` if they may run at any time, and end with `end`.
+    `close_or_end` ends a block or a routine. The other kinds are `label`, `jump`, `return`, and `resume`,
+    which also ends the interrupted routines.
     """
 
     kind: str
     name: Name = ""
     shared: bool = False  # whether other programs may call a routine, with frames of their own
+    # ordinals of first value, last value and step between which a `loop` counts; empty if one is no number
+    bounds: tuple[int, ...] = ()
+
+    def settle_bounds(self, numbers: FloatArray) -> Flow:
+        """Return the `Flow`, of kind `repeat` if the loop runs by its bounds among the numbers (n,)."""
+        if not self.bounds:
+            return self
+        first, last, step = [*numbers[list(self.bounds)].tolist(), 1.0][:3]
+        runs = first <= last if step > 0 else first >= last and step < 0
+        return self._replace(kind="repeat" if runs else self.kind)
 
 
-Op: TypeAlias = Assign | Local | MakeUnknown | Note | Call | Use | Move | MoveToStored | Flow
+LOOPS: Final = frozenset({"loop", "repeat", "forever"})
+BLOCKS: Final = LOOPS | {"if", "switch"}
+JUMPS: Final = frozenset({"leave", "again", "jump", "return", "resume"})
+"""Kinds of `Flow` behind which the program does not continue on the next line."""
+
+
+Op: TypeAlias = Assign | Local | MakeUnknown | Note | Call | Use | Offset | Move | MoveToStored | Flow
 
 
 UNKNOWN_STATEMENT: Final = "the statement is unknown: it may move the robot, targets or frames"
@@ -247,8 +292,6 @@ class Language:
     # function that tells whether routines of other files may change a name of the controller's active data;
     # None if they may change all names
     is_reached: Callable[[str], bool] | None = None
-    # whether what the program declares keeps its value where no statement of the program changes it
-    keeps_declared: bool = False
     # function that tells whether a name is of this program alone, so that no other program changes it
     is_own: Callable[[str], bool] = lambda _: False
     # pattern in statements that are not understood: such a statement may change what lasts (`MODE`)
@@ -256,6 +299,9 @@ class Language:
     # pattern in statements that are not understood: behind such a statement all values are unknown; any other
     # one changes only names that it states, and may call only routines that it states
     forgets: str = ""
+    # whether a routine is called by its name alone, and a statement that is not understood may be several, on
+    # lines whose ends are missing
+    calls_by_name: bool = False
     # endings such as `.BASE`, with which the name of a structure becomes the name of one of its fields
     field_endings: tuple[str, ...] = ()
     callable_from_outside: bool = False  # whether other programs may call each of the routines
@@ -351,7 +397,8 @@ class Language:
         try:
             ops = self.apply_rules(line) if line.text else []
         except Misread as fault:
-            return self._translate_unknown(masked, line, fault)
+            lines = self._translate_lines(masked, line, fault) if self.calls_by_name else []
+            return lines or self._translate_unknown(masked, line, fault)
         # Each word of a motion must have become a move: no move may be overlooked.
         moves = sum(isinstance(op, Move | MoveToStored) for op in ops)
         if len(self._motion.findall(_QUOTED.sub("", line.text))) > moves:
@@ -381,9 +428,33 @@ class Language:
         """Return the operations `used` of the statement's expressions, then a `Flow` of this kind, if any."""
         # The condition of a loop or of a further branch may be computed again, or not at all.
         used = mark_anytime(used, "\0loop" if kind == "loop" else "") if kind in {"branch", "loop"} else used
+        used = pass_uses(used, RESULT if kind == "return" else CONDITION)
         # A name that is a number is masked as NUL: the number is looked up by its ordinal.
         name = ("%s", line.first_ordinal("name")) if line["name"] == "\0" else line["name"]
         return [*used, *([Flow(kind, name)] if kind else [])]
+
+    def _translate_lines(self, masked: str, whole: Line, fault: Misread) -> list[tuple[int, Op]]:
+        """Return the operations of a statement whose lines are statements without ends; [] if one is none.
+
+        Moves in the statement are not corrected. `whole` is its normal form.
+        """
+        reason = f"{quote_statement(whole.text, whole.ordinals)}: {fault.reason}"
+        ops, numbers, lines = list[tuple[int, Op]](), 0, 0
+        for text in masked.splitlines(keepends=True):
+            line = self.normalise(text)
+            line = replace(line, ordinals=tuple(numbers + each for each in line.ordinals))
+            try:
+                found = self.apply_rules(line) if line.text else []
+            except Misread:
+                return []
+            for op in found:
+                if isinstance(op, Move):
+                    names = tuple(each for each in op.targets if not isinstance(each, Literal))
+                    words = reason, fault.remedy or self.remedy
+                    op = Move(op.motion, (), op.bases[:1], op.tools[:1], (), *words, op.offset_from + names)
+                ops.append((lines, op))
+            numbers, lines = numbers + text.count("\0"), lines + 1
+        return ops if lines > 1 else []
 
     def _translate_unknown(self, masked: str, line: Line, fault: Misread) -> list[tuple[int, Op]]:
         """Return the operations of a statement that is not understood, and may therefore change values.
@@ -408,7 +479,7 @@ class Language:
         is_lasting = re.search(self.lasting, line.text) is not None
         if is_lasting:
             ops.append((line.line_offset, MakeUnknown(frozenset({MODE}), reason, remedy)))
-        if not re.search(self.forgets, text):
+        if self.calls_by_name or not re.search(self.forgets, text):
             ops += [(line.line_offset, op) for op in self._find_calls(text)]
             if not (is_lasting or self._motion.search(text)):
                 note = Note(
@@ -434,12 +505,15 @@ class Language:
 
         Each call may be skipped; or it may be an attachment, whose routine runs at any time.
         """
-        for name in dict.fromkeys(match[1] for match in _CALLED.finditer(text)):
+        called, names = [match[1] for match in _CALLED.finditer(text)], _NAME.findall(text)
+        for name in dict.fromkeys(called):
             if not self._motion.fullmatch(name):
                 harmless = self._words[2].fullmatch(name) is not None
-                passed = frozenset() if harmless else frozenset(_NAME.findall(text)) - {name}
+                passed = frozenset() if harmless else frozenset(names) - {name}
                 call = Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
                 yield from (Flow("if"), call, Flow("close"))
+        if self.calls_by_name:  # each name may be that of a routine of the program
+            yield from (Call(each, anytime=True, harmless=True) for each in dict.fromkeys(names))
 
     def read_expression(self, text: str) -> list[Op]:
         """Return the operations of an expression: one for all names that it reads, one for each routine call.
@@ -479,6 +553,16 @@ def calls_routine(ops: list[Op]) -> bool:
     return any(isinstance(op, Call) and not op.harmless for op in ops)
 
 
+def pass_uses(ops: list[Op], into: Name) -> list[Op]:
+    """Return the operations with each use marked: what is calculated of the numbers goes into a name."""
+    return [op._replace(into=into) if isinstance(op, Use) else op for op in ops]
+
+
+def omit_uses(ops: list[Op]) -> list[Op]:
+    """Return the operations of an expression that is shown or sent, and gives its value to no name."""
+    return [op for op in ops if not isinstance(op, Use)]
+
+
 def mark_anytime(ops: list[Op], event: Name = "") -> list[Op]:
     """Return the operations with each call marked: its routine may run at any time, or more than once.
 
@@ -507,9 +591,17 @@ def make_uncorrected_move(
     return [*expressions, Move(motion, (), reason=reason, remedy=remedy)]
 
 
-def begin_counted_loop(name: str, remedy: str) -> list[Op]:
-    """Return the operations of the beginning of a loop that counts with a variable."""
-    return [Flow("loop"), MakeUnknown(frozenset({name}), f"{name} counts a loop", remedy)]
+def begin_counted_loop(line: Line, remedy: str) -> list[Op]:
+    """Return the operations of the beginning of a loop that counts with the variable `name` of a line.
+
+    The loop counts from `first` to `last` in steps of `step`, groups of the line.
+    """
+    bounds = [line.span(each) for each in ("first", "last", "step") if line[each]]
+    are_numbers = all(line.text[slice(*each)].strip() == "\0" for each in bounds)
+    ordinals = tuple(ordinal for each in bounds for ordinal in line.ordinals_in(*each)) if are_numbers else ()
+    used = [op for each in bounds for op in line.read_expression(line.text[slice(*each)])]
+    counter = MakeUnknown(frozenset({line["name"]}), f"{line['name']} counts a loop", remedy)
+    return [*used, Flow("loop", bounds=ordinals), counter]
 
 
 IS_PARAMETER: Final = "the value is a parameter of the routine"

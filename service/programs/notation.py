@@ -244,7 +244,9 @@ class Numerals:
             Texts of the parts with NUL in place of each number; index (k,) of the first number of each part.
         """
         # Characters that are missing in the masked text before each number
-        missing = np.concatenate([[0], np.cumsum(self.ends - self.starts - 1)])
+        missing = np.zeros(len(self.values) + 1, dtype=np.int32)
+        np.subtract(self.ends, self.starts + np.int32(1), out=missing[1:])
+        np.cumsum(missing, out=missing)
         first, last = np.searchsorted(self.starts, starts), np.searchsorted(self.starts, ends)
         begins, stops, text = starts - missing[first], ends - missing[last], self.masked_text
         spans = zip(iterate_integers(begins), iterate_integers(stops), strict=True)

@@ -26,7 +26,9 @@ _OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d")
 # Instructions that set configuration, speed, waiting, signals, messages, clocks, interrupts and units: no
 # target, no frame and no variable of the program changes by them
 _HARMLESS: Final = (
-    r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT"
+    r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT|MECHUNITLOAD|WAITSYNCTASK"
+    # Moves of several robots at once have the targets, tools and work objects that they name.
+    r"|SYNCMOVE(?:ON|OFF|UNDO|SUSPEND|RESUME)"
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
     r"|WRITE\w*|OPEN|CLOSE|REWIND|SOCKET\w+|TPREAD\w+|UI\w+|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
     # Corrections of paths act on moves with \Corr only; FCCalib measures the tool's weight.
@@ -44,27 +46,32 @@ _PROCESS_MOVE: Final = re.compile(
 _PROCESS_OPTIONS: Final = re.compile(
     rf"{_OPTIONS.pattern}|ON|OFF|WEAVE|SEAMNAME|TIME|TRIGGDATA\d|(?:OPEN|CLOSE|WAIT|IN|OUT)\w*"
 )
-_SEARCH: Final = re.compile(r"SEARCH[LCJ]|SEARCHEXTJ")
+# The robot's searches, which write their second argument, and those of SmarTac, which write the first one
+_SEARCH: Final = re.compile(r"SEARCH(?:[LCJ]|EXTJ|(?P<smart>_(?:[123]D|GROOVE|PART)))")
 _SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CORR|WAITWOBJ|IND")
 _END_OF_LASTING: Final = {
     "PDISPOFF": "PDISP", "EOFFSOFF": "EOFFS", "SOFTDEACT": "SOFT", "FCDEACT": "FC", "FCPRESSEND": "FC",
-    "SYNCMOVEOFF": "SYNCMOVE", "EGMRESET": "EGM",
+    "EGMRESET": "EGM",
 }  # fmt: skip
 """Kinds of what lasts, by the instructions that end it."""
-# Force control, moves of several robots, and guidance from outside
-_LASTING: Final = re.compile(r"(FC|SYNCMOVE|EGM)\w+")
-_FORCE_MOVE: Final = re.compile(r"FCPRESS(?!END)\w*")
+# Force control, and guidance from outside
+_LASTING: Final = re.compile(r"(FC|EGM)\w+")
+_FORCE_MOVE: Final = re.compile(r"FCPRESS\w*")
 _WRITES_DATA: Final = re.compile(r"SET(?:ALL)?DATAVAL")
 _RESERVED: Final = (
     r"(?:END)?(?:MODULE|PROC|FUNC|TRAP|RECORD)|LOCAL|TASK|CONST|PERS|VAR|IF|THEN|ELSE|ELSEIF|ENDIF|FOR|FROM|TO"
     r"|STEP|DO|ENDFOR|WHILE|ENDWHILE|TEST|CASE|DEFAULT|GOTO|ERROR|UNDO|BACKWARD|CONNECT|WITH|RETURN|RAISE|RETRY"
-    r"|TRYNEXT|EXIT|ENDTEST|MOVE\w*|TRIGG[LJC]"
+    r"|TRYNEXT|EXIT|ENDTEST|MOVE(?:[LJC](?:DO|AO|GO|SYNC)?|ABSJ|EXTJ)|TRIGG[LJC]"
 )
 # Functions that return a value and change nothing
 _FUNCTIONS: Final = (
-    r"ABS|A?(?:COS|SIN)|A?TAN2?|EXP|POW|SQRT|ROUND|TRUNC|DIM|PRESENT|TESTDI|[DGA](?:IN|OUT)PUT|CLKREAD"
-    r"|(?:NUM|VAL|BYTE)TOSTR|STR(?:LEN|PART)|C(?:ROBT|JOINTT|POS|TOOL|WOBJ|DATE|TIME)|OPMODE|RUNMODE|OFFS|RELTOOL"
-    r"|POSE(?:MULT|INV|VECT)|(?:ORIENT|EULER)ZYX|DISTANCE|MAXROBSPEED|IS(?:PERS|VAR)"
+    r"(?:ABS|A?COS|A?SIN|A?TAN2?|POW|SQRT|ROUND|TRUNC)(?:DNUM)?|EXP|MAX|MIN|DIM|PRESENT|TYPE|ARGNAME|VALIDIO|TESTDI"
+    r"|[DGA](?:IN|OUT)PUT|CLKREAD|(?:D?NUM|VAL|BYTE)TOSTR|(?:NUMTOD|DNUMTO)NUM|DECTOHEX|HEXTODEC|STRTOBYTE"
+    r"|STR(?:LEN|PART|FIND|MATCH|MEMB|MAP|ORDER)|BIT(?:AND|CHECK|LSH|NEG|OR|RSH|XOR)|C(?:ROBT|JOINTT|POS|TOOL|WOBJ|DATE|TIME)"
+    r"|CALC(?:ROBT|JOINTT)|OFFS|RELTOOL|OROBT|MIRPOS|POSE(?:MULT|INV|VECT)|DEF(?:D|ACC)?FRAME|(?:ORIENT|EULER)ZYX|NORIENT"
+    r"|DISTANCE|VECTMAGN|DOTPROD|CROSSPROD|MAX(?:ROB|EXTLINEAR|EXTREORIENT)SPEED|IS(?:PERS|VAR|FILE|STOPSTATEEVENT)"
+    r"|OPMODE|RUNMODE|EXECHANDLER|EXECLEVEL|GET(?:TIME|SYSINFO|MOTORTORQUE|TASKNAME)|IOUNITSTATE|TASKRUN(?:MEC|ROB)|ROBNAME"
+    r"|READ(?:STR|NUM)|UI(?:ALPHA|D?NUM)ENTRY|UIMESSAGEBOX|UILISTVIEW"
 )
 _REMEDY: Final = (
     "write the target as [[x, y, z], [q1 ... q4], [cf1 ... cfx], [external axes]] in numbers, or "
@@ -73,6 +80,7 @@ _REMEDY: Final = (
 _ONE_MODULE: Final = "send one module"
 _FRAME_REMEDY: Final = "declare the frame in numbers"
 _WORD: Final = r"[^\W\d]\w*+"
+_ZONE: Final = r"FINE|Z\d{1,3}+"  # names of the controller's zones
 _N3, _N4, _N6 = (rf"\[\0(?:,\0){{{n - 1}}}\]" for n in (3, 4, 6))
 _POSE_PATTERN: Final = rf"\[{_N3},{_N4}\]"
 _LITERALS: Final = {
@@ -94,10 +102,12 @@ def _translate_routine(line: Line) -> list[Op]:
 
 def _translate_test(line: Line) -> list[Op]:
     """Return the operations of TEST up to its first CASE, DEFAULT or ENDTEST."""
-    first_case = ir.mark_anytime(line.read_expression(line["first"])) if line["first"] else []
+    subject = ir.pass_uses(line.read_expression(line["subject"]), ir.CONDITION)
+    cases = ir.mark_anytime(line.read_expression(line["first"])) if line["first"] else []
+    first_case = ir.pass_uses(cases, ir.CONDITION)
     # CASE and DEFAULT end with a colon, ENDTEST does not.
     kind = "close" if line.text[-1] != ":" else "branch" if line["first"] else "default"
-    return [ir.Flow("if"), *first_case, ir.Flow(kind)]
+    return [*subject, ir.Flow("if"), *first_case, ir.Flow(kind)]
 
 
 _END_OF_OPERAND: Final = re.compile(
@@ -121,15 +131,14 @@ def _translate_compact_if(line: Line) -> list[Op]:
         raise Misread(UNKNOWN_STATEMENT)
     statement = Line(line.language, line.text[end.end() :], line.ordinals_in(end.end(), len(line.text)))
     condition = line.read_expression(line.text[begin : end.start()])
-    return [*condition, ir.Flow("if"), *line.language.apply_rules(statement), ir.Flow("close")]
+    decides = ir.pass_uses(condition, ir.CONDITION)
+    return [*decides, ir.Flow("if"), *line.language.apply_rules(statement), ir.Flow("close")]
 
 
 def _translate_instruction(line: Line) -> list[Op]:
     """Return the operations of an instruction of the controller, or of the call of a routine."""
     name = line["name"]
-    # Options such as \WObj:=frame become arguments of their own, so that all are one expression.
-    arguments = re.sub(r",{2,}", ",", re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])).strip(",")
-    found = line.read_expression(arguments)
+    found = _read_arguments(line)
     names = _find_names(found)
     if _CHANGES_ARGUMENTS.fullmatch(name):
         return [*found, ir.MakeUnknown(names, f"{name} changes the value while the program runs", _REMEDY)]
@@ -137,12 +146,49 @@ def _translate_instruction(line: Line) -> list[Op]:
         note = ir.Note("SingArea \\Wrist: near singularities the tool turns away from its stated orientation")
         return [*found, note]
     if re.fullmatch(_HARMLESS, name):
-        return [*found, ir.Call(name, harmless=True)]
+        uses = ir.pass_uses(found, ir.CONDITION) if name == "WAITUNTIL" else ir.omit_uses(found)
+        return [*uses, ir.Call(name, names, harmless=True)]
     if match := _PROCESS_MOVE.fullmatch(name):
         return _translate_process_move(line, match["letter"] or match["first"] or "L", found)
-    if _SEARCH.fullmatch(name):
-        return _translate_search(line, found, names)
-    return [*found, *(_translate_lasting(name, names) or [ir.Call(name, names)])]
+    if match := _SEARCH.fullmatch(name):
+        return _translate_search(line, found, 1 - bool(match["smart"]))
+    if _FORCE_MOVE.fullmatch(name):
+        return _translate_force_move(line, found)
+    if lasting := _translate_lasting(name, names):
+        return [*found, *lasting]
+    # If a routine of the program has the name, the program states what the routine changes.
+    own = ir.Call(name, names, harmless=True)
+    return [*ir.pass_uses(found, name), own, ir.Call(name, names - _find_frames_of_move(line))]
+
+
+_MOVE_NAME: Final = re.compile(r"(?!.*(?:CAL|MEAS|TCP|TOOL|WOBJ))\w*[LJC](?:START|END)?\d?+")
+
+
+def _find_frames_of_move(line: Line) -> frozenset[str]:
+    """Return tool and work object of an instruction in the form of a move, which only uses them.
+
+    Its name ends as those of moves do; a speed, a zone and the tool are its last arguments.
+    """
+    try:
+        spans, work_object, _ = _split_arguments(line, line.span("arguments")[0], re.compile(r"\w*"))
+    except Misread:  # the work object is computed
+        return frozenset()
+    arguments = [line.text[slice(*each)] for each in spans]
+    if len(arguments) < 4 or not (_MOVE_NAME.fullmatch(line["name"]) and re.fullmatch(_ZONE, arguments[-2])):
+        return frozenset()
+    return frozenset({arguments[-1], work_object})
+
+
+def _read_arguments(line: Line) -> list[Op]:
+    """Return the operations of the arguments of an instruction.
+
+    Raises:
+        Misread: the arguments are not expressions.
+    """
+    # Options such as \WObj:=frame become arguments of their own.
+    text = re.sub(r"\\(\w+)(:=)?", r",\1,", line["arguments"])
+    arguments = (text[begin:end] for begin, end in split_outside_brackets(text))
+    return [op for each in arguments if each.strip() for op in line.read_expression(each.strip())]
 
 
 def _find_names(found: list[Op]) -> frozenset[str]:
@@ -153,9 +199,13 @@ def _find_names(found: list[Op]) -> frozenset[str]:
 
 def _translate_late_call(line: Line) -> list[Op]:
     """Return the operations of a call of a routine whose name is computed while the program runs."""
-    found = [op for each in (line["routine"], line["arguments"]) if each for op in line.read_expression(each)]
-    names = _find_names(found)
-    return [*found, ir.Call(line["routine"].replace("\0", "n"), names)]
+    text = line["routine"] or f"{line['variable']}+N"  # CallByVar "sub",n calls sub1, sub2 and so on
+    if re.fullmatch(rf'"{_WORD}"', text):
+        return [*_read_arguments(line), ir.Call(text.strip('"'), _find_names(_read_arguments(line)))]
+    found = [*line.read_expression(text), *_read_arguments(line)]
+    begin = re.match(r'"(\w*)"', text)
+    prefix = begin[1] if begin else ""
+    return [*found, ir.Call(text.replace("\0", "n"), _find_names(found), prefix=prefix)]
 
 
 def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op]:
@@ -169,7 +219,7 @@ def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op
     try:
         spans, work_object, _ = _split_arguments(line, line.span("arguments")[0], _PROCESS_OPTIONS)
     except Misread as fault:
-        return ir.make_uncorrected_move(found, f"{name}: {fault.reason}", remedy)
+        return _leave_instruction(line, found, f"{name}: {fault.reason}", remedy)
     arguments = [line.text[slice(*each)] for each in spans]
     targets = [
         each if re.fullmatch(_WORD, each) else _read_target(line, *span)
@@ -178,7 +228,8 @@ def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op
     known = tuple(each for each in targets if each is not None)
     # behind the targets come at least speed, data of the process or zone, and the tool
     if len(arguments) < count + 3 or len(known) < count or not re.fullmatch(_WORD, arguments[-1]):
-        return ir.make_uncorrected_move(found, f"{name}: target or tool is not given by numbers", remedy)
+        reason = f"{name}: target or tool is not given by numbers"
+        return _leave_instruction(line, found, reason, remedy)
     others = [op for each in arguments[count:] for op in line.read_expression(each)]
     if ir.calls_routine(found):
         return ir.make_uncorrected_move(found, f"{name}: an argument of the move is computed", remedy)
@@ -186,16 +237,69 @@ def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op
     return [*others, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count)]
 
 
-def _translate_search(line: Line, found: list[Op], names: frozenset[str]) -> list[Op]:
-    """Return the operations of a search, which gives the place of a signal to its second argument.
+def _translate_search(line: Line, found: list[Op], index: int) -> list[Op]:
+    """Return the operations of a search, which gives the place of a signal to its argument at an index.
 
-    `found` are the operations of its arguments, `names` their names.
+    `found` are the operations of its arguments.
     """
     reason, remedy = f"{line['name']} moves until a signal comes", "omit the statement"
     plain = [each for each in line["arguments"].split(",") if not each.lstrip().startswith("\\")]
-    if len(plain) > 1 and re.fullmatch(_WORD, plain[1]):
-        names = frozenset({plain[1]})
-    return ir.make_uncorrected_move([*found, ir.MakeUnknown(names, reason, remedy)], reason, remedy)
+    name = re.match(_WORD, plain[index].strip()) if len(plain) > index else None
+    names = frozenset({name[0]}) if name else _find_names(found)
+    return [ir.MakeUnknown(names, reason, remedy), *_leave_instruction(line, found, reason, remedy)]
+
+
+def _translate_force_move(line: Line, found: list[Op]) -> list[Op]:
+    """Return the operations of a move under force control, which the last of such moves ends."""
+    reason = f"{line['name']} may move targets or frames"
+    is_end = line["name"] == "FCPRESSEND"
+    change = ir.end_lasting("FC") if is_end else ir.begin_lasting("FC", reason, "omit the statement")
+    return [*_leave_instruction(line, found, reason, "omit the statement"), change]
+
+
+def _leave_instruction(line: Line, found: list[Op], reason: str, remedy: str) -> list[Op]:
+    """Return the operations of an instruction that moves and is not corrected; its last argument is the tool.
+
+    `found` are the operations of its arguments.
+    """
+    try:
+        spans, work_object, options = _split_arguments(line, line.span("arguments")[0], re.compile(r"\w*"))
+    except Misread:  # the work object is computed
+        return ir.make_uncorrected_move(found, reason, remedy)
+    arguments = [line.text[slice(*each)] for each in spans] or [""]
+    move = _leave_move(line, arguments[:-1], arguments[-1], work_object, (reason, remedy))
+    return [*options, *move]
+
+
+_OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\(({_WORD}),(.+)\)")
+
+
+def _leave_move(
+    line: Line,
+    arguments: list[str],
+    tool: str,
+    work_object: str,
+    words: tuple[str, str],
+    motion: Motion = Motion.LINEAR,
+) -> list[Op]:
+    """Return the operations of a move that is not corrected; `words` are reason and remedy.
+
+    The move ends at the points that its arguments name, or at offsets from them: their corrections shift it.
+    """
+    offsets = [_OFFSET.fullmatch(each) for each in arguments]
+    points = frozenset(
+        offset[1] if offset else each
+        for offset, each in zip(offsets, arguments, strict=True)
+        if offset or re.fullmatch(_WORD, each)
+    )
+    texts = [offset[2] if offset else each for offset, each in zip(offsets, arguments, strict=True)]
+    uses = [op for each in (*texts, tool) if each for op in line.read_expression(each) if each not in points]
+    if not re.fullmatch(_WORD, tool):
+        return ir.make_uncorrected_move([*uses, ir.Use(points)], *words, motion)
+    frames = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(tool, "TOOLDATA")
+    reason, remedy = words
+    move = ir.Move(motion, (), frames[:1], frames[1:], reason=reason, remedy=remedy)
+    return [*uses, move._replace(offset_from=tuple(sorted(points)))]
 
 
 def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
@@ -206,10 +310,7 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
         return [ir.MakeUnknown(each, f"{name} may move targets or frames", "omit the statement")
                 for each in (names, frozenset({ir.MODE}))]  # fmt: skip
     if match := _LASTING.fullmatch(name):
-        reason = f"{name} may move targets or frames"
-        begin = ir.begin_lasting(match[1], reason, "omit the statement")
-        is_move = _FORCE_MOVE.fullmatch(name) is not None
-        return ir.make_uncorrected_move([begin], reason, "omit the statement") if is_move else [begin]
+        return [ir.begin_lasting(match[1], f"{name} may move targets or frames", "omit the statement")]
     if match := _SHIFT.match(name):
         reason = f"{name} moves targets or frames"
         if match[0] == "WAITWOBJ":  # a conveyor moves this work object, and no other one
@@ -268,7 +369,7 @@ def _translate_declaration(line: Line) -> list[Op]:
         declares = "constant" if line["kind"] == "CONST" else "variable"
         private = line["scope"] == "LOCAL"
         return [*found, *(each._replace(declares=declares, private=private) for each in assigned)]
-    found += line.read_expression(value)
+    found += ir.pass_uses(line.read_expression(value), name)
     kind = "frame" if "DATA" in line["type"] else "target"
     reason = f"{name} is not a fixed {kind} in numbers, or changes while the program runs"
     return [*found, ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
@@ -284,11 +385,28 @@ def _translate_assignment(line: Line) -> list[Op]:
         return list(assigned)
     index = part.replace("{", ",[").replace("}", "]").lstrip(",") if "{" in part else ""
     uses = [*line.read_expression(index), *line.read_expression(value)]
-    return [*uses, ir.MakeUnknown(frozenset({name}), f"{name} changes while the program runs", _FRAME_REMEDY)]
+    reason = f"{name} changes while the program runs"
+    return [*ir.pass_uses(uses, name), ir.MakeUnknown(frozenset({name}), reason, _FRAME_REMEDY)]
 
 
 def _translate_move(line: Line) -> list[Op]:
-    """Return the operations of a move; a move without a target in numbers is not corrected.
+    """Return the operations of a move; it is not corrected without target in numbers or with other options.
+
+    Raises:
+        Misread: its arguments are not expressions.
+    """
+    routine = line["arguments"].rsplit(",", 1)[-1].strip('" ')  # MoveLSync and the like call it at the target
+    called = [ir.Call(routine, anytime=True, event="\0target")] if line["process"] == "SYNC" else []
+    try:
+        return [*called, *_translate_plain_move(line)]
+    except Misread as fault:
+        if not fault.remedy:
+            raise
+        return [*called, *_leave_instruction(line, _read_arguments(line), fault.reason, fault.remedy)]
+
+
+def _translate_plain_move(line: Line) -> list[Op]:
+    """Return the operations of a move whose arguments are complete.
 
     Raises:
         Misread: arguments are missing, unknown or computed.
@@ -311,42 +429,19 @@ def _translate_move(line: Line) -> list[Op]:
     ]
     known = tuple(each for each in targets if each is not None)
     if len(known) < count:
-        return _leave_offset_move(line, _MOTIONS[letter], arguments, count, work_object, found)
-    others = arguments[count:tool_index] + arguments[tool_index + 1 :]
-    found += [op for each in others for op in line.read_expression(each)]
+        words = "the target is not given by numbers", _REMEDY
+        left = _leave_move(
+            line, arguments[:count], arguments[tool_index], work_object, words, _MOTIONS[letter]
+        )
+        return [*found, *left]
+    found += [op for each in arguments[count:] for op in line.read_expression(each)]
     if ir.calls_routine(found):
         raise Misread("an argument of the move is computed", "write speed, zone and tool by their names")
-    # MoveLSync and the like name a routine that runs at the target.
-    routine = [ir.Call(arguments[-1].strip('"'), anytime=True, event="\0target")] if after_tool == 1 else []
     base, tool = (
         _multiply_frames(work_object, "WOBJDATA"),
         _multiply_frames(arguments[tool_index], "TOOLDATA"),
     )
-    return [*found, *routine, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count)]
-
-
-_OFFSET: Final = re.compile(rf"(?:OFFS|RELTOOL)\(({_WORD}),(.+)\)")
-
-
-def _leave_offset_move(
-    line: Line, motion: Motion, arguments: list[str], count: int, work_object: str, found: list[Op]
-) -> list[Op]:
-    """Return the operations of a move to computed targets, which is not corrected.
-
-    A target may be an offset from a target in numbers, whose correction then shifts this move, too.
-    """
-    offsets = [_OFFSET.fullmatch(each) for each in arguments[:count]]
-    texts = [offset[2] if offset else each for offset, each in zip(offsets, arguments, strict=False)]
-    uses = [op for each in texts for op in line.read_expression(each)]
-    *ops, move = ir.make_uncorrected_move(
-        [*found, *uses], "the target is not given by numbers", _REMEDY, motion
-    )
-    names = tuple(offset[1] for offset in offsets if offset)
-    tool = arguments[min(count + 2 + bool(line["trigger"]), len(arguments) - 1)]
-    if not (names and isinstance(move, ir.Move) and re.fullmatch(_WORD, tool)):
-        return [*ops, *([ir.Use(frozenset(names))] if names else []), move]
-    frames = _multiply_frames(work_object, "WOBJDATA"), _multiply_frames(tool, "TOOLDATA")
-    return [*ops, move._replace(offset_from=names, bases=frames[:1], tools=frames[1:])]
+    return [*found, ir.Move(_MOTIONS[letter], known, (base,) * count, (tool,) * count)]
 
 
 def _split_arguments(
@@ -466,14 +561,23 @@ LANGUAGE: Final = ir.Language(
     constants={"WOBJ0": np.eye(4), "TOOL0": np.eye(4)},
     field_endings=tuple(ending for endings in _FRAMES_OF.values() for ending in endings),
     is_frame=lambda _: True,
-    keeps_declared=True,  # each move names its tool and its work object: there is no active frame to reach
-    lasting="",  # what is not understood may displace targets
+    is_reached=lambda _: False,  # each move names its tool and its work object: there is no active frame
+    # an assignment without its name, displacements, words of branches, loops and routines
+    lasting=r"^(?![A-Z_]).*:=|\b(?:PDISP|EOFFS|SOFT|CORR|IND|FC|EGM|WAITWOBJ)|DATAVAL|\b(?:IF|THEN|ELSE\w*|FOR|WHILE|DO|TEST|CASE"
+    r"|DEFAULT|GOTO|RETURN|RAISE|RETRY|TRYNEXT|EXIT|ERROR|UNDO|BACKWARD|PROC|FUNC|TRAP|RECORD|MODULE|END\w*)\b|:$",
+    calls_by_name=True,
     callable_from_outside=True,
     rules=(
         (
             r"(?:MOVE(?:ABSJ|(?P<letter>[LJC])(?P<process>DO|AO|GO|SYNC)?)|TRIGG(?P<trigger>[LJC]))"
             r"(?=[\\ \[,])(?P<arguments>.*)",
             _translate_move,
+        ),
+        (
+            r"MOVEEXTJ(?=[\\ \[,])(?P<arguments>.*)",
+            lambda line: ir.make_uncorrected_move(
+                _read_arguments(line), "MoveExtJ moves external axes only", "omit the statement"
+            ),
         ),
         (
             rf"MODULE {_WORD}(?:\([^()]*\))?|ENDMODULE|ENDRECORD"
@@ -486,17 +590,18 @@ LANGUAGE: Final = ir.Language(
         (r"ENDPROC|ENDFUNC|ENDTRAP", "end"),
         (r"(?:ERROR|UNDO|BACKWARD)(?:\([^()]*\))?", lambda _: [ir.Flow("end"), ir.Flow("handler")]),
         (r"IF ?(.*?) ?THEN", "if"),
-        (r"ELSEIF ?(.*?) ?THEN|ELSE|CASE ?(.*):", "branch"),
-        (r"DEFAULT ?:", "default"),
+        (r"ELSEIF ?(.*?) ?THEN|CASE ?(.*):", "branch"),
+        (r"ELSE|DEFAULT ?:", "default"),
         (
-            r"TEST ?((?:(?!\b(?:CASE|DEFAULT|ENDTEST)\b).)+?) ?"
+            r"TEST ?(?P<subject>(?:(?!\b(?:CASE|DEFAULT|ENDTEST)\b).)+?) ?"
             r"(?:CASE ?(?P<first>[^:]*):|DEFAULT ?:|ENDTEST)",
             _translate_test,
         ),
         (
-            r"FOR @{name} FROM ?(.+?) ?\bTO\b ?(.+?)(?: ?\bSTEP\b ?(.+))? ?\bDO",
-            lambda line: ir.begin_counted_loop(line["name"], _REMEDY),
+            r"FOR @{name} FROM ?(?P<first>.+?) ?\bTO\b ?(?P<last>.+?)(?: ?\bSTEP\b ?(?P<step>.+))? ?\bDO",
+            lambda line: ir.begin_counted_loop(line, _REMEDY),
         ),
+        (r"WHILE ?(?:TRUE|\(TRUE\)) ?DO", "forever"),
         (r"WHILE ?(.+?) ?DO", "loop"),
         (r"ENDIF|ENDFOR|ENDWHILE|ENDTEST", "close"),
         (r"@{name}:", "label"),
@@ -513,7 +618,10 @@ LANGUAGE: Final = ir.Language(
             lambda line: [ir.Call(line["name"], anytime=True, event="\0trap")],
         ),
         (r"IF ?(?P<rest>.*)", _translate_compact_if),
-        (r"%(?P<routine>[^%]+)%(?P<arguments>[^%]*)", _translate_late_call),
+        (
+            r"%(?P<routine>[^%]+)%(?P<arguments>[^%]*)|CALLBYVAR (?P<variable>[^,]+),(.+)",
+            _translate_late_call,
+        ),
         (r"@{name} ?(?P<arguments>.*)", _translate_instruction),
     ),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,7 @@ from jointstiff.service.programs.program import Literal, Motion
 
 POSE: Final = Notation(Orientation.ROTATION_VECTOR, length=1, angle=1, length_decimals=7, angle_decimals=7)
 JOINTS: Final = Notation(Orientation.JOINTS, length=1, angle=1, length_decimals=7, angle_decimals=7)
+_ROBOT_BASE: Final = ir.Copy("robot base")
 _ACTIVE: Final = "active TCP"
 """The controller's tool, by a name that no variable of a program can have."""
 _MOTIONS: Final = {
@@ -53,6 +55,10 @@ _REMEDY: Final = (
 )
 _WORD: Final = r"[^\W\d]\w*+"
 _SIX: Final = r"\[\0(?:,\0){5}\]"
+_OFFSET: Final = re.compile(
+    rf"pose_(?:trans|add)\((?P<target>{_WORD}),(?P<offset>[^()]++(?:\([^()]*+\)[^()]*+)*)\)"
+)
+"""A pose at an offset from a target."""
 _LITERALS: Final = ((POSE, re.compile(rf"p{_SIX}")), (JOINTS, re.compile(_SIX)))
 
 
@@ -123,8 +129,11 @@ def _translate_assignment(line: Line) -> list[Op]:
     if literal is not None:
         return [*declaration, ir.Assign(name, literal)]
     found = line.read_expression(index.strip("[]").replace("][", ",")) if "[" in index else []
+    offset = None if index else _OFFSET.fullmatch(line["value"])
+    found += [ir.Offset(name, offset["target"])] if offset else []
     unknown = ir.MakeUnknown(frozenset({name}), f"{name} gets a value that is not a number", _REMEDY)
-    return [*declaration, *found, *_read_value(line, line["value"]), unknown]
+    value = offset["offset"] if offset else line["value"]
+    return [*declaration, *found, *_read_value(line, value), unknown]
 
 
 def _translate_move(line: Line) -> list[Op]:
@@ -141,6 +150,7 @@ def _translate_move(line: Line) -> list[Op]:
     found: list[Op] = []
     targets: list[Literal | ir.Name] = []
     bases: list[ir.Value] = []
+    tools: tuple[ir.Value, ...] = (ir.Copy(_ACTIVE),) * len(names)
     for name, (start, stop) in zip(names, spans, strict=False):
         prefix = re.compile(f"(?:{name})=").match(line.text, start, stop)
         try:
@@ -157,7 +167,19 @@ def _translate_move(line: Line) -> list[Op]:
         found += line.read_expression(re.sub("^(?:a|v|t|r|mode)=", "", line.text[start:stop]))
     if ir.calls_routine(found):
         raise Misread("the arguments of the move call a routine")
-    return [*found, ir.Move(motion, tuple(targets), tuple(bases), (ir.Copy(_ACTIVE),) * len(names))]
+    move, named = ir.Move(motion, tuple(targets), tuple(bases), tools), _find_named_bases(bases)
+    if named:  # a base that is a target itself: the move goes near this target, and shifts with it
+        reason = "the target is at an offset from another one"
+        near = ir.Move(
+            motion, (), (_ROBOT_BASE,), tools[:1], reason=reason, remedy=_REMEDY, offset_from=named
+        )
+        move = move._replace(near_target=near)
+    return [*found, move]
+
+
+def _find_named_bases(bases: Iterable[ir.Value]) -> tuple[ir.Name, ...]:
+    """Return the names of bases that are variables."""
+    return tuple(each.name for each in bases if isinstance(each, ir.Copy) and each != _ROBOT_BASE)
 
 
 def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Literal | ir.Name, ir.Value]:
@@ -182,13 +204,11 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
         if len(more) == 1 and "(" not in text[call.end() :]:  # pose_trans(base, target in the base)
             base, _ = _read_target(line, *first, found)
             target, _ = _read_target(line, *more[0], found)
-            if isinstance(base, str):
-                found.append(ir.Use(frozenset({base})))
             return target, base if isinstance(base, Literal) else ir.Copy(base)
     literal = _read_literal(line, start, end)
     if literal is None and not re.fullmatch(_WORD, text):
         raise Misread("a target is not given by numbers")
-    return text if literal is None else literal, ir.Copy("robot base")
+    return text if literal is None else literal, _ROBOT_BASE
 
 
 LANGUAGE: Final = ir.Language(
@@ -211,13 +231,16 @@ LANGUAGE: Final = ir.Language(
         (r"\$ ?\0(?: ?\"[^\"]*\")*", ""),  # PolyScope numbers its nodes: $ 3 "Waypoint_1"
         (r"(?P<kind>def|sec|thread) @{name}\((?P<parameters>.*)\):", _translate_routine),
         (r"end", "close_or_end"),
-        (r"(?:if|switch) ?(.+):", "if"),
+        (r"if ?(.+):", "if"),
+        (r"switch ?(.+):", "switch"),
+        (r"while ?(?:True|\(True\)):", "forever"),
         (r"while ?(.+):", "loop"),
-        (r"(?:elif|case) ?(.+):|else:?", "branch"),
-        (r"default:", "default"),
-        (r"break|continue", "leave"),
-        (rf"pass|halt|(?:enter|exit)_critical|(?:kill|join) {_WORD}", ""),
-        (r"return ?(.*)", "return"),
+        (r"(?:elif|case) ?(.+):", "branch"),
+        (r"else:?|default:", "default"),
+        (r"break", "leave"),
+        (r"continue", "again"),
+        (rf"pass|(?:enter|exit)_critical|(?:kill|join) {_WORD}", ""),
+        (r"(?:return|halt) ?(.*)", "return"),
         (
             rf"set_tcp\((?:pose=)?p{_SIX}(?:,.*)?\)",
             lambda line: [ir.Assign(_ACTIVE, Literal(POSE, line.ordinals[:6]))],

@@ -6,6 +6,7 @@ import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 from math import isnan, nan
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -26,7 +27,10 @@ _CHART_HEIGHT: Final = 1.9
 _AREA_HEIGHT: Final = 2.9
 _MOST_NAMES: Final = 40
 """Greatest number of places with names below the axis; with more places the axis shows numbers."""
-_MOST_LEVEL_NAMES: Final = 6  # with more places their names are turned
+_MOST_LEVEL_CHARACTERS: Final = 60
+"""Characters of names, with the spaces between them, that fit below a panel; longer names are turned."""
+_NARROW: Final = 5.0
+"""Ratio of the ends of a logarithmic axis below which round numbers, not powers, are its ticks."""
 _MOST_LEGEND_COLUMNS: Final = 5
 _LEVELS: Final = 12  # of the contours of an area
 _RESOLUTION: Final = 200  # of pictures in notebooks [dots per inch]
@@ -74,8 +78,11 @@ def draw_figure(charts: Sequence[Chart], areas: Sequence[Area] = (), style: Plot
         axes = _make_axes(len(areas), len(charts), style)
         for axis, area in zip(axes, areas, strict=False):
             _draw_area(axis, area)
-        for axis, chart in zip(axes[len(areas) :], charts, strict=False):
+        chart_axes = axes[len(areas) :]
+        for axis, chart in zip(chart_axes, charts, strict=False):
             _draw_chart(axis, chart)
+        if style.axes is None:
+            _name_once(chart_axes, charts)
         figure = cast("Figure", axes[0].get_figure(root=True))
         if style.title is not None:
             if style.axes is None:
@@ -139,7 +146,7 @@ def _figure_class() -> type[Figure]:
 
 def _draw_chart(axis: Axes, chart: Chart) -> None:
     """Draw a chart as bars side by side, or as dots on a logarithmic axis, with its intervals if any."""
-    from matplotlib.ticker import LogLocator
+    from matplotlib.ticker import AutoLocator, LogLocator
 
     count, series = len(chart.names), chart.series
     places, bar_width = range(count), 0.8 / max(len(series), 1)
@@ -162,12 +169,14 @@ def _draw_chart(axis: Axes, chart: Chart) -> None:
         _mark_open_ends(axis, positions, heights, intervals or ())
     if chart.logarithmic:
         axis.set_yscale("log")
-        axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        low, high = axis.get_ylim()
+        is_narrow = high < _NARROW * low
+        axis.yaxis.set_major_locator(AutoLocator() if is_narrow else LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.yaxis.set_major_formatter("{x:g}")
         axis.yaxis.set_minor_formatter("")
     _mark_missing(axis, chart)
     if count <= _MOST_NAMES:
-        axis.set_xticks(list(places), chart.names, rotation=90 if count > _MOST_LEVEL_NAMES else 0)
+        axis.set_xticks(list(places), chart.names, rotation=90 if _is_turned(chart) else 0)
     axis.set_xlim(-0.6, count - 0.4)
     axis.set_xlabel(chart.axis)
     axis.set_ylabel(f"{chart.quantity} [{chart.unit}]" if chart.quantity else chart.unit)
@@ -179,6 +188,19 @@ def _draw_chart(axis: Axes, chart: Chart) -> None:
         look = {"fontsize": "small", "handlelength": 1.2, "columnspacing": 1.0, "frameon": False}
         columns = min(len(series), _MOST_LEGEND_COLUMNS)
         axis.legend(loc="lower center", bbox_to_anchor=(0.5, 0.97), ncols=columns, **look)
+
+
+def _is_turned(chart: Chart) -> bool:
+    """Return whether the names of a chart's places are too long to be level."""
+    return sum(len(name) + 2 for name in chart.names) > _MOST_LEVEL_CHARACTERS
+
+
+def _name_once(axes: Sequence[Axes], charts: Sequence[Chart]) -> None:
+    """Remove turned names of places that are below the next panel, too."""
+    for axis, (chart, following) in zip(axes, pairwise(charts), strict=False):
+        if _is_turned(chart) and (chart.axis, chart.names) == (following.axis, following.names):
+            axis.tick_params(labelbottom=False)
+            axis.set_xlabel("")
 
 
 def _mark_open_ends(

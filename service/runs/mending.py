@@ -166,8 +166,11 @@ def _exchange_load_point_and_target(measurement_set: _Set, action: AdvisedAction
     )
 
 
-def _exchange_unloaded_and_loaded(measurement_set: _Set, _action: AdvisedAction) -> _Set:
-    """Return the set with unloaded and loaded readings exchanged; deflections change their sign."""
+def _exchange_unloaded_and_loaded(measurement_set: _Set, action: AdvisedAction) -> _Set:
+    """Return the set with unloaded and loaded readings exchanged; deflections change their sign.
+
+    Readings of the action's targets are exchanged; readings of all targets if the action names no target.
+    """
 
     def exchange_states(observation: Observation) -> dict[str, object]:
         return {
@@ -184,6 +187,8 @@ def _exchange_unloaded_and_loaded(measurement_set: _Set, _action: AdvisedAction)
                         "displacement": None if reading.displacement is None else -reading.displacement,
                     }
                 )
+                if not action.targets or reading.target in action.targets
+                else reading
                 for reading in observation.readings
             ]
         }

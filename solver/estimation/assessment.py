@@ -286,8 +286,9 @@ def describe_unloading(unloading: Unloading) -> str:
     )
     if unloading.share is None or unloading.standard_uncertainty is None:
         return f"{text}."
-    share = f"{100.0 * unloading.share:.2g} % ± {100.0 * unloading.standard_uncertainty:.2g} %"
-    return f"{text}; {share} of the deflection remains."
+    share = f"{100.0 * unloading.share:.2g} %"
+    uncertainty = f"{100.0 * unloading.standard_uncertainty:.2g} %"
+    return f"{text}; {share} of the deflection remains (u = {uncertainty})."
 
 
 def report_remaining_deflection(unloading: Unloading) -> Finding:
@@ -296,8 +297,8 @@ def report_remaining_deflection(unloading: Unloading) -> Finding:
     return Finding(
         code="deflection_remains",
         weight="use_with_care",
-        message=f"{100.0 * share:.2g} % ± {100.0 * u:.2g} % of the deflection remains after unloading: the "
-        "stiffnesses refer to the mean of the unloaded positions before and after the load; with only "
+        message=f"{100.0 * share:.2g} % of the deflection remains after unloading (u = {100.0 * u:.2g} %): "
+        "the stiffnesses refer to the mean of the unloaded positions before and after the load; with only "
         f"one of these positions the stiffnesses would differ by {50.0 * abs(share):.2g} %",
         remedy="load and unload the arm once before the first reading; check that tool, hook and base are "
         "tight",

@@ -388,7 +388,7 @@ def report_drift(drift: results.Drift, targets: BaseTargets) -> Iterator[Finding
             "base_drifted",
             targets.where,
             "tracker and robot base moved relative to each other between the two readings of the base "
-            f"targets: by {length_text(size)} ± {length_text(spread)} at the robot, with a turn of "
+            f"targets: by {length_text(size)} (u = {length_text(spread)}) at the robot, with a turn of "
             f"{np.linalg.norm(drift.rotation) * 1e6:.0f} µrad",
             "correct later readings with the given transform, or measure again",
         )
@@ -434,7 +434,7 @@ def report_vague_parameters(
         spread = link.standard_uncertainty
         if spread is not None and spread > VAGUE_UNCERTAINTY:
             uncertainty = f"{1e3 * spread:.2g} mm" if link.unit == "m" else f"{np.degrees(spread):.2g}°"
-            vague.append(f"{link.quantity} of joint {names.index(link.joint) + 1} (± {uncertainty})")
+            vague.append(f"{link.quantity} of joint {names.index(link.joint) + 1} (u = {uncertainty})")
     if vague:
         yield _make_finding(
             "parameters_not_identified",

@@ -12,6 +12,7 @@ import numpy as np
 
 from jointstiff.schemas.finding import Finding, FindingCode
 from jointstiff.solver.integrity.against_model import (
+    exchange_proved_targets,
     inspect_drift,
     inspect_encoders,
     inspect_places,
@@ -50,8 +51,11 @@ def inspect_measurements(
     Returns:
         The findings, at most `MAX_FINDINGS_PER_CODE` of each kind.
     """
-    view = View(robot, measurements, degrees)
-    findings = list(inspect_values(view))
+    posted = View(robot, measurements, degrees)
+    findings = list(inspect_values(posted))
+    # The other checks use the readings as they are after the exchange, or these checks would name all rows.
+    exchange, view = exchange_proved_targets(posted)
+    findings += exchange
     suspects, good_rows = inspect_places(view)
     # If another robot explains the positions, this is the only finding about places, and no row is checked
     # further.

@@ -23,6 +23,12 @@ from scipy import special
 from jointstiff.schemas.finding import AdvisedAction, Finding, FindingCode, Unit
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
 from jointstiff.solver.estimation.triangle import Triangle
+from jointstiff.solver.integrity.exchanged import (
+    describe_distances,
+    exchange_targets,
+    find_exchanged_targets,
+    report_exchanged_targets,
+)
 from jointstiff.solver.integrity.values import (
     FALSE_ALARM,
     MEDIAN_SIZE,
@@ -914,6 +920,31 @@ def compute_observation_norms(rows: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(rows.reshape(len(rows), -1), axis=1))
 
 
+def exchange_proved_targets(view: View) -> tuple[list[Finding], View]:
+    """Report targets whose unloaded and loaded readings are exchanged, as distances between targets prove.
+
+    Distances show which targets differ from the others, not which of the two groups is exchanged: springs
+    yield to the load in one of the two cases only.
+
+    Returns:
+        The finding, if any; and the set without the exchange.
+    """
+    exchanged = find_exchanged_targets(view)
+    if exchanged is None:
+        return [], view
+    evidence = describe_distances(exchanged)
+    rows, targets = np.flatnonzero(view.loaded), exchanged.targets
+    corrected = exchange_targets(view.measurements, targets)
+    if int(corrected.coordinates[rows].sum()) < _ROWS_PER_JOINT * view.robot.n:
+        undecided = [report_exchanged_targets(view, targets, evidence, ~targets)]
+        return undecided, replace(view, measurements=corrected)
+    if Springs.fit(whole_block(view.robot, corrected[rows])).work < 0.0:
+        targets = ~targets
+        corrected = exchange_targets(view.measurements, targets)
+    found = [report_exchanged_targets(view, targets, evidence)]
+    return found, replace(view, measurements=corrected)
+
+
 def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     """Fit joint compliances to the deflections, and report mistakes that the residuals show.
 
@@ -978,6 +1009,10 @@ def _find_mistake_of_the_set(
         if shifted := _find_shifted_rows(view, rows, block, springs):
             return shifted
     measurements = block.measurements
+    if springs.unexplained > (UNEXPLAINED if view.measured.any() else WORTH_A_SEARCH) and (
+        exchanged := _find_exchanged_by_springs(view, block, springs)
+    ):
+        return exchanged
     if springs.unexplained > UNEXPLAINED:
         typical_deflection = median(np.linalg.norm(measurements.deflection, axis=2)[measurements.present])
         return view.build_finding(
@@ -998,6 +1033,37 @@ def _find_mistake_of_the_set(
         "unloaded and the loaded readings",
         "do_not_use",
         AdvisedAction.of("exchange_readings"),
+    )
+
+
+def _find_exchanged_by_springs(view: View, block: RegressorBlock, springs: Springs) -> Finding | None:
+    """Return the finding about targets whose deflections are reversed in all rows; None without a proof.
+
+    One target after the other is reversed while the unexplained share decreases. The share must become less
+    than half, and springs must then yield to the load.
+    """
+    measurements = block.measurements
+    targets, best = np.zeros(len(measurements.targets), dtype=np.bool_), springs
+    while True:
+        trials = [targets ^ one for one in np.eye(len(targets), dtype=np.bool_)]
+        fits = [
+            Springs.fit(whole_block(view.robot, exchange_targets(measurements, trial))) for trial in trials
+        ]
+        least = min(range(len(fits)), key=lambda trial: fits[trial].unexplained)
+        if not fits[least].unexplained < best.unexplained:
+            break
+        targets, best = trials[least], fits[least]
+    if best.unexplained >= BETTER * springs.unexplained or best.unexplained > UNEXPLAINED:
+        return None
+    if best.work < 0.0:
+        targets = ~targets
+    if targets.all():  # the sign of the load, which other checks name
+        return None
+    return report_exchanged_targets(
+        view,
+        targets,
+        f"joint compliances leave {100.0 * springs.unexplained:.3g} % of the deflections unexplained, and "
+        f"after the exchange {100.0 * best.unexplained:.3g} %",
     )
 
 

@@ -15,10 +15,11 @@ import numpy as np
 
 from jointstiff.schemas.plan import DecisionGoal, Goal, JointsGoal
 from jointstiff.solver.arrays import BoolArray, FloatArray, IndexArray
-from jointstiff.solver.design.candidates import PlanRequest, Pool, build_known_rows
-from jointstiff.solver.design.optimum import AOptimality, Atoms, compute_uncertainties
+from jointstiff.solver.design.candidates import PlanRequest, Pool, build_known_rows, build_reading_stack
+from jointstiff.solver.design.optimum import AOptimality, Atoms
 from jointstiff.solver.design.plan import DistinctPostures
 from jointstiff.solver.errors import RequestError
+from jointstiff.solver.live.forecast import FittedErrorColumns, Forecast
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 
@@ -225,10 +226,8 @@ class CandidateReadings:
         )
         basis = parameters.basis[: self.robot.n]
         criterion = AOptimality(basis.T @ share.weights @ basis)
-        M = self.pool.base  # information before the readings; the information of each reading is added
-        if readings is not None:
-            rows = build_known_rows(self.robot, self.request, readings) @ parameters.basis
-            M = M + rows.T @ rows / (readings.sigma or self.request.equipment.sigma) ** 2
+        forecast, errors = self._begin_forecast(known, readings)
+        M = forecast.M  # the information of each reading is added
         # A weak prior keeps the information regular before enough postures are read.
         weak_prior = np.diag(np.full(len(M), _BEFORE**-2.0))
         distinct = DistinctPostures(self.pool.readings.joints, self.request.angle)
@@ -241,7 +240,7 @@ class CandidateReadings:
         chosen, missing = [self._make_reading(best)], None
         # The ratio of the uncertainties so far to the uncertainties that the design predicts is assumed to be
         # the same after further readings.
-        predicted = self._predict_shares(goal, known, share, M)
+        predicted = self._predict_shares(goal, known, share, forecast)
         ratio = np.ones(len(predicted))
         comparable = np.isfinite(share.ratios) & np.isfinite(predicted)
         ratio[comparable] = np.clip(share.ratios[comparable] / predicted[comparable], *_RATIO)
@@ -249,8 +248,10 @@ class CandidateReadings:
         for count in range(1, MOST_MORE + 1):
             M = M + best.information[0]
             free &= ~distinct.find_conflicts(int(best.index[0]))
-            if missing is None and (ratio * self._predict_shares(goal, known, share, M)).max() <= 1.0:
-                missing = count
+            if missing is None:
+                forecast = self._add_planned(forecast, best, errors)
+                shares = ratio * self._predict_shares(goal, known, share, forecast)
+                missing = count if shares.max() <= 1.0 else None
             if not free.any() or (missing is not None and len(chosen) > MOST_FOLLOWING):
                 break
             best = candidates.find_highest_priced(criterion.supergradient(M + weak_prior), free)
@@ -267,25 +268,57 @@ class CandidateReadings:
             index, self.pool.readings.joints[index], force, None if anchor < 0 else anchor, None
         )
 
+    def _begin_forecast(
+        self, known: KnownCompliances, readings: Measurements | None
+    ) -> tuple[Forecast, FittedErrorColumns | None]:
+        """Return the information of the readings so far, and the errors that are fitted with the compliances.
+
+        The errors are None before the first reading, and for a campaign under the robot's own weight.
+        """
+        base, request = self.pool.base, self.request
+        if readings is None:
+            return Forecast.begin(base, np.zeros(0, dtype=np.bool_)), None
+        sigma = readings.sigma or request.equipment.sigma
+        rows = build_known_rows(self.robot, request, readings) @ self.pool.parameters.basis / sigma
+        if request.own_weight_rows is not None:
+            empty = np.zeros((len(rows), 0))
+            return Forecast.begin(base, np.zeros(0, dtype=np.bool_)).add(rows, empty), None
+        errors = FittedErrorColumns.from_readings(self.robot, readings, known.compliance)
+        return Forecast.begin(base, errors.assumed).add(rows, errors.build(readings, sigma)), errors
+
+    def _add_planned(self, forecast: Forecast, chosen: Atoms, errors: FittedErrorColumns | None) -> Forecast:
+        """Return the forecast after one more reading, given as `Atoms` of length one."""
+        if errors is None:
+            return replace(forecast, M=forecast.M + chosen.information[0])
+        equipment, readings, index = self.request.equipment, self.pool.readings, chosen.index
+        planned = equipment.build_measurements(
+            self.robot,
+            readings.joints[index],
+            self.pool.candidate_forces(chosen.force, index),
+            None if readings.along is None else readings.along[index],
+        )
+        rows = build_reading_stack(self.robot, self.request, planned).flat[:, :-1]
+        rows = rows @ self.pool.parameters.basis / equipment.sigma
+        return forecast.add(rows, errors.build(planned, equipment.sigma))
+
     def _predict_shares(
-        self, goal: Goal, known: KnownCompliances, share: UncertaintyShare, M: FloatArray
+        self, goal: Goal, known: KnownCompliances, share: UncertaintyShare, forecast: Forecast
     ) -> FloatArray:
-        """Predict the ratios (s,) or (1,) of uncertainty to allowed uncertainty for an information matrix M.
+        """Predict the ratios (s,) or (1,) of uncertainty to allowed uncertainty.
 
         Args:
             goal: goal of the campaign.
             known: compliances from the readings so far.
             share: uncertainty so far, relative to the goal.
-            M: (p, p) information of the readings so far and of predicted readings.
+            forecast: information of the readings so far and of predicted readings.
         """
         parameters = self.pool.parameters
         if isinstance(goal, JointsGoal):
             joints = self.twisted_joints
-            half = known.factor * compute_uncertainties(M, len(joints)) * parameters.nominal[joints]
+            half = known.factor * forecast.uncertainties(len(joints)) * parameters.nominal[joints]
             return np.asarray(half / self._reference_compliances(known)[joints] / goal.relative)
         basis = parameters.basis[: self.robot.n]
-        information = AOptimality(basis.T @ share.weights @ basis).information(M)
-        deviation = information**-0.5 if information > 0.0 else np.inf
+        deviation = forecast.weighted_variance(basis.T @ share.weights @ basis) ** 0.5
         return np.array([known.factor * deviation / share.allowed])
 
     def _reference_compliances(self, known: KnownCompliances) -> FloatArray:

@@ -284,13 +284,23 @@ class Progress:
         return self.candidates.choose_next(self.goal, self.known, m, excluded, present_posture)
 
     @property
+    def _missing(self) -> int | None:
+        """Predicted number of readings until the uncertainty meets the goal; None before the first reading.
+
+        None also if more readings than can be predicted are missing, so that the goal is out of reach.
+        """
+        return self.next.missing if self.next is not None and self.count else None
+
+    @property
     def still_needed(self) -> int | None:
         """Number of readings still to be taken, the held-out reading included; None if unknown."""
         if self.goal_is_met:
             return 0 if self.is_checked else 1
-        if self.mistake is not None:  # the number is unknown until the mistake is corrected
+        # The number is unknown until a mistake is corrected, and until the readings determine each joint:
+        # before, the effect of errors that are fitted with the joints is unknown.
+        if self.mistake is not None or not np.isfinite(self.share.greatest_share):
             return None
-        missing = self.next.missing if self.next is not None and self.count else None
+        missing = self._missing
         if missing is None:
             return None
         to_fewest = self.fewest_readings - self.count
@@ -322,8 +332,8 @@ class Progress:
             return self._describe_check_state(read)
         if self.mistake is not None:
             return self._describe_mistake_state(self.mistake)
-        missing = self.still_needed  # unknown if more than 60 readings are missing
-        if self.count >= ENOUGH_TO_SAY and missing is None:
+        missing = self.still_needed
+        if self.count >= ENOUGH_TO_SAY and self._missing is None:
             return "cannot", f"the goal will not be met: {self._describe_obstacle()}"
         if isinstance(self.result, JointstiffError):
             does = "does" if self.count == 1 else "do"

@@ -167,9 +167,8 @@ def report_contradicted_mass(body: Body, wrong_mass: FreedMass, *, covered: bool
         code="masses_contradicted",
         weight="use_with_care" if covered else "do_not_use",
         message=f"the readings contradict the mass of {body.name}: the readings suggest "
-        f"{wrong_mass.mass:.3g} "
-        f"kg ± {wrong_mass.uncertainty:.2g} kg instead of {body.mass:.3g} kg, and χ² falls by "
-        f"{wrong_mass.gain:.3g}. {coverage}",
+        f"{wrong_mass.mass:.3g} kg (u = {wrong_mass.uncertainty:.2g} kg) instead of {body.mass:.3g} kg, "
+        f"and χ² falls by {wrong_mass.gain:.3g}. {coverage}",
         remedy=f"check the mass of {body.name}, the masses of its neighbours and what hung on the flange; a "
         "known payload in some of the postures shows whether a stiffness or a mass is wrong",
     )

@@ -31,7 +31,7 @@ def test_from_a_run_to_the_corrected_file(visit, stored, api):
     expect(page).to_have_url(re.compile("#/programs/"))
     expect(page.get_by_text("6 of 6")).to_be_visible()
     page.locator("canvas[data-ready=true]").wait_for()
-    page.get_by_role("radio", name="After").check(force=True)
+    page.get_by_role("radio", name="After").check()
     page.get_by_label("Point of the path").fill("3")
     expect(page.get_by_text("Point 4, line 10")).to_be_visible()
     expect(page.get_by_role("table", name="Worst points").locator("tbody tr")).to_have_count(6)

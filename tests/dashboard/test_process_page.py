@@ -41,7 +41,7 @@ def test_from_a_run_to_a_turned_and_placed_program(visit, run, api):
     make = page.get_by_role("button", name="Find the least deflection")
     expect(make).to_be_disabled()
     fill_form(page)
-    page.get_by_label("Place the workpiece, too").check(force=True)
+    page.get_by_label("Place the workpiece, too").check()
     low, high = ([each + step for each in MIDDLE] for step in (-60.0, 60.0))
     page.get_by_label("Box for the middle of the path").fill(
         "\n".join(", ".join(map(str, each)) for each in (low, high))
@@ -55,7 +55,7 @@ def test_from_a_run_to_a_turned_and_placed_program(visit, run, api):
     assert job["request"]["turn"] == "free"
     assert job["request"]["place"] == [low, high]
     page.locator("canvas[data-ready=true]").wait_for()
-    page.get_by_role("radio", name="As chosen").check(force=True)
+    page.get_by_role("radio", name="As chosen").check()
     page.get_by_label("Point of the path").fill("3")
     expect(page.get_by_text("Point 4, line 10")).to_be_visible()
     chart = page.get_by_role("img", name="Deflection along the path")
@@ -81,7 +81,7 @@ def test_from_a_run_to_a_turned_and_placed_program(visit, run, api):
 def test_a_cut_and_limits_of_the_turn_are_what_is_posted(visit, run, api):
     page = visit("phone", view=f"#/runs/{run}/process").page
     fill_form(page)
-    page.get_by_role("radio", name="that of a cut").check(force=True)
+    page.get_by_role("radio", name="that of a cut").check()
     page.get_by_label("Material").select_option("aluminium")
     for label, value in {
         "Diameter of the tool [mm]": "16",
@@ -92,7 +92,7 @@ def test_a_cut_and_limits_of_the_turn_are_what_is_posted(visit, run, api):
         "Width across the feed [mm]": "16",
     }.items():
         page.get_by_role("textbox", name=label).fill(value)
-    page.get_by_role("radio", name="Within limits").check(force=True)
+    page.get_by_role("radio", name="Within limits").check()
     page.get_by_label("Least and greatest turn").fill("-30, 40")
     page.get_by_role("button", name="Find the least deflection").click()
     expect(page).to_have_url(re.compile("#/processes/"))
@@ -105,7 +105,7 @@ def test_a_cut_and_limits_of_the_turn_are_what_is_posted(visit, run, api):
 def test_a_table_of_loads_is_sent_with_the_program(visit, run, api):
     page = visit("desktop", view=f"#/runs/{run}/process").page
     fill_form(page)
-    page.get_by_role("radio", name="in a table").check(force=True)
+    page.get_by_role("radio", name="in a table").check()
     rows = "".join(f"{point},300,400,-1400\n" for point in range(1, 7))
     page.locator("input[type=file]").last.set_input_files(
         file_of("loads.csv", f"point,Fx [N],Fy [N],Fz [N]\n{rows}")

@@ -188,7 +188,7 @@ def test_the_page_follows_the_switch_and_remembers_it(visit, stored):
     ground = "getComputedStyle(document.body).backgroundColor"
     light = page.evaluate(ground)
     page.get_by_label("Display").click()
-    page.get_by_role("radio", name="Dark").check(force=True)
+    page.get_by_role("radio", name="Dark").check()
     expect(page.locator("html")).to_have_attribute("data-theme", "dark")
     assert page.evaluate(ground) != light
     visited.go("#/runs")

@@ -90,10 +90,20 @@ def post_run(client: httpx2.Client, repetitions: int = 40_000) -> str:
 
 
 def ended(client: httpx2.Client, address: str, seconds: float = 150) -> dict[str, Any]:
-    """Return a run once it has ended: that a worker is gone is known after 30 s and a look."""
-    until(lambda: client.get(address).json()["state"] not in OPEN, seconds)
-    run: dict[str, Any] = client.get(address).json()
-    return run
+    """Return a run once it has ended. It must not be without progress for longer than a time.
+
+    That a worker is gone is known after 30 s and a look. How fast the other one is then is up to the machine.
+    """
+    furthest, deadline = -1, 0.0
+    while True:
+        run: dict[str, Any] = client.get(address).json()
+        if run["state"] not in OPEN:
+            return run
+        done = (run["progress"] or {"done": 0})["done"]
+        if done > furthest:
+            furthest, deadline = done, time.monotonic() + seconds
+        assert time.monotonic() < deadline, f"{done} done, and no progress within {seconds:.0f} s"
+        time.sleep(0.1)
 
 
 def client_of(url: str) -> httpx2.Client:

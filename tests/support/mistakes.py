@@ -55,6 +55,13 @@ def readings_exchanged(measured: dict[str, Any]) -> None:
     positions(measured, lambda unloaded, loaded: (loaded, unloaded))
 
 
+def readings_of_one_target_exchanged(measured: dict[str, Any]) -> None:
+    """Two columns of a table, as of a target whose columns are in the other order."""
+    for observation in measured["observations"]:
+        reading = next(each for each in observation["readings"] if each["target"] == "P10")
+        reading["unloaded"], reading["loaded"] = reading["loaded"], reading["unloaded"]
+
+
 def columns_exchanged(measured: dict[str, Any]) -> None:
     for observation in measured["observations"]:
         joints = observation["joints"]
@@ -117,6 +124,7 @@ MISTAKES = {
     degrees_as_radians: "convert_units",
     kilonewtons_as_newtons: "convert_units",
     readings_exchanged: "exchange_readings",
+    readings_of_one_target_exchanged: "exchange_readings",
     columns_exchanged: "exchange_columns",
     zero_elsewhere: "apply_joint_map",
     load_and_target_exchanged: "exchange_load_and_target",

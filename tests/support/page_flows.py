@@ -216,7 +216,7 @@ VERBS: dict[str, Callable[..., object]] = {
     "back": lambda flow, _: flow.page.go_back(),
     "press": lambda flow, name: flow.named("button", name).click(),
     "follow": lambda flow, name: flow.named("link", name).click(),
-    "pick": lambda flow, name: flow.named("radio", name).check(force=True),
+    "pick": lambda flow, name: flow.named("radio", name).check(),
     "touch": lambda flow, label: flow.labelled(label).click(),
     "click": lambda flow, selector: flow.first(selector).click(),
     "fill": lambda flow, label, value="": flow.labelled(label).fill(flow.content(value)),

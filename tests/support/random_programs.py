@@ -39,7 +39,7 @@ class Statement:
 class Nest:
     """A branch or a loop."""
 
-    kind: str  # branch, loop, or once: a loop that is carried out once at least
+    kind: str  # branch, loop, once: a loop that is carried out once at least, or forever: one without an end
     opens: Statement
     closes: Statement
     turns: Statement | None = None
@@ -221,7 +221,9 @@ class Cell:
             return place
         if verb == "goto":
             return next(k for k, other in enumerate(statements) if other.does == "label")
-        if verb == "return":
+        if verb in {"leave", "again"} and (ends := self.ends_of_loops(statements, place)):
+            return ends[0] - (verb == "again")
+        if verb in {"return", "leave", "again"}:
             return len(statements)
         if verb == "call":
             self.routine(called, depth + 1)
@@ -229,13 +231,21 @@ class Cell:
             self.does(each)
         return place
 
+    def ends_of_loops(self, statements: list[Statement], place: int) -> list[int]:
+        """Return the places of the ends of the loops around a statement, the innermost first."""
+        nests = {id(each.nest): each.nest for each in statements if each.nest and each.nest.kind != "branch"}
+        spans = [(statements.index(each.opens), statements.index(each.closes)) for each in nests.values()]
+        return sorted(end for begin, end in spans if begin < place < end)
+
     def after(self, here: Statement, nest: Nest) -> Statement:
         """Return the begin, turn or end of a branch or loop behind which it goes on."""
-        if here is nest.opens and nest.kind != "once" and self.draw.random() < 0.5:
+        if here is nest.opens and nest.kind not in {"once", "forever"} and self.draw.random() < 0.5:
             return nest.turns or nest.closes
         if here is nest.turns:  # behind a branch that was taken
             return nest.closes
-        if here is nest.closes and nest.kind != "branch" and self.draw.random() < 0.6:
+        if here is nest.closes and (
+            nest.kind == "forever" or (nest.kind != "branch" and self.draw.random() < 0.6)
+        ):
             return nest.opens
         return here
 

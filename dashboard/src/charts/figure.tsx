@@ -88,9 +88,12 @@ interface FigureProps {
   /** Draws the chart for a width in pixels. */
   children: (width: number) => ComponentChildren;
   tools?: ComponentChildren;
-  /** What is downloaded where the page shows a table with marks in it. */
-  drawing?: (width: number) => ComponentChildren;
+  /** What is downloaded where the page shows a table with marks in it; null for nothing. */
+  drawing?: ((width: number) => ComponentChildren) | null;
 }
+
+/** What the view is about, as the browser's tab names it: files of two views do not have one name. */
+const subject = (): string => document.title.replace(` · ${text.app.name}`, "");
 
 export function Figure({ title, note, legend = [], table, children, tools, drawing }: FigureProps) {
   const [box, width] = useWidth<HTMLDivElement>();
@@ -99,7 +102,7 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
   const saveSvg = () => {
     const drawn = drawing && drawnAside(figure.current, drawing(SAVED_WIDTH));
     const svg = (drawn ?? figure.current)?.querySelector<SVGSVGElement>("svg.chart");
-    if (svg) save(standalone(svg, title), "image/svg+xml", fileName(title, "svg"));
+    if (svg) save(standalone(svg, title), "image/svg+xml", fileName(`${subject()} ${title}`, "svg"));
     drawn?.remove();
   };
   const svg = (
@@ -127,7 +130,9 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
           <div class="actions">
             <Button
               look="quiet"
-              onClick={() => save(csv(table.columns.map(heading), table.rows), "text/csv", fileName(title, "csv"))}
+              onClick={() =>
+                save(csv(table.columns.map(heading), table.rows), "text/csv", fileName(`${subject()} ${title}`, "csv"))
+              }
               aria-label={text.figure.download("CSV", title)}
             >
               {text.figure.csv}
@@ -135,7 +140,7 @@ export function Figure({ title, note, legend = [], table, children, tools, drawi
             {svg}
           </div>
         </details>
-      ) : (
+      ) : drawing === null ? null : (
         <details>
           <summary>{text.figure.files}</summary>
           <div class="actions">{svg}</div>

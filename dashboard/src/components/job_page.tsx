@@ -192,11 +192,23 @@ export function VerdictLine({ assessment, sentences = words.sentence }: Omit<Ver
 export const Reasons = ({ assessment: { reasons }, context }: Omit<VerdictCardProps, "sentences">) =>
   reasons.length === 0 ? null : (
     <ul>
-      {alikeOf(reasons).map((group) => (
+      {offeredOnce(alikeOf(reasons)).map((group) => (
         <ReasonItem reasons={group} context={context} />
       ))}
     </ul>
   );
+
+/** The same reasons, each action with the first reason that it removes. */
+function offeredOnce(groups: Finding[][]): Finding[][] {
+  const offered = new Set<string>();
+  return groups.map((group) => {
+    const own = group.map((reason) =>
+      offered.has(JSON.stringify(reason.action ?? null)) ? { ...reason, action: null } : reason,
+    );
+    for (const { action } of group) if (action) offered.add(JSON.stringify(action));
+    return own;
+  });
+}
 
 export const Notes = ({ notes }: { notes: string[] }) => (
   <>

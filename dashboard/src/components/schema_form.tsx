@@ -1,5 +1,5 @@
 /** Forms of requests as the service describes them, by one renderer for all kinds of fields; files are dropped beside them. */
-import { useId, useState, useContext, useEffect } from "preact/hooks";
+import { useId, useState, useContext, useLayoutEffect } from "preact/hooks";
 import { METADATA } from "../api/types";
 import type { Typed } from "../lib/campaign";
 import { later } from "../i18n/later";
@@ -309,7 +309,8 @@ function useTyped(codec: Codec, value: unknown, change: (value: unknown) => void
   const shown = isUnread(value) ? value.unread : codec.show(value);
   const [typed, set] = useState(shown);
   const [byHand, setByHand] = useState(false);
-  useEffect(() => {
+  // In the same frame: what is typed next must not meet a text that still changes.
+  useLayoutEffect(() => {
     if (JSON.stringify(valueOf(typed)) === JSON.stringify(value ?? null)) return;
     set(shown);
     setByHand(false);

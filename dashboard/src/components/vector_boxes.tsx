@@ -1,5 +1,5 @@
 /** A vector in three boxes, for a keyboard of numbers. */
-import { useEffect, useState } from "preact/hooks";
+import { useLayoutEffect, useState } from "preact/hooks";
 import { later } from "../i18n/later";
 import { Button } from "./basics";
 
@@ -44,7 +44,7 @@ interface VectorBoxesProps {
 
 export function VectorBoxes({ label, value, change, paste }: VectorBoxesProps) {
   const [parts, setParts] = useState(() => partsOf(value));
-  useEffect(() => {
+  useLayoutEffect(() => {
     if (value !== joined(parts)) setParts(partsOf(value));
   }, [value]);
   const put = (next: string[]) => {

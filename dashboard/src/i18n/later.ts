@@ -162,7 +162,8 @@ export const later = {
     met: "The goal is met",
     ofGoal: (share: string) => `Uncertainty ${share} of the goal's`,
     noShare: "The goal can be judged after a few readings.",
-    stiffness: "Joint stiffness so far",
+    stiffness: "Stiffness so far",
+    half: (unit: string) => `${unit}, ± at 95\u00a0%`,
     unknown: "not yet",
     undetermined: "not determined",
     record: (count: number, withdrawn: number) =>

@@ -27,6 +27,13 @@ export function placeName(where: string): string {
 export const sentence = (words: string): string =>
   /^[a-z]+[ ,:;]/.test(words) ? words[0]?.toUpperCase() + words.slice(1) : words;
 
+/** Whether a note says what the readings cannot show: it is no assumption, and is not folded away. */
+export const isUnseen = (note: string): boolean =>
+  /\b(cannot show|cannot be checked|not detected|no reading would show)\b/.test(note);
+
 /** A remark of the service as it is read on the page itself, where nobody sends requests by hand. */
 export const onPage = (remark: string): string =>
-  remark.replace("on the page:", `${text.app.measure}:`).replace(/; list the existing ids with GET \S+$/, "");
+  remark
+    .replace("on the page:", `${text.app.measure}:`)
+    .replace(", in `causes`)", ")")
+    .replace(/; list the existing ids with GET \S+$/, "");

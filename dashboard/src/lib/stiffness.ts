@@ -169,7 +169,7 @@ export function capOf({ status, verdict }: JointResult): Usability | null {
 interface ShownStiffness {
   /** The value, of a prismatic joint with its unit, or null where there is none. */
   value: string | null;
-  /** Standard uncertainty, with two significant digits. */
+  /** Half of the interval after ±; where there is no interval, the standard uncertainty after u. */
   uncertainty: string | null;
   /** Null for an end that is open. */
   interval: { low: string; high: string | null } | null;
@@ -189,9 +189,11 @@ export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownSt
   const show = (value: number) => (decimals === null ? significant(value, open ? 2 : 3) : fixed(value, decimals));
   const [low, high] = intervalIn(joint.stiffness_interval, unit, kind);
   const limit = lowerLimit(joint);
+  const half = low === null || high === null ? null : (high - low) / 2;
+  const known = change === null || open ? null : half === null ? `u\u00a0${show(change)}` : `±\u00a0${show(half)}`;
   return {
     value: joint.stiffness === null ? null : `${show(inUnit(joint.stiffness, unit, kind))}${beside}`,
-    uncertainty: change === null || open ? null : show(change),
+    uncertainty: known,
     interval: low === null || isRefuted(joint) ? null : { low: show(low), high: high === null ? null : show(high) },
     limit: limit === null ? null : `${inverse ? "≤" : "≥"} ${significant(inUnit(limit, unit, kind), 2)}${beside}`,
   };

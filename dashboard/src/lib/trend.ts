@@ -9,7 +9,8 @@ import { intervalIn, maybeInUnit, type StiffnessUnit } from "./stiffness";
 export function changeText({ value: relative, standard_uncertainty }: Estimate): string {
   const u = standard_uncertainty ?? 0;
   const decimals = Math.max(0, decimalsFor(100 * u));
-  return `${relative > 0 ? "+" : ""}${fixed(100 * relative, decimals)} ± ${fixed(100 * u, decimals)}\u00a0%`;
+  const [change, uncertainty] = [relative, u].map((part) => `${fixed(100 * part, decimals)}\u00a0%`);
+  return `${relative > 0 ? "+" : ""}${change} (u\u00a0=\u00a0${uncertainty})`;
 }
 
 /** When campaigns were, as labels that differ: by day, by time where a day repeats, by number where a time does. */

@@ -73,7 +73,13 @@ export const ArmView = ({
   posture,
   ...rest
 }: Omit<ArmViewProps, "posture"> & { posture: Posture | null | undefined }) =>
-  posture ? <Drawing posture={posture} {...rest} /> : <Busy label={text.scene.loading} />;
+  posture ? (
+    <Drawing posture={posture} {...rest} />
+  ) : (
+    <div class="stage">
+      <Busy label={text.scene.loading} />
+    </div>
+  );
 
 function Drawing({ room, near = false, label, resets = 0, bends = 0, dragged, ...drawn }: ArmViewProps) {
   const hears = useRef(dragged);

@@ -43,8 +43,8 @@ export function FleetView({ id }: { id: string }) {
     >
       {() => (
         <>
-          <JobTables collection="fleets" id={id} />
           <JobLines collection="fleets" id={id} />
+          <JobTables collection="fleets" id={id} />
         </>
       )}
     </JobPage>

@@ -305,7 +305,7 @@ function afterwards(
   if (after === null) return text.verdicts.fair[0];
   const { label } = unitOf(unit, kind);
   const shown = (stiffness: number) => withUnit(significant(inUnit(stiffness, unit, kind), 2), label);
-  return STIFFNESS_UNITS[unit].inverse ? `± ${shown(1 / after)}` : words.below(shown(0.5 / after));
+  return STIFFNESS_UNITS[unit].inverse ? `u = ${shown(1 / after)}` : words.below(shown(0.5 / after));
 }
 
 const runWords = text.run;
@@ -317,7 +317,7 @@ interface TableProps {
   bare: boolean;
 }
 
-/** The stiffness of a joint with its uncertainty, or what it exceeds where only that can be said. */
+/** The stiffness of a joint and half of its interval, or what it exceeds where only that can be said. */
 export function Stiffness({ joint }: { joint: JointResult }) {
   const { unit } = useSettings();
   const [shown, verdict] = [shownStiffness(joint, unit), verdictOf(joint)];
@@ -327,7 +327,7 @@ export function Stiffness({ joint }: { joint: JointResult }) {
       <b>
         {verdict === "unobservable" ? "–" : limited ? shown.limit : (shown.value ?? (isRefuted(joint) ? "–" : "∞"))}
       </b>
-      {!limited && shown.uncertainty !== null && <span class="soft"> ±&nbsp;{shown.uncertainty}</span>}
+      {!limited && shown.uncertainty !== null && <span class="soft"> {shown.uncertainty}</span>}
     </>
   );
 }
@@ -340,8 +340,8 @@ export function JointTable(shown: TableProps) {
   return (
     <Figure
       title={runWords.stiffness}
-      {...(bare ? {} : { note: runWords.stiffnessNote(level) })}
-      drawing={(width) => <StiffnessIntervals {...{ rows, width, unit, label: runWords.stiffness }} />}
+      {...(bare ? {} : { note: `${runWords.stiffnessNote(level)} ${runWords.half(level)}` })}
+      drawing={bare ? null : (width) => <StiffnessIntervals {...{ rows, width, unit, label: runWords.stiffness }} />}
     >
       {() => <Rows {...shown} />}
     </Figure>
@@ -454,6 +454,7 @@ function Rows({ context, result: { joints, contributions, identifiability }, bar
                     <rect class="share-bar" width={(Math.abs(part.share) / most) * SHARE_WIDTH} height={10} rx={2} />
                   </svg>
                   <b>{percent(part.share)}</b>
+                  <span class="soft of">{runWords.ofDeflection}</span>
                   <span class="soft">
                     {fixed(part.mean * 1e3, 3)} {text.units.mm}
                   </span>

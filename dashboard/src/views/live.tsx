@@ -141,15 +141,10 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
         <section class="note bad" role="alert" aria-label={words.doubtful(doubted)}>
           <h2>{words.doubtful(doubted)}</h2>
           <p>
-            <Prose text={message ?? ""} />
+            <Prose
+              text={sentence([message ?? "", ...causes.filter((cause) => !message?.includes(cause))].join("; "))}
+            />
           </p>
-          <ul>
-            {causes.map((cause) => (
-              <li>
-                <Prose text={cause} />
-              </li>
-            ))}
-          </ul>
           <div class="row">
             <Button acts look="primary" disabled={change.busy} onClick={() => void again(doubted)}>
               {words.again}
@@ -787,7 +782,7 @@ function Joints({ state, goal, read }: { state: LiveState; goal: number | null; 
   return (
     <>
       <h3>
-        {words.stiffness} <small class="soft">{labelOf(unit, kinds)}</small>
+        {words.stiffness} <small class="soft">{words.half(labelOf(unit, kinds))}</small>
       </h3>
       <ul class="live-joints">
         {state.joints.map(({ name, kind, stiffness, relative, reason }) => (

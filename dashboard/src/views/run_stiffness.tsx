@@ -13,6 +13,7 @@ import {
   Download,
   LinkButton,
   lazy,
+  Prose,
   usePhone,
 } from "../components/basics";
 import { type Cell, DataTable, type Table } from "../components/table";
@@ -26,7 +27,7 @@ import { type PartProps, type RunContext, isElastic } from "./run_context";
 import { howOf } from "../lib/ways";
 import { queries } from "../api/queries";
 import { useQuery } from "../state/query";
-import { unsaid } from "../lib/said";
+import { isUnseen, onPage, unsaid } from "../lib/said";
 import { link, useAction } from "../state/action";
 import { JointTable, Stiffness } from "./joint_table";
 import { Further } from "../components/findings";
@@ -57,6 +58,7 @@ export function RunsTable({ columns, label }: { columns: RunColumn[]; label: str
     const joint = result.joints.find((one) => one.name === name);
     return joint ? <Stiffness joint={joint} /> : "–";
   };
+  const levels = new Set(columns.map(({ run }) => percent(run.request.confidence)));
   const names = new Set(results.flatMap((result) => result?.joints.map(({ name }) => name) ?? []));
   const table: Table = {
     columns: ["", ...columns.map(({ run, name, note }) => ({ title: name, to: ["runs", run.id], note }))],
@@ -64,13 +66,18 @@ export function RunsTable({ columns, label }: { columns: RunColumn[]; label: str
       row(text.run.verdict, ({ assessment }) => <Badge verdict={assessment.verdict} />),
       row(text.lists.explainedTitle, ({ compensation }) => compensation && percent(compensation)),
       row(`${text.lists.rms} [${text.units.micrometre}]`, (result) => significant(result.rms_residual * 1e6, 2)),
-      ...[...names].map((name) => row(`${name} [${STIFFNESS_UNITS[unit].label}]`, stiffness(name))),
+      ...[...names].map((name) => row(name, stiffness(name))),
     ],
   };
   return (
-    <div class="side-by-side">
-      <DataTable table={table} caption={label} />
-    </div>
+    <>
+      <div class="side-by-side">
+        <DataTable table={table} caption={label} />
+      </div>
+      <p class="soft">
+        {text.run.stiffnessIn(STIFFNESS_UNITS[unit].label)} {text.run.half([...levels].join(" / "))}
+      </p>
+    </>
   );
 }
 
@@ -150,9 +157,10 @@ export function StiffnessPart({ context, result }: PartProps) {
           <Reasons assessment={assessment} context={context} />
         </section>
       )}
+      <Unseen notes={assessment.notes.filter(isUnseen)} />
       {run.request.variant_of && <BeforeAfter run={run} origin={run.request.variant_of} />}
       {!nothing && <Summary result={result} />}
-      <Assumptions context={context} notes={assessment.notes} />
+      <Assumptions context={context} notes={assessment.notes.filter((note) => !isUnseen(note))} />
       {(result.links || result.choice?.models.length || result.resampling) && (
         <JobTables collection="runs" id={run.id} from={1} />
       )}
@@ -209,6 +217,21 @@ function Next({ run, set }: Pick<RunContext, "run" | "set">) {
     </LinkButton>
   );
 }
+
+/** Mistakes that no test of these readings can find. */
+const Unseen = ({ notes }: { notes: string[] }) =>
+  notes.length > 0 && (
+    <section class="card" aria-label={assessmentWords.unseen}>
+      <h2>{assessmentWords.unseen}</h2>
+      <ul class="lines">
+        {notes.map((note) => (
+          <li>
+            <Prose text={onPage(note)} />
+          </li>
+        ))}
+      </ul>
+    </section>
+  );
 
 /** What was assumed; whoever knows better states it here, and the readings are identified again. */
 function Assumptions({ context, notes }: { context: RunContext; notes: string[] }) {

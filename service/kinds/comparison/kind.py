@@ -176,7 +176,7 @@ def _percentage_text(fraction: Estimate) -> str:
     """Format a fraction in %, with its standard uncertainty if it has one."""
     if not fraction.standard_uncertainty:
         return format_percent(fraction.value)
-    return f"({100 * fraction.value:.2f} ± {100 * fraction.standard_uncertainty:.2f}) %"
+    return f"{100 * fraction.value:.2f} % (u = {100 * fraction.standard_uncertainty:.2f} %)"
 
 
 def _list_method_parts(compared_runs: Sequence[ComparedRun], view: View) -> list[Part]:

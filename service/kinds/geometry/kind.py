@@ -201,8 +201,8 @@ def _describe_distance_of_axes(wrist: WristResult) -> str:
     """Describe the distance between the last three axes, and whether the decoupled method applies."""
     applicability = "applies" if wrist.decoupled_method else "does not apply"
     return (
-        f"the last three axes miss each other by {_MICRO * wrist.miss_distance:.1f} ± "
-        f"{_MICRO * wrist.miss_uncertainty:.1f} µm: the decoupled method {applicability}"
+        f"the last three axes miss each other by {_MICRO * wrist.miss_distance:.1f} µm "
+        f"(u = {_MICRO * wrist.miss_uncertainty:.1f} µm): the decoupled method {applicability}"
     )
 
 

@@ -74,8 +74,9 @@ def _make_report(job: Plan, result: PlanResult, view: View) -> Report:
         lines.append("the plan allows for elastic links, because joints alone do not explain the deflection")
     if result.deflection_uncertainty is not None and result.worst_deflection_uncertainty is not None:
         lines.append(
-            f"predicted deflection in the work area: ± {length_text(result.deflection_uncertainty)} rms, "
-            f"± {length_text(result.worst_deflection_uncertainty)} at the worst place"
+            "standard uncertainty of a deflection in the work area: "
+            f"{length_text(result.deflection_uncertainty)} rms, "
+            f"{length_text(result.worst_deflection_uncertainty)} at the worst place"
         )
     if job.request.measurement_set_id is not None:
         lines.append(

@@ -146,7 +146,7 @@ def make_charts(result: ProgramResult) -> list[Chart]:
     names = [point.name or str(point.number) for point in points]
     charts = [
         Chart("Without correction, worst points", names, before, 1e3, "mm", "points", intervals),
-        Chart("As written, the same points", names, after, 1e6, "µm", "points"),
+        Chart("As written, if the prediction is exact", names, after, 1e6, "µm", "points"),
     ]
     return [replace(chart, quantity="distance to target") for chart in charts] if points else []
 

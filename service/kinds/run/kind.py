@@ -117,8 +117,11 @@ def before_after_table(before: RunResult, after: RunResult, unit: StiffnessUnit)
             VERDICTS[result.assessment.verdict],
             "—" if explained is None else f"{100 * explained:.1f} %",
             length_text(result.rms_residual),
-            # Value and standard uncertainty; the third part of `cells` is the interval.
-            *(f"{cells[joint.name][0]} ± {cells[joint.name][1]}" for joint in before.joints),
+            # The third part of `cells` is the interval.
+            *(
+                value if uncertainty == NO_NUMBER else f"{value} (u = {uncertainty})"
+                for value, uncertainty, _ in (cells[joint.name] for joint in before.joints)
+            ),
         ]
 
     names = ["verdict", "explained", "rms residual", *(joint.name for joint in before.joints)]
@@ -129,7 +132,7 @@ def before_after_table(before: RunResult, after: RunResult, unit: StiffnessUnit)
             Column("after", format_cells(after)),
         ],
         title="Before and after",
-        caption=f"{unit.quantity} with its standard uncertainty in {unit.label_of(before.joints)}",
+        caption=f"{unit.quantity} with its standard uncertainty u in {unit.label_of(before.joints)}",
     )
 
 

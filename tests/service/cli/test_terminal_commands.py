@@ -30,7 +30,7 @@ def test_a_geometry_is_shown_with_its_uncertainty_and_written_as_a_robot():
         "│ axes │ 1138.902(17) │ 200.849(25) │ 1969.009(17) │ 0.43 │",
         "│ combined │ 1138.905(17) │ 200.850(26) │ 1969.007(17) │ │",
         "axes and sphere are 5.3 µm apart (p-value 0.6)",
-        "the last three axes miss each other by 6.4 ± 5.1 µm: the decoupled method applies",
+        "the last three axes miss each other by 6.4 µm (u = 5.1 µm): the decoupled method applies",
         "│ a │ joint_2 │ 1120.000 │ 1120.020 │ 0.0197(87) │",
         "│ alpha │ joint_4 │ -90.0000° │ -89.9977° │ 0.040(26) │",
         "│ d │ joint_4 │ -1310.000 │ -1310.053 │ -0.053(28) │",

@@ -1,4 +1,4 @@
-"""Each limit of plausibility says in which range numbers are believed, with the unit, and how to go past it.
+"""Each limit of plausibility says in which range numbers are plausible, with the unit, and how to go past it.
 
 `LIMITS` goes past each limit on purpose. A finding whose code speaks of size is in the table, or is excluded
 with a reason.
@@ -32,8 +32,8 @@ DOCUMENT = simulate_campaign(default_arm(), load="pull", configurations=12, seed
 ROBOT, SET = prepare(DOCUMENT | {"robot": DOCUMENT["robot"] | {"payload": 240.0}})
 
 UNIT = r"(?:deg or mm|m|mm|µm|nm|rad|mrad|°|N|rad⁻¹|rad/rad|N·m/rad)"
-BELIEVED = re.compile(rf"\d *(?:· 10\S* )?\(?{UNIT}\W.{{0,60}}\bis plausible")
-"""A number with its unit, and within a few words the statement that such numbers are believed."""
+PLAUSIBLE = re.compile(rf"\d *(?:· 10\S* )?\(?{UNIT}\W.{{0,60}}\bis plausible")
+"""A number with its unit, and within a few words the statement that such numbers are plausible."""
 PAST = re.compile(
     r"if the numbers are right|omit a `payload`|`noise.sigma` in place|correct the limits|as a URDF"
     r"|for a longer tool|a campaign file may"
@@ -111,12 +111,12 @@ FINDINGS = {
 
 
 @pytest.mark.parametrize("code", FINDINGS)
-def test_a_finding_says_what_is_believed_and_how_to_go_past(code):
+def test_a_finding_says_what_is_plausible_and_how_to_go_past(code):
     for make in FINDINGS[code]:
         found = [each for each in make() if each.code == code]
         assert found, code
         for each in found:
-            assert BELIEVED.search(each.message) or code == "joint_outside_limits", each.message
+            assert PLAUSIBLE.search(each.message) or code == "joint_outside_limits", each.message
             assert PAST.search(each.remedy), each.remedy
 
 
@@ -147,27 +147,27 @@ ERRORS = {
 
 
 @pytest.mark.parametrize("name", ERRORS)
-def test_a_refusal_says_what_is_believed_and_how_to_go_past(name):
+def test_a_refusal_says_what_is_plausible_and_how_to_go_past(name):
     with pytest.raises((JointstiffError, js.CampaignError)) as refused:
         ERRORS[name]()
     text = str(refused.value)
     problem = getattr(refused.value, "problem", None)
     remedy = problem.remedy if problem else refused.value.remedy
-    assert BELIEVED.search(problem.detail if problem else text), text
+    assert PLAUSIBLE.search(problem.detail if problem else text), text
     assert PAST.search(remedy), remedy
 
 
-def test_an_import_says_what_is_believed_and_how_to_go_past():
+def test_an_import_says_what_is_plausible_and_how_to_go_past():
     answer = answered(("a.csv", CAMPAIGN), load_point=(0.0, 0.0, 6000.0))
     (said,) = answer.missing
-    assert BELIEVED.search(said), said
+    assert PLAUSIBLE.search(said), said
     assert "`accept_unusual`" in said
     unloaded, loaded = (
         "\n".join(";".join(line.split(";")[:7] + line.split(";")[k : k + 3]) for line in LINES) + "\n"
         for k in (7, 10)
     )
     (told,) = refusals(("u.csv", unloaded), ("l.csv", loaded.replace("42.75", "42.9")))
-    assert BELIEVED.search(told), told
+    assert PLAUSIBLE.search(told), told
     assert "raise `joint_tolerance`" in told
 
 

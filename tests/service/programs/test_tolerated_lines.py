@@ -103,6 +103,15 @@ def test_no_move_is_corrected_whose_frame_may_have_changed(name, text):
         read_program([(name, text.encode())], leave_others=True)
 
 
+@pytest.mark.parametrize("call", ['%"chg"+n%', "%s%", 'CallByVar "chg",n', "CallByVar s,n", "chg1"])
+def test_trust_in_other_routines_is_none_in_those_of_the_program_with_a_computed_name(call):
+    tool = "[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]]"
+    text = MODULE.replace("NAME p1,v100,z10,t1;", f"t1:={tool};\n{call};\nMoveL p1,v5,z1,t1;")
+    text = text.replace("NAME(", "chg1(").replace("MoveL p,v,z,t\\WObj:=w1;", "t1.tframe.trans.z:=n;")
+    with pytest.raises(ProgramError):
+        read_program([("m.mod", text.encode())], leave_others=True, trust_routines=True)
+
+
 def test_twelve_modules_of_a_task_and_a_table_of_loads_can_be_posted():
     """What the request takes, the reader takes; only one more module is refused."""
     head, _, _ = MODULE.partition("NAME")

@@ -1,7 +1,9 @@
 """Plots for a column of a paper: width, panels, axes of the caller, and what stands where no number is."""
 
+import io
 import subprocess
 import sys
+from itertools import pairwise
 
 import matplotlib as mpl
 import numpy as np
@@ -115,3 +117,28 @@ def test_the_methods_of_a_comparison_are_apart_from_the_measured_deflection(run)
     greys = [mpl.colors.rgb_to_hsv(group[0].get_facecolor()[:3])[2] for group in second.containers]
     hatches = [group[0].get_hatch() for group in second.containers]
     assert len({(round(grey, 1), hatch) for grey, hatch in zip(greys, hatches, strict=True)}) == 4
+
+
+DATES = ["2026-01-05", "2026-02-04", "2026-03-06", "2026-04-05", "2026-05-05", "2026-06-04"]
+
+
+def date_chart(title, values):
+    """Return a chart of a trend: one number and its interval for each date."""
+    ends = [(0.8 * value, 1.2 * value) for value in values]
+    return Chart(title, DATES, {"k": values}, 1.0, "N·m/rad", "campaigns", {"k": ends}, logarithmic=True)
+
+
+def test_names_of_places_do_not_overlap_and_occur_below_the_last_of_equal_panels():
+    figure = draw_figure([date_chart("joint_1", [3.1] * 6), date_chart("joint_2", [0.1] * 6)])
+    figure.savefig(io.BytesIO(), format="png")
+    first, last = ([label for label in axes.get_xticklabels() if label.get_visible()] for axes in figure.axes)
+    assert (len(first), len(last)) == (0, 6)
+    boxes = [label.get_window_extent() for label in last]
+    assert all(box.x1 < following.x0 for box, following in pairwise(boxes))
+
+
+@pytest.mark.parametrize("value", [0.013, 0.1, 3.1, 470.0])
+def test_a_narrow_logarithmic_axis_has_at_least_two_numbers(value):
+    (axes,) = draw_figure([date_chart("joint_1", [value] * 6)]).axes
+    low, high = axes.get_ylim()
+    assert sum(low <= tick <= high for tick in axes.get_yticks()) >= 2
