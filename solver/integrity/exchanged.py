@@ -65,13 +65,13 @@ def report_exchanged_targets(
     words = _quote(names[targets])
     if others is None:
         reason, remedy, action = (
-            f"unloaded and loaded of {words} are exchanged in all observations",
+            f"the unloaded and the loaded readings of {words} are exchanged in all observations",
             f"exchange the unloaded and the loaded readings of {words}",
             AdvisedAction.of("exchange_readings", targets=names[targets].tolist()),
         )
     else:
         either = f"either {words} or {_quote(names[others])}"
-        reason, action = f"unloaded and loaded of {either} are exchanged in all observations", None
+        reason, action = f"the unloaded and the loaded readings of {either} are exchanged in all observations", None
         remedy = f"find out which readings are without load; exchange the readings of {either}"
     return view.build_finding(
         "deflection_against_force", f"{reason}: {evidence}", remedy, "do_not_use", action
