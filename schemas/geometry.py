@@ -390,7 +390,7 @@ class GeometryRequest(Message):
         if len(swept_positions) > MAX_GEOMETRY_POSITIONS:
             raise ValueError(
                 f"give at most {MAX_GEOMETRY_POSITIONS} positions in all sweeps together, not "
-                f"{len(swept_positions)}: omit every second position, as 15 to 20 positions over each "
+                f"{len(swept_positions)}: omit every second position; 15 to 20 positions over each "
                 "joint's arc are enough"
             )
         readings = sum(len(position.targets) for position in (*swept_positions, *(self.poses or ())))

@@ -470,12 +470,13 @@ class Reading(Message):
         # A displacement needs exactly one direction, any other reading none.
         if is_short or len(directions) != (self.displacement is not None):
             raise ValueError(
-                "give either `direction` or `flange_direction`, at least "
-                f"{LEAST_DIRECTION:g} long, with a `displacement`; omit both with any other reading"
+                "with a `displacement`, give either `direction` or `flange_direction`, at least "
+                f"{LEAST_DIRECTION:g} long; with any other reading, omit both"
             )
         if self.displacement is not None and self.unloaded_covariance is not None:
             raise ValueError(
-                "give `sigma`, not covariances, with a `displacement`, which has a single component"
+                "with a `displacement`, give `sigma`, not covariances: a `displacement` has a single "
+                "component"
             )
         return self
 

@@ -162,7 +162,7 @@ class StiffnessPrior(Message):
     def _refuse_vague_prior(cls, uncertainty: float, info: ValidationInfo) -> float:
         stiffness = info.data.get("stiffness")
         if stiffness is not None and uncertainty > stiffness / 2:
-            raise ValueError("must be at most half of the stiffness; omit the prior if less is known")
+            raise ValueError("must be at most half of the stiffness; if less is known, omit the prior")
         return uncertainty
 
 

@@ -71,7 +71,10 @@ def report_exchanged_targets(
         )
     else:
         either = f"either {words} or {_quote(names[others])}"
-        reason, action = f"the unloaded and the loaded readings of {either} are exchanged in all observations", None
+        reason, action = (
+            f"the unloaded and the loaded readings of {either} are exchanged in all observations",
+            None,
+        )
         remedy = f"find out which readings are without load; exchange the readings of {either}"
     return view.build_finding(
         "deflection_against_force", f"{reason}: {evidence}", remedy, "do_not_use", action

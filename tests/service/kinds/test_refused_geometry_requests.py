@@ -60,7 +60,7 @@ def test_sweeps_and_poses_have_at_most_so_many_positions_and_exclude_each_other(
         sweep["observations"] *= 30
     assert told(posted(local, swept)) == (
         "422 | body | 1 fault; first: body: give at most 1400 positions in all sweeps together, not "
-        "1440: omit every second position, as 15 to 20 positions over each joint's arc are enough | "
+        "1440: omit every second position; 15 to 20 positions over each joint's arc are enough | "
         f"{SCHEMA}"
     )
     posed["poses"] *= 1401 // len(posed["poses"]) + 1

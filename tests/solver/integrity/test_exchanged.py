@@ -46,7 +46,8 @@ def test_the_finding_states_the_scatter_of_the_distances_before_and_after():
     mistaken = exchange_targets(replace(clean, sigma=None), np.isin(NAMES, "P10"))
     (found,) = inspect(robot, mistaken)
     assert found.message == (
-        "the unloaded and the loaded readings of 'P10' are exchanged in all observations: distances to the other targets "
+        "the unloaded and the loaded readings of 'P10' are exchanged in all observations: distances to the "
+        "other targets "
         "scatter by 1.98 mm, and after the exchange by 17.9 µm"
     )
     assert found.remedy == "exchange the unloaded and the loaded readings of 'P10'"
