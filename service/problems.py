@@ -28,6 +28,7 @@ ServiceError                   an error whose cause is not in the request: see t
 RequestError of the numerical core
 └── ItemsError                 a request with several faults
     ├── FilesError             files that were not understood: correct the files
+    │   └── MovesLeftError     moves that cannot be corrected: correct the program, or leave these moves
     └── VerdictError           a result with the verdict "do not use": correct the readings, or accept it
 
 ProblemError                   a problem document as an exception, for programs and commands
@@ -99,6 +100,10 @@ class ItemsError(RequestError):
 
 class FilesError(ItemsError):
     """Files that were not understood; `where` is file:line:column, if there is a single place."""
+
+
+class MovesLeftError(FilesError):
+    """Moves of a program that cannot be corrected, in a request that does not leave them as they are."""
 
 
 class VerdictError(ItemsError):
@@ -374,6 +379,7 @@ _KINDS: Final[Mapping[type[Exception], tuple[int, str, str]]] = MappingProxyType
         UnsupportedMethodError: (422, "unsupported-method", "The readings cannot support this method"),
         VerdictError: (422, "not-to-be-used", "The result must not be used"),
         FilesError: (422, "invalid-file", "The files were not understood"),
+        MovesLeftError: (422, "invalid-file", "Moves cannot be corrected"),
         RequestError: (422, "invalid-request", "The request cannot be carried out"),
         RobotError: (422, "invalid-robot", "The robot's description cannot be used"),
         MeasurementError: (422, "invalid-measurement-set", "The measurement set cannot be used"),

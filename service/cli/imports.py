@@ -19,8 +19,8 @@ from jointstiff.service.cli import options as cli
 from jointstiff.service.cli.kinds import (
     field_options,
     gather_stated_fields,
-    name_options_in_problem,
     name_options_in_text,
+    naming_options,
     option_flag,
     scale_numbers,
 )
@@ -340,16 +340,13 @@ def _split_typed_header(options: Options, sources: Sequence[SourceFile]) -> Opti
 @contextmanager
 def _name_options_in_errors() -> Iterator[None]:
     """Change errors raised in the block: their texts name command-line options in place of fields."""
-    from jointstiff.service.problems import CampaignError, FilesError, problem_from_error
+    from jointstiff.service.problems import CampaignError
 
     try:
-        yield
-    except FilesError as error:
-        raise CampaignError(
-            name_options_in_problem(ImportRequest, problem_from_error(error), _FORMS)
-        ) from error
+        with naming_options(ImportRequest, _FORMS):
+            yield
     except CampaignError as error:
-        problem = name_options_in_problem(ImportRequest, error.problem, _FORMS)
+        problem = error.problem
         where = problem.where or ""
         name, _, rest = where.partition(".")
         if name in ImportRequest.model_fields:
@@ -360,8 +357,11 @@ def _name_options_in_errors() -> Iterator[None]:
 
 
 def _name_options(text: str) -> str:
-    """Return a text that names command-line options in place of the fields of `ImportRequest`."""
-    return name_options_in_text(ImportRequest, text, _FORMS)
+    """Return a text that names command-line options in place of the fields of `ImportRequest`.
+
+    A campaign that is not to be used is refused by this command, not by a later request.
+    """
+    return name_options_in_text(ImportRequest, text, _FORMS).replace("`accept_verdict`", "`--despite-errors`")
 
 
 def _read_sources(files: Sequence[Path]) -> list[SourceFile]:

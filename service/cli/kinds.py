@@ -9,7 +9,9 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType, NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Union, get_args, get_origin
@@ -223,7 +225,9 @@ def build_predict_command() -> Callable[..., None]:
             cli.refuse_existing(values["output"], overwrite=values["overwrite"])
         stated = gather_stated_fields(DeflectionOptions, values, _POINT_FORMS)
         stated.setdefault("units", "m, rad, N")  # of the numbers that the options were parsed to
-        result = here.predict(read_or_identify_run(file, values["run"]), postures, **stated)
+        run = read_or_identify_run(file, values["run"])
+        with naming_options(DeflectionOptions, _POINT_FORMS):
+            result = here.predict(run, postures, **stated)
         for remark in result.remarks:
             typer.echo(remark, err=True)
         if values["output"] is not None:
@@ -256,7 +260,6 @@ def _run_work(kind: AnyKind, sources: list[Any], stated_fields: dict[str, Any], 
     """
     from jointstiff.service.cli.models import read_or_identify_run
     from jointstiff.service.library.here import Here
-    from jointstiff.service.problems import CampaignError
     from jointstiff.service.resources.documents import read_object
     from jointstiff.service.tables.terminal import progress_bar
 
@@ -278,14 +281,9 @@ def _run_work(kind: AnyKind, sources: list[Any], stated_fields: dict[str, Any], 
     elif kind.is_form:
         stated_fields = {"units": "m, deg, N, N.m"} | stated_fields
     do_work = getattr(Here(), ROOMS[kind.name].command)  # the method with the name of the command
-    try:
-        has_progress = kind.stepped or "campaigns" in kind.sources
-        with progress_bar(shown=has_progress) as show_progress:
-            job: Job = do_work(
-                *arguments, on_progress=show_progress if has_progress else None, **stated_fields
-            )
-    except CampaignError as error:
-        raise CampaignError(name_options_in_problem(kind.options, error.problem)) from error
+    has_progress = kind.stepped or "campaigns" in kind.sources
+    with naming_options(kind.options), progress_bar(shown=has_progress) as show_progress:
+        job: Job = do_work(*arguments, on_progress=show_progress if has_progress else None, **stated_fields)
     return job
 
 
@@ -337,11 +335,17 @@ def scale_numbers(factor: float, value: Any) -> Any:  # noqa: ANN401 - JSON
     )
 
 
+_FIELD_IN_TEXT: Final = re.compile(r"`(?:open\.)?(\w+)(?:: (\w+|\[[^`\]]*\]))?`(?:: (\[[^`\]]*\]))?")
+"""A field in backquotes, with a word or a list as its value: `field`, `field: word`, `field: [A]` or
+`field`: [A]; of a live campaign, `open.field`, too."""
+
+
 def name_options_in_text(message_class: type[Message], text: str, form_of_field: Forms = _NO_FORMS) -> str:
     """Return a text in which the fields of a message are replaced by the options of a command.
 
     A field in backquotes, such as `load_point`, becomes `--load-point`; a field with a value, such as
-    `method: pose`, becomes `--method pose`.
+    `method: pose`, becomes `--method pose`; `leave_alone: ['A', 'B']` becomes `--leave-alone A,B`, and an
+    option that may be repeated is repeated for each value.
 
     Args:
         message_class: class of the message that has the fields.
@@ -352,13 +356,22 @@ def name_options_in_text(message_class: type[Message], text: str, form_of_field:
 
     def replace_field(match: re.Match[str]) -> str:
         """Return the option for a matched field; the unchanged text if the field has no option."""
-        name, value = match.groups()
+        name, value = match[1], match[2] or match[3]
         if name not in fields_with_option:
             return match[0]
-        takes_no_value = value is None or _find_option_form(message_class.model_fields[name]).flag
-        return f"`{option_flag(message_class, name, form_of_field)}{'' if takes_no_value else f' {value}'}`"
+        flag = option_flag(message_class, name, form_of_field)
+        field_info = message_class.model_fields[name]
+        form = _find_option_form(field_info, form_of_field.get(name))
+        if value is None or form.flag:
+            return f"`{flag}`"
+        if _unwrap_type(field_info.annotation) is bool:
+            return f"`{flag}`" if value == "true" else f"`--no-{name.replace('_', '-')}`"
+        values = [each.strip(" '\"") for each in value.strip("[]").split(",")]
+        if form.gather == "one":  # the option has one text with commas
+            values = [",".join(values)]
+        return f"`{' '.join(f'{flag} {each}' for each in values)}`"
 
-    return re.sub(r"`(\w+)(?:: (\w+))?`", replace_field, text)
+    return _FIELD_IN_TEXT.sub(replace_field, text)
 
 
 def name_options_in_problem(
@@ -403,6 +416,26 @@ def name_options_in_problem(
     return problem.model_copy(update={"title": title, "detail": detail, "remedy": remedy, "errors": items})
 
 
+@contextmanager
+def naming_options(message_class: type[Message], form_of_field: Forms = _NO_FORMS) -> Iterator[None]:
+    """Change errors raised in the block: their texts name the command's options in place of fields.
+
+    Args:
+        message_class: class of the request.
+        form_of_field: forms of fields on the command line, in place of the forms that the class declares.
+    """
+    from jointstiff.service.problems import CampaignError, FilesError, problem_from_error
+
+    try:
+        yield
+    except FilesError as error:
+        problem = problem_from_error(error)
+        raise CampaignError(name_options_in_problem(message_class, problem, form_of_field)) from error
+    except CampaignError as error:
+        problem = name_options_in_problem(message_class, error.problem, form_of_field)
+        raise CampaignError(problem) from error
+
+
 def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN401 - a job that shows itself
     """Print a job as a report, JSON or CSV, as the options request.
 
@@ -421,9 +454,16 @@ def _print_job(kind: AnyKind, job: Any, values: _Values) -> None:  # noqa: ANN40
             typer.echo(f"First: {values['file']}. Second: {values['second']}.")
         # The report of a run names the actions to use with --apply, unless an action was applied just now.
         names_actions = kind.name == "run" and values["apply"] is None
-        console().print(
-            lay_out_job(kind, job, details=values["details"], unit=values["unit"], applies=names_actions)
+        name_options = partial(name_options_in_text, kind.options)
+        shown = lay_out_job(
+            kind,
+            job,
+            details=values["details"],
+            unit=values["unit"],
+            applies=names_actions,
+            change_text=name_options,
         )
+        console().print(shown)
     if job.state != "succeeded" or job.failed_parts:
         raise typer.Exit(1)
 
@@ -701,7 +741,7 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
         typer.BadParameter: neither --explain nor --output is given.
         CampaignError: the program cannot be read.
     """
-    from jointstiff.service.problems import CampaignError, FilesError, problem_from_error
+    from jointstiff.schemas.program import ProgramOptions
     from jointstiff.service.programs.formats import list_moves
     from jointstiff.service.programs.program import ExternalAxes
 
@@ -710,7 +750,7 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
             raise typer.BadParameter("is missing: name the file to write", param_hint="--output")
         return False
     files = [(path.name, path.read_bytes()) for path in sources[1]]
-    try:
+    with naming_options(ProgramOptions):
         external = ExternalAxes(values["external_axes"] or ExternalAxes.MAY_CARRY)
         rows = list_moves(
             files,
@@ -719,14 +759,13 @@ def _explain_moves_if_requested(values: _Values, sources: Sequence[Any]) -> bool
             external,
             trust_routines=bool(values["trust_routines"]),
         )
-    except FilesError as error:
-        raise CampaignError(problem_from_error(error)) from error
     if values["as_json"]:
         typer.echo(json.dumps([row._asdict() for row in rows], indent=2))
         return True
     for row in rows:
         frames = f"base {row.base or 'unknown'}, tool {row.tool or 'unknown'}"
-        verdict = "corrected" if row.corrected else f"not corrected: {row.reason}; {row.remedy}"
+        remedy = name_options_in_text(ProgramOptions, f"; {row.remedy}") if row.remedy else ""
+        verdict = "corrected" if row.corrected else f"not corrected: {row.reason}{remedy}"
         typer.echo(f"line {row.line}: {row.target or 'target unknown'}, {frames}: {verdict}")
     count = sum(row.corrected for row in rows)
     typer.echo(f"{count} of {len(rows)} moves can be corrected, {len(rows) - count} cannot")

@@ -12,7 +12,7 @@ import typer
 
 from jointstiff.schemas.live import LiveOptions
 from jointstiff.service.cli import options as cli
-from jointstiff.service.cli.kinds import field_options, gather_stated_fields
+from jointstiff.service.cli.kinds import field_options, gather_stated_fields, naming_options
 
 if TYPE_CHECKING:
     from jointstiff.schemas.rehearsal import RehearsedJoint
@@ -192,7 +192,8 @@ def build_measure_command() -> Callable[..., None]:
             cli.refuse_existing(values["save"], overwrite=values["overwrite"])
         # `gather_stated_fields` needs a value for every field: None for fields without an option here.
         values_of_fields = {name: None for name, _ in field_options(LiveOptions)} | values
-        _run_measure(source_file, gather_stated_fields(LiveOptions, values_of_fields), values)
+        with naming_options(LiveOptions):
+            _run_measure(source_file, gather_stated_fields(LiveOptions, values_of_fields), values)
 
     argument = Annotated[
         str | None,

@@ -323,9 +323,14 @@ class Client(Verbs):
         file_names = [file.name for file in cast("Any", job.result).files] if kind.is_form else []
         return tables, {name: self.file(job, "program", {"file": name}) for name in file_names}
 
-    def read_campaign(self, run: Run) -> Campaign:
-        """Return the campaign of a stored run: robot and readings from the service, and the run's options."""
-        stored = self.measurement_sets.get(run.request.measurement_set_id)
+    def read_campaign(self, job: Run | Plan) -> Campaign | None:
+        """Return the campaign of a run, or the campaign that a plan continues; None if a plan begins one.
+
+        Robot and readings come from the service; the options are those of the run.
+        """
+        if job.request.measurement_set_id is None:
+            return None
+        stored = self.measurement_sets.get(job.request.measurement_set_id)
         robot = self.robots.get(stored.robot_id)
         # The service's messages have more fields, such as an id, than the documents of a campaign file.
         stored_and_document = ((robot, RobotDocument), (stored, MeasurementSetDocument))
@@ -333,9 +338,8 @@ class Client(Verbs):
             {name: getattr(each, name) for name in document.model_fields if name in each.model_fields_set}
             for each, document in stored_and_document
         )
-        return Campaign.model_validate(
-            {"robot": robot_fields, "measurement_set": set_fields, "run": extract_run_options(run)}
-        )
+        options = extract_run_options(job) if isinstance(job, Run) else RunOptions()
+        return Campaign.model_validate({"robot": robot_fields, "measurement_set": set_fields, "run": options})
 
     def run(
         self,

@@ -10,6 +10,7 @@ from jointstiff.schemas import run as messages
 from jointstiff.schemas.finding import Problem
 from jointstiff.schemas.job import Job
 from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.plan import Plan
 from jointstiff.schemas.robot import RobotDocument
 from jointstiff.schemas.run import Run, RunRequest
 from jointstiff.service.kinds.kind import AnyJob, AnyKind, File, Kind
@@ -226,8 +227,8 @@ class Here(Verbs):
         """Return tables and files of a service's job that was read from a file; empty for other jobs."""
         return self.tables, self.files
 
-    def read_campaign(self, _run: Run) -> messages.Campaign | None:
-        """Return the campaign of the run that this object identified; None if no campaign was prepared."""
+    def read_campaign(self, _job: Run | Plan) -> messages.Campaign | None:
+        """Return the campaign of the run or plan that this object made; None if no campaign was prepared."""
         return self.campaign
 
     @one_thread()

@@ -32,6 +32,7 @@ from jointstiff.service.resources.documents import (
 )
 
 if TYPE_CHECKING:
+    from jointstiff.schemas.plan import Plan
     from jointstiff.service.kinds.run.verb import IdentifyFields
 
 _OPTIONS = frozenset(RunOptions.model_fields)
@@ -236,7 +237,7 @@ class _OriginThatReadsCampaignLater(Here):
         super().__init__()
         self._source = source
 
-    def read_campaign(self, _run: Run) -> Campaign:
+    def read_campaign(self, _job: Run | Plan) -> Campaign:
         """Return the campaign of the run, read from its source at the first call."""
         if self.campaign is None:
             source = self._source.campaign if isinstance(self._source, TabledRun) else self._source

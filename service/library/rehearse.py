@@ -4,26 +4,33 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jointstiff.schemas.plan import Plan
 from jointstiff.schemas.rehearsal import RehearsalResult
-from jointstiff.schemas.run import Campaign
+from jointstiff.schemas.run import Campaign, RunResult
 from jointstiff.service.kinds.plan.kind import make_campaign_to_fill_in
 from jointstiff.service.library.here import Here
 from jointstiff.service.library.results import Presented, TabledRun
 from jointstiff.service.library.robots import prepare_once
 from jointstiff.service.library.robots import robot as describe_robot
 from jointstiff.service.live.rehearsal import (
+    add_planned_readings,
     describe_verdict,
     fill_missing_readings,
     make_joints_table,
     rehearse_campaign,
 )
-from jointstiff.service.problems import as_campaign_error
-from jointstiff.service.resources.documents import parse_document, read_campaign, read_content
+from jointstiff.service.problems import CampaignError, as_campaign_error
+from jointstiff.service.resources.documents import (
+    parse_document,
+    read_campaign,
+    read_content,
+    read_plan_source,
+)
 from jointstiff.service.tables.stiffness import DEFAULT_UNIT, UNITS
 from jointstiff.service.tables.table import Chart, Line, Part, Sheet
 from jointstiff.solver.errors import RequestError
@@ -87,15 +94,16 @@ def rehearse(
 ) -> Rehearsal:
     """Simulate the readings of a campaign with known stiffnesses, identify them, and compare.
 
-    Robot, postures, loads, kinds of readings and noise are those of the campaign. The deflections are the
-    exact balance of springs and load. The known ("planted") stiffnesses are those of the run. Joints without
-    a number, and campaigns that are not measured yet, get stiffnesses that are plausible for an arm of this
-    size.
+    Robot, postures, loads, kinds of readings and noise are those of the campaign. A plan that continues a
+    campaign is rehearsed together with the postures of this campaign. The deflections are the exact balance
+    of springs and load. The known ("planted") stiffnesses are those of the run. Joints without a number, and
+    campaigns that are not measured yet, get stiffnesses that are plausible for an arm of this size.
 
     Args:
         source: a campaign, a run, or a plan; as an object, a document, or the name of a file. In a campaign
             that is not measured yet, readings may be null.
-        robot: robot of a plan; anything that `jointstiff.robot` accepts.
+        robot: robot of a plan, anything that `jointstiff.robot` accepts; or the campaign that a plan of a
+            service's file continues, which the file does not have.
         stiffness: planted stiffnesses by joint name [N·m/rad; N/m of a prismatic joint].
         seed: random seed of the noise and of plausible stiffnesses.
 
@@ -106,38 +114,75 @@ def rehearse(
         CampaignError: the campaign cannot be used.
         RequestError: a plan has no robot, a joint has another name, or the load is the own weight.
     """
-    campaign, source = _read_source(source, robot)
+    source = _load_source(source)
+    if isinstance(source, Plan):
+        campaign, measured = _read_plan(source, robot)
+    else:
+        campaign, source = _read_source(source)
+        measured = None
+        if source and campaign.run.weight is None:
+            run = source if isinstance(source, TabledRun) else Here().identify(campaign)
+            with as_campaign_error(""):
+                measured = run._require_result()
     with as_campaign_error("robot"):
         prepared = prepare_once(campaign.robot)
-    run: TabledRun | None = None
-    if source and campaign.run.weight is None:
-        run = source if isinstance(source, TabledRun) else Here().identify(campaign)
     with as_campaign_error(""):
-        measured = None if run is None else run._require_result()
         return Rehearsal(**dict(rehearse_campaign(campaign, prepared, measured, stiffness, seed)))
 
 
-def _read_source(source: Any, robot: object) -> tuple[Campaign, Any]:  # noqa: ANN401 - as of `rehearse`
-    """Return the campaign of a source, and its run: a run, true if the campaign has readings, else false."""
+def _load_source(source: Any) -> Any:  # noqa: ANN401 - as of `rehearse`
+    """Return a run, a plan or a document from a file; return any other source unchanged."""
     from jointstiff.service.library.saved import load, use_saved
 
-    if isinstance(source, str | PathLike) and Path(source).is_file():
-        document = json.loads(read_content(Path(source)))
-        if isinstance(document, dict) and document.get("kind") == "plan":
-            source = load(source)
-        elif isinstance(document, dict) and "measurement_set" in document:
-            source = document
-        else:
-            source = use_saved(source)
+    if not isinstance(source, str | PathLike) or not Path(source).is_file():
+        return source
+    document = json.loads(read_content(Path(source)))
+    if isinstance(document, dict) and document.get("kind") == "plan":
+        return load(source)
+    return document if isinstance(document, dict) and "measurement_set" in document else use_saved(source)
+
+
+def _read_source(source: Any) -> tuple[Campaign, Any]:  # noqa: ANN401 - as of `rehearse`
+    """Return the campaign of a source, and its run: a run, true if the campaign has readings, else false."""
     if isinstance(source, TabledRun):
         return source.campaign, source
-    if isinstance(source, Plan):
-        if robot is None:
-            raise RequestError("the plan has no robot", where="robot", remedy="give the argument `robot`")
-        source = make_campaign_to_fill_in(describe_robot(robot), source) | {"targets": source.result}
-        targets = source.pop("targets").targets
-        source["measurement_set"]["flange_targets"] = targets
     if not isinstance(source, Mapping):
         return read_campaign(source), True
     filled, is_measured = fill_missing_readings(source)
     return parse_document(filled, Campaign), is_measured
+
+
+def _read_plan(plan: Plan, robot: Any) -> tuple[Campaign, RunResult | None]:  # noqa: ANN401 - as of `rehearse`
+    """Return the campaign of a plan, and the result of the readings that the plan continues; None without.
+
+    Raises:
+        RequestError: the plan failed, or its robot or the campaign that it continues is not known.
+    """
+    request, result, origin = plan.request, plan.result, getattr(plan, "_origin", None)
+    if result is None:
+        raise RequestError("the plan has no result", where="plan", remedy="rehearse a plan that succeeded")
+    if request.measurement_set_id is None:
+        if robot is None:
+            raise RequestError("the plan has no robot", where="robot", remedy="give the argument `robot`")
+        document = make_campaign_to_fill_in(describe_robot(robot), plan)
+        document["measurement_set"]["flange_targets"] = result.targets
+        return parse_document(fill_missing_readings(document)[0], Campaign), None
+    continued = None if origin is None else origin.read_campaign(plan)
+    if continued is None:
+        continued = read_plan_source(robot)
+        continued = continued.campaign if isinstance(continued, TabledRun) else continued
+        if not isinstance(continued, Campaign):
+            raise RequestError(
+                "the plan does not have the campaign that it continues",
+                where="robot",
+                remedy="give this campaign as the argument `robot`",
+            )
+    options = {"causes": request.causes, "leave_out": request.leave_out}
+    continued = continued.model_copy(update={"run": continued.run.model_copy(update=options)})
+    measured = None
+    # readings that determine no stiffness: plausible ones are planted
+    with suppress(CampaignError):
+        measured = Here().identify(continued).result
+    with as_campaign_error("robot"):
+        prepared = prepare_once(continued.robot)
+    return add_planned_readings(continued, result, prepared.robot), measured

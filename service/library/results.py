@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from jointstiff.schemas import run as messages
+    from jointstiff.schemas.plan import Plan
     from jointstiff.schemas.process import Process
     from jointstiff.service.library.campaigns import Numbers
     from jointstiff.service.library.cases import AnyPostures, PredictFields
@@ -50,8 +51,8 @@ _MODELS = {"csv", "xlsx", "mjcf"}
 class Backend(verb.Backend, Protocol):
     """Service or process that does work, and also makes files, predictions and new runs from a job."""
 
-    def read_campaign(self, run: Run) -> messages.Campaign | None:
-        """Return the campaign of a run; None if the campaign is not known."""
+    def read_campaign(self, job: Run | Plan) -> messages.Campaign | None:
+        """Return the campaign of a run, or the campaign that a plan continues; None if it is not known."""
 
     def read_run_for_tables(self, job: Job) -> TabledRun | None:
         """Return the run from which a job's tables are computed again; None for jobs that store tables."""

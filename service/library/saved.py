@@ -1,8 +1,8 @@
 """Saved results: JSON with what is needed to use a result again, and the function that reads it.
 
 A file has the fields of the API's message, and after them what the message only names by an id: a run its
-`campaign`, a map of this process the saved run (`made_from`) by which its places are computed again, a map or
-program of a service its `tables` and `files`.
+`campaign`, a plan the campaign that the plan `continues`, a map of this process the saved run (`made_from`)
+by which its places are computed again, a map or program of a service its `tables` and `files`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pydantic import BeforeValidator, Field
 
 from jointstiff.schemas.fields import Message
 from jointstiff.schemas.job import Job
+from jointstiff.schemas.plan import Plan
 from jointstiff.schemas.run import Campaign as CampaignMessage
 from jointstiff.schemas.run import Run
 from jointstiff.service.conversion.parsing import MAX_SET_BYTES
@@ -52,6 +53,7 @@ class _SavedParts(Message):
     """Parts of a saved job that are not fields of its message."""
 
     campaign: CampaignMessage | None = None
+    continues: CampaignMessage | None = None
     made_from: dict[str, Any] | None = None
     tables: dict[str, _SavedTable] = Field(default_factory=dict)
     files: dict[str, _Content] = Field(default_factory=dict)
@@ -126,7 +128,7 @@ def restore(document: Mapping[str, Any], name: str = "the document") -> Any:  # 
         ids = {name: fields["request"].get(name) for name in ("measurement_set_id", "variant_of")}
         fields["request"] = ids | parts.campaign.run.model_dump(mode="json", exclude_unset=True)
     job = parse_document(fields, import_kind(kind).message)
-    here = Here(parts.campaign)
+    here = Here(parts.campaign or parts.continues)
     if parts.made_from is not None and parts.made_from.get("kind") == Run.kind_name():
         here.source = restore(parts.made_from)
     here.tables = {name: Sheet(part.columns, frozenset(part.texts)) for name, part in parts.tables.items()}
@@ -152,6 +154,8 @@ def to_document(result: Presented) -> dict[str, Any]:
             campaign = campaign.model_copy(update={"run": extract_run_options(result)})
             fields["campaign"] = campaign.model_dump(mode="json", exclude_unset=True)
     elif result._origin is not None:
+        if isinstance(result, Plan) and (continued := result._origin.read_campaign(result)) is not None:
+            fields["continues"] = continued.model_dump(mode="json", exclude_unset=True)
         if (run := result._origin.read_run_for_tables(result)) is not None:
             fields["made_from"] = to_document(run)
         fields |= _describe_contents(*result._origin.read_contents(result))

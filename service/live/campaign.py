@@ -93,8 +93,8 @@ class Declaration:
             raise RequestError(
                 "the goal is about deflections, but the request has no work area",
                 where="open.work_area",
-                remedy="give two corners of the box in which deflections matter (frame R0), or "
-                "the goal `joints`",
+                remedy="give `work_area`, two corners of the box in which deflections matter (frame R0), or "
+                "a goal for the joints",
             )
         plan_fields = options.model_dump(include=set(ReadingOptions.model_fields) - {"priors"})
         for name in options.priors:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import RenderableType
@@ -49,7 +50,13 @@ _ACCEPTED_VERDICT: Final = Line(
 
 
 def lay_out_job(
-    kind: AnyKind, job: Job, *, details: bool = False, unit: str = DEFAULT_UNIT, applies: bool = False
+    kind: AnyKind,
+    job: Job,
+    *,
+    details: bool = False,
+    unit: str = DEFAULT_UNIT,
+    applies: bool = False,
+    change_text: Callable[[str], str] = str,
 ) -> RenderableType:
     """Lay out a job for the terminal.
 
@@ -59,8 +66,12 @@ def lay_out_job(
         details: true to show all details of the result.
         unit: name of a unit of stiffness, a key of `UNITS`.
         applies: true if the command that made the job has the option `--apply`.
+        change_text: function that names the options of a command in a line, in place of fields of the API.
     """
-    parts = job_parts(kind, job, View(details, UNITS[unit], applies))
+    parts: list[Part] = [
+        replace(part, text=change_text(part.text)) if isinstance(part, Line) else part
+        for part in job_parts(kind, job, View(details, UNITS[unit], applies))
+    ]
     if details:
         facts = [
             (label, text.replace("\n", "; "))

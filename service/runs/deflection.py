@@ -166,7 +166,7 @@ def convert_load_cases(request: DeflectionOptions, robot: Robot) -> LoadCases:
             raise RequestError(
                 "the load point is missing",
                 where=f"cases[{index}].load_point",
-                remedy="give load_point, in the flange frame, for all cases together or for each case",
+                remedy="give `load_point`, in the flange frame, for all cases together or for each case",
             )
         points.append(point)
         places.append(case.place or request.place or point)

@@ -275,7 +275,7 @@ def _build_criteria(
         raise RequestError(
             f"criterion {request.criterion} needs a work area",
             where="work_area",
-            remedy="give the corners of the work area, or use criterion relative_a, d or e",
+            remedy="give `work_area`, two corners of a box, or use criterion relative_a, d or e",
         )
     return criteria, worst_place
 
@@ -304,7 +304,7 @@ def compute_goal_share(robot: Robot, pool: Pool, request: PlanRequest, exact: Ex
         raise RequestError(
             "the goal is about deflections, but the request has no work area",
             where="work_area",
-            remedy='give the corners of the work area, or a goal for the joints, such as "15 %"',
+            remedy='give `work_area`, two corners of a box, or a goal for the joints, such as "15 %"',
         )
     information = AOptimality(pool.places.mean(axis=0)).information(M)
     return _COVERAGE * float(information**-0.5 if information > 0.0 else np.inf) / goal.uncertainty
@@ -324,13 +324,19 @@ def compute_least_mistake(robot: Robot, pool: Pool, request: PlanRequest, chosen
         chosen: readings of the plan.
 
     Raises:
-        RequestError: the load is the robot's own weight, which has no load point.
+        RequestError: the load is the robot's own weight, which has no load point; or no stiffness is known.
     """
     if request.own_weight_rows is not None:
         raise RequestError(
             "the load is the robot's own weight, which has no load point",
             where="goal",
             remedy='give a goal for the uncertainty of the joints, such as "15 %"',
+        )
+    if not pool.parameters.known.any():
+        raise RequestError(
+            "an error of the load point shows in deflections, but no stiffness is known to compute them",
+            where="goal",
+            remedy="continue a campaign, or state the expected `stiffness` of the joints",
         )
     readings = pool.readings[chosen.index]
     forces = pool.candidate_forces(chosen.force, chosen.index)

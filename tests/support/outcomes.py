@@ -10,7 +10,7 @@ TITLES = {
     },
     "invalid-measurement-set": {"The measurement set cannot be used"},
     "invalid-robot": {"The robot's description cannot be used"},
-    "invalid-file": {"The files were not understood"},
+    "invalid-file": {"The files were not understood", "Moves cannot be corrected"},
     "unsupported-method": {"The readings cannot support this method"},
     "not-found": {"The resource does not exist", "Not Found"},
     "deleted": {"The resource was deleted"},

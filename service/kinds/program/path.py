@@ -246,7 +246,7 @@ def _find_stated_frame(
     raise RequestError(
         f"the program uses the frame {quote_text(frame.name)}, but does not define its numbers",
         where=field,
-        remedy=f"give the numbers: {{'name': {frame.name!r}, 'values': [...]}}",
+        remedy=f"give the name {frame.name!r} and the numbers in `{field}`",
     )
 
 

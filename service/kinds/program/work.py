@@ -47,10 +47,11 @@ from jointstiff.service.kinds.work import (
     concatenate_steps,
     cut_into_spans,
 )
-from jointstiff.service.problems import VerdictError
+from jointstiff.service.problems import MovesLeftError, VerdictError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.service.programs.formats import insert_mark, read_program
 from jointstiff.service.programs.program import BLOCK, NUMBERS, ExternalAxes, Rewriting
+from jointstiff.service.programs.program import Program as ReadProgram
 from jointstiff.service.resources.inputs import Inputs
 from jointstiff.service.runs.verdicts import (
     PriorModel,
@@ -463,6 +464,35 @@ def _refuse_out_of_limits(path: ProgramPath, robot: Robot, corrections: Correcti
         raise ProgramError(faults)
 
 
+def _read_program(
+    files: Sequence[tuple[str, bytes]], request: ProgramRequest | ProcessRequest, external_axes: ExternalAxes
+) -> ReadProgram:
+    """Read the program of a request.
+
+    Raises:
+        ProgramError: the program is not understood, or no move can be corrected.
+        MovesLeftError: some moves cannot be corrected, and the request does not leave them.
+    """
+    program = read_program(
+        files,
+        request.format,
+        request.leave_alone,
+        leave_others=True,
+        trust_routines=request.trust_routines,
+        external_axes=external_axes,
+    )
+    if request.leave_others or not program.faults:
+        return program
+    faults, left, other = ProgramError(program.faults), len(program.left_moves), len(program.moves)
+    raise MovesLeftError(
+        f"{left} of {left + other} moves cannot be corrected; {faults.reason}",
+        where=faults.where,
+        remedy=f"write {left} of {left + other} moves anew; or state `leave_others: true` to correct only "
+        f"the other {other}",
+        items=faults.items,
+    )
+
+
 def _interpret_external_axes(request: ProgramOptions, robot: Robot) -> ExternalAxes:
     """Return whether the program's external axes are joints of the robot, or may carry the arm or the part.
 
@@ -537,14 +567,7 @@ class ProgramWork(Work):
                 remedy="send the table together with the files of the program",
             )
         self._external_axes = _interpret_external_axes(request, robot)
-        self._program = read_program(
-            files,
-            request.format,
-            request.leave_alone,
-            leave_others=request.leave_others,
-            trust_routines=request.trust_routines,
-            external_axes=self._external_axes,
-        )
+        self._program = _read_program(files, request, self._external_axes)
         table = next((decompress_file(each) for each in request.files if each.name == request.loads), None)
         model = self._run_model.model
 

@@ -54,7 +54,7 @@ def run(local):
             {"tools": []},
             "422 invalid-request | tools | the program uses the frame 'TOOL_DATA[1]', but does not "
             "define its numbers | "
-            "give the numbers: {'name': 'TOOL_DATA[1]', 'values': [...]}",
+            "give the name 'TOOL_DATA[1]' and the numbers in `tools`",
         ),
         (
             [SOURCE],

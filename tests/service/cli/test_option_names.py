@@ -1,5 +1,6 @@
 """Texts that advise an option name one that a command has."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -8,8 +9,10 @@ from support.terminal import terminal
 from typer.main import get_command
 
 import jointstiff
+from jointstiff.schemas.options import RunOptions
+from jointstiff.schemas.program import ProgramOptions
 from jointstiff.service.cli.app import app
-from jointstiff.service.cli.kinds import name_options_in_text
+from jointstiff.service.cli.kinds import field_options, name_options_in_text
 from jointstiff.service.kinds.rooms import ROOMS, import_kind
 
 PACKAGE = Path(jointstiff.__file__).parent
@@ -64,3 +67,119 @@ def test_a_missing_word_is_named_with_those_that_are_accepted(tmp_path):
     shown = terminal("compensate", campaign, program, "-o", tmp_path / "x.src", width=200)
     assert shown.exit_code == 2
     assert "give `--accuracy-option`: one of off, same_as_measured, compensates_load" in shown.stderr
+
+
+def texts():
+    """Return every text of the sources but docstrings, with X in the place of what is filled in."""
+    found = set()
+    for path in sources():
+        tree = ast.parse(path.read_text())
+        documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+        docstrings = {
+            id(node.body[0].value)
+            for node in ast.walk(tree)
+            if isinstance(node, documented) and isinstance(node.body[0], ast.Expr)
+        }
+        for node in ast.walk(tree):
+            if isinstance(node, ast.JoinedStr):
+                parts = [part.value if isinstance(part, ast.Constant) else "X" for part in node.values]
+                found.add("".join(map(str, parts)))
+            elif (
+                isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings
+            ):
+                found.add(node.value)
+    return sorted(found)
+
+
+def test_no_text_names_a_field_where_the_command_has_an_option():
+    """Whatever the field's value: words, lists, and what is filled in."""
+    every, count = texts(), 0
+    for kind in ROOMS:
+        message = import_kind(kind).options
+        fields = "|".join(name for name, _ in field_options(message))
+        named = re.compile(rf"`(?:open\.)?({fields})(?:`|: )")
+        with_fields = [text for text in every if named.search(text)]
+        left = [text for text in with_fields if named.search(name_options_in_text(message, text))]
+        assert left == [], kind
+        count += len(with_fields)
+    assert count > 40
+
+
+VALUES = {
+    "give `load_point`": "give `--load-point`",
+    "state `leave_others: true`": "state `--leave-others`",
+    "state `leave_others: false`": "state `--no-leave-others`",
+    "state `external_axes: carry_nothing`": "state `--external-axes carry_nothing`",
+    "name it in `leave_alone`: ['GRIP', 'OPEN_1']": "name it in `--leave-alone GRIP,OPEN_1`",
+    "name it in `leave_alone: ['GRIP']`": "name it in `--leave-alone GRIP`",
+    "give `accept_verdict: do_not_use`": "give `--despite-verdict`",
+    "give `units.length` or `nothing: ['A']`": "give `units.length` or `nothing: ['A']`",
+}
+
+
+@pytest.mark.parametrize("text", VALUES)
+def test_a_field_with_its_value_becomes_an_option_with_its_value(text):
+    assert name_options_in_text(ProgramOptions, text) == VALUES[text]
+
+
+def test_an_option_that_may_be_repeated_is_repeated_for_each_value():
+    assert name_options_in_text(RunOptions, "fit `causes: [play, shift]`") == (
+        "fit `--cause play --cause shift`"
+    )
+
+
+POCKET = """DEF pocket()
+$BASE=BASE_DATA[1]
+$TOOL=TOOL_DATA[1]
+PTP {X 303,Y 190,Z 505,A 18.5,B 140.5,C 9,S 2,T 2}
+LIN {X 303,Y 220,Z 505,A 18.5,B 140.5,C 9}
+GRIPPER()
+LIN {X 333,Y 220,Z 505,A 18.5,B 140.5,C 9}
+LIN_REL {X 10}
+END
+"""
+
+
+@pytest.fixture
+def compensate(tmp_path):
+    """Function that runs `compensate` for a program with moves that are left; returns result and words."""
+    campaign, program = tmp_path / "campaign.json", tmp_path / "pocket.src"
+    assert terminal("simulate", campaign).exit_code == 0
+    program.write_text(POCKET)
+
+    def run(*options):
+        line = ["compensate", campaign, program, "--force", "0,0,-1000", "--accuracy-option", "off", *options]
+        shown = terminal(*line, width=300)
+        return shown, " ".join(shown.output.split())
+
+    return run
+
+
+def test_refused_moves_are_counted_and_the_options_that_help_are_named(compensate, tmp_path):
+    """Each option that the message names is then accepted."""
+    output = ("--output", tmp_path / "out.src")
+    shown, words = compensate(*output)
+    assert shown.exit_code == 2
+    assert words.startswith("Moves cannot be corrected 'pocket.src', line 6: 'GRIPPER' is unknown")
+    assert "state `--trust-routines`, or name it in `--leave-alone GRIPPER`" in words
+    assert words.endswith(
+        "remedy: write 2 of 4 moves anew; or state `--leave-others` to correct only the other 2"
+    )
+    shown, words = compensate(*output, "--leave-alone", "GRIPPER")
+    assert words.endswith("write 1 of 4 moves anew; or state `--leave-others` to correct only the other 3")
+    shown, words = compensate(*output, "--leave-alone", "GRIPPER", "--leave-others")
+    assert words == (
+        "tools: the program uses the frame 'TOOL_DATA[1]', but does not define its numbers "
+        "remedy: give the name 'TOOL_DATA[1]' and the numbers in `--tool`"
+    )
+    frames = ("--tool", "TOOL_DATA[1]=0,0,200,0,0,0", "--base", "BASE_DATA[1]=1500,100,1000,0,0,0")
+    shown, words = compensate(*output, "--leave-others", *frames, "--details")
+    assert shown.exit_code == 0, words
+    assert "2 of 4 moves were corrected, 2 were left unchanged" in words
+    assert "name it in `--leave-alone GRIPPER`" in words
+
+
+def test_an_explanation_names_options_too(compensate):
+    shown, words = compensate("--explain")
+    assert shown.exit_code == 0
+    assert "state `--trust-routines`, or name it in `--leave-alone GRIPPER` line 8" in words

@@ -126,7 +126,7 @@ def test_readings_of_a_known_robot_are_inspected_and_a_file_is_not_written_over(
 
 def test_readings_with_errors_are_written_only_despite_them():
     line = f"import wrong.csv --robot robot.json {STATED} --output other.json"
-    past = "if the numbers are right, state `accept_verdict` to use the result"
+    past = "if the numbers are right, state `--despite-errors` to use the result"
     errors = (
         "do not use: the angles seem to be in rad, not in deg as declared: no joint turns by more than "
         f"2.79° in 6 observations; more than 6.28° is plausible; set `units.angle` to rad; {past} do not "

@@ -5,12 +5,15 @@ import json
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import typer
 from support.command_lines import assert_said, typed
+from support.springs import robot_of
 from support.terminal import terminal
 
 from jointstiff.service.cli.at_terminal import AtTerminal
+from jointstiff.service.live.sources import draw_plausible_stiffness
 from jointstiff.simulator import default_arm, simulate_campaign
 
 
@@ -27,8 +30,11 @@ def test_a_goal_takes_five_readings_and_one_that_is_held_out():
         "Use: all 6 joints passed the checks",
         "│ joint_1 │ 7.11 │ 0.11 │ 6.90 … 7.35 │ well determined │",
         "│ joint_6 │ 0.137 │ 0.019 │ 0.108 … 0.188 │ roughly known │",
+        "┃ joint ┃ planted ┃ found ┃ 95 % interval ┃ half-width ┃",
+        "│ joint_6 │ 0.1645 │ 0.1371 │ 0.1078 … 0.1885 │ ± 27 % │",
+        "stiffnesses in 10⁶ N·m/rad; planted by the simulated source",
         "goal: every joint that the load can twist is known to ± 25 %",
-        "m01: joint_6 ± 234 %, about 5 more readings",
+        "m01: joint_6 ± 234 %, the number of readings still needed is not known",
         "m02: uncertainty 1.45 times that of the goal, joint_6 ± 36 %, agrees with its prediction (p "
         "0.03), about 9 "
         "more readings",
@@ -63,6 +69,11 @@ def test_a_campaign_that_ends_early_says_what_it_knows():
     assert first["stiffness"] == pytest.approx(6.9065e6, rel=1e-4)
     assert first["interval"] == pytest.approx([6.5673e6, 7.2830e6], rel=1e-4)
     assert first["relative"] == pytest.approx(0.047551, rel=1e-4)
+    planted = [joint["planted"] for joint in answer["planted"]]
+    assert [joint["found"] for joint in answer["planted"]] == [
+        each["stiffness"] for each in answer["result"]["joints"]
+    ]
+    assert planted == draw_plausible_stiffness(robot_of(default_arm()), np.random.default_rng(1)).tolist()
     assert [each["label"] for each in answer["record"]] == ["m01", "m02", "m03"]
     assert [each["state"] for each in answer["record"]] == ["counts"] * 3
     second = answer["record"][1]

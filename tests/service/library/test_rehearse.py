@@ -15,6 +15,11 @@ from jointstiff.simulator import default_arm, simulate_campaign
 
 TRUE = np.array(default_arm().stiffnesses)
 NAMES = list(default_arm().joint_names)
+EQUIPMENT = {
+    "targets": {"P10": [147, 55, 50], "P11": [-137, 87, 85], "P12": [-7, -140, 120]},
+    "load_point": [-60, 20, 180],
+    "candidates": 200,
+}
 STATED = dict(zip(NAMES, TRUE.tolist(), strict=True))
 
 
@@ -138,13 +143,36 @@ def test_a_campaign_with_empty_readings_and_a_plan_are_rehearsed(document, tmp_p
         "the places of P10, P11, P12 on the flange are not stated: usual places are assumed"
         in rehearsal.remarks
     )
-    of_plan = js.rehearse("plan.json", robot=document["robot"], seed=3)
+    begun = js.plan(document["robot"], load={"kind": "any_direction", "force": 1500}, readings=6, **EQUIPMENT)
+    of_plan = js.rehearse(begun, robot=document["robot"], seed=3)
     assert (of_plan.postures, of_plan.remarks) == (
         6,
         ["no noise of the readings is stated: 20 µm is assumed"],
     )
     with pytest.raises(Exception, match="the plan has no robot"):
-        js.rehearse("plan.json")
+        js.rehearse(begun)
+
+
+def test_a_plan_is_rehearsed_with_the_campaign_that_it_continues(document, tmp_path, monkeypatch):
+    """Object, saved file and terminal: twelve postures and six more, and stiffnesses of the twelve."""
+    monkeypatch.chdir(tmp_path)
+    planned = js.plan(document, readings=6, candidates=200)
+    rehearsal = js.rehearse(planned, seed=3)
+    assert (rehearsal.postures, rehearsal.planted_by) == (18, "the run of these readings")
+    assert [joint.planted for joint in rehearsal.joints] == pytest.approx(
+        [joint.stiffness for joint in js.identify(document).result.joints]
+    )
+    alone = js.rehearse(document, seed=3)
+    for more, less in zip(rehearsal.joints, alone.joints, strict=True):
+        assert more.half_width < less.half_width
+    planned.save("plan.json")
+    assert js.rehearse("plan.json", seed=3) == rehearsal
+    assert "(18 postures, noise 20 µm)" in typed("rehearse plan.json --seed 3")
+    # A plan as the API writes it names the campaign by an id only.
+    Path("answer.json").write_text(planned._message.model_dump_json())
+    assert js.rehearse("answer.json", robot=document, seed=3) == rehearsal
+    with pytest.raises(Exception, match="the plan does not have the campaign that it continues"):
+        js.rehearse("answer.json", robot=document["robot"])
 
 
 def test_the_command_shows_and_saves_a_rehearsal(document, tmp_path, monkeypatch):

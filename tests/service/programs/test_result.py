@@ -6,7 +6,7 @@ from scipy import stats
 from support.programs import FORCE, compensated, path, tool_poses
 
 from jointstiff.service.kinds.program.work import decompress_file
-from jointstiff.service.problems import VerdictError
+from jointstiff.service.problems import MovesLeftError, VerdictError
 from jointstiff.service.programs.errors import ProgramError
 from jointstiff.simulator.programs import PROGRAM_FILES, program_text
 from jointstiff.solver.errors import RequestError
@@ -191,8 +191,8 @@ def test_corrections_beyond_the_limits_are_refused_unless_that_is_accepted():
 
 UNREACHED = "the robot does not reach this target; check tool, base, `world` and `flange`"
 NO_NUMBERS = (
-    "tools: the program uses the frame 'TOOL_DATA[1]', but does not define its numbers; give the numbers: "
-    "{'name': 'TOOL_DATA[1]', 'values': [...]}"
+    "tools: the program uses the frame 'TOOL_DATA[1]', but does not define its numbers; give the name "
+    "'TOOL_DATA[1]' and the numbers in `tools`"
 )
 TWICE = "tools: two frames have the same name, or two frames have no name; give each frame only once"
 LONG = [0, 0, 500, 0, 0, 0]
@@ -292,9 +292,17 @@ NO_POSE = (
 
 
 def test_a_program_with_uncertain_moves_is_refused_with_all_of_them():
-    with pytest.raises(ProgramError) as refused:
+    with pytest.raises(MovesLeftError) as refused:
         compensated("krl", UNCERTAIN)
-    assert str(refused.value) == f"'path.src', line 12: {NO_XP9}\n'path.src', line 13: {NO_POSE}"
+    places = {place: f"{reason}; {remedy}" for place, reason, remedy in refused.value.items}
+    assert places == {"'path.src', line 12": NO_XP9, "'path.src', line 13": NO_POSE}
+    first, _, _ = NO_XP9.partition("; ")
+    assert refused.value.reason == (
+        f"2 of 7 moves cannot be corrected; 'path.src', line 12: {first}, and 1 more"
+    )
+    assert refused.value.remedy == (
+        "write 2 of 7 moves anew; or state `leave_others: true` to correct only the other 5"
+    )
 
 
 def test_uncertain_moves_are_left_if_asked_and_told_in_reason_remarks_and_mark():

@@ -8,7 +8,7 @@ from support.campaigns import ARM, estimate, prepare
 from support.documents import campaign
 from support.refusals import refused
 
-from jointstiff.schemas.plan import Surroundings
+from jointstiff.schemas.plan import LoadPointGoal, Surroundings
 from jointstiff.simulator import LOAD_POINT, TARGETS, truth
 from jointstiff.simulator.document import experiment_of
 from jointstiff.simulator.equilibrium import equilibrium
@@ -70,8 +70,13 @@ FEWER = "request fewer readings, a smaller angle, or more candidates"
         ),
         (
             {"criterion": "work_area"},
-            "work_area | criterion work_area needs a work area | give the corners of the work area, or "
+            "work_area | criterion work_area needs a work area | give `work_area`, two corners of a box, or "
             "use criterion relative_a, d or e",
+        ),
+        (
+            {"goal": LoadPointGoal(kind="load_point", mistake=0.02), "nominal": np.full(6, np.nan)},
+            "goal | an error of the load point shows in deflections, but no stiffness is known to compute "
+            "them | continue a campaign, or state the expected `stiffness` of the joints",
         ),
         (
             {"work_area": [[50.0] * 3, [60.0] * 3]},
