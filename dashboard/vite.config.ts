@@ -8,10 +8,10 @@ import { defineConfig, type Plugin } from "vite";
 const SERVICE = "http://127.0.0.1:8000";
 
 /** What most views share; forms, drops, and what only some views compute come with these views. */
-const LATER = `begun box bridge campaign choosers device imports kinematics list map opening paste pasting process question schema_form vector_boxes`;
+const LATER = `begun box bridge campaign choosers device imports kinematics list map opening paste pasting process question schema_form trend vector_boxes`;
 const LIBRARIES = `node_modules/(?:preact|@tanstack|openapi-fetch|idb-keyval)|vite/preload-helper`;
 const SHARED = new RegExp(
-  `src/(?:components|lib|state|api)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|src/views/run_context|${LIBRARIES}`,
+  `src/(?:components|lib|state|api)/(?!(?:${LATER.split(/\s+/).join("|")})\\.ts)|src/(?:views/run_context|i18n/later)|${LIBRARIES}`,
 );
 /** What the start needs beside that, and several other views. */
 const START =

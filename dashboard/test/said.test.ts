@@ -1,9 +1,21 @@
 import { describe, expect, it } from "vitest";
 import type { Finding } from "../src/api/types";
-import { onPage, placeName, sentence, unsaid } from "../src/lib/said";
+import { isUnseen, onPage, placeName, sentence, unsaid } from "../src/lib/said";
 
 const warning = (code: string, message: string) => ({ code, message, remedy: "", where: null }) as Finding;
 const reason = (code: string, message: string) => ({ code, message }) as Finding;
+
+describe("a note", () => {
+  it.each([
+    ["The readings cannot show play of up to 1 mrad in the gears (and 3 more, in `causes`).", true],
+    ["If N and kgf were confused, every stiffness would be wrong, and no reading would show it.", true],
+    ["Each posture was read only once without load, so a deflection that remains is not detected.", true],
+    ["The geometry of robot, frames and targets, and the joint angles, cannot be checked.", true],
+    ["The load point is assumed to be known to ±10 mm.", false],
+    ["After unloading, the targets return to within 3 µm; 2 % of the deflection remains (u = 1 %).", false],
+  ])("%s: unseen %s", (note, unseen) => expect(isUnseen(note)).toBe(unseen));
+  it("names no field of the API", () => expect(onPage("(and 3 more, in `causes`).")).toBe("(and 3 more)."));
+});
 
 describe("what a reason says", () => {
   it("is not said again, nor are others of its kind", () => {

@@ -72,6 +72,7 @@ def test_from_a_run_to_a_turned_and_placed_program(visit, run, api):
     with page.expect_download() as download:
         page.get_by_role("link", name="Download pocket.src").click()
     assert b"LIN" in download.value.path().read_bytes()
+    assert download.value.suggested_filename == f"pocket-turned-{job['id'][:8]}.src"
     table = page.get_by_role("table").filter(has_text="left after correction")
     for width in (360, 390):  # on a phone, all intervals are there
         page.set_viewport_size({"width": width, "height": 844})

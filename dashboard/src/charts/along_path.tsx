@@ -65,7 +65,8 @@ export function AlongPath({ title, note, along, lines, band, axes, chosen, choos
               unit={axes.alongUnit}
             />
             {band && <path class="band" d={area(along, band.ends, x, y)} />}
-            {lines.map(({ mark, values }) => (
+            {/* The first one, which is dashed, lies above the others: it is seen where they are the same. */}
+            {lines.toReversed().map(({ mark, values }) => (
               <path class={`line ${mark}`} d={polyline(along, values, x, y)} />
             ))}
             <line class="chosen" x1={x(along[chosen] ?? 0)} x2={x(along[chosen] ?? 0)} y1={28} y2={bottom} />

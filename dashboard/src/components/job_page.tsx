@@ -202,11 +202,12 @@ export const Reasons = ({ assessment: { reasons }, context }: Omit<VerdictCardPr
 function offeredOnce(groups: Finding[][]): Finding[][] {
   const offered = new Set<string>();
   return groups.map((group) => {
-    const own = group.map((reason) =>
-      offered.has(JSON.stringify(reason.action ?? null)) ? { ...reason, action: null } : reason,
-    );
-    for (const { action } of group) if (action) offered.add(JSON.stringify(action));
-    return own;
+    const before = new Set(offered);
+    return group.map((reason) => {
+      const key = JSON.stringify(reason.action);
+      offered.add(key);
+      return before.has(key) ? { ...reason, action: null } : reason;
+    });
   });
 }
 

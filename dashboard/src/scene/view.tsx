@@ -77,7 +77,7 @@ export const ArmView = ({
     <Drawing posture={posture} {...rest} />
   ) : (
     <div class="stage">
-      <Busy label={text.scene.loading} />
+      <Busy label={later.scene.loading} />
     </div>
   );
 
@@ -116,13 +116,13 @@ function Drawing({ room, near = false, label, resets = 0, bends = 0, dragged, ..
   if (stage === "none")
     return (
       <div class="stage sketched">
-        <p class="soft">{text.scene.noWebgl}</p>
+        <p class="soft">{later.scene.noWebgl}</p>
         <PostureSketch posture={show.posture} force={show.load?.along ?? null} size={[320, 260]} label={label} />
       </div>
     );
   return (
     <div class="stage">
-      {stage === null && <Busy label={text.scene.loading} />}
+      {stage === null && <Busy label={later.scene.loading} />}
       <canvas ref={canvas} tabIndex={0} role="img" aria-label={label} data-ready={stage !== null} />
     </div>
   );
@@ -164,7 +164,7 @@ export function Arm({ source, start, sliders = true }: ArmProps) {
   return (
     <div class="arm">
       {problem && <ProblemNote problem={problem} />}
-      {(posture || !problem) && <ArmView {...{ posture, names, room }} label={text.scene.canvasPlain} />}
+      {(posture || !problem) && <ArmView {...{ posture, names, room }} label={later.scene.canvasPlain} />}
       {posture && sliders && (
         <details class="sliders">
           <summary>{later.robots.sliders}</summary>

@@ -441,7 +441,7 @@ function Path({ loaded: { job, points, robot } }: { loaded: Awaited<ReturnType<t
     shares: loaded.map((one) => share(when === "before" ? one.deflection : one.residual, [0, most])),
     size,
   };
-  if (!posture || !point) return <Busy label={text.scene.loading} />;
+  if (!posture || !point) return <Busy label={later.scene.loading} />;
   const { flange_origin: flange } = posture;
   const path = drawn.map((one) => one.place);
   return (

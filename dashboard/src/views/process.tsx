@@ -17,6 +17,7 @@ import { link } from "../state/action";
 import { useKinematics } from "../state/kinematics";
 import { ask } from "../state/query";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { processWords as words } from "../i18n/process";
 import { lengthOf, RampLegend, share, SliceChart } from "./map";
 import { contextOfEnded } from "./run_context";
@@ -154,7 +155,7 @@ interface ArmProps {
 function Arm({ points, point, robot, stage, most }: ArmProps) {
   const { kinematics } = useKinematics(point ? { robot_id: robot } : null, point ? [point.joints] : []);
   const posture = kinematics?.[0];
-  if (!posture || !point) return <Busy label={text.scene.loading} />;
+  if (!posture || !point) return <Busy label={later.scene.loading} />;
   const { flange_origin: flange } = posture;
   const places = points.map(({ place }) => place);
   const loaded = points.filter((each) => Number.isFinite(each[stage]));

@@ -12,9 +12,9 @@ import { useSettings } from "../state/session";
 
 const words = later.rehearsal;
 
-/** An interval stands in two lines at most: the word between its ends stays with the first one. */
+/** An interval stands in two lines at most: the word between its ends stays with the first one. Words wrap as they are. */
 export const inTwoLines = <T,>(cell: T): T =>
-  (typeof cell === "string" ? cell.replace(/(?<!\b(?:to)|…) /g, "\u00a0") : cell) as T;
+  (typeof cell === "string" && /\d/.test(cell) ? cell.replace(/(?<!\b(?:to)|…) /g, "\u00a0") : cell) as T;
 
 /** What was planted stands last: a phone shows at first what was found, and its interval. */
 const plantedLast = <T,>([joint, planted, ...found]: T[]): T[] => [joint, ...found, planted] as T[];

@@ -10,6 +10,7 @@ import { LinkButton, Busy, Button, Choice, Toggle } from "../components/basics";
 import { link } from "../state/action";
 import { alike } from "../components/table";
 import { text } from "../i18n";
+import { later } from "../i18n/later";
 import { type PartProps, usePostures } from "./run_context";
 import { Handle } from "../components/fields";
 import { ArmView, roomOf } from "../scene/view";
@@ -167,7 +168,7 @@ function Residuals({ result, opening }: { result: RunResult; opening: Opening })
 
 const radius = (step: number): number => Math.min(3.6, Math.max(1.5, step / 5));
 
-const words = text.scene;
+const words = later.scene;
 
 export function RobotPart(props: PartProps) {
   const postures = usePostures(props.context.set, props.context.robot);

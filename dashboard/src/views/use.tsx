@@ -151,7 +151,7 @@ function Bent({ found: { posture, point, force, answer }, result }: { found: Pre
         label={words.view}
         bends={bends}
       />
-      <Button onClick={() => setBends((count) => count + 1)}>{text.scene.bend}</Button>
+      <Button onClick={() => setBends((count) => count + 1)}>{later.scene.bend}</Button>
     </>
   );
 }

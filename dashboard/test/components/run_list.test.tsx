@@ -100,7 +100,7 @@ describe("what a list shows", () => {
     await act(() => new Promise((done) => setTimeout(done, 350)));
     await settled(() => {});
     await settled(() => {});
-    expect(root.querySelector("p[role=status]")?.textContent).toBe("1");
+    expect(root.querySelector("p[role=status]")?.textContent).toBe("1 in all");
     expect(root.querySelector(".rows")?.textContent).toContain("check 1912");
     expect(asked).toHaveLength(2);
   });

@@ -1,6 +1,6 @@
 // @vitest-environment happy-dom
 import { expect, it } from "vitest";
-import type { Run } from "../../src/api/types";
+import type { Assessment, Run } from "../../src/api/types";
 import { VerdictCard } from "../../src/components/job_page";
 import type { RunContext } from "../../src/views/run_context";
 import { drawn } from "./drawn";
@@ -20,6 +20,24 @@ it.each([
   };
   const root = await drawn(<VerdictCard assessment={assessment} context={null} />);
   expect(root.querySelector("h2")?.textContent).toContain(said);
+});
+
+it("offers what removes two reasons once, with the first of them", async () => {
+  const empty = { observations: [], joints: [], joint_map: [], offset: [], target: null, causes: [], unit: null };
+  const reasons = (["work_negative", "no_joint_identified"] as const).map((code) => ({
+    code,
+    weight: "do_not_use",
+    where: null,
+    observation: null,
+    message: code,
+    remedy: "exchange unloaded and loaded readings",
+    action: { ...empty, kind: "exchange_readings" },
+  }));
+  const assessment = { verdict: "do_not_use", reasons, notes: [], headline: null } as unknown as Assessment;
+  const context = { run: { id: "r" } as Run } as RunContext;
+  const root = await drawn(<VerdictCard assessment={assessment} context={context} />);
+  const [first, second] = [...root.querySelectorAll("ul > li")].map((item) => item.querySelectorAll("button").length);
+  expect([first, second]).toEqual([1, 0]);
 });
 
 it("offers each unit of force that is plausible on a button of its own", async () => {

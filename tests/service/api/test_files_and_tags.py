@@ -78,7 +78,7 @@ NOTHING_ELSE = "default-src 'none'; frame-ancestors 'none'"
         ("report.html", "text/html; charset=utf-8", 'inline; filename="report-ID.html"'),
         ("report.xml", "application/problem+json", None),
         ("model.mjcf", "application/xml", 'attachment; filename="model-ID.mjcf"'),
-        ("joints.csv", "text/csv; charset=utf-8", 'attachment; filename="run-ID.csv"'),
+        ("joints.csv", "text/csv; charset=utf-8", 'attachment; filename="run-joints-ID.csv"'),
         ("tables.json", "application/json", None),
     ],
 )
