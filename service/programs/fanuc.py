@@ -35,7 +35,8 @@ _BRACKETS: Final = r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
 _PROCESS: Final = r"(?:SPOT|PRESS_MOTN|SS|SE|LS|LE|(?:Arc|Weld) (?:Start|End))"
 _HARMLESS: Final = (
     r"(?:R|SR|F|[DRGAWUS][IO]|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED|RESUME_PROG)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
-    r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$WAITTMOUT=|\$[\w$.\[\]\0]*(?:OVERRIDE|SPEED|TIMER_VAL)=) ?(.+?)"
+    r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$(?:WAITTMOUT|RMT_MASTER|SVPRG_ENB|UALRM_SEV\[\0\])="
+    r"|\$[\w$.\[\]\0]*(?:OVERRIDE|SPEED|TIMER_VAL)=) ?(.+?)"
     r"(?:\(sec\)| ?%|(?<=ON)[+-]|(?<=OFF)[+-])?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+|(?:UN)?LOCK PREG)"
     r"|TC_ONLINE(?: (?:EN|DIS)ABLE| ?(\(.+\)))?|CLEAR_RESUME_PROG|RETURN_PATH_DSBL|RESUME_PROG=\w+"
@@ -53,7 +54,11 @@ _LASTING_WORDS: Final = (
     r"(?i:[JLCAS]|P|PR|TOUCH|TRACK|MP|RPM|SEARCH|SOFTFLOAT|FOLLOW|DEF\w*|LINE|(?:TOOL_|V)?OFFSET"
     r"|UFRAME|UTOOL|INDEPENDENT|SIMULTANEOUS|FORCE|CALIB|GROUP|IF|FOR|SELECT|JMP|LBL|RUN|CALL|WAIT|END\w*)\b"
 )
-_OF_HAND: Final = re.compile(r"(?i)(?<![a-z])(?:open|close|relax)(?![a-z])")
+# Words in names of macros that work a hand or a process
+_OF_HAND: Final = re.compile(
+    r"(?i)(?<![a-z])(?:open|close|relax|hand|grip|gripper|greifer|pinza|clamp|vac|vacuum|suction|ventosa|magnet"
+    r"|valve|gun|spindle|laser|dispense|glue)(?![a-z])"
+)
 _MAY_LAST: Final = re.compile(
     r"(?i)track|offs|sens|soft|float|forc|frame|tool|line|shift|path|touch|search|follow|loop"
 )
@@ -63,12 +68,13 @@ _KINDS: Final = r"(?P<kind>Track|Touch Offset|SOFTFLOAT)"
 _TAIL: Final = re.compile(
     r"(?:\0|R\[[^\[\]]*\])?(?: ?(?:%|(?:mm|cm|inch|deg)/(?:sec|min)|sec|msec|max_speed|WELD_SPEED))?"
     r"(?: ?(?:FINE|Wjnt|PTH|BREAK|MROT|(?:CNT|CR|CD|ACC|AP_LD|RT_LD|PSPD)(?:\d++| ?\0)"
-    r"|(?:CNT|ACC) ?R\[[^\[\]]*\]"
+    r"|(?:CNT|ACC|AP_LD|RT_LD|PSPD) ?R\[[^\[\]]*\]"
     r"|EV(?:\d++| ?\0)%"
     rf"|{_PROCESS} ?{_BRACKETS}|SE(?!\w)"
-    r"|(?:TB|TA|DB) ?\0 ?(?:sec|mm)?,"
+    r"|(?:TB|TA|DB) ?(?:\0|R\[[^\[\]]*\]) ?(?:sec|mm)?, ?"
     r"(?:P-SPS|CALL ?\w++(?:\([^()]*\))?"
-    rf"|(?:DO|RO|GO|AO){_BRACKETS}=(?:PULSE,\0 ?sec|\w++|\0|\((?:(?!\bP\[)[\w\0\[\]!+*/<>= -])*\)))))*"
+    rf"|(?:DO|RO|GO|AO|R|F){_BRACKETS}="
+    r"(?:PULSE,\0 ?sec|A?R\[[^\[\]]*\]|\w++|\0|\((?:(?!\bP\[)[\w\0\[\]!+*/<>= -])*\)))))*"
 )
 # Text behind a target that ends the move before it, and the label where the program continues otherwise
 _SKIP: Final = re.compile(r" ?Skip,LBL ?\[(?P<label>[^\[\]]*)\](?:,PR\[[^\[\]]*\]=\w+)?")
@@ -87,6 +93,8 @@ _UNKNOWN_TAIL: Final = (
 )
 # In such a text: jumps, assignments and what lasts, which act behind the move
 _MAY_ACT: Final = re.compile(r"=|LBL|JMP|CALL(?! ?\w)|(?i:track|touch|soft|follow|force)")
+# Arguments of programs and macros are values, never positions.
+_ARGUMENTS: Final = r"(?:\((?:(?!\bP\[)[^()]|\([^()]*\))*\))?"
 _CHOICE: Final = (
     r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM(?:\[(?:GP\d,)*GP1(?:,GP\d)*\])?|NUM\[\0\])"
 )
@@ -205,6 +213,11 @@ def _translate_lasting(line: Line) -> list[Op]:
     """Return the operation of an instruction that displaces targets until its own end."""
     statement = ir.quote_statement(line.text, line.ordinals)
     return [ir.begin_lasting(line["kind"], f"{statement} moves targets", "omit it")]
+
+
+def _translate_call(line: Line) -> list[Op]:
+    """Return the call of a program, whose name may be that in a string register."""
+    return [ir.Call(line["name"].replace("\0", "n"))]
 
 
 def _translate_macro(line: Line) -> list[Op]:
@@ -496,12 +509,12 @@ LANGUAGE: Final = ir.Language(
             _translate_conditional_action,
         ),
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),
-        (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
+        (rf"(?:CALL|RUN|MONITOR) (?P<name>\w++|SR\[\0\]){_ARGUMENTS}", _translate_call),
         (_HARMLESS, _translate_harmless_instruction),
         (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _translate_frame_change),
         (r".*(?:UFRAME|UTOOL).*", _refuse_computed_frame),
         (
-            rf"(?!{_LASTING_WORDS})(?P<name>[A-Za-z]\w*(?: \w+)*(?: ?\0)?(?: ?\[[^\[\]]*\])?)(?:\((.*)\))?",
+            rf"(?!{_LASTING_WORDS})(?P<name>[A-Za-z]\w*(?:[ .]\w+)*(?: ?\0)?(?: ?\[[^\[\]]*\])?){_ARGUMENTS}",
             _translate_macro,
         ),
         (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*(?<!\w)P\[[^=]*=.*", _translate_position_change),
