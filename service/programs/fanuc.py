@@ -32,7 +32,7 @@ _FIELDS: Final = (
 # frame changes by them.
 _BRACKETS: Final = r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
 # Instructions that switch a process on or off, also behind a target
-_PROCESS: Final = r"(?:SPOT|PRESS_MOTN|SS|SE|LS|LE|(?:Arc|Weld) (?:Start|End))"
+_PROCESS: Final = r"(?:SPOT|PRESS_MOTN|SS|SE|LS|LE|(?:Arc|Weld) (?:Start|End)(?: E\d)?)"
 _HARMLESS: Final = (
     r"(?:R|SR|F|[DRGAWUS][IO]|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED|RESUME_PROG)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
     r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$(?:WAITTMOUT|RMT_MASTER|SVPRG_ENB|UALRM_SEV\[\0\])="
@@ -40,12 +40,13 @@ _HARMLESS: Final = (
     r"(?:\(sec\)| ?%|(?<=ON)[+-]|(?<=OFF)[+-])?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+|(?:UN)?LOCK PREG)"
     r"|TC_ONLINE(?: (?:EN|DIS)ABLE| ?(\(.+\)))?|CLEAR_RESUME_PROG|RETURN_PATH_DSBL|RESUME_PROG=\w+"
-    r"|(?:PAYLOAD|UALM|DIAG_REC)\[(.*)\]|COL GUARD ADJUST ?(.+)"
+    r"|(?:PAYLOAD|UALM|DIAG_REC)\[(.*)\]|COL GUARD ADJUST(?: ?(.+))?"
     r"|U(?:FRAME|TOOL)_NUM\[GP[2-9](?:,GP[2-9])*\]=(.+)"  # frames of other groups
     rf"|{_PROCESS}(?:{_BRACKETS})?|LASER (?:ON|OFF)(?:{_BRACKETS})?"
     # A weave swings about the path. Conditions act on moves that say Skip or Offset, which are left.
-    r"|Weave [\w ]+(?:\[[^\[\]]*\])?|(?:SKIP|(?:TOOL_|V)?OFFSET) CONDITION .+|MONITOR END \w+"
-    r"|VISION (?:RUN_FIND|GET_(?:NFOUND|PASSFAIL|READING)|SET_REFERENCE|OVERRIDE) (?:(?!JMP|CALL).)*"
+    rf"|Weave (?!Track)[\w\0 ]+(?:{_BRACKETS})?|(?:SKIP|(?:TOOL_|V)?OFFSET) CONDITION .+|MONITOR END \w+"
+    r"|VISION (?:RUN_FIND|GET_(?:NFOUND|PASSFAIL|READING)|SET_REFERENCE|OVERRIDE|CAMERA_CALIB) "
+    r"(?:(?!JMP|CALL).)*"
     # A search moves to contact by moves that say Search, which are left; a pattern of a pallet is a register.
     r"|Search (?:Start|End).*|PALLETIZING-\w+|(?:GUN|BACKUP)=(?:ON|OFF|OPEN|CLOSE)"
 )
@@ -60,7 +61,8 @@ _OF_HAND: Final = re.compile(
     r"|valve|gun|spindle|laser|dispense|glue)(?![a-z])"
 )
 _MAY_LAST: Final = re.compile(
-    r"(?i)track|offs|sens|soft|float|forc|frame|tool|line|shift|path|touch|search|follow|loop"
+    r"(?i)track|offs|sens|soft|float|forc|frame|tool|line|shift|path|touch|search|follow|loop|seam|comp|adj"
+    r"|cal|corr|tcp|guid"
 )
 # Instructions that displace targets, or soften the arm, until their own end
 _KINDS: Final = r"(?P<kind>Track|Touch Offset|SOFTFLOAT)"
@@ -503,7 +505,7 @@ LANGUAGE: Final = ir.Language(
         (r"ELSE", "branch"),
         (r"ENDIF|ENDFOR", "close"),
         (r"LBL ?\[#{name}\]", "label"),
-        (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
+        (r"(?:WAIT ?(.+?),? ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
         (
             r"VISION GET_\w+ [^\[\]]*(?:\[[^\[\]]*\][^\[\]]*?)*(?P<action>JMP LBL ?\[[^\[\]]*\])",
             _translate_conditional_action,
