@@ -225,11 +225,12 @@ def _translate_call(line: Line) -> list[Op]:
 def _translate_macro(line: Line) -> list[Op]:
     """Return the call of a macro, whose name may have several words and a number.
 
-    An instruction of the controller with words alone looks like a macro, and may last; not so a macro of the
-    hand, such as `Open hand 1`, with which controllers are delivered.
+    An instruction of the controller with words alone looks like a macro, and may last. Only macros have
+    arguments in parentheses; and a macro of the hand, such as `Open hand 1`, is delivered with controllers.
     """
     name = line["name"].replace("\0", "n")
-    return [ir.Call(name, may_last=not _OF_HAND.search(name) or bool(_MAY_LAST.search(name)))]
+    is_macro = line.text.endswith(")") or _OF_HAND.search(name) is not None
+    return [ir.Call(name, may_last=not is_macro or _MAY_LAST.search(name) is not None)]
 
 
 def _translate_register_move(line: Line) -> list[Op]:
