@@ -62,7 +62,7 @@ _OF_HAND: Final = re.compile(
 )
 _MAY_LAST: Final = re.compile(
     r"(?i)track|offs|sens|soft|float|forc|frame|tool|line|shift|path|touch|search|follow|loop|seam|comp|adj"
-    r"|cal|corr|tcp|guid"
+    r"|cal|corr|tcp|guid|group|coord|conv|enc|job|base|vr|mirror|index|pos"
 )
 # Instructions that displace targets, or soften the arm, until their own end
 _KINDS: Final = r"(?P<kind>Track|Touch Offset|SOFTFLOAT)"
@@ -243,6 +243,20 @@ def _translate_register_move(line: Line) -> list[Op]:
         raise Misread("the target is not a position in /POS, and the text after it is unknown")
     statement = ir.quote_statement(line.text, line.ordinals)
     return ir.make_uncorrected_move([], f"{statement}: the target is not a position in /POS", _REMEDY)
+
+
+def _translate_assignment(line: Line) -> list[Op]:
+    """Return the operations of an assignment to an unknown name, which can change only what has this name.
+
+    Raises:
+        Misread: the name is that of something that may move targets, the assignment names a program that may
+            run at any time, or the value is not understood.
+    """
+    if _MAY_LAST.search(line["name"]) or line["name"].endswith("_PROG"):
+        raise Misread(ir.UNKNOWN_STATEMENT)
+    statement = ir.quote_statement(line.text, line.ordinals)
+    note = ir.Note(f"{statement} is unknown; it is assumed to change only what it names")
+    return [*_translate_harmless_instruction(line), note]
 
 
 def _translate_frame_change(line: Line) -> list[Op]:
@@ -520,6 +534,7 @@ LANGUAGE: Final = ir.Language(
             rf"(?!{_LASTING_WORDS})(?P<name>[A-Za-z]\w*(?:[ .]\w+)*(?: ?\0)?(?: ?\[[^\[\]]*\])?){_ARGUMENTS}",
             _translate_macro,
         ),
+        (rf"(?P<name>(?!P\b)[A-Za-z]\w*)(?:{_BRACKETS})?=(?P<value>.+)", _translate_assignment),
         (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*(?<!\w)P\[[^=]*=.*", _translate_position_change),
     ),
 )
