@@ -34,12 +34,12 @@ _BRACKETS: Final = r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
 # Instructions that switch a process on or off, also behind a target
 _PROCESS: Final = r"(?:SPOT|PRESS_MOTN|SS|SE|LS|LE|(?:Arc|Weld) (?:Start|End)(?: E\d)?)"
 _HARMLESS: Final = (
-    r"(?:R|SR|F|[DRGAWUS][IO]|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED|RESUME_PROG)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
+    r"(?:R|SR|F|[DRGAWUS][IO]|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
     r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$(?:WAITTMOUT|RMT_MASTER|SVPRG_ENB|UALRM_SEV\[\0\])="
     r"|\$[\w$.\[\]\0]*(?:OVERRIDE|SPEED|TIMER_VAL)=) ?(.+?)"
     r"(?:\(sec\)| ?%|(?<=ON)[+-]|(?<=OFF)[+-])?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+|(?:UN)?LOCK PREG)"
-    r"|TC_ONLINE(?: (?:EN|DIS)ABLE| ?(\(.+\)))?|CLEAR_RESUME_PROG|RETURN_PATH_DSBL|RESUME_PROG=\w+"
+    r"|TC_ONLINE(?: (?:EN|DIS)ABLE| ?(\(.+\)))?|CLEAR_RESUME_PROG|RETURN_PATH_DSBL"
     r"|(?:PAYLOAD|UALM|DIAG_REC)\[(.*)\]|COL GUARD ADJUST(?: ?(.+))?"
     r"|U(?:FRAME|TOOL)_NUM\[GP[2-9](?:,GP[2-9])*\]=(.+)"  # frames of other groups
     rf"|{_PROCESS}(?:{_BRACKETS})?|LASER (?:ON|OFF)(?:{_BRACKETS})?"
@@ -222,6 +222,11 @@ def _translate_call(line: Line) -> list[Op]:
     return [ir.Call(line["name"].replace("\0", "n"))]
 
 
+def _translate_event(line: Line) -> list[Op]:
+    """Return the attachment of a program that runs when an alarm occurs, or when this program resumes."""
+    return [ir.Call(line["name"], anytime=True, event=line["name"])]
+
+
 def _translate_macro(line: Line) -> list[Op]:
     """Return the call of a macro, whose name may have several words and a number.
 
@@ -249,10 +254,9 @@ def _translate_assignment(line: Line) -> list[Op]:
     """Return the operations of an assignment to an unknown name, which can change only what has this name.
 
     Raises:
-        Misread: the name is that of something that may move targets, the assignment names a program that may
-            run at any time, or the value is not understood.
+        Misread: the name is that of something that may move targets, or the value is not understood.
     """
-    if _MAY_LAST.search(line["name"]) or line["name"].endswith("_PROG"):
+    if _MAY_LAST.search(line["name"]):
         raise Misread(ir.UNKNOWN_STATEMENT)
     statement = ir.quote_statement(line.text, line.ordinals)
     note = ir.Note(f"{statement} is unknown; it is assumed to change only what it names")
@@ -527,6 +531,7 @@ LANGUAGE: Final = ir.Language(
         ),
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),
         (rf"(?:CALL|RUN|MONITOR) (?P<name>\w++|SR\[\0\]){_ARGUMENTS}", _translate_call),
+        (r"(?:ERROR|MAINT|RESUME)_PROG(?:\[.+\])?=(?P<name>\w++)", _translate_event),
         (_HARMLESS, _translate_harmless_instruction),
         (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _translate_frame_change),
         (r".*(?:UFRAME|UTOOL).*", _refuse_computed_frame),
