@@ -30,15 +30,23 @@ _FIELDS: Final = (
 # B-83284EN-1. A position states its UF and UT; if others are active, the controller stops (INTP-252, 253). F
 # takes the active one. Registers, signals, timers, messages, speeds, collision detection: no position and no
 # frame changes by them.
+_BRACKETS: Final = r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
+# Instructions that switch a process on or off, also behind a target
+_PROCESS: Final = r"(?:SPOT|PRESS_MOTN|SS|SE|LS|LE|(?:Arc|Weld) (?:Start|End)(?: E\d)?)"
 _HARMLESS: Final = (
-    r"(?:R|SR|F|[DRGAWUS][IO]|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED|RESUME_PROG)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
-    r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$WAITTMOUT=|\$[\w$.\[\]\0]*OVERRIDE=) ?(.+?)(?:\(sec\)| ?%)?"
-    r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|TC_ONLINE|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+)"
-    r"|(?:PAYLOAD|UALM|DIAG_REC)\[(.*)\]|COL GUARD ADJUST ?(.+)"
-    r"|(?:SPOT|SS|SE|(?:Arc|Weld) (?:Start|End))(?:\[[^\[\]]*\])?"
+    r"(?:R|SR|F|[DRGAWUS][IO]|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
+    r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$(?:WAITTMOUT|RMT_MASTER|SVPRG_ENB|UALRM_SEV\[\0\])="
+    r"|\$[\w$.\[\]\0]*(?:OVERRIDE|SPEED|TIMER_VAL)=) ?(.+?)"
+    r"(?:\(sec\)| ?%|(?<=ON)[+-]|(?<=OFF)[+-])?"
+    r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+|(?:UN)?LOCK PREG)"
+    r"|TC_ONLINE(?: (?:EN|DIS)ABLE| ?(\(.+\)))?|CLEAR_RESUME_PROG|RETURN_PATH_DSBL"
+    r"|(?:PAYLOAD|UALM|DIAG_REC)\[(.*)\]|COL GUARD ADJUST(?: ?(.+))?"
+    r"|U(?:FRAME|TOOL)_NUM\[GP[2-9](?:,GP[2-9])*\]=(.+)"  # frames of other groups
+    rf"|{_PROCESS}(?:{_BRACKETS})?|LASER (?:ON|OFF)(?:{_BRACKETS})?"
     # A weave swings about the path. Conditions act on moves that say Skip or Offset, which are left.
-    r"|Weave [\w ]+(?:\[[^\[\]]*\])?|(?:SKIP|(?:TOOL_|V)?OFFSET) CONDITION .+|MONITOR END \w+"
-    r"|VISION (?:RUN_FIND|GET_NFOUND|SET_REFERENCE) .*"
+    rf"|Weave (?!Track)[\w\0 ]+(?:{_BRACKETS})?|(?:SKIP|(?:TOOL_|V)?OFFSET) CONDITION .+|MONITOR END \w+"
+    r"|VISION (?:RUN_FIND|GET_(?:NFOUND|PASSFAIL|READING)|SET_REFERENCE|OVERRIDE|CAMERA_CALIB) "
+    r"(?:(?!JMP|CALL).)*"
     # A search moves to contact by moves that say Search, which are left; a pattern of a pallet is a register.
     r"|Search (?:Start|End).*|PALLETIZING-\w+|(?:GUN|BACKUP)=(?:ON|OFF|OPEN|CLOSE)"
 )
@@ -47,16 +55,28 @@ _LASTING_WORDS: Final = (
     r"(?i:[JLCAS]|P|PR|TOUCH|TRACK|MP|RPM|SEARCH|SOFTFLOAT|FOLLOW|DEF\w*|LINE|(?:TOOL_|V)?OFFSET"
     r"|UFRAME|UTOOL|INDEPENDENT|SIMULTANEOUS|FORCE|CALIB|GROUP|IF|FOR|SELECT|JMP|LBL|RUN|CALL|WAIT|END\w*)\b"
 )
+# Words in names of macros that work a hand or a process
+_OF_HAND: Final = re.compile(
+    r"(?i)(?<![a-z])(?:open|close|relax|hand|grip|gripper|greifer|pinza|clamp|vac|vacuum|suction|ventosa|magnet"
+    r"|valve|gun|spindle|laser|dispense|glue)(?![a-z])"
+)
+_MAY_LAST: Final = re.compile(
+    r"(?i)track|offs|sens|soft|float|forc|frame|tool|line|shift|path|touch|search|follow|loop|seam|comp|adj"
+    r"|cal|corr|tcp|guid|group|coord|conv|enc|job|base|vr|mirror|index|pos"
+)
 # Instructions that displace targets, or soften the arm, until their own end
 _KINDS: Final = r"(?P<kind>Track|Touch Offset|SOFTFLOAT)"
 # Text behind a target that does not move the target: termination, acceleration, configuration, spots, signals
 _TAIL: Final = re.compile(
     r"(?:\0|R\[[^\[\]]*\])?(?: ?(?:%|(?:mm|cm|inch|deg)/(?:sec|min)|sec|msec|max_speed|WELD_SPEED))?"
-    r"(?: ?(?:FINE|Wjnt|PTH|BREAK|MROT|(?:CNT|CR|CD|ACC|AP_LD|RT_LD)(?:\d++| ?\0)|(?:CNT|ACC) ?R\[[^\[\]]*\]"
-    r"|EV ?\0%"
-    r"|(?:SPOT|SS|(?:Arc|Weld) (?:Start|End)) ?\[[^\[\]]*\]|SE(?!\w)"
-    r"|(?:TB|TA|DB) ?\0 ?(?:sec|mm)?,"
-    r"(?:P-SPS|CALL ?\w++(?:\([^()]*\))?|(?:DO|RO|GO|AO)\[[^\[\]]*\]=(?:PULSE,\0 ?sec|\w++|\0))))*"
+    r"(?: ?(?:FINE|Wjnt|PTH|BREAK|MROT|(?:CNT|CR|CD|ACC|AP_LD|RT_LD|PSPD)(?:\d++| ?\0)"
+    r"|(?:CNT|ACC|AP_LD|RT_LD|PSPD) ?R\[[^\[\]]*\]"
+    r"|EV(?:\d++| ?\0)%"
+    rf"|{_PROCESS} ?{_BRACKETS}|SE(?!\w)"
+    r"|(?:TB|TA|DB) ?(?:\0|R\[[^\[\]]*\]) ?(?:sec|mm)?, ?"
+    r"(?:P-SPS|CALL ?\w++(?:\([^()]*\))?"
+    rf"|(?:DO|RO|GO|AO|R|F){_BRACKETS}="
+    r"(?:PULSE,\0 ?sec|A?R\[[^\[\]]*\]|\w++|\0|\((?:(?!\bP\[)[\w\0\[\]!+*/<>= -])*\)))))*"
 )
 # Text behind a target that ends the move before it, and the label where the program continues otherwise
 _SKIP: Final = re.compile(r" ?Skip,LBL ?\[(?P<label>[^\[\]]*)\](?:,PR\[[^\[\]]*\]=\w+)?")
@@ -77,8 +97,17 @@ _UNKNOWN_TAIL: Final = (
 )
 # In such a text: jumps, assignments and what lasts, which act behind the move
 _MAY_ACT: Final = re.compile(r"=|LBL|JMP|CALL(?! ?\w)|(?i:track|touch|soft|follow|force)")
+# Arguments of programs and macros are values, never positions.
+_ARGUMENTS: Final = r"(?:\((?:(?!\bP\[)[^()]|\([^()]*\))*\))?"
+_CHOICE: Final = (
+    r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM(?:\[(?:GP\d,)*GP1(?:,GP\d)*\])?|NUM\[\0\])"
+)
 _RECORD_AGAIN: Final = "record the position again"
-_LOGIC: Final = r"(?P<action>JMP LBL ?\[.*\]|CALL .+|(?:DO|RO|GO|AO|R|F|WO)\[[^=]*\]=.+)"
+# Actions after a condition: jumps, calls, and what changes neither positions nor frames
+_LOGIC: Final = (
+    r"(?P<action>JMP LBL ?\[.*\]|CALL .+|(?:[DRGAW]O|S?R|F|PR|TIMER|UALM)\[.+|OVERRIDE=.+|WAIT .+"
+    r"|PAUSE|ABORT|END|MESSAGE)"
+)
 
 
 def _translate_frame_choice(line: Line) -> list[Op]:
@@ -109,8 +138,13 @@ def _translate_harmless_instruction(line: Line) -> list[Op]:
     """Return the operations of an instruction that moves nothing: the names used in its value, if any.
 
     The value is an expression, `ON`, or a pulse such as `PULSE,0.2sec`, which uses no names.
+
+    Raises:
+        Misread: a frame is chosen behind the value.
     """
     value = line["value"].replace("!", "")
+    if re.search(r"(?<=.)U(?:FRAME|TOOL)\w*(?:\[[^\[\]]*\])?=", line.text):
+        return _refuse_computed_frame(line)
     return line.read_expression(value) if value and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) else []
 
 
@@ -187,12 +221,25 @@ def _translate_lasting(line: Line) -> list[Op]:
     return [ir.begin_lasting(line["kind"], f"{statement} moves targets", "omit the statement")]
 
 
+def _translate_call(line: Line) -> list[Op]:
+    """Return the call of a program, whose name may be that in a string register."""
+    return [ir.Call(line["name"].replace("\0", "n"))]
+
+
+def _translate_event(line: Line) -> list[Op]:
+    """Return the attachment of a program that runs when an alarm occurs, or when this program resumes."""
+    return [ir.Call(line["name"], anytime=True, event=line["name"])]
+
+
 def _translate_macro(line: Line) -> list[Op]:
     """Return the call of a macro, whose name may have several words and a number.
 
-    An instruction of the controller with words alone looks like a macro, and may last.
+    An instruction of the controller with words alone looks like a macro, and may last. Only macros have
+    arguments in parentheses; and a macro of the hand, such as `Open hand 1`, is delivered with controllers.
     """
-    return [ir.Call(line.text.replace("\0", "n"), may_last=True)]
+    name = line["name"].replace("\0", "n")
+    is_macro = line.text.endswith(")") or _OF_HAND.search(name) is not None
+    return [ir.Call(name, may_last=not is_macro or _MAY_LAST.search(name) is not None)]
 
 
 def _translate_register_move(line: Line) -> list[Op]:
@@ -205,6 +252,19 @@ def _translate_register_move(line: Line) -> list[Op]:
         raise Misread("the target is not a position in /POS, and the text after it is unknown")
     statement = ir.quote_statement(line.text, line.ordinals)
     return ir.make_uncorrected_move([], f"{statement}: the target is not a position in /POS", _REMEDY)
+
+
+def _translate_assignment(line: Line) -> list[Op]:
+    """Return the operations of an assignment to an unknown name, which can change only what has this name.
+
+    Raises:
+        Misread: the name is that of something that may move targets, or the value is not understood.
+    """
+    if _MAY_LAST.search(line["name"]):
+        raise Misread(ir.UNKNOWN_STATEMENT)
+    statement = ir.quote_statement(line.text, line.ordinals)
+    note = ir.Note(f"{statement} is unknown; it is assumed to change only what it names")
+    return [*_translate_harmless_instruction(line), note]
 
 
 def _translate_frame_change(line: Line) -> list[Op]:
@@ -443,7 +503,7 @@ LANGUAGE: Final = ir.Language(
     text=r"'[^'\r\n]*+'",
     word=r"[$]?[^\W\d]\w*+",
     ignores_case=False,
-    operators="AND|OR|NOT|DIV|MOD",
+    operators="AND|OR|NOT|DIV|MOD|STRLEN|FINDSTR|SUBSTR",
     reserved="JMP|CALL|RUN|LBL|IF|THEN|ELSE|ENDIF|FOR|TO|DOWNTO|ENDFOR|SELECT|INC|OFFSET|Offset|Skip|SKIP|VOFFSET|TOOL_OFFSET"
     r"|P(?=\[)",
     functions="WAIT|ABS|SQRT|SIN|COS|TAN|LN|EXP|ROUND|TRUNC|ATAN2|ASIN|ACOS|MOD",
@@ -464,28 +524,30 @@ LANGUAGE: Final = ir.Language(
         (rf"{_KINDS} (?:End|END)", lambda line: [ir.end_lasting(line["kind"])]),
         (rf"{_KINDS}(?! ?(?:End|END)\b)[ \[].*", _translate_lasting),
         (r"PR\[[^\]]*\]=P\[#{place}\]", _translate_copy_to_register),
-        (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[\0\]) ?(?P<tail>.*)", _translate_register_move),
-        (r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM|NUM\[\0\])=#{number}", _translate_frame_choice),
-        (
-            r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM(?:\[GP1\])?|NUM\[\0\])=[\0\w\[\]()+*/-]+",
-            _translate_computed_choice,
-        ),
+        (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[(?:\0|GP\d)\]) ?(?P<tail>.*)", _translate_register_move),
+        (rf"{_CHOICE}=#{{number}}", _translate_frame_choice),
+        (rf"{_CHOICE}=[\0\w\[\]()+*/-]+", _translate_computed_choice),
         (r"IF ?(.+?) ?THEN", "if"),
         (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
         (r"ELSE", "default"),
         (r"ENDIF|ENDFOR", "close"),
         (r"LBL ?\[#{name}\]", "label"),
-        (r"(?:WAIT ?(.+?) ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
+        (r"(?:WAIT ?(.+?),? ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
         (
             r"VISION GET_\w+ [^\[\]]*(?:\[[^\[\]]*\][^\[\]]*?)*(?P<action>JMP LBL ?\[[^\[\]]*\])",
             _translate_conditional_action,
         ),
         (rf"(?:IF ?(.+?)|SELECT ?(?P<which>.+?)|=(.+?)|ELSE),{_LOGIC}", _translate_conditional_action),
-        (r"(?:CALL|RUN|MONITOR) (?P<name>\w++)(?:\((.*)\))?", lambda line: [ir.Call(line["name"])]),
+        (rf"(?:CALL|RUN|MONITOR) (?P<name>\w++|SR\[\0\]){_ARGUMENTS}", _translate_call),
+        (r"(?:ERROR|MAINT|RESUME)_PROG(?:\[.+\])?=(?P<name>\w++)", _translate_event),
         (_HARMLESS, _translate_harmless_instruction),
         (r"(?:.*\W)?\$?(?:MN)?(?:UFRAME|UTOOL)(?:\[.*\])?=.*", _translate_frame_change),
         (r".*(?:UFRAME|UTOOL).*", _refuse_computed_frame),
-        (rf"(?!{_LASTING_WORDS})[A-Za-z]\w*(?: \w+)*(?: ?\0)?(?: ?\[[^\[\]]*\])?", _translate_macro),
+        (
+            rf"(?!{_LASTING_WORDS})(?P<name>[A-Za-z]\w*(?:[ .]\w+)*(?: ?\0)?(?: ?\[[^\[\]]*\])?){_ARGUMENTS}",
+            _translate_macro,
+        ),
+        (rf"(?P<name>(?!P\b)[A-Za-z]\w*)(?:{_BRACKETS})?=(?P<value>.+)", _translate_assignment),
         (r"P\[#{place}(?:,\0)?\]=.*|(?:(?!(?<!\w)P\[).)*(?<!\w)P\[[^=]*=.*", _translate_position_change),
     ),
 )
