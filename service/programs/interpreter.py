@@ -19,7 +19,15 @@ from typing import Final, NoReturn, TypeAlias
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.columns import MAX_VALUE, OF_ROUTINE, Cause, Columns, Frames, WrittenNumbers
+from jointstiff.service.programs.columns import (
+    MAX_VALUE,
+    OF_ROUTINE,
+    Cause,
+    Columns,
+    Frames,
+    WrittenNumbers,
+    get_array_name,
+)
 from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, quote_text
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals, iterate_integers
@@ -63,7 +71,8 @@ class Scope:
 
     def qualify(self, name: str) -> str:
         """Return a name, with the routine's name appended if the name is a local variable of the routine."""
-        return f"{name}{OF_ROUTINE}{self.routine}" if _get_structure_name(name) in self.names else name
+        is_local = get_array_name(_get_structure_name(name)) in self.names
+        return f"{name}{OF_ROUTINE}{self.routine}" if is_local else name
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +102,7 @@ class Place:
             return self.scope.qualify(name)
         value = float(self.values[self.first + name[1]])
         template, _ = name
-        name_with_number = template % (f"{value:g}" if value.is_integer() else "\0")
+        name_with_number = self.scope.qualify(template % (f"{value:g}" if value.is_integer() else "\0"))
         # One copy of each name; names of fields are used once or twice, and are not stored.
         return name_with_number if "." in template else intern(name_with_number)
 
@@ -356,6 +365,7 @@ class Machine:
         # the same for frames that a position states: many positions share one tuple of endings and contents
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
         self._shared_fields: dict[tuple[tuple[str, Content], ...], tuple[tuple[str, Content], ...]] = {}
+        self._element_changes: list[str] = []  # elements of local arrays that statements may change
         self._constants: set[str] = set()  # names that are declared as constants
         self._shared: set[str] = set()  # names that other programs may use as well
         self._stored: set[str] = set()  # those of them that the controller stores for all programs
@@ -585,6 +595,7 @@ class Machine:
             if isinstance(op, ir.Call) and not (op.harmless and op.name not in self._flow.begins)
         ]
         passed = {place.qualify(name) for place, op in calls for name in op.passed}
+        self._element_changes = [each for each in self._changes if "[" in each and OF_ROUTINE in each]
         for place, op in calls:
             self._collect_call(place, op, passed)
         self._summarise_routines()
@@ -645,6 +656,7 @@ class Machine:
         fields = {field for name in names for field in self._list_name_and_fields(name)}
         # the beginning of the routine itself makes each parameter unknown, once
         changes = sum(len(self._changes.get(each, ())) for each in fields) - len(names)
+        changes += any(get_array_name(_get_structure_name(each)) in names for each in self._element_changes)
         return changes > 0 or not names.isdisjoint(passed)
 
     def _explain_unknown_call(self, place: Place, op: ir.Call) -> Cause | None:
@@ -911,7 +923,7 @@ class Machine:
 
     def _find_changes(self, name: str) -> list[Cause]:
         """Return the changes of a name; if there are none, those of its structure, else of its array."""
-        names = name, _get_structure_name(name), name.partition("[")[0]
+        names = name, _get_structure_name(name), get_array_name(name)
         return next((changes for each in names if (changes := self._changes.get(each))), [])
 
     def _evaluate(self, place: Place, name: str, value: Value, state: State) -> Content:
@@ -937,8 +949,9 @@ class Machine:
         if name in self._lasting:  # nothing lasts that may move targets, unless a statement says so
             lasting = self._anytime.get(name)
             return (lasting, lasting.line) if lasting else state.get(name, ("", 0))
-        if _get_structure_name(name) in self._language.constants:
-            return name, 0
+        fixed = self._find_fixed_content(name)
+        if fixed is not None:
+            return fixed, fixed.line if isinstance(fixed, Cause) else 0
         protected = self._is_protected(name)
         # A change that may happen at any time comes first, then the state, then the value before the program.
         content: Content | None = self._anytime.get(name)
@@ -952,6 +965,16 @@ class Machine:
         if isinstance(content, Cause) and self._language.is_frame(name):
             content = content._replace(shows=name)
         return content, content.line if isinstance(content, Cause) else 0
+
+    def _find_fixed_content(self, name: str) -> Content | None:
+        """Return the content that a name has in all states: of a constant, or of an element; else None.
+
+        Where a statement changes an array, whichever element that is, no element is known.
+        """
+        if _get_structure_name(name) in self._language.constants:
+            return name
+        array = get_array_name(name)
+        return self._initial_value(name) if array != name and array in self._changes else None
 
     def _initial_value(self, name: str) -> Content:
         """Return the content of a name when the program begins: data have the values in their file."""

@@ -76,6 +76,9 @@ _TRIGGER: Final = (
 _AXES_OF_STEP: Final = r" ?#(?:TOOL|BASE)$"
 """Axes along which the step of a relative move is given, at the end of the move."""
 _FIELD_OF_FRAMES: Final = re.compile(r"\.(?:(BASE|TOOL)_NO=\0|IPO_FRAME=(?P<mode>#(?:BASE|TCP)))")
+_ELEMENT: Final = re.compile(r"(?P<array>[^\W\d]\w*+)\[\0\]")
+"""An element of an array, by a number."""
+_OTHER_TABLE: Final = {"$BASE": "TOOL_DATA", "$TOOL": "BASE_DATA"}
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 
@@ -144,14 +147,16 @@ def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op
         return [ir.Assign(name, pose)]
     frames = {role: fields.get(f"{role}_NO") for role in ("BASE", "TOOL")}  # frame data, such as FDAT_ACT
     numbers = {role: number for role, number in frames.items() if isinstance(number, int)}
-    if len(numbers) == len(frames):
+    if isinstance(name, str) and len(numbers) == len(frames):
         return _set_frame_data(name, numbers, str(fields.get("IPO_FRAME", "#BASE")))
     if name == "FDAT_ACT" and re.fullmatch(_NAME, text):
         return _copy_frames("FDAT_ACT", text)
     if name in {"$BASE", "$TOOL"} and re.fullmatch(_NAME, text):
         return [ir.Use(frozenset({text})), ir.Assign(name, ir.Copy(text))]
-    if name in {"$BASE", "$TOOL"} and text == f"{str(name)[1:]}_DATA[\0]":
-        return [ir.Assign(name, ir.Copy((text.replace("\0", "%s"), line.ordinals_in(start, end)[0])))]
+    element = _ELEMENT.fullmatch(text)
+    if name in {"$BASE", "$TOOL"} and element and element["array"] != _OTHER_TABLE[str(name)]:
+        copy = ir.Copy((text.replace("\0", "%s"), line.ordinals_in(start, end)[0]))
+        return [ir.Use(frozenset({element["array"]})), ir.Assign(name, copy)]
     return [*_read_value(line, text), _forget_name(name)]
 
 
@@ -205,9 +210,9 @@ def _translate_assignment(line: Line) -> list[Op]:
     """
     name, index = line["name"], line["index"]
     target: ir.Name = name
-    if name in {"BASE_DATA", "TOOL_DATA"}:
-        if not index.startswith("[\0]"):
-            raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
+    if name in {"BASE_DATA", "TOOL_DATA"} and not index.startswith("[\0]"):
+        raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
+    if index.startswith("[\0]") and not name.startswith("$"):  # one element
         target, index = (f"{name}[%s]", line.first_ordinal("index")), index.removeprefix("[\0]")
     elif found := _set_field_of_frames(line):
         return found
@@ -221,6 +226,12 @@ def _translate_assignment(line: Line) -> list[Op]:
         ]
     elif _MAY_MOVE_TARGETS.match(line.text):
         raise Misread(f"the controller's variable {name} may move targets", "omit it")
+    return _assign(line, target, index)
+
+
+def _assign(line: Line, target: ir.Name, index: str) -> list[Op]:
+    """Return the operations that assign to a name, or to one of its elements or fields by an index."""
+    name = line["name"]
     # The indices of elements are expressions; all of them are read as one expression.
     indices = index.strip("[]").replace("][", ",").replace("].", "+") if "[" in index else ""
     uses = line.read_expression(indices)
@@ -232,6 +243,16 @@ def _translate_assignment(line: Line) -> list[Op]:
         changes = [] if is_system_variable else [_forget_name(target)]
         return [*uses, *_read_value(line, line["value"]), *changes]
     return [*uses, *_translate_value(line, target, *line.span("value"))]
+
+
+def _read_target(line: Line, start: int, end: int) -> Literal | ir.Name | None:
+    """Return the target between two indices: a variable, an element of an array, or numbers; else None."""
+    text = line.text[start:end]
+    if re.fullmatch(_NAME, text) and not re.fullmatch(_RESERVED, text):
+        return text
+    if _ELEMENT.fullmatch(text):
+        return text.replace("\0", "%s"), line.ordinals_in(start, end)[0]
+    return _find_target_in_fields(_read_struct(line, start, end))
 
 
 def _translate_move(line: Line) -> list[Op]:
@@ -257,8 +278,7 @@ def _translate_move(line: Line) -> list[Op]:
             if name != line.text[begin:end]:  # one of the two targets of an arc
                 raise Misread("the arc goes through a position stored in the controller")
             return [*found, ir.MoveToStored(name)]
-        is_variable = re.fullmatch(_NAME, name) and not re.fullmatch(_RESERVED, name)
-        targets.append(name if is_variable else _find_target_in_fields(_read_struct(line, start, stop)))
+        targets.append(_read_target(line, start, stop))
     known = tuple(each for each in targets if each is not None)
     if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
         reason = "the target is relative to the position before the move" if line["relative"] else _NOT_WHOLE
