@@ -366,6 +366,7 @@ class Machine:
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
         self._shared_fields: dict[tuple[tuple[str, Content], ...], tuple[tuple[str, Content], ...]] = {}
         self._element_changes: list[str] = []  # elements of local arrays that statements may change
+        self._fixed: set[str] = set()  # names that the program declares as constants
         self._constants: set[str] = set()  # names that are declared as constants
         self._shared: set[str] = set()  # names that other programs may use as well
         self._stored: set[str] = set()  # those of them that the controller stores for all programs
@@ -559,6 +560,7 @@ class Machine:
         name = place.qualify(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
         self._stored |= {name} if kind == "shared" else set()
+        self._fixed |= {name} if op.declares == "constant" else set()
         if op.private and not self._language.is_own(name):
             self._private.add(_get_structure_name(name))
         content = self._evaluate(place, name, op.value, {})
@@ -932,6 +934,8 @@ class Machine:
             return WrittenNumbers(name, place.source, place.line, place.first, value)
         if isinstance(value, ir.Unknown):
             return place.make_cause(value.reason, value.remedy)
+        if isinstance(value, ir.Element):
+            return self._evaluate_element(place, value, state)
         content: Content = place.qualify(value.name)
         if "\0" in content:
             return place.make_cause("the number of a frame is not a whole number")
@@ -965,6 +969,23 @@ class Machine:
         if isinstance(content, Cause) and self._language.is_frame(name):
             content = content._replace(shows=name)
         return content, content.line if isinstance(content, Cause) else 0
+
+    def _evaluate_element(self, place: Place, value: ir.Element, state: State) -> Content:
+        """Return the content of an element of a table, whose number is the value of a variable in a state.
+
+        Only a variable of the routine, or a constant, is certain: other programs may set any other one.
+        """
+        index = place.qualify(value.number)
+        number, _ = self._look_up(state, index)
+        if isinstance(number, Cause):
+            return number
+        is_certain = OF_ROUTINE in index or index in self._fixed
+        if not (is_certain and isinstance(number, WrittenNumbers) and len(number.literal.numbers) == 1):
+            return place.make_cause(f"the number {quote_text(value.number)} of a frame is not certain")
+        written = float(self.numerals[number.source].values[number.first + number.literal.numbers[0]])
+        if not written.is_integer():
+            return place.make_cause("the number of a frame is not a whole number")
+        return self._look_up(state, value.table % f"{written:g}")[0]
 
     def _find_fixed_content(self, name: str) -> Content | None:
         """Return the content that a name has in all states: of a constant, or of an element; else None.
@@ -1198,6 +1219,8 @@ class Machine:
         reason = content.reason if isinstance(content, Cause) and content.line else ""
         if len(changes) + (name in self._initial) > 1:  # the target gets numbers more than once
             reason = changes[-1].reason
+        elif isinstance(content, WrittenNumbers) and len(content.literal.numbers) == 1:
+            reason = "it is a single number"
         elif isinstance(content, WrittenNumbers) and name in self._stored:
             reason = "it is declared where other programs use it, too"
         elif isinstance(content, WrittenNumbers):

@@ -16,6 +16,7 @@ from jointstiff.service.programs.program import Literal, Motion, Source
 
 POSE: Final = Notation(Orientation.EULER_ZYX)
 JOINTS: Final = Notation(Orientation.JOINTS)
+_NUMBER: Final = Notation(Orientation.NONE)
 _POSES: Final = ((POSE, ("X", "Y", "Z", "A", "B", "C")), (JOINTS, ("A1", "A2", "A3", "A4", "A5", "A6")))
 _MOTIONS: Final = {"PTP": Motion.JOINT, "LIN": Motion.LINEAR, "CIRC": Motion.CIRCULAR, "SPL": Motion.SPLINE}
 _IPO: Final = f"{ir.MODE} IPO"
@@ -78,6 +79,7 @@ _AXES_OF_STEP: Final = r" ?#(?:TOOL|BASE)$"
 _FIELD_OF_FRAMES: Final = re.compile(r"\.(?:(BASE|TOOL)_NO=\0|IPO_FRAME=(?P<mode>#(?:BASE|TCP)))")
 _ELEMENT: Final = re.compile(r"(?P<array>[^\W\d]\w*+)\[\0\]")
 """An element of an array, by a number."""
+_TABLE: Final = re.compile(r"(?P<role>BASE|TOOL)_DATA\[(?P<index>[^\W\d]\w*+)\]")
 _OTHER_TABLE: Final = {"$BASE": "TOOL_DATA", "$TOOL": "BASE_DATA"}
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
@@ -153,11 +155,20 @@ def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op
         return _copy_frames("FDAT_ACT", text)
     if name in {"$BASE", "$TOOL"} and re.fullmatch(_NAME, text):
         return [ir.Use(frozenset({text})), ir.Assign(name, ir.Copy(text))]
+    if text == "\0":
+        return [ir.Assign(name, Literal(_NUMBER, line.ordinals_in(start, end)))]
+    if name in {"$BASE", "$TOOL"} and (match := _TABLE.fullmatch(text)) and match["role"] == str(name)[1:]:
+        return [*line.read_expression(match["index"]), _copy_element(match["role"], match["index"])]
     element = _ELEMENT.fullmatch(text)
     if name in {"$BASE", "$TOOL"} and element and element["array"] != _OTHER_TABLE[str(name)]:
         copy = ir.Copy((text.replace("\0", "%s"), line.ordinals_in(start, end)[0]))
         return [ir.Use(frozenset({element["array"]})), ir.Assign(name, copy)]
     return [*_read_value(line, text), _forget_name(name)]
+
+
+def _copy_element(role: str, index: str) -> Op:
+    """Return the operation that makes a frame of the controller's table active, by a variable's value."""
+    return ir.Assign(f"${role}", ir.Element(f"{role}_DATA[%s]", index))
 
 
 def _forget_name(name: ir.Name) -> Op:
@@ -184,6 +195,14 @@ def _translate_declaration(line: Line) -> list[Op]:
         ops += [ir.Local(frozenset({name})), *line.read_expression(index or "")]
         if value and index is not None:  # one element of an array
             ops += [*_read_value(line, value), _forget_name(name)]
+        elif value == "\0":  # other programs may have set a variable of a .dat since then
+            literal = Literal(_NUMBER, line.ordinals_in(*match.span(3)))
+            is_constant = re.search(r"\bCONST\b", line.text[: line.span("names")[0]]) is not None
+            ops.append(
+                ir.Assign(name, literal, declares="constant", shared=shared)
+                if is_constant
+                else _forget_name(name)
+            )
         elif value:
             assigned = _translate_value(line, name, *match.span(3))
             ops += [op._replace(shared=shared) if isinstance(op, ir.Assign) else op for op in assigned]
@@ -419,6 +438,10 @@ def _translate_bas(line: Line) -> list[Op]:
     function, argument = line["function"], line["argument"]
     if function in {"TOOL", "BASE"} and argument == "\0":
         return [ir.Assign(f"${function}", ir.Copy((f"{function}_DATA[%s]", line.first_ordinal("argument"))))]
+    if function in {"TOOL", "BASE"} and argument:
+        is_variable = re.fullmatch(r"[^\W\d]\w*+", argument)
+        change = _copy_element(function, argument) if is_variable else _forget_name(f"${function}")
+        return [*line.read_expression(argument), change]
     if function not in _BAS:
         raise Misread(f"BAS(#{function}) is unknown, or its argument is not a number")
     return [*line.read_expression(argument), *_BAS[function]]

@@ -39,6 +39,13 @@ class Copy(NamedTuple):
     through: bool = False
 
 
+class Element(NamedTuple):
+    """Copy of an element of a table, whose number is the value of a variable."""
+
+    table: str  # template with `%s` for the number
+    number: str  # name of the variable
+
+
 class Named(NamedTuple):
     """Value that is known by its name only."""
 
@@ -58,7 +65,7 @@ class Product(NamedTuple):
     names: tuple[str, ...]  # names of the frames
 
 
-Value: TypeAlias = Literal | Copy | Named | Unknown
+Value: TypeAlias = Literal | Copy | Element | Named | Unknown
 
 
 class Assign(NamedTuple):
