@@ -79,6 +79,8 @@ _AXES_OF_STEP: Final = r" ?#(?:TOOL|BASE)$"
 _FIELD_OF_FRAMES: Final = re.compile(r"\.(?:(BASE|TOOL)_NO=\0|IPO_FRAME=(?P<mode>#(?:BASE|TCP)))")
 _ELEMENT: Final = re.compile(r"(?P<array>[^\W\d]\w*+)\[\0\]")
 """An element of an array, by a number."""
+_NEAR: Final = re.compile(r"(?P<target>[^\W\d]\w*+):(?P<offset>[^:,]++|\{[^{}]*\})")
+"""A place at an offset from a target, by the geometric operator."""
 _TABLE: Final = re.compile(r"(?P<role>BASE|TOOL)_DATA\[(?P<index>[^\W\d]\w*+)\]")
 _OTHER_TABLE: Final = {"$BASE": "TOOL_DATA", "$TOOL": "BASE_DATA"}
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
@@ -133,9 +135,8 @@ def _set_frame_data(name: ir.Name, numbers: dict[str, int], mode: str) -> list[O
     """
     is_fixed, unknown = mode not in {"", "#BASE"}, ir.Unknown(_FIXED_TOOL, _FRAME_REMEDY)
     named = {role: ir.Named((f"{role}_DATA[%s]", number)) for role, number in numbers.items()}
-    frames: list[Op] = [
-        ir.Assign(f"{name}.{role}", unknown if is_fixed else value) for role, value in named.items()
-    ]
+    values: dict[str, ir.Value] = {"BASE": unknown, "TOOL": unknown} if is_fixed else {**named}
+    frames: list[Op] = [ir.Assign(f"{name}.{role}", value) for role, value in values.items()]
     return [*frames, *([ir.Assign(f"{name}.IPO", unknown if is_fixed else ir.Named(""))] if mode else [])]
 
 
@@ -299,13 +300,20 @@ def _translate_move(line: Line) -> list[Op]:
             return [*found, ir.MoveToStored(name)]
         targets.append(_read_target(line, start, stop))
     known = tuple(each for each in targets if each is not None)
+    base, tool = (own_frames.get(role, ir.Copy(f"${role}")) for role in ("BASE", "TOOL"))
     if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
         reason = "the target is relative to the position before the move" if line["relative"] else _NOT_WHOLE
         step = re.sub(_AXES_OF_STEP, "", line.text[begin:end])
-        return ir.make_uncorrected_move(
-            [*found, *line.read_expression(_SEPARATED.sub(",", step))], reason, _REMEDY
-        )
-    base, tool = (own_frames.get(role, ir.Copy(f"${role}")) for role in ("BASE", "TOOL"))
+        near = _NEAR.fullmatch(step)
+        found += line.read_expression(_SEPARATED.sub(",", near["offset"] if near else step))
+        if near is None or re.fullmatch(_RESERVED, near["target"]):
+            return ir.make_uncorrected_move(found, reason, _REMEDY)
+        reason = f"the target is at an offset from {near['target']}"
+        offset_from = (near["target"],)
+        return [
+            *found,
+            ir.Move(motion, (), (base,), (tool,), reason=reason, remedy=_REMEDY, offset_from=offset_from),
+        ]
     return [*found, ir.Move(motion, known, (base,) * len(known), (tool,) * len(known))]
 
 
