@@ -245,13 +245,13 @@ class ControlFlow:
             self._labels[self._open_routines[-1]][self._names[i]] = i
         elif op.kind == "jump":
             self._jumps.append(i)
-        elif op.kind in ir.JUMPS:
+        elif op.kind in ir.JUMPS and op.kind != "stop":  # nothing follows a stop
             kinds = ir.LOOPS | {"routine"} if op.kind in {"leave", "again"} else {"routine"}
             enclosing = [block for block in self._open_blocks if block.kind in kinds]
             for block in enclosing[-1:]:  # the innermost block of these kinds, if any
                 is_repetition = op.kind == "again" and block.kind != "routine"
                 (block.repetitions if is_repetition else block.exits).append(i)
-        else:
+        elif op.kind != "stop":
             self._end_block(i, op.kind)
 
     def _begin_routine(self, i: int, op: ir.Flow) -> _OpenBlock:

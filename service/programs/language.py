@@ -174,7 +174,8 @@ class Flow(NamedTuple):
     `leave`, a jump or a return ends), and end with `close`; further branches begin with `branch` or
     `default`. `leave` leaves a loop, `again` begins its next round. Routines begin with `routine`, or with
     `handler` if they may run at any time, and end with `end`. `close_or_end` ends a block or a routine. The
-    other kinds are `label`, `jump`, `return`, and `resume`, which also ends the interrupted routines.
+    other kinds are `label`, `jump`, `return`, `stop`, which ends the whole program, and `resume`, which also
+    ends the interrupted routines.
     """
 
     kind: str
@@ -193,7 +194,7 @@ class Flow(NamedTuple):
 
 
 LOOPS: Final = frozenset({"loop", "repeat", "forever"})
-JUMPS: Final = frozenset({"leave", "again", "jump", "return", "resume"})
+JUMPS: Final = frozenset({"leave", "again", "jump", "return", "resume", "stop"})
 """Kinds of `Flow` behind which the program does not continue on the next line."""
 
 

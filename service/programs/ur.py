@@ -238,7 +238,8 @@ LANGUAGE: Final = ir.Language(
         (r"break", "leave"),
         (r"continue", "again"),
         (rf"pass|(?:enter|exit)_critical|(?:kill|join) {_WORD}", ""),
-        (r"(?:return|halt) ?(.*)", "return"),
+        (r"return ?(.*)", "return"),
+        (r"halt", "stop"),
         (
             rf"set_tcp\((?:pose=)?p{_SIX}(?:,.*)?\)",
             lambda line: [ir.Assign(_ACTIVE, Literal(POSE, line.ordinals[:6]))],
