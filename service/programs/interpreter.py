@@ -977,7 +977,7 @@ class Machine:
         """
         index = place.qualify(value.number)
         number, _ = self._look_up(state, index)
-        if isinstance(number, Cause):
+        if isinstance(number, Cause) and number.line:
             return number
         is_certain = OF_ROUTINE in index or index in self._fixed
         if not (is_certain and isinstance(number, WrittenNumbers) and len(number.literal.numbers) == 1):

@@ -55,7 +55,7 @@ _REMEDY: Final = "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or a v
 _WORD: Final = r"[^\W\d]\w*+"
 _SIX: Final = r"\[\0(?:,\0){5}\]"
 _OFFSET: Final = re.compile(
-    rf"pose_(?:trans|add)\((?P<target>{_WORD}),(?P<offset>[^()]++(?:\([^()]*+\)[^()]*+)*+)\)"
+    rf"pose_(?:trans|add)\((?P<target>{_WORD}),(?P<offset>[^()]++(?:\([^()]*+\)[^()]*+)*)\)"
 )
 """A pose at an offset from a target."""
 _LITERALS: Final = ((POSE, re.compile(rf"p{_SIX}")), (JOINTS, re.compile(_SIX)))
