@@ -69,6 +69,14 @@ _MAX_COMMON: Final = 8
 """Largest count of numbers that all targets have to share, such as the number of the tool."""
 
 
+def get_array_name(name: str) -> str:
+    """Return the name of the array to which an element belongs: `P` for `P[1]`; else the name."""
+    if "[" not in name:
+        return name
+    variable, separator, routine = name.partition(OF_ROUTINE)
+    return variable.partition("[")[0] + separator + routine
+
+
 class Cause(NamedTuple):
     """Reason why a value is not known, with its line and a remedy."""
 
@@ -285,8 +293,9 @@ class Columns:
         """
         self._target_indices.clear()  # its memory serves for the columns
         for index, name in enumerate(self._names):
-            if name in used and name:
-                use = f"the numbers of {quote_text(name)} are also used on line {used[name]}"
+            line = used.get(name) or used.get(get_array_name(name))
+            if line and name:
+                use = f"the numbers of {quote_text(name)} are also used on line {line}"
                 reason = f"{use}, where their meaning is not certain"
                 self._target_causes.setdefault(index, Cause(0, reason, "use a separate target on that line"))
         self._names = [name.partition(OF_ROUTINE)[0] if name else name for name in self._names]

@@ -19,7 +19,15 @@ from typing import Final, NoReturn, TypeAlias
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.columns import MAX_VALUE, OF_ROUTINE, Cause, Columns, Frames, WrittenNumbers
+from jointstiff.service.programs.columns import (
+    MAX_VALUE,
+    OF_ROUTINE,
+    Cause,
+    Columns,
+    Frames,
+    WrittenNumbers,
+    get_array_name,
+)
 from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, quote_text
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals, iterate_integers
@@ -63,7 +71,8 @@ class Scope:
 
     def qualify(self, name: str) -> str:
         """Return a name, with the routine's name appended if the name is a local variable of the routine."""
-        return f"{name}{OF_ROUTINE}{self.routine}" if _get_structure_name(name) in self.names else name
+        is_local = get_array_name(_get_structure_name(name)) in self.names
+        return f"{name}{OF_ROUTINE}{self.routine}" if is_local else name
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +102,7 @@ class Place:
             return self.scope.qualify(name)
         value = float(self.values[self.first + name[1]])
         template, _ = name
-        name_with_number = template % (f"{value:g}" if value.is_integer() else "\0")
+        name_with_number = self.scope.qualify(template % (f"{value:g}" if value.is_integer() else "\0"))
         # One copy of each name; names of fields are used once or twice, and are not stored.
         return name_with_number if "." in template else intern(name_with_number)
 
@@ -236,13 +245,13 @@ class ControlFlow:
             self._labels[self._open_routines[-1]][self._names[i]] = i
         elif op.kind == "jump":
             self._jumps.append(i)
-        elif op.kind in ir.JUMPS:
+        elif op.kind in ir.JUMPS and op.kind != "stop":  # nothing follows a stop
             kinds = ir.LOOPS | {"routine"} if op.kind in {"leave", "again"} else {"routine"}
             enclosing = [block for block in self._open_blocks if block.kind in kinds]
             for block in enclosing[-1:]:  # the innermost block of these kinds, if any
                 is_repetition = op.kind == "again" and block.kind != "routine"
                 (block.repetitions if is_repetition else block.exits).append(i)
-        else:
+        elif op.kind != "stop":
             self._end_block(i, op.kind)
 
     def _begin_routine(self, i: int, op: ir.Flow) -> _OpenBlock:
@@ -356,6 +365,8 @@ class Machine:
         # the same for frames that a position states: many positions share one tuple of endings and contents
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
         self._shared_fields: dict[tuple[tuple[str, Content], ...], tuple[tuple[str, Content], ...]] = {}
+        self._element_changes: list[str] = []  # elements of local arrays that statements may change
+        self._fixed: set[str] = set()  # names that the program declares as constants
         self._constants: set[str] = set()  # names that are declared as constants
         self._shared: set[str] = set()  # names that other programs may use as well
         self._stored: set[str] = set()  # those of them that the controller stores for all programs
@@ -552,6 +563,7 @@ class Machine:
         name = place.qualify(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
         self._stored |= {name} if kind == "shared" else set()
+        self._fixed |= {name} if op.declares == "constant" else set()
         if op.private and not self._language.is_own(name):
             self._private.add(_get_structure_name(name))
         content = self._evaluate(place, name, op.value, {})
@@ -588,6 +600,7 @@ class Machine:
             if isinstance(op, ir.Call) and not (op.harmless and op.name not in self._flow.begins)
         ]
         passed = {place.qualify(name) for place, op in calls for name in op.passed}
+        self._element_changes = [each for each in self._changes if "[" in each and OF_ROUTINE in each]
         for place, op in calls:
             self._collect_call(place, op, passed)
         self._summarise_routines()
@@ -650,6 +663,7 @@ class Machine:
         fields = {field for name in names for field in self._list_name_and_fields(name)}
         # the beginning of the routine itself makes each parameter unknown, once
         changes = sum(len(self._changes.get(each, ())) for each in fields) - len(names)
+        changes += any(get_array_name(_get_structure_name(each)) in names for each in self._element_changes)
         return changes > 0 or not names.isdisjoint(passed)
 
     def _list_parameters(self, routine: str) -> set[str]:
@@ -930,7 +944,7 @@ class Machine:
 
     def _find_changes(self, name: str) -> list[Cause]:
         """Return the changes of a name; if there are none, those of its structure, else of its array."""
-        names = name, _get_structure_name(name), name.partition("[")[0]
+        names = name, _get_structure_name(name), get_array_name(name)
         return next((changes for each in names if (changes := self._changes.get(each))), [])
 
     def _evaluate(self, place: Place, name: str, value: Value, state: State) -> Content:
@@ -939,6 +953,8 @@ class Machine:
             return WrittenNumbers(name, place.source, place.line, place.first, value)
         if isinstance(value, ir.Unknown):
             return place.make_cause(value.reason, value.remedy)
+        if isinstance(value, ir.Element):
+            return self._evaluate_element(place, value, state)
         content: Content = place.qualify(value.name)
         if "\0" in content:
             return place.make_cause("the number of a frame is not a whole number")
@@ -956,8 +972,9 @@ class Machine:
         if name in self._lasting:  # nothing lasts that may move targets, unless a statement says so
             lasting = self._anytime.get(name)
             return (lasting, lasting.line) if lasting else state.get(name, ("", 0))
-        if _get_structure_name(name) in self._language.constants:
-            return name, 0
+        fixed = self._find_fixed_content(name)
+        if fixed is not None:
+            return fixed, fixed.line if isinstance(fixed, Cause) else 0
         protected = self._is_protected(name)
         # A change that may happen at any time comes first, then the state, then the value before the program.
         content: Content | None = self._anytime.get(name)
@@ -971,6 +988,33 @@ class Machine:
         if isinstance(content, Cause) and self._language.is_frame(name):
             content = content._replace(shows=name)
         return content, content.line if isinstance(content, Cause) else 0
+
+    def _evaluate_element(self, place: Place, value: ir.Element, state: State) -> Content:
+        """Return the content of an element of a table, whose number is the value of a variable in a state.
+
+        Only a variable of the routine, or a constant, is certain: other programs may set any other one.
+        """
+        index = place.qualify(value.number)
+        number, _ = self._look_up(state, index)
+        if isinstance(number, Cause) and number.line:
+            return number
+        is_certain = OF_ROUTINE in index or index in self._fixed
+        if not (is_certain and isinstance(number, WrittenNumbers) and len(number.literal.numbers) == 1):
+            return place.make_cause(f"the number {quote_text(value.number)} of a frame is not certain")
+        written = float(self.numerals[number.source].values[number.first + number.literal.numbers[0]])
+        if not written.is_integer():
+            return place.make_cause("the number of a frame is not a whole number")
+        return self._look_up(state, value.table % f"{written:g}")[0]
+
+    def _find_fixed_content(self, name: str) -> Content | None:
+        """Return the content that a name has in all states: of a constant, or of an element; else None.
+
+        Where a statement changes an array, whichever element that is, no element is known.
+        """
+        if _get_structure_name(name) in self._language.constants:
+            return name
+        array = get_array_name(name)
+        return self._initial_value(name) if array != name and array in self._changes else None
 
     def _initial_value(self, name: str) -> Content:
         """Return the content of a name when the program begins: data have the values in their file."""
@@ -1243,6 +1287,8 @@ class Machine:
         reason = content.reason if isinstance(content, Cause) and content.line else ""
         if len(changes) + (name in self._initial) > 1:  # the target gets numbers more than once
             reason = changes[-1].reason
+        elif isinstance(content, WrittenNumbers) and len(content.literal.numbers) == 1:
+            reason = "it is a single number"
         elif isinstance(content, WrittenNumbers) and name in self._stored:
             reason = "the declaration is shared with other programs"
         elif isinstance(content, WrittenNumbers):

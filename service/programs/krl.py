@@ -16,6 +16,7 @@ from jointstiff.service.programs.program import Literal, Motion, Source
 
 POSE: Final = Notation(Orientation.EULER_ZYX)
 JOINTS: Final = Notation(Orientation.JOINTS)
+_NUMBER: Final = Notation(Orientation.NONE)
 _POSES: Final = ((POSE, ("X", "Y", "Z", "A", "B", "C")), (JOINTS, ("A1", "A2", "A3", "A4", "A5", "A6")))
 _MOTIONS: Final = {"PTP": Motion.JOINT, "LIN": Motion.LINEAR, "CIRC": Motion.CIRCULAR, "SPL": Motion.SPLINE}
 _IPO: Final = f"{ir.MODE} IPO"
@@ -76,6 +77,12 @@ _TRIGGER: Final = (
 _AXES_OF_STEP: Final = r" ?#(?:TOOL|BASE)$"
 """Axes along which the step of a relative move is given, at the end of the move."""
 _FIELD_OF_FRAMES: Final = re.compile(r"\.(?:(BASE|TOOL)_NO=\0|IPO_FRAME=(?P<mode>#(?:BASE|TCP)))")
+_ELEMENT: Final = re.compile(r"(?P<array>[^\W\d]\w*+)\[\0\]")
+"""An element of an array, by a number."""
+_NEAR: Final = re.compile(r"(?P<target>[^\W\d]\w*+):(?P<offset>[^:,]++|\{[^{}]*\})")
+"""A place at an offset from a target, by the geometric operator."""
+_TABLE: Final = re.compile(r"(?P<role>BASE|TOOL)_DATA\[(?P<index>[^\W\d]\w*+)\]")
+_OTHER_TABLE: Final = {"$BASE": "TOOL_DATA", "$TOOL": "BASE_DATA"}
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
 
@@ -128,9 +135,8 @@ def _set_frame_data(name: ir.Name, numbers: dict[str, int], mode: str) -> list[O
     """
     is_fixed, unknown = mode not in {"", "#BASE"}, ir.Unknown(_FIXED_TOOL, _FRAME_REMEDY)
     named = {role: ir.Named((f"{role}_DATA[%s]", number)) for role, number in numbers.items()}
-    frames: list[Op] = [
-        ir.Assign(f"{name}.{role}", unknown if is_fixed else value) for role, value in named.items()
-    ]
+    values: dict[str, ir.Value] = {"BASE": unknown, "TOOL": unknown} if is_fixed else {**named}
+    frames: list[Op] = [ir.Assign(f"{name}.{role}", value) for role, value in values.items()]
     return [*frames, *([ir.Assign(f"{name}.IPO", unknown if is_fixed else ir.Named(""))] if mode else [])]
 
 
@@ -144,15 +150,26 @@ def _translate_value(line: Line, name: ir.Name, start: int, end: int) -> list[Op
         return [ir.Assign(name, pose)]
     frames = {role: fields.get(f"{role}_NO") for role in ("BASE", "TOOL")}  # frame data, such as FDAT_ACT
     numbers = {role: number for role, number in frames.items() if isinstance(number, int)}
-    if len(numbers) == len(frames):
+    if isinstance(name, str) and len(numbers) == len(frames):
         return _set_frame_data(name, numbers, str(fields.get("IPO_FRAME", "#BASE")))
     if name == "FDAT_ACT" and re.fullmatch(_NAME, text):
         return _copy_frames("FDAT_ACT", text)
     if name in {"$BASE", "$TOOL"} and re.fullmatch(_NAME, text):
         return [ir.Use(frozenset({text})), ir.Assign(name, ir.Copy(text))]
-    if name in {"$BASE", "$TOOL"} and text == f"{str(name)[1:]}_DATA[\0]":
-        return [ir.Assign(name, ir.Copy((text.replace("\0", "%s"), line.ordinals_in(start, end)[0])))]
+    if text == "\0":
+        return [ir.Assign(name, Literal(_NUMBER, line.ordinals_in(start, end)))]
+    if name in {"$BASE", "$TOOL"} and (match := _TABLE.fullmatch(text)) and match["role"] == str(name)[1:]:
+        return [*line.read_expression(match["index"]), _copy_element(match["role"], match["index"])]
+    element = _ELEMENT.fullmatch(text)
+    if name in {"$BASE", "$TOOL"} and element and element["array"] != _OTHER_TABLE[str(name)]:
+        copy = ir.Copy((text.replace("\0", "%s"), line.ordinals_in(start, end)[0]))
+        return [ir.Use(frozenset({element["array"]})), ir.Assign(name, copy)]
     return [*_read_value(line, text), _forget_name(name)]
+
+
+def _copy_element(role: str, index: str) -> Op:
+    """Return the operation that makes a frame of the controller's table active, by a variable's value."""
+    return ir.Assign(f"${role}", ir.Element(f"{role}_DATA[%s]", index))
 
 
 def _forget_name(name: ir.Name) -> Op:
@@ -179,6 +196,14 @@ def _translate_declaration(line: Line) -> list[Op]:
         ops += [ir.Local(frozenset({name})), *line.read_expression(index or "")]
         if value and index is not None:  # one element of an array
             ops += [*_read_value(line, value), _forget_name(name)]
+        elif value == "\0":  # other programs may have set a variable of a .dat since then
+            literal = Literal(_NUMBER, line.ordinals_in(*match.span(3)))
+            is_constant = re.search(r"\bCONST\b", line.text[: line.span("names")[0]]) is not None
+            ops.append(
+                ir.Assign(name, literal, declares="constant", shared=shared)
+                if is_constant
+                else _forget_name(name)
+            )
         elif value:
             assigned = _translate_value(line, name, *match.span(3))
             ops += [op._replace(shared=shared) if isinstance(op, ir.Assign) else op for op in assigned]
@@ -205,9 +230,9 @@ def _translate_assignment(line: Line) -> list[Op]:
     """
     name, index = line["name"], line["index"]
     target: ir.Name = name
-    if name in {"BASE_DATA", "TOOL_DATA"}:
-        if not index.startswith("[\0]"):
-            raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
+    if name in {"BASE_DATA", "TOOL_DATA"} and not index.startswith("[\0]"):
+        raise Misread(f"the index of {name} is computed", _FRAME_REMEDY)
+    if index.startswith("[\0]") and not name.startswith("$"):  # one element
         target, index = (f"{name}[%s]", line.first_ordinal("index")), index.removeprefix("[\0]")
     elif found := _set_field_of_frames(line):
         return found
@@ -221,6 +246,12 @@ def _translate_assignment(line: Line) -> list[Op]:
         ]
     elif _MAY_MOVE_TARGETS.match(line.text):
         raise Misread(f"the controller's variable {name} may move targets", "omit the statement")
+    return _assign(line, target, index)
+
+
+def _assign(line: Line, target: ir.Name, index: str) -> list[Op]:
+    """Return the operations that assign to a name, or to one of its elements or fields by an index."""
+    name = line["name"]
     # The indices of elements are expressions; all of them are read as one expression.
     indices = index.strip("[]").replace("][", ",").replace("].", "+") if "[" in index else ""
     uses = line.read_expression(indices)
@@ -232,6 +263,16 @@ def _translate_assignment(line: Line) -> list[Op]:
         changes = [] if is_system_variable else [_forget_name(target)]
         return [*uses, *_read_value(line, line["value"]), *changes]
     return [*uses, *_translate_value(line, target, *line.span("value"))]
+
+
+def _read_target(line: Line, start: int, end: int) -> Literal | ir.Name | None:
+    """Return the target between two indices: a variable, an element of an array, or numbers; else None."""
+    text = line.text[start:end]
+    if re.fullmatch(_NAME, text) and not re.fullmatch(_RESERVED, text):
+        return text
+    if _ELEMENT.fullmatch(text):
+        return text.replace("\0", "%s"), line.ordinals_in(start, end)[0]
+    return _find_target_in_fields(_read_struct(line, start, end))
 
 
 def _translate_move(line: Line) -> list[Op]:
@@ -257,16 +298,22 @@ def _translate_move(line: Line) -> list[Op]:
             if name != line.text[begin:end]:  # one of the two targets of an arc
                 raise Misread("the arc goes through a position stored in the controller")
             return [*found, ir.MoveToStored(name)]
-        is_variable = re.fullmatch(_NAME, name) and not re.fullmatch(_RESERVED, name)
-        targets.append(name if is_variable else _find_target_in_fields(_read_struct(line, start, stop)))
+        targets.append(_read_target(line, start, stop))
     known = tuple(each for each in targets if each is not None)
+    base, tool = (own_frames.get(role, ir.Copy(f"${role}")) for role in ("BASE", "TOOL"))
     if line["relative"] or len(known) < len(targets) or len(known) != 1 + (motion is Motion.CIRCULAR):
         reason = "the target is relative to the position before the move" if line["relative"] else _NOT_WHOLE
         step = re.sub(_AXES_OF_STEP, "", line.text[begin:end])
-        return ir.make_uncorrected_move(
-            [*found, *line.read_expression(_SEPARATED.sub(",", step))], reason, _REMEDY
-        )
-    base, tool = (own_frames.get(role, ir.Copy(f"${role}")) for role in ("BASE", "TOOL"))
+        near = _NEAR.fullmatch(step)
+        found += line.read_expression(_SEPARATED.sub(",", near["offset"] if near else step))
+        if near is None or re.fullmatch(_RESERVED, near["target"]):
+            return ir.make_uncorrected_move(found, reason, _REMEDY)
+        reason = f"the target is at an offset from {near['target']}"
+        offset_from = (near["target"],)
+        return [
+            *found,
+            ir.Move(motion, (), (base,), (tool,), reason=reason, remedy=_REMEDY, offset_from=offset_from),
+        ]
     return [*found, ir.Move(motion, known, (base,) * len(known), (tool,) * len(known))]
 
 
@@ -399,6 +446,10 @@ def _translate_bas(line: Line) -> list[Op]:
     function, argument = line["function"], line["argument"]
     if function in {"TOOL", "BASE"} and argument == "\0":
         return [ir.Assign(f"${function}", ir.Copy((f"{function}_DATA[%s]", line.first_ordinal("argument"))))]
+    if function in {"TOOL", "BASE"} and argument:
+        is_variable = re.fullmatch(r"[^\W\d]\w*+", argument)
+        change = _copy_element(function, argument) if is_variable else _forget_name(f"${function}")
+        return [*line.read_expression(argument), change]
     if function not in _BAS:
         raise Misread(f"BAS(#{function}) is unknown, or its argument is not a number")
     return [*line.read_expression(argument), *_BAS[function]]

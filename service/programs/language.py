@@ -39,6 +39,13 @@ class Copy(NamedTuple):
     through: bool = False
 
 
+class Element(NamedTuple):
+    """Copy of an element of a table, whose number is the value of a variable."""
+
+    table: str  # template with `%s` for the number
+    number: str  # name of the variable
+
+
 class Named(NamedTuple):
     """Value that is known by its name only."""
 
@@ -58,7 +65,7 @@ class Product(NamedTuple):
     names: tuple[str, ...]  # names of the frames
 
 
-Value: TypeAlias = Literal | Copy | Named | Unknown
+Value: TypeAlias = Literal | Copy | Element | Named | Unknown
 
 
 class Assign(NamedTuple):
@@ -178,8 +185,8 @@ class Flow(NamedTuple):
     at least once) or `forever` (a loop that only `leave`, a jump or a return ends), and end with `close`;
     further branches begin with `branch` or `default`. `leave` leaves a loop, `again` begins its next round.
     Routines begin with `routine`, or with `handler` if they may run at any time, and end with `end`.
-    `close_or_end` ends a block or a routine. The other kinds are `label`, `jump`, `return`, and `resume`,
-    which also ends the interrupted routines.
+    `close_or_end` ends a block or a routine. The other kinds are `label`, `jump`, `return`, `stop`, which
+    ends the whole program, and `resume`, which also ends the interrupted routines.
     """
 
     kind: str
@@ -199,7 +206,7 @@ class Flow(NamedTuple):
 
 LOOPS: Final = frozenset({"loop", "repeat", "forever"})
 BLOCKS: Final = LOOPS | {"if", "switch"}
-JUMPS: Final = frozenset({"leave", "again", "jump", "return", "resume"})
+JUMPS: Final = frozenset({"leave", "again", "jump", "return", "resume", "stop"})
 """Kinds of `Flow` behind which the program does not continue on the next line."""
 
 

@@ -44,7 +44,8 @@ _HARMLESS: Final = (
     r"|freedrive_status|(?:actual|target)_(?:tcp|joint|payload|waypoint)\w*|conveyor_tick_count)"
     r"|set_conveyor_tick_count|encoder_\w+|(?:read|write)_(?:in|out)put_\w+|(?:read|write)_port_\w+|(?:modbus|socket|rtde)_\w+|rpc_factory"
     r"|pose_\w+|tool_pose|point_dist|interpolate_pose|rpy2rotvec|rotvec2rpy|wrench_trans|to_(?:str|num)|str_\w+|norm|normalize|length"
-    r"|floor|ceil|sqrt|pow|log|a?(?:sin|cos|tan)|atan2|d2r|r2d|abs|\w*binary_list\w*|make_list"
+    r"|floor|ceil|sqrt|pow|log|a?(?:sin|cos|tan)|atan2|d2r|r2d|abs|\w*binary_list\w*|make_list|time|struct|size|inv|transpose|get_list_length"
+    r"|ft_rtde_input_enable|enable_external_ft_sensor"
 )
 _RESERVED: Final = (
     r"def|sec|thread|end|if|elif|else|while|for|switch|case|default|return|break|continue|pass|global|local|kill"
@@ -240,7 +241,8 @@ LANGUAGE: Final = ir.Language(
         (r"break", "leave"),
         (r"continue", "again"),
         (rf"pass|(?:enter|exit)_critical|(?:kill|join) {_WORD}", ""),
-        (r"(?:return|halt) ?(.*)", "return"),
+        (r"return ?(.*)", "return"),
+        (r"halt", "stop"),
         (
             rf"set_tcp\((?:pose=)?p{_SIX}(?:,.*)?\)",
             lambda line: [ir.Assign(_ACTIVE, Literal(POSE, line.ordinals[:6]))],

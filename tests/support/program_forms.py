@@ -33,7 +33,7 @@ FOLDER = Path(__file__).parents[1] / "service" / "programs" / "forms"
 LANGUAGES = ("krl", "rapid", "urscript", "fanuc")
 _MARK = " =>"
 _TAB = ",\t"
-_NAMED = re.compile(r"([$\w]+)(?:\[\])?\s?:?=\s?(?:\{(?:\w+:)?\s?)?@")
+_NAMED = re.compile(r"([$\w]+(?:\[\d+\])?)(?:\[\])?\s?:?=\s?(?:\{(?:\w+:)?\s?)?@")
 _WORD = re.compile(r"[$\w]+(?:\[\d+\])?")
 _NOT_TARGET = re.compile(r"qnear\s*=\s*\w+|pose_trans\(\s*\w+")
 _POSITIONS = re.compile(r"(positions|joints) (\S+) UF (\w+) UT (\w+)(.*)")

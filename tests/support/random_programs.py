@@ -223,6 +223,8 @@ class Cell:
             return next(k for k, other in enumerate(statements) if other.does == "label")
         if verb in {"leave", "again"} and (ends := self.ends_of_loops(statements, place)):
             return ends[0] - (verb == "again")
+        if verb == "stop":
+            raise Stopped
         if verb in {"return", "leave", "again"}:
             return len(statements)
         if verb == "call":
