@@ -585,7 +585,7 @@ class Machine:
         """Note why values become unknown at a statement, for each name that the statement changes."""
         cause = place.make_cause(op.reason, op.remedy)
         self._causes.append(cause)
-        names = [place.qualify(name) for name in op.names]
+        names = [name for name in map(place.qualify, op.names) if name not in self._constants]
         self._lasting |= dict.fromkeys(name for name in names if name.startswith(ir.MODE))
         if op.anytime:
             fields = [each for name in names for each in self._list_name_and_fields(name)]
@@ -599,9 +599,11 @@ class Machine:
         `passed` are the names that any call of the program passes as arguments.
         """
         is_own, unknown = op.name in self._flow.begins, self._explain_unknown_call(place, op)
+        own = [str(op.name)] if is_own else self._list_called(op)
         cause = place.make_cause(f"{quote_text(str(op.name))} gets it as an argument, and may change it")
-        changes = self._changes_parameters(str(op.name), passed) if is_own else unknown is not None
-        for parameter in self._list_parameters(str(op.name)) if is_own else ():
+        changes = unknown is not None and not is_own
+        changes = changes or any(self._changes_parameters(each, passed) for each in own)
+        for parameter in {parameter for each in own for parameter in self._list_parameters(each)}:
             self._origins[parameter].update((place.scope.qualify(name), place.line) for name in op.passed)
         for name in {place.scope.qualify(name) for name in (op.passed if changes else ())} - self._constants:
             self._changes[name].append(cause)
@@ -663,9 +665,14 @@ class Machine:
         endings = self._language.field_endings
         return [name, *(f"{structure}{ending}{separator}{routine}" for ending in endings)]
 
-    def _is_direct_call(self, op: ir.Call) -> bool:
-        """Return whether a call starts a routine of this program directly, not when an event occurs."""
-        return op.name in self._flow.begins and not op.anytime
+    def _list_called(self, op: ir.Call) -> list[str]:
+        """Return the routines of this program one of which a call may start directly, not at an event."""
+        if op.anytime or op.name in self._flow.begins:
+            return [] if op.anytime else [str(op.name)]
+        if op.prefix is None:
+            return []
+        self._count_work(len(self._flow.begins))
+        return [each for each in self._flow.begins if each.startswith(op.prefix)]
 
     def _summarise_routines(self) -> None:
         """Find the names that each routine may change, also through the routines that it calls."""
@@ -673,9 +680,10 @@ class Machine:
         for i, op in enumerate(self._ops):
             routine = self._flow.routine_of[i]
             state: State = {}  # an operation on an empty state leaves the names that it changes
-            if isinstance(op, ir.Call) and self._is_direct_call(op):
-                callers[str(op.name)].add(routine)
-            else:
+            called = self._list_called(op) if isinstance(op, ir.Call) else []
+            for each in called:
+                callers[each].add(routine)
+            if not (called and isinstance(op, ir.Call) and op.name in called):
                 self._update_state(state, i)
             for name, (content, line) in state.items():
                 reason = f"{name} changes while the program runs" if name not in self._lasting else ""
@@ -743,8 +751,8 @@ class Machine:
             self._count_work(1)
             if isinstance(op, ir.Flow):
                 state, shared = self._pass_to_successors(op, i, state), True
-            elif state is not None and isinstance(op, ir.Call) and self._is_direct_call(op):
-                state, shared = self._follow_call(str(op.name), state), True
+            elif state is not None and isinstance(op, ir.Call) and (called := self._list_called(op)):
+                state, shared = self._follow_calls(op, i, called, state), True
             elif state is not None:
                 if shared:
                     self._count_work(len(state))
@@ -770,6 +778,15 @@ class Machine:
         if fault is None or state is None or isinstance(self._look_up(state, ir.MODE)[0], Cause):
             return state
         return {**state, ir.MODE: (self._faults[fault], self._faults[fault].line)}
+
+    def _follow_calls(self, op: ir.Call, i: int, routines: list[str], state: State) -> State | None:
+        """Return the state after operation i, which calls one of these routines of the program."""
+        end = reduce(self._join_states, (self._follow_call(each, state) for each in routines))
+        if op.name in routines:
+            return end
+        other = dict(state)  # a routine of another file, too, may have the name that is computed
+        self._update_state(other, i)
+        return self._join_states(other, end)
 
     def _follow_call(self, routine: str, state: State) -> State | None:
         """Return the state after a call; None if the end of the called routine was not reached yet."""
@@ -856,19 +873,13 @@ class Machine:
                 self._forget_names(state, unknown)
                 if op.may_last:
                     state[ir.MODE] = unknown, unknown.line
-            if op.prefix is not None and any(each.startswith(op.prefix) for each in self._flow.begins):
-                self._count_work(len(self._changes))
-                reason = f"{quote_text(str(op.name))} may call any routine of the program"
-                cause = place.make_cause(reason, "call the routine by its name")
-                for name in self._changes:
-                    state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
 
     def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
         """Make the values of names unknown in a state; without names, all that other routines may change."""
         cause = place.make_cause(op.reason, op.remedy)
         if not op.names:
             self._forget_names(state, cause)
-        for name in map(place.qualify, op.names):
+        for name in {*map(place.qualify, op.names)} - self._constants:
             state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
 
     def _forget_names(self, state: State, cause: Cause) -> None:
