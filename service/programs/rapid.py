@@ -22,7 +22,7 @@ _MOTIONS: Final = {"L": Motion.LINEAR, "J": Motion.JOINT, "C": Motion.CIRCULAR}
 _ARGUMENTS_AFTER_TOOL: Final = {"DO": 2, "AO": 2, "GO": 2, "SYNC": 1}
 """Count of the arguments behind the tool, for MoveLDO, MoveJSync and the like."""
 # Optional arguments of moves that do not move the target, as \Corr and \Track would
-_OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d")
+_OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d|D?VALUE")
 # Instructions that set configuration, speed, waiting, signals, messages, clocks, interrupts and units: no
 # target, no frame and no variable of the program changes by them
 _HARMLESS: Final = (
@@ -409,7 +409,7 @@ def _translate_plain_move(line: Line) -> list[Op]:
     letter = line["letter"] or line["trigger"] or "J"
     count = 1 + (letter == "C")  # count of the targets
     tool_index = count + 2 + has_trigger  # the tool is behind targets, speed, trigger and zone
-    after_tool = _ARGUMENTS_AFTER_TOOL.get(line["process"], 0)
+    after_tool = _ARGUMENTS_AFTER_TOOL.get(line["process"], 0) - ("\\VALUE:=" in line.text)
     spans, work_object, found = _split_arguments(line, line.span("arguments")[0])
     arguments = [line.text[slice(*each)] for each in spans]
     if len(arguments) != tool_index + 1 + after_tool or not re.fullmatch(_WORD, arguments[tool_index]):
