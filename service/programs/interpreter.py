@@ -780,26 +780,25 @@ class Machine:
         return {**state, ir.MODE: (self._faults[fault], self._faults[fault].line)}
 
     def _follow_calls(self, op: ir.Call, i: int, routines: list[str], state: State) -> State | None:
-        """Return the state after operation i, which calls one of these routines of the program."""
-        end = reduce(self._join_states, (self._follow_call(each, state) for each in routines))
+        """Return the state after operation i, which calls one of these routines of the program.
+
+        The state is None if the end of the called routines was not reached yet.
+        """
+        end: State | None = None
+        for routine in routines:
+            is_new = self._join_into(self._flow.begins[routine], state)
+            if is_new and routine not in self._entered_routines and len(self._entered_routines) < _MAX_CALLS:
+                self._propagate_through(routine, self._state_operations[routine])
+            returned, changed = self._exits.get(routine), self._changed[routine]
+            if returned is not None and UNKNOWN not in changed:  # else the routine may change any name
+                self._count_work(len(changed))
+                returned = {**state, **{name: self._look_up(returned, name) for name in changed}}
+            end = self._join_states(end, returned)
         if op.name in routines:
             return end
         other = dict(state)  # a routine of another file, too, may have the name that is computed
         self._update_state(other, i)
         return self._join_states(other, end)
-
-    def _follow_call(self, routine: str, state: State) -> State | None:
-        """Return the state after a call; None if the end of the called routine was not reached yet."""
-        is_new = self._join_into(self._flow.begins[routine], state)
-        if is_new and routine not in self._entered_routines and len(self._entered_routines) < _MAX_CALLS:
-            self._propagate_through(routine, self._state_operations[routine])
-        returned, changed = self._exits.get(routine), self._changed[routine]
-        if returned is None:
-            return None
-        if UNKNOWN in changed:  # the routine may change any name
-            return returned
-        self._count_work(len(changed))
-        return {**state, **{name: self._look_up(returned, name) for name in changed}}
 
     def _join_into(self, place: int, state: State | None) -> bool:
         """Join a state into the state at operation `place`; return whether the latter changed."""
