@@ -587,6 +587,10 @@ class Machine:
         self._causes.append(cause)
         names = [name for name in map(place.qualify, op.names) if name not in self._constants]
         self._lasting |= dict.fromkeys(name for name in names if name.startswith(ir.MODE))
+        if (
+            self._language.calls_by_name
+        ):  # the names of a statement that is not understood may be called there
+            self._flow.anytime_routines |= self._flow.begins.keys() & set(names)
         if op.anytime:
             fields = [each for name in names for each in self._list_name_and_fields(name)]
             self._anytime |= dict.fromkeys(fields or [UNKNOWN], cause)
