@@ -356,6 +356,10 @@ class Machine:
         # names of which each name was calculated, with the lines; names of data that the program declares
         self._origins: dict[str, dict[str, int]] = defaultdict(dict)
         self._declared: set[str] = set()
+        # numbers that assignments give to names; None before they are needed
+        self._assigned: dict[str, WrittenNumbers] | None = None
+        # names of which a left move's place was calculated, with the frames of the move
+        self._noted_origins: set[tuple[str, tuple[object, ...]]] = set()
         self._causes: list[Cause] = []  # causes of all statements that are not understood
         # names of all that may last, the first one of what no statement ends
         self._lasting: dict[str, None] = {ir.MODE: None}
@@ -790,6 +794,7 @@ class Machine:
         """
         end: State | None = None
         for routine in routines:
+            self._count_work(len(state) if op.prefix is not None else 0)
             is_new = self._join_into(self._flow.begins[routine], state)
             if is_new and routine not in self._entered_routines and len(self._entered_routines) < _MAX_CALLS:
                 self._propagate_through(routine, self._state_operations[routine])
@@ -1120,17 +1125,35 @@ class Machine:
 
         If frames of the move differ from those of a target, the target is not corrected.
         """
+        target = self._evaluate_target(place, name, state)
+        if isinstance(target, WrittenNumbers):
+            self.columns.add_offset(target, frames, place.line)
+        key = tuple(
+            each if isinstance(each, Cause) or each.pose is None else (each.name, each.pose.tobytes())
+            for each in frames
+        )
         to_visit = [place.qualify(name)]
-        visited = set(to_visit)
-        while to_visit:
-            self._count_work(1)
-            each = to_visit.pop()
-            target = self._evaluate_target(place, each, state)
-            if isinstance(target, WrittenNumbers) and each not in self._used:
-                self.columns.add_offset(target, frames, place.line)
-            new = self._origins.get(each, {}).keys() - visited
-            visited |= new
-            to_visit += sorted(new)
+        while to_visit:  # each origin once for the same frames: copies may be copied many times
+            for origin in self._origins.get(to_visit.pop(), ()):
+                if (origin, key) in self._noted_origins:
+                    continue
+                self._noted_origins.add((origin, key))
+                to_visit.append(origin)
+                point = self._find_point(origin)
+                if isinstance(point, WrittenNumbers) and origin not in self._used:
+                    self.columns.add_offset(point._replace(label=origin), frames, place.line)
+
+    def _find_point(self, name: str) -> Content | None:
+        """Return the numbers that a name has on any path, if there are some."""
+        if name in self._initial and not self._changes.get(name):
+            return self._initial[name]
+        if self._assigned is None:
+            self._assigned = {
+                place.qualify(op.name): WrittenNumbers("", place.source, place.line, place.first, op.value)
+                for place, op in zip(self._places, self._ops, strict=True)
+                if isinstance(op, ir.Assign) and isinstance(op.value, Literal)
+            }
+        return self._assigned.get(name)
 
     def _find_obstacle(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""
