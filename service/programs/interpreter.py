@@ -19,7 +19,15 @@ from typing import Final, NoReturn, TypeAlias
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.columns import MAX_VALUE, OF_ROUTINE, Cause, Columns, Frames, WrittenNumbers
+from jointstiff.service.programs.columns import (
+    IN_MODULE,
+    MAX_VALUE,
+    OF_ROUTINE,
+    Cause,
+    Columns,
+    Frames,
+    WrittenNumbers,
+)
 from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, quote_text
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals, iterate_integers
@@ -653,11 +661,9 @@ class Machine:
         The name of an event means all routines that are attached to the event.
         """
         name = place.qualify(op.name)
-        unknown = [
-            each
-            for each in self._attached.get(name, [name])
-            if each.upper() not in self._allowed and each not in self._flow.begins
-        ]
+        names = (each for each in self._attached.get(name, [name]) if each not in self._flow.begins)
+        plain = (each.partition(IN_MODULE)[0] for each in names)
+        unknown = [each for each in plain if each.upper() not in self._allowed]
         if op.harmless or self._trusts_routines or not unknown:
             return None
         self.unknown_routines |= dict.fromkeys(unknown)
