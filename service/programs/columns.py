@@ -38,11 +38,13 @@ MAX_VALUE: Final = 1e6
 _OUT_OF_RANGE: Final = f"a number of a target is out of range, beyond {MAX_VALUE:g}"
 OF_ROUTINE: Final = " of routine "
 """Text between the name of a local variable and the name of its routine."""
+IN_MODULE: Final = "__MODULE"
+"""Text between a name that modules of a program use for different data, and the number of the module."""
 _SEARCHED_LENGTH: Final = 1000
 """Number of characters from the beginning of a line in which a name is looked for."""
 _NAME_OR_TEXT: Final = re.compile(r"'[^']*'|\b[A-Z_][A-Z0-9_]*\b")
 _ENDING: Final = re.compile(
-    rf"(?:\.(?:BASE|TOOL|[UOT]FRAME|UF|UT))?{OF_ROUTINE}\w+|\.(?:BASE|TOOL|[UOT]FRAME|UF|UT)\b"
+    rf"(?:\.(?:BASE|TOOL|[UOT]FRAME|UF|UT))?{OF_ROUTINE}\w+|\.(?:BASE|TOOL|[UOT]FRAME|UF|UT)\b|{IN_MODULE}\d+"
 )
 _WRITE_ANEW: Final = "write all of its numbers anew, or split the program"
 _AXIS_ROUNDING: Final = 2e-3
@@ -180,7 +182,7 @@ class Columns:
             )
             self._moves.extend((line, _MOTIONS[op.motion], len(self._visits)))
             return
-        names = ", ".join(each.label.partition(OF_ROUTINE)[0] or "in numbers" for each in targets)
+        names = ", ".join(_get_plain_name(each.label) or "in numbers" for each in targets)
         base, tool = (
             (self.restore_spelling(_get_frame_name(each), 0, line) for each in frames[-1])
             if frames
@@ -202,7 +204,7 @@ class Columns:
         if unknown:
             self._target_causes.setdefault(index, unknown)
             return
-        name = quote_text(target.label.partition(OF_ROUTINE)[0])
+        name = quote_text(_get_plain_name(target.label))
         text = (
             f"the move ends at an offset from {name}, so the end of the move shifts with the correction "
             f"of {name}"
@@ -298,7 +300,7 @@ class Columns:
                 use = f"the numbers of {quote_text(name)} are also used on line {line}"
                 reason = f"{use}, where their meaning is not certain"
                 self._target_causes.setdefault(index, Cause(0, reason, "use a separate target on that line"))
-        self._names = [name.partition(OF_ROUTINE)[0] if name else name for name in self._names]
+        self._names = [_get_plain_name(name) if name else name for name in self._names]
         targets = self._fill_targets(_reshape_rows(self._targets, _ROW_WIDTH), external_axes)
         moves = _sort_moves(Moves(*_reshape_rows(self._moves, 3), *_reshape_rows(self._visits, 1)))
         is_corrected = self._find_corrected_moves(targets, moves)
@@ -470,6 +472,11 @@ def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[
         names, source, line, literal, targets.literals, targets.base[rows], targets.tool[rows],
         targets.frames, targets.values[rows], targets.spans[rows],
     )  # fmt: skip
+
+
+def _get_plain_name(label: str) -> str:
+    """Return a name without its routine and its module."""
+    return label.partition(OF_ROUTINE)[0].partition(IN_MODULE)[0]
 
 
 def _get_frame_name(frame: FrameName | Cause) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 
 from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.columns import (
+    IN_MODULE,
     MAX_VALUE,
     OF_ROUTINE,
     Cause,
@@ -380,6 +381,10 @@ class Machine:
         # names of which each name was calculated, with the lines; names of data that the program declares
         self._origins: dict[str, dict[str, int]] = defaultdict(dict)
         self._declared: set[str] = set()
+        # numbers that assignments give to names; None before they are needed
+        self._assigned: dict[str, WrittenNumbers] | None = None
+        # names of which a left move's place was calculated, with the frames of the move
+        self._noted_origins: set[tuple[str, tuple[object, ...]]] = set()
         self._causes: list[Cause] = []  # causes of all statements that are not understood
         # names of all that may last, the first one of what no statement ends
         self._lasting: dict[str, None] = {ir.MODE: None}
@@ -618,8 +623,12 @@ class Machine:
         """Note why values become unknown at a statement, for each name that the statement changes."""
         cause = place.make_cause(op.reason, op.remedy)
         self._causes.append(cause)
-        names = [place.qualify(name) for name in op.names]
+        names = [name for name in map(place.qualify, op.names) if name not in self._constants]
         self._lasting |= dict.fromkeys(name for name in names if name.startswith(ir.MODE))
+        if (
+            self._language.calls_by_name
+        ):  # the names of a statement that is not understood may be called there
+            self._flow.anytime_routines |= self._flow.begins.keys() & set(names)
         if op.anytime:
             fields = [each for name in names for each in self._list_name_and_fields(name)]
             self._anytime |= dict.fromkeys(fields or [UNKNOWN], cause)
@@ -632,11 +641,13 @@ class Machine:
         `passed` are the names that any call of the program passes as arguments.
         """
         is_own, unknown = op.name in self._flow.begins, self._explain_unknown_call(place, op)
+        own = [str(op.name)] if is_own else self._list_called(op)
         cause = place.make_cause(
             f"{quote_text(str(op.name))} gets this name as an argument, and may change its value"
         )
-        changes = self._changes_parameters(str(op.name), passed) if is_own else unknown is not None
-        for parameter in self._list_parameters(str(op.name)) if is_own else ():
+        changes = unknown is not None and not is_own
+        changes = changes or any(self._changes_parameters(each, passed) for each in own)
+        for parameter in {parameter for each in own for parameter in self._list_parameters(each)}:
             self._origins[parameter].update((place.scope.qualify(name), place.line) for name in op.passed)
         for name in {place.scope.qualify(name) for name in (op.passed if changes else ())} - self._constants:
             self._changes[name].append(cause)
@@ -679,11 +690,9 @@ class Machine:
         The name of an event means all routines that are attached to the event.
         """
         name = place.qualify(op.name)
-        unknown = [
-            each
-            for each in self._attached.get(name, [name])
-            if each.upper() not in self._allowed and each not in self._flow.begins
-        ]
+        names = (each for each in self._attached.get(name, [name]) if each not in self._flow.begins)
+        plain = (each.partition(IN_MODULE)[0] for each in names)
+        unknown = [each for each in plain if each.upper() not in self._allowed]
         if op.harmless or self._trusts_routines or not unknown:
             return None
         self.unknown_routines |= dict.fromkeys(unknown)
@@ -702,9 +711,14 @@ class Machine:
         endings = self._language.field_endings
         return [name, *(f"{structure}{ending}{separator}{routine}" for ending in endings)]
 
-    def _is_direct_call(self, op: ir.Call) -> bool:
-        """Return whether a call starts a routine of this program directly, not when an event occurs."""
-        return op.name in self._flow.begins and not op.anytime
+    def _list_called(self, op: ir.Call) -> list[str]:
+        """Return the routines of this program one of which a call may start directly, not at an event."""
+        if op.anytime or op.name in self._flow.begins:
+            return [] if op.anytime else [str(op.name)]
+        if op.prefix is None:
+            return []
+        self._count_work(len(self._flow.begins))
+        return [each for each in self._flow.begins if each.startswith(op.prefix)]
 
     def _summarise_routines(self) -> None:
         """Find the names that each routine may change, also through the routines that it calls."""
@@ -712,9 +726,10 @@ class Machine:
         for i, op in enumerate(self._ops):
             routine = self._flow.routine_of[i]
             state: State = {}  # an operation on an empty state leaves the names that it changes
-            if isinstance(op, ir.Call) and self._is_direct_call(op):
-                callers[str(op.name)].add(routine)
-            else:
+            called = self._list_called(op) if isinstance(op, ir.Call) else []
+            for each in called:
+                callers[each].add(routine)
+            if not (called and isinstance(op, ir.Call) and op.name in called):
                 self._update_state(state, i)
             for name, (content, line) in state.items():
                 reason = f"{name} changes while the program runs" if name not in self._lasting else ""
@@ -782,8 +797,8 @@ class Machine:
             self._count_work(1)
             if isinstance(op, ir.Flow):
                 state, shared = self._pass_to_successors(op, i, state), True
-            elif state is not None and isinstance(op, ir.Call) and self._is_direct_call(op):
-                state, shared = self._follow_call(str(op.name), state), True
+            elif state is not None and isinstance(op, ir.Call) and (called := self._list_called(op)):
+                state, shared = self._follow_calls(op, i, called, state), True
             elif state is not None:
                 if shared:
                     self._count_work(len(state))
@@ -812,19 +827,30 @@ class Machine:
             return state
         return {**state, ir.MODE: (self._faults[fault], self._faults[fault].line)}
 
-    def _follow_call(self, routine: str, state: State) -> State | None:
-        """Return the state after a call; None if the end of the called routine was not reached yet."""
-        is_new = self._join_into(self._flow.begins[routine], state)
-        if is_new and routine not in self._entered_routines and len(self._entered_routines) < _MAX_CALLS:
-            self._propagate_through(routine, self._state_operations[routine])
-        returned, changed = self._exits.get(routine), self._changed[routine]
-        if returned is None:
-            return None
-        self._count_work(len(changed))
-        never = {_NEVER: ("", 0)} if _NEVER in state or _NEVER in returned else {}
-        if UNKNOWN in changed:  # the routine may change any name
-            return {**returned, **never}
-        return {**state, **{name: self._look_up(returned, name) for name in changed}, **never}
+    def _follow_calls(self, op: ir.Call, i: int, routines: list[str], state: State) -> State | None:
+        """Return the state after operation i, which calls one of these routines of the program.
+
+        The state is None if the end of the called routines was not reached yet.
+        """
+        end: State | None = None
+        for routine in routines:
+            self._count_work(len(state) if op.prefix is not None else 0)
+            is_new = self._join_into(self._flow.begins[routine], state)
+            if is_new and routine not in self._entered_routines and len(self._entered_routines) < _MAX_CALLS:
+                self._propagate_through(routine, self._state_operations[routine])
+            returned, changed = self._exits.get(routine), self._changed[routine]
+            if returned is not None:
+                self._count_work(len(changed))
+                never = {_NEVER: ("", 0)} if _NEVER in state or _NEVER in returned else {}
+                if UNKNOWN not in changed:  # else the routine may change any name
+                    returned = {**state, **{name: self._look_up(returned, name) for name in changed}}
+                returned = {**returned, **never}
+            end = self._join_states(end, returned)
+        if op.name in routines:
+            return end
+        other = dict(state)  # a routine of another file, too, may have the name that is computed
+        self._update_state(other, i)
+        return self._join_states(other, end)
 
     def _join_into(self, place: int, state: State | None) -> bool:
         """Join a state into the state at operation `place`; return whether the latter changed."""
@@ -903,19 +929,13 @@ class Machine:
                 self._forget_names(state, unknown)
                 if op.may_last:
                     state[ir.MODE] = unknown, unknown.line
-            if op.prefix is not None and any(each.startswith(op.prefix) for each in self._flow.begins):
-                self._count_work(len(self._changes))
-                reason = f"{quote_text(str(op.name))} may call any routine of the program"
-                cause = place.make_cause(reason, "call the routine by its name")
-                for name in self._changes:
-                    state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
 
     def _make_unknown(self, state: State, op: ir.MakeUnknown, place: Place) -> None:
         """Make the values of names unknown in a state; without names, all that other routines may change."""
         cause = place.make_cause(op.reason, op.remedy)
         if not op.names:
             self._forget_names(state, cause)
-        for name in map(place.qualify, op.names):
+        for name in {*map(place.qualify, op.names)} - self._constants:
             state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
 
     def _forget_names(self, state: State, cause: Cause) -> None:
@@ -1246,17 +1266,35 @@ class Machine:
 
         If frames of the move differ from those of a target, the target is not corrected.
         """
+        target = self._evaluate_target(place, name, state)
+        if isinstance(target, WrittenNumbers):
+            self.columns.add_offset(target, frames, place.line)
+        key = tuple(
+            each if isinstance(each, Cause) or each.pose is None else (each.name, each.pose.tobytes())
+            for each in frames
+        )
         to_visit = [place.qualify(name)]
-        visited = set(to_visit)
-        while to_visit:
-            self._count_work(1)
-            each = to_visit.pop()
-            target = self._evaluate_target(place, each, state)
-            if isinstance(target, WrittenNumbers) and each not in self._used:
-                self.columns.add_offset(target, frames, place.line)
-            new = self._origins.get(each, {}).keys() - visited
-            visited |= new
-            to_visit += sorted(new)
+        while to_visit:  # each origin once for the same frames: copies may be copied many times
+            for origin in self._origins.get(to_visit.pop(), ()):
+                if (origin, key) in self._noted_origins:
+                    continue
+                self._noted_origins.add((origin, key))
+                to_visit.append(origin)
+                point = self._find_point(origin)
+                if isinstance(point, WrittenNumbers) and origin not in self._used:
+                    self.columns.add_offset(point._replace(label=origin), frames, place.line)
+
+    def _find_point(self, name: str) -> Content | None:
+        """Return the numbers that a name has on any path, if there are some."""
+        if name in self._initial and not self._changes.get(name):
+            return self._initial[name]
+        if self._assigned is None:
+            self._assigned = {
+                place.qualify(op.name): WrittenNumbers("", place.source, place.line, place.first, op.value)
+                for place, op in zip(self._places, self._ops, strict=True)
+                if isinstance(op, ir.Assign) and isinstance(op.value, Literal)
+            }
+        return self._assigned.get(name)
 
     def _find_obstacle(self, place: Place, op: ir.Move, frames: list[Frames], state: State) -> Cause | None:
         """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""

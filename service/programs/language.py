@@ -512,15 +512,12 @@ class Language:
 
         Each call may be skipped; or it may be an attachment, whose routine runs at any time.
         """
-        called, names = [match[1] for match in _CALLED.finditer(text)], _NAME.findall(text)
-        for name in dict.fromkeys(called):
+        for name in dict.fromkeys(match[1] for match in _CALLED.finditer(text)):
             if not self._motion.fullmatch(name):
                 harmless = self._words[2].fullmatch(name) is not None
-                passed = frozenset() if harmless else frozenset(names) - {name}
+                passed = frozenset() if harmless else frozenset(_NAME.findall(text)) - {name}
                 call = Call(name, passed, anytime=not harmless, event=name, harmless=harmless)
                 yield from (Flow("if"), call, Flow("close"))
-        if self.calls_by_name:  # each name may be that of a routine of the program
-            yield from (Call(each, anytime=True, harmless=True) for each in dict.fromkeys(names))
 
     def read_expression(self, text: str) -> list[Op]:
         """Return the operations of an expression: one for all names that it reads, one for each routine call.

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from functools import partial
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.errors import quote_text
+from jointstiff.service.programs.columns import IN_MODULE
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import UNKNOWN_STATEMENT, Line, Misread, Op, split_outside_brackets
 from jointstiff.service.programs.notation import Notation, Orientation
@@ -22,7 +24,7 @@ _MOTIONS: Final = {"L": Motion.LINEAR, "J": Motion.JOINT, "C": Motion.CIRCULAR}
 _ARGUMENTS_AFTER_TOOL: Final = {"DO": 2, "AO": 2, "GO": 2, "SYNC": 1}
 """Count of the arguments behind the tool, for MoveLDO, MoveJSync and the like."""
 # Optional arguments of moves that do not move the target, as \Corr and \Track would
-_OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d")
+_OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d|D?VALUE")
 # Instructions that set configuration, speed, waiting, signals, messages, clocks, interrupts and units: no
 # target, no frame and no variable of the program changes by them
 _HARMLESS: Final = (
@@ -77,7 +79,6 @@ _REMEDY: Final = (
     "write the target as [[x, y, z], [q1 ... q4], [cf1 ... cfx], [external axes]] in numbers, or "
     "declare such a target"
 )
-_ONE_MODULE: Final = "send one module"
 _FRAME_REMEDY: Final = "declare the frame in numbers"
 _WORD: Final = r"[^\W\d]\w*+"
 _ZONE: Final = r"FINE|Z\d{1,3}+"  # names of the controller's zones
@@ -415,7 +416,7 @@ def _translate_plain_move(line: Line) -> list[Op]:
     letter = line["letter"] or line["trigger"] or "J"
     count = 1 + (letter == "C")  # count of the targets
     tool_index = count + 2 + has_trigger  # the tool is behind targets, speed, trigger and zone
-    after_tool = _ARGUMENTS_AFTER_TOOL.get(line["process"], 0)
+    after_tool = _ARGUMENTS_AFTER_TOOL.get(line["process"], 0) - ("\\VALUE:=" in line.text)
     spans, work_object, found = _split_arguments(line, line.span("arguments")[0])
     arguments = [line.text[slice(*each)] for each in spans]
     if len(arguments) != tool_index + 1 + after_tool or not re.fullmatch(_WORD, arguments[tool_index]):
@@ -489,31 +490,51 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
 
     Further modules, in the same file or in further files, are parts of the same program; moves of further
     files are not corrected.
-
-    Raises:
-        ProgramError: a routine is LOCAL in one module, and another module uses its name.
     """
     machine.columns.spelled.update(WOBJ0="wobj0", TOOL0="tool0")
-    modules, places = list[str](), list[tuple[int, int]]()
+    texts, parts = list[str](), list[tuple[int, IndexArray, IndexArray]]()
     for index, source in enumerate(sources):
-        machine.add_statements(index, *_find_statements(source.text))
-        begins = [match.start() for match in re.finditer(r"(?im)^[ \t]*+MODULE\b", source.text)] or [0]
-        ends = [*begins[1:], len(source.text)]
-        modules += [source.text[start:end].upper() for start, end in zip(begins, ends, strict=True)]
-        places += [(index, source.find_line(begin)) for begin in begins]
-    if len(modules) > 1:
-        if routines := _find_ambiguous_names(modules, _LOCAL_ROUTINE):
-            reason = (
-                f"{quote_text(min(routines))} is LOCAL in one module, and another module uses the same name"
-            )
-            index, line = places[1]
-            machine.refuse(line, reason, _ONE_MODULE, index)
-        reason = "the name is LOCAL in one of the modules"
-        machine.forget_anytime(_find_ambiguous_names(modules, _LOCAL_DATA), reason, _ONE_MODULE)
-    own = {name for text in modules for name in re.findall(_ROUTINE, text) if _PROCESS_MOVE.fullmatch(name)}
-    if own:
-        reason = f"the program has its own routine {min(own)}, but a move of a process has the same name"
+        begins = [match.start() for match in re.finditer(r"(?im)^[ \t]*+MODULE\b", source.text)][1:]
+        starts, ends = _find_statements(source.text)
+        for begin, end in pairwise((0, *begins, len(source.text))):
+            first, last = np.searchsorted(starts, (begin, end)).tolist()
+            texts.append(source.text[begin:end].upper())
+            parts.append((index, starts[first:last], ends[first:last]))
+    names = [set(re.findall(_LOCAL, text)) for text in texts]
+    words = [set(re.findall(_WORD, text)) if len(texts) > 1 else set[str]() for text in texts]
+    for k, (index, starts, ends) in enumerate(parts):
+        # The first module keeps its names, so that messages have them.
+        elsewhere = set[str]().union(*words[:k], *words[k + 1 :]) if names[k] else set[str]()
+        renamed = {name: f"{name}{IN_MODULE}0" for name in names[0] & words[k] if k}
+        renamed |= {name: f"{name}{IN_MODULE}{k}" for name in names[k] & elsewhere if k}
+        translate = partial(_translate_renamed, renamed=renamed) if renamed else None
+        machine.add_statements(index, starts, ends, translate=translate)
+    routines = {
+        name for text in texts for name in re.findall(_ROUTINE, text) if _PROCESS_MOVE.fullmatch(name)
+    }
+    if routines:
+        name = min(routines)
+        reason = f"the program has its own routine {name}, but a move of a process has the same name"
         machine.forget_anytime(frozenset({ir.MODE}), reason, "give the routine another name")
+
+
+_ROUTINE: Final = rf"\bPROC\s++({_WORD})"
+_LOCAL: Final = rf"\bLOCAL\s++(?:PROC|TRAP|(?:FUNC|CONST|PERS|VAR)\s++\w++)\s++({_WORD})"
+_TEXT_OR_NAME: Final = re.compile(rf'"({_WORD})"|"[^"\r\n]*+"|(?<![\w.\\])({_WORD})')
+
+
+def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, Op]]:
+    """Return the operations of a statement in which names of one module have other names.
+
+    A name that is LOCAL in one module means something else in the others. Routines that are called by texts
+    are renamed, too.
+    """
+
+    def rename(match: re.Match[str]) -> str:
+        name = match[1] or match[2] or ""
+        return match[0].replace(name, renamed.get(name.upper(), name)) if name else match[0]
+
+    return LANGUAGE.translate(_TEXT_OR_NAME.sub(rename, masked))
 
 
 def _find_statements(text: str) -> tuple[IndexArray, IndexArray]:
@@ -526,23 +547,6 @@ def _find_statements(text: str) -> tuple[IndexArray, IndexArray]:
             ends.append(end)
         place = end
     return np.array(starts, dtype=np.intp), np.array(ends, dtype=np.intp)
-
-
-_ROUTINE: Final = rf"\bPROC\s++({_WORD})"
-_LOCAL_ROUTINE: Final = rf"\bLOCAL\s++(?:PROC|TRAP|FUNC\s++\w++)\s++({_WORD})"
-_LOCAL_DATA: Final = rf"\bLOCAL\s++(?:CONST|PERS|VAR)\s++\w++\s++({_WORD})"
-
-
-def _find_ambiguous_names(modules: list[str], declaration: str) -> frozenset[str]:
-    """Return the names that a module declares as LOCAL, by a pattern, and another module uses."""
-    local = [set(re.findall(declaration, each)) for each in modules]
-    used = [set(re.findall(_WORD, each)) for each in modules]
-    return frozenset(
-        name
-        for i, names in enumerate(local)
-        for name in names
-        if any(name in other for k, other in enumerate(used) if k != i)
-    )
 
 
 LANGUAGE: Final = ir.Language(

@@ -412,31 +412,37 @@ def test_a_second_module_of_a_file_is_part_of_the_program():
     assert [(each.line, each.corrected) for each in found] == [(3, True), (8, True)]
 
 
-def test_data_that_are_local_in_one_of_two_modules_are_unknown():
+def frames_of(text):
+    """Return the tools of a program with the heights of those that the program states [m]."""
+    program = read_program([("a.mod", text.encode())], leave_others=True)
+    return [
+        (each.name, each.pose is not None and round(each.pose[2, 3], 9))
+        for each in program.targets.frames[1:]
+    ]
+
+
+def test_data_that_are_local_in_one_of_two_modules_are_others_elsewhere():
     tool = "LOCAL PERS tooldata t1:=[TRUE,[[0,0,9],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
     move = f"MoveL {ROB},v1,z1,{{}};\n"
     first = f"MODULE a\n{tool}PROC a()\n{move.format('t1')}{move.format('tool0')}ENDPROC\nENDMODULE\n"
     second = f"MODULE b\nPROC b()\n{move.format('t1')}ENDPROC\nENDMODULE\n"
-    found = list_moves([("a.mod", (first + second).encode())])
-    assert [(each.line, each.corrected) for each in found] == [(4, False), (5, True), (10, False)]
-    assert {each.reason for each in found if not each.corrected} == {
-        "the name is LOCAL in one of the modules"
-    }
+    assert frames_of(first + second) == [("t1", 0.009), ("tool0", 0.0), ("t1", False)]
 
 
-def test_a_routine_that_is_local_in_one_of_two_modules_and_used_in_the_other_is_refused():
-    module = "MODULE {0}\n{1}PROC {2}()\nENDPROC\nPROC {0}()\n{2};\nENDPROC\nENDMODULE\n"
-    text = module.format("a", "LOCAL ", "sub") + "MODULE b\nPROC b()\nsub;\nENDPROC\nENDMODULE\n"
-    with pytest.raises(
-        ProgramError, match="'SUB' is LOCAL in one module, and another module uses the same name"
-    ):
-        list_moves([("a.mod", text.encode())])
+def test_a_routine_that_is_local_in_one_of_two_modules_is_unknown_in_the_other():
+    sets = "t1:=[TRUE,[[0,0,9],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];\n"
+    text = f"MODULE a\nLOCAL PROC sub()\n{sets}ENDPROC\nPROC a()\nsub;\nMoveL {ROB},v1,z1,t1;\nENDPROC\nENDMODULE\n"
+    text += f"MODULE b\nPROC b()\n{sets}sub;\nMoveL {ROB},v1,z1,t1;\nENDPROC\nENDMODULE\n"
+    found = list_moves([("a.mod", text.encode())])
+    assert [(each.line, each.corrected) for each in found] == [(7, True), (14, False)]
+    assert "'SUB' is unknown" in found[1].reason
+    allowed = list_moves([("a.mod", text.encode())], leave_alone=["sub"])
+    assert [each.corrected for each in allowed] == [True, True]
 
 
-def test_local_data_that_get_numbers_in_one_of_two_modules_are_unknown():
+def test_local_data_that_get_numbers_in_one_of_two_modules_are_others_elsewhere():
     tool = "[TRUE,[[0,0,9],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]]"
     move = f"MoveL {ROB},v1,z1,t1;\n"
     first = f"MODULE a\nLOCAL PERS tooldata t1:={tool};\nPROC a()\nt1:={tool};\nb;\nENDPROC\nENDMODULE\n"
     second = f"MODULE b\nPROC b()\n{move}ENDPROC\nENDMODULE\n"
-    found = list_moves([("a.mod", (first + second).encode())])
-    assert [each.corrected for each in found] == [False]
+    assert frames_of(first + second) == [("t1", False)]

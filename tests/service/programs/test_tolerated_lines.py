@@ -112,6 +112,17 @@ def test_trust_in_other_routines_is_none_in_those_of_the_program_with_a_computed
         read_program([("m.mod", text.encode())], leave_others=True, trust_routines=True)
 
 
+@pytest.mark.parametrize(
+    "call", ['%"chg"+n% p1', "%s% p1", 'CallByVar "chg",n,p1', "chg1 p1", "IF n=1 chg1 p1"]
+)
+def test_a_point_that_a_routine_of_the_program_changes_is_unknown_whoever_is_trusted(call):
+    text = MODULE.replace("NAME p1,v100,z10,t1;", f"{call};\nMoveL p1,v5,z1,t1;").replace("CONST", "PERS")
+    text = text.replace("PROC NAME(robtarget p", "PROC chg1(INOUT robtarget p")
+    text = text.replace("MoveL p,v,z,t\\WObj:=w1;", "p.trans.z:=n;")
+    with pytest.raises(ProgramError):
+        read_program([("m.mod", text.encode())], leave_others=True, trust_routines=True)
+
+
 def test_twelve_modules_of_a_task_and_a_table_of_loads_can_be_posted():
     """What the request takes, the reader takes; only one more module is refused."""
     head, _, _ = MODULE.partition("NAME")
