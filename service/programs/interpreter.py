@@ -368,7 +368,7 @@ class Machine:
         self._shared_fields: dict[tuple[tuple[str, Content], ...], tuple[tuple[str, Content], ...]] = {}
         self._element_changes: list[str] = []  # elements of local arrays that statements may change
         self._fixed: set[str] = set()  # names that the program declares as constants
-        self._constants: set[str] = set()  # names that are declared as constants
+        self._constants: set[str] = set()  # names that only the program itself may change
         self._shared: set[str] = set()  # names that other programs may use as well
         self._stored: set[str] = set()  # those of them that the controller stores for all programs
         self._noted: set[str] = set()  # shared names of targets about which a remark was made
@@ -623,11 +623,9 @@ class Machine:
         """Note why values become unknown at a statement, for each name that the statement changes."""
         cause = place.make_cause(op.reason, op.remedy)
         self._causes.append(cause)
-        names = [name for name in map(place.qualify, op.names) if name not in self._constants]
+        names = [name for name in map(place.qualify, op.names) if name not in self._fixed]
         self._lasting |= dict.fromkeys(name for name in names if name.startswith(ir.MODE))
-        if (
-            self._language.calls_by_name
-        ):  # the names of a statement that is not understood may be called there
+        if self._language.calls_by_name:  # names of a statement that is not understood may be called there
             self._flow.anytime_routines |= self._flow.begins.keys() & set(names)
         if op.anytime:
             fields = [each for name in names for each in self._list_name_and_fields(name)]
@@ -649,7 +647,7 @@ class Machine:
         changes = changes or any(self._changes_parameters(each, passed) for each in own)
         for parameter in {parameter for each in own for parameter in self._list_parameters(each)}:
             self._origins[parameter].update((place.scope.qualify(name), place.line) for name in op.passed)
-        for name in {place.scope.qualify(name) for name in (op.passed if changes else ())} - self._constants:
+        for name in {place.scope.qualify(name) for name in (op.passed if changes else ())} - self._fixed:
             self._changes[name].append(cause)
             self._anytime.update(dict.fromkeys(self._list_name_and_fields(name), cause))
         if is_own:
@@ -935,7 +933,7 @@ class Machine:
         cause = place.make_cause(op.reason, op.remedy)
         if not op.names:
             self._forget_names(state, cause)
-        for name in {*map(place.qualify, op.names)} - self._constants:
+        for name in {*map(place.qualify, op.names)} - self._fixed:
             state.update(dict.fromkeys(self._list_name_and_fields(name), (cause, place.line)))
 
     def _forget_names(self, state: State, cause: Cause) -> None:
