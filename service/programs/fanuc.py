@@ -31,13 +31,14 @@ _FIELDS: Final = (
 # takes the active one. Registers, signals, timers, messages, speeds, collision detection: no position and no
 # frame changes by them.
 _BRACKETS: Final = r"\[(?:[^\[\]]|\[[^\[\]]*\])*\]"
+_REGISTER: Final = rf"A?R{_BRACKETS}"
 # Instructions that switch a process on or off, also behind a target
-_PROCESS: Final = r"(?:SPOT|PRESS_MOTN|SS|SE|LS|LE|(?:Arc|Weld) (?:Start|End)(?: E\d)?)"
+_PROCESS: Final = r"(?:SPOT|PRESS_MOTN|TIPDRESS|SS|SE|LS|LE|(?:Arc|Weld) (?:Start|End)(?: E\d)?)"
 _HARMLESS: Final = (
     r"(?:R|SR|F|[DRGAWUS][IO]|M|TIMER|PR|PL|AR|VR|RSR|JOINT_MAX_SPEED)\[([^\]]*(?:\][^\]=]*)*?)\](?:\.\w+)?=(?P<value>.+)"
     r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$(?:WAITTMOUT|RMT_MASTER|SVPRG_ENB|UALRM_SEV\[\0\])="
     r"|\$[\w$.\[\]\0]*(?:OVERRIDE|SPEED|TIMER_VAL)=) ?(.+?)"
-    r"(?:\(sec\)| ?%|(?<=ON)[+-]|(?<=OFF)[+-])?"
+    r"(?:\(sec\)| ?sec| ?%|(?<=ON)[+-]|(?<=OFF)[+-])?"
     r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+|(?:UN)?LOCK PREG)"
     r"|TC_ONLINE(?: (?:EN|DIS)ABLE| ?(\(.+\)))?|CLEAR_RESUME_PROG|RETURN_PATH_DSBL"
     r"|(?:PAYLOAD|UALM|DIAG_REC)\[(.*)\]|COL GUARD ADJUST(?: ?(.+))?"
@@ -65,18 +66,19 @@ _MAY_LAST: Final = re.compile(
     r"|cal|corr|tcp|guid|group|coord|conv|enc|job|base|vr|mirror|index|pos"
 )
 # Instructions that displace targets, or soften the arm, until their own end
-_KINDS: Final = r"(?P<kind>Track|Touch Offset|SOFTFLOAT)"
+_KINDS: Final = r"(?P<kind>Track|Touch Offset|MP OFFSET|SOFTFLOAT)"
 # Text behind a target that does not move the target: termination, acceleration, configuration, spots, signals
 _TAIL: Final = re.compile(
-    r"(?:\0|R\[[^\[\]]*\])?(?: ?(?:%|(?:mm|cm|inch|deg)/(?:sec|min)|sec|msec|max_speed|WELD_SPEED))?"
+    rf"(?:\0|{_REGISTER})?"
+    r"(?: ?(?:%|(?:mm|cm|inch|deg)/(?:sec|min)|sec|msec|max_speed|WELD_SPEED))?"
     r"(?: ?(?:FINE|Wjnt|PTH|BREAK|MROT|(?:CNT|CR|CD|ACC|AP_LD|RT_LD|PSPD)(?:\d++| ?\0)"
-    r"|(?:CNT|ACC|AP_LD|RT_LD|PSPD) ?R\[[^\[\]]*\]"
+    rf"|(?:CNT|ACC|AP_LD|RT_LD|PSPD) ?{_REGISTER}|CNT\(\0\)"
     r"|EV(?:\d++| ?\0)%"
     rf"|{_PROCESS} ?{_BRACKETS}|SE(?!\w)"
-    r"|(?:TB|TA|DB) ?(?:\0|R\[[^\[\]]*\]) ?(?:sec|mm)?, ?"
+    rf"|(?:TB|TA|DB) ?(?:\0|{_REGISTER}) ?(?:sec|mm)?, ?"
     r"(?:P-SPS|CALL ?\w++(?:\([^()]*\))?"
     rf"|(?:DO|RO|GO|AO|R|F){_BRACKETS}="
-    r"(?:PULSE,\0 ?sec|A?R\[[^\[\]]*\]|\w++|\0|\((?:(?!\bP\[)[\w\0\[\]!+*/<>= -])*\)))))*"
+    rf"(?:PULSE,\0 ?sec|{_REGISTER}|\w++|\0|\((?:(?!\bP\[)[\w\0\[\]!+*/<>= -])*\)))))*"
 )
 # Text behind a target that ends the move before it, and the label where the program continues otherwise
 _SKIP: Final = re.compile(r" ?Skip,LBL ?\[(?P<label>[^\[\]]*)\](?:,PR\[[^\[\]]*\]=\w+)?")
@@ -523,7 +525,7 @@ LANGUAGE: Final = ir.Language(
         (r"[JL] PAL_\w+\[\w+\] ?(?P<tail>.*)", _translate_pallet_move),
         (rf"{_KINDS} (?:End|END)", lambda line: [ir.end_lasting(line["kind"])]),
         (rf"{_KINDS}(?! ?(?:End|END)\b)[ \[].*", _translate_lasting),
-        (r"PR\[[^\]]*\]=P\[#{place}\]", _translate_copy_to_register),
+        (r"P?R\[[^\]]*\]=P\[#{place}(?:,\0)?\]", _translate_copy_to_register),
         (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[(?:\0|GP\d)\]) ?(?P<tail>.*)", _translate_register_move),
         (rf"{_CHOICE}=#{{number}}", _translate_frame_choice),
         (rf"{_CHOICE}=[\0\w\[\]()+*/-]+", _translate_computed_choice),

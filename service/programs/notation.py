@@ -230,7 +230,7 @@ class Numerals:
             spans.append(ends[:-1].reshape(-1, 2))
             masked.append("\0".join(pieces[::2]))
             begin = end
-        starts, ends = np.concatenate(spans).T.copy()
+        starts, ends = (np.concatenate([each[:, i] for each in spans]) for i in (0, 1))
         return cls(np.concatenate(values), starts, ends, "".join(masked))
 
     def masked_texts(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
@@ -245,7 +245,8 @@ class Numerals:
         """
         # Characters that are missing in the masked text before each number
         missing = np.zeros(len(self.values) + 1, dtype=np.int32)
-        np.subtract(self.ends, self.starts + np.int32(1), out=missing[1:])
+        np.subtract(self.ends, self.starts, out=missing[1:])  # arrays in place: long programs fill the memory
+        missing[1:] -= 1
         np.cumsum(missing, out=missing)
         first, last = np.searchsorted(self.starts, starts), np.searchsorted(self.starts, ends)
         begins, stops, text = starts - missing[first], ends - missing[last], self.masked_text
