@@ -615,7 +615,7 @@ class Machine:
         `passed` are the names that any call of the program passes as arguments.
         """
         is_own, unknown = op.name in self._flow.begins, self._explain_unknown_call(place, op)
-        own = [str(op.name)] if is_own else self._list_called(op)
+        own = self._list_meant(op)
         cause = place.make_cause(f"{quote_text(str(op.name))} gets it as an argument, and may change it")
         changes = unknown is not None and not is_own
         changes = changes or any(self._changes_parameters(each, passed) for each in own)
@@ -624,8 +624,8 @@ class Machine:
         for name in {place.scope.qualify(name) for name in (op.passed if changes else ())} - self._constants:
             self._changes[name].append(cause)
             self._anytime.update(dict.fromkeys(self._list_name_and_fields(name), cause))
+        self._flow.anytime_routines |= set(own) if op.anytime else set()
         if is_own:
-            self._flow.anytime_routines |= {str(op.name)} if op.anytime else set()
             self._attached_routines |= {str(op.name)} if op.event else set()
         elif unknown:
             self._causes.append(unknown)
@@ -681,8 +681,12 @@ class Machine:
 
     def _list_called(self, op: ir.Call) -> list[str]:
         """Return the routines of this program that a call may start directly, not at an event."""
-        if op.anytime or op.name in self._flow.begins:
-            return [] if op.anytime else [str(op.name)]
+        return [] if op.anytime else self._list_meant(op)
+
+    def _list_meant(self, op: ir.Call) -> list[str]:
+        """Return the routines of this program whose name a call may mean."""
+        if op.name in self._flow.begins:
+            return [str(op.name)]
         if op.prefix is None:
             return []
         self._count_work(len(self._flow.begins))
