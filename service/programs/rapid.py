@@ -29,6 +29,8 @@ _OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d|D?VALU
 # target, no frame and no variable of the program changes by them
 _HARMLESS: Final = (
     r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT|MECHUNITLOAD|WAITSYNCTASK"
+    # Moves name their tool and work object, whatever is active for jogging.
+    r"|SETSYSDATA"
     # Moves of several robots at once have the targets, tools and work objects that they name.
     r"|SYNCMOVE(?:ON|OFF|UNDO|SUSPEND|RESUME)"
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
@@ -46,7 +48,7 @@ _PROCESS_MOVE: Final = re.compile(
 )
 # Optional arguments of such moves that do not move the target, as \Track would
 _PROCESS_OPTIONS: Final = re.compile(
-    rf"{_OPTIONS.pattern}|ON|OFF|WEAVE|SEAMNAME|TIME|TRIGGDATA\d|(?:OPEN|CLOSE|WAIT|IN|OUT)\w*"
+    rf"{_OPTIONS.pattern}|ON|OFF|G\d|WEAVE|SEAMNAME|TIME|TRIGGDATA\d|(?:OPEN|CLOSE|WAIT|IN|OUT)\w*"
 )
 # The robot's searches, which write their second argument, and those of SmarTac, which write the first one
 _SEARCH: Final = re.compile(r"SEARCH(?:[LCJ]|EXTJ|(?P<smart>_(?:[123]D|GROOVE|PART)))")
