@@ -378,12 +378,12 @@ class Machine:
         self._offsets_of: dict[str, set[str]] = defaultdict(set)  # targets by names of poses at offsets
         self._targets: set[str] = set()  # names of the targets of moves
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
-        # names of which each name was calculated, with the lines; names of data that the program declares
+        # names from which each name was calculated, with the lines; names of data that the program declares
         self._origins: dict[str, dict[str, int]] = defaultdict(dict)
         self._declared: set[str] = set()
         # numbers that assignments give to names; None before they are needed
         self._assigned: dict[str, WrittenNumbers] | None = None
-        # names of which a left move's place was calculated, with the frames of the move
+        # names from which the place of a left move was calculated, with the frames of the move
         self._noted_origins: set[tuple[str, tuple[object, ...]]] = set()
         self._causes: list[Cause] = []  # causes of all statements that are not understood
         # names of all that may last, the first one of what no statement ends
@@ -639,7 +639,7 @@ class Machine:
         `passed` are the names that any call of the program passes as arguments.
         """
         is_own, unknown = op.name in self._flow.begins, self._explain_unknown_call(place, op)
-        own = [str(op.name)] if is_own else self._list_called(op)
+        own = self._list_meant(op)
         cause = place.make_cause(
             f"{quote_text(str(op.name))} gets this name as an argument, and may change its value"
         )
@@ -650,8 +650,8 @@ class Machine:
         for name in {place.scope.qualify(name) for name in (op.passed if changes else ())} - self._fixed:
             self._changes[name].append(cause)
             self._anytime.update(dict.fromkeys(self._list_name_and_fields(name), cause))
+        self._flow.anytime_routines |= set(own) if op.anytime else set()
         if is_own:
-            self._flow.anytime_routines |= {str(op.name)} if op.anytime else set()
             self._attached_routines |= {str(op.name)} if op.event else set()
         elif unknown:
             self._causes.append(unknown)
@@ -710,9 +710,13 @@ class Machine:
         return [name, *(f"{structure}{ending}{separator}{routine}" for ending in endings)]
 
     def _list_called(self, op: ir.Call) -> list[str]:
-        """Return the routines of this program one of which a call may start directly, not at an event."""
-        if op.anytime or op.name in self._flow.begins:
-            return [] if op.anytime else [str(op.name)]
+        """Return the routines of this program that a call may start directly, not at an event."""
+        return [] if op.anytime else self._list_meant(op)
+
+    def _list_meant(self, op: ir.Call) -> list[str]:
+        """Return the routines of this program whose name a call may mean."""
+        if op.name in self._flow.begins:
+            return [str(op.name)]
         if op.prefix is None:
             return []
         self._count_work(len(self._flow.begins))

@@ -29,6 +29,8 @@ _OPTIONS: Final = re.compile(r"CONC|ID|V|T|Z|INPOS|WOBJ|TLOAD|NOEOFFS|T\d|D?VALU
 # target, no frame and no variable of the program changes by them
 _HARMLESS: Final = (
     r"CONF[LJ]|ACCSET|VELSET|SINGAREA|CIRPATHMODE|PATHRESOL|GRIPLOAD|MOTIONSUP|(?:DE)?ACTUNIT|MECHUNITLOAD|WAITSYNCTASK"
+    # Moves name their tool and work object, whatever is active for jogging.
+    r"|SETSYSDATA"
     # Moves of several robots at once have the targets, tools and work objects that they name.
     r"|SYNCMOVE(?:ON|OFF|UNDO|SUSPEND|RESUME)"
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
@@ -46,7 +48,7 @@ _PROCESS_MOVE: Final = re.compile(
 )
 # Optional arguments of such moves that do not move the target, as \Track would
 _PROCESS_OPTIONS: Final = re.compile(
-    rf"{_OPTIONS.pattern}|ON|OFF|WEAVE|SEAMNAME|TIME|TRIGGDATA\d|(?:OPEN|CLOSE|WAIT|IN|OUT)\w*"
+    rf"{_OPTIONS.pattern}|ON|OFF|G\d|WEAVE|SEAMNAME|TIME|TRIGGDATA\d|(?:OPEN|CLOSE|WAIT|IN|OUT)\w*"
 )
 # The robot's searches, which write their second argument, and those of SmarTac, which write the first one
 _SEARCH: Final = re.compile(r"SEARCH(?:[LCJ]|EXTJ|(?P<smart>_(?:[123]D|GROOVE|PART)))")
@@ -201,12 +203,17 @@ def _find_names(found: list[Op]) -> frozenset[str]:
 def _translate_late_call(line: Line) -> list[Op]:
     """Return the operations of a call of a routine whose name is computed while the program runs."""
     text = line["routine"] or f"{line['variable']}+N"  # CallByVar "sub",n calls sub1, sub2 and so on
+    name, prefix = _read_routine(text)
+    found = [*(line.read_expression(text) if prefix is not None else []), *_read_arguments(line)]
+    return [*found, ir.Call(name, _find_names(found), prefix=prefix)]
+
+
+def _read_routine(text: str) -> tuple[str, str | None]:
+    """Return the name of a routine in quotations; of a computed name the text, and its beginning if known."""
     if re.fullmatch(rf'"{_WORD}"', text):
-        return [*_read_arguments(line), ir.Call(text.strip('"'), _find_names(_read_arguments(line)))]
-    found = [*line.read_expression(text), *_read_arguments(line)]
+        return text.strip('"'), None
     begin = re.match(r'"(\w*)"', text)
-    prefix = begin[1] if begin else ""
-    return [*found, ir.Call(text.replace("\0", "n"), _find_names(found), prefix=prefix)]
+    return text.replace("\0", "n"), begin[1] if begin else ""
 
 
 def _translate_process_move(line: Line, letter: str, found: list[Op]) -> list[Op]:
@@ -396,8 +403,10 @@ def _translate_move(line: Line) -> list[Op]:
     Raises:
         Misread: its arguments are not expressions.
     """
-    routine = line["arguments"].rsplit(",", 1)[-1].strip('" ')  # MoveLSync and the like call it at the target
-    called = [ir.Call(routine, anytime=True, event="\0target")] if line["process"] == "SYNC" else []
+    called = list[Op]()
+    if line["process"] == "SYNC":  # the last argument is the name of a routine that is called at the target
+        name, prefix = _read_routine(line["arguments"].rsplit(",", 1)[-1].strip())
+        called.append(ir.Call(name, anytime=True, event="\0target", prefix=prefix))
     try:
         return [*called, *_translate_plain_move(line)]
     except Misread as fault:

@@ -103,7 +103,13 @@ def test_no_move_is_corrected_whose_frame_may_have_changed(name, text):
         read_program([(name, text.encode())], leave_others=True)
 
 
-@pytest.mark.parametrize("call", ['%"chg"+n%', "%s%", 'CallByVar "chg",n', "CallByVar s,n", "chg1"])
+CALLS = [
+    *('%"chg"+n%', "%s%", 'CallByVar "chg",n', "CallByVar s,n", "chg1"),
+    *(f"MoveLSync p1,v5,z1,t1,{name}" for name in ('"chg1"', '"chg"+n', "s")),
+]
+
+
+@pytest.mark.parametrize("call", CALLS)
 def test_trust_in_other_routines_is_none_in_those_of_the_program_with_a_computed_name(call):
     tool = "[TRUE,[[0,0,100],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]]"
     text = MODULE.replace("NAME p1,v100,z10,t1;", f"t1:={tool};\n{call};\nMoveL p1,v5,z1,t1;")
