@@ -33,5 +33,5 @@ def test_a_notebook_shows_what_it_stores(name, tmp_path, monkeypatch):
 def test_the_notebook_of_the_paper_compares_sets_of_the_same_postures():
     outputs = [each for cell in read("paper.ipynb")["cells"] for each in cell.get("outputs", ())]
     text = "".join("".join(each.get("text", ())) for each in outputs)
-    assert "in 19 observations on both sides" in text
+    assert "in 19 observations on both sides" in " ".join(text.split())
     assert "joint   side              CP/L              CP              PP             DPP" in text
