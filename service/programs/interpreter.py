@@ -378,12 +378,12 @@ class Machine:
         self._offsets_of: dict[str, set[str]] = defaultdict(set)  # targets by names of poses at offsets
         self._targets: set[str] = set()  # names of the targets of moves
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
-        # names of which each name was calculated, with the lines; names of data that the program declares
+        # calculated name → names in its calculation, each with its line; names of declared data
         self._origins: dict[str, dict[str, int]] = defaultdict(dict)
         self._declared: set[str] = set()
         # numbers that assignments give to names; None before they are needed
         self._assigned: dict[str, WrittenNumbers] | None = None
-        # names of which a left move's place was calculated, with the frames of the move
+        # names in the calculation of a left move's place, with the frames of the move
         self._noted_origins: set[tuple[str, tuple[object, ...]]] = set()
         self._causes: list[Cause] = []  # causes of all statements that are not understood
         # names of all that may last, the first one of what no statement ends
@@ -712,7 +712,7 @@ class Machine:
         return [name, *(f"{structure}{ending}{separator}{routine}" for ending in endings)]
 
     def _list_called(self, op: ir.Call) -> list[str]:
-        """Return the routines of this program one of which a call may start directly, not at an event."""
+        """Return the routines of this program that a call may start directly, not at an event."""
         if op.anytime or op.name in self._flow.begins:
             return [] if op.anytime else [str(op.name)]
         if op.prefix is None:
