@@ -121,7 +121,7 @@ class Call(NamedTuple):
     # whether an unknown routine may also leave something that lasts (`MODE`)
     may_last: bool = False
     behind_next: bool = False  # whether the routine runs only behind a move that is the next statement
-    # beginning of the names of the program's routines that may be meant; None if the name is fixed
+    # with this text begin the names of the program's routines that may be meant; None if the name is fixed
     prefix: str | None = None
 
 
