@@ -199,8 +199,8 @@ def test_readings_that_do_not_fit_the_robot_are_written_only_despite_errors(fold
     assert (
         "do not use: c02: target 'P11' is 3.79 m away from its median position on the flange; "
         "up to 20 mm is plausible; check that positions are in R0 and in `units.length`, the angles and "
-        "their order, the joint map, and the robot's model; if the numbers are right, `--despite-errors` goes "
-        "past this verdict"
+        "their order, the joint map, and the robot's model; if the numbers are right, `--despite-errors` "
+        "goes past this verdict"
     ) in shown
     assert not (folder / "new.json").exists()
     assert run(*command, "--despite-errors").exit_code == 0
