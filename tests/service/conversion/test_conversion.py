@@ -109,7 +109,12 @@ ALONG = {"target": "P11", "displacement": 1e-4, "direction": [0.0, 0.0, 1.0]}
             "observations[2].readings",
         ),
         ({"noise": None}, {"readings": [STATED]}, {"readings": [STATED, ALONG]}, "observations[2].readings"),
-        ({"units": MM}, {}, {"moment": [0, 0, 1]}, "observation 'c03' has a moment"),
+        (
+            {"units": MM},
+            {},
+            {"moment": [0, 0, 1]},
+            "the unit of the moment in observation 'c03' is ambiguous",
+        ),
     ],
 )
 def test_the_observation_that_is_refused_is_named(of_set, each, faulty, where):

@@ -134,7 +134,7 @@ def test_table_numbers_that_run_away_and_links_that_are_vague_are_findings():
     ]
     near, vague = report_vague_parameters(nominal().joint_names, "standard", pairs, links)
     assert (near.code, near.where) == ("axes_nearly_parallel", "dh.standard")
-    assert near.message.startswith("axes 1 and 2 are 4 mrad from parallel")
+    assert near.message.startswith("the angle between axes 1 and 2 is 4 mrad")
     assert vague.message.endswith("determine a of joint 1 (u = 12 mm), theta of joint 3 (u = 0.72°)")
     assert len(list(report_vague_parameters(nominal().joint_names, "standard", pairs, links[1:2]))) == 1
 
