@@ -125,6 +125,8 @@ class Columns:
         self._moves = array("q")  # rows of line, motion, count of visits up to the end
         self._visits = array("q")  # indices of the targets of all moves
         self._target_causes: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
+        # base and tool, by index of the target and line, of moves in other frames than the first move
+        self._other_frames: dict[tuple[int, int], tuple[int, int]] = {}
 
     def restore_spelling(self, text: str, source: int, line: int) -> str:
         """Return a text with names as the program spells them near a line; quotations are not changed."""
@@ -271,6 +273,7 @@ class Columns:
             )
             remedy = "use a separate target for each base and tool: one correction cannot suit both"
             self._target_causes.setdefault(index, Cause(used, reason, remedy))
+            self._other_frames[index, used] = base, tool
         return index
 
     def _index_frame(self, role: str, frame: FrameName | Cause | None) -> int:
@@ -349,7 +352,9 @@ class Columns:
                 reason, remedy = self.restore_spelling(known.reason, 0, line), known.remedy
             else:
                 reason, remedy = "a move that is not corrected uses the same target", "use a separate target"
-            base, tool = (targets.frames[index[visited[-1]]].name for index in (targets.base, targets.tool))
+            last = visited[-1]
+            frames = self._other_frames.get((last, line), (targets.base[last], targets.tool[last]))
+            base, tool = (targets.frames[each].name for each in frames)
             cause = known if known and known.line else Cause(line, reason, remedy)
             self._left.append((ReadMove(line, targets.names[visited[-1]], base, tool, reason, remedy), cause))
         return ~is_left

@@ -368,7 +368,7 @@ class Machine:
         # the same for frames that a position states: many positions share one tuple of endings and contents
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
         self._shared_fields: dict[tuple[tuple[str, Content], ...], tuple[tuple[str, Content], ...]] = {}
-        self._element_changes: list[str] = []  # elements of local arrays that statements may change
+        self._changed_arrays: set[str] = set()  # arrays of which statements may change elements
         self._fixed: set[str] = set()  # names that the program declares as constants
         self._constants: set[str] = set()  # names that only the program itself may change
         self._shared: set[str] = set()  # names that other programs may use as well
@@ -378,6 +378,8 @@ class Machine:
         self._changes: dict[str, list[Cause]] = defaultdict(list)  # statements that may change each name
         self._offsets: list[tuple[Place, ir.Offset]] = []
         self._offsets_of: dict[str, set[str]] = defaultdict(set)  # targets by names of poses at offsets
+        # names of targets near which moves with these frames go
+        self._noted_offsets: dict[tuple[object, ...], set[str]] = defaultdict(set)
         self._targets: set[str] = set()  # names of the targets of moves
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
         # names from which each name was calculated, with the lines; names of data that the program declares
@@ -607,7 +609,9 @@ class Machine:
             if isinstance(op, ir.Call) and not (op.harmless and op.name not in self._flow.begins)
         ]
         passed = {place.qualify(name) for place, op in calls for name in op.passed}
-        self._element_changes = [each for each in self._changes if "[" in each and OF_ROUTINE in each]
+        self._changed_arrays = {
+            get_array_name(_get_structure_name(each)) for each in self._changes if "[" in each
+        }
         for place, op in calls:
             self._collect_call(place, op, passed)
         self._summarise_routines()
@@ -691,8 +695,7 @@ class Machine:
         fields = {field for name in names for field in self._list_name_and_fields(name)}
         # the beginning of the routine itself makes each parameter unknown, once
         changes = sum(len(self._changes.get(each, ())) for each in fields) - len(names)
-        changes += any(get_array_name(_get_structure_name(each)) in names for each in self._element_changes)
-        return changes > 0 or not names.isdisjoint(passed)
+        return changes > 0 or not names.isdisjoint(passed) or not names.isdisjoint(self._changed_arrays)
 
     def _list_parameters(self, routine: str) -> set[str]:
         """Return the names of the parameters of a routine of the program."""
@@ -1203,8 +1206,9 @@ class Machine:
         for place, move in moves:
             if self._is_near_target(place, move):  # the offset itself is part of a calculation
                 self._used |= dict.fromkeys(self._list_named_targets(place, move), place.line)
-        for name in self._offsets_of.keys() & self._used.keys():
-            for target in self._trace_offsets([name]):
+        known = set[str]()
+        for name in sorted(self._offsets_of.keys() & self._used.keys()):
+            for target in self._trace_offsets([name], known):
                 self._used.setdefault(target, self._used[name])
 
     @staticmethod
@@ -1217,14 +1221,32 @@ class Machine:
         names = set(map(place.qualify, op.near_target.offset_from)) if op.near_target else set()
         return any(each in self._targets or each in self._offsets_of for each in names)
 
-    def _trace_offsets(self, names: Iterable[str]) -> list[str]:
-        """Return the names of all targets from which poses with these names are at an offset."""
-        found, to_visit = dict[str, None](), [*names]
+    def _list_offsets(self, place: Place, op: ir.Move, frames: list[Frames]) -> list[str]:
+        """Return the names of targets near which a move goes; calculated ones once for the same frames."""
+        own = [place.qualify(each) for each in op.offset_from]
+        names = [*own, *self._list_named_targets(place, op)]
+        if not self._offsets_of.keys().isdisjoint(names):
+            key = tuple(
+                each
+                if isinstance(each, Cause)
+                else (each.name, None if each.pose is None else each.pose.tobytes())
+                for each in frames[0]
+            )
+            own += self._trace_offsets(names, self._noted_offsets[key])
+        return own
+
+    def _trace_offsets(self, names: Iterable[str], known: set[str]) -> list[str]:
+        """Return the names of all targets from which poses with these names are at an offset.
+
+        Names in `known` are left out, and those that are found are added to it: each is found once.
+        """
+        found, to_visit = list[str](), [*names]
         while to_visit:
-            targets = self._offsets_of.get(to_visit.pop(), set()) - found.keys()
-            found |= dict.fromkeys(sorted(targets))
+            targets = self._offsets_of.get(to_visit.pop(), set()) - known
+            known |= targets
+            found += sorted(targets)
             to_visit += targets
-        return [*found]
+        return found
 
     def _find_what_outlasts_routines(self) -> None:
         """Let what lasts when a routine ends last at any time: the next one may be called from outside."""
@@ -1282,8 +1304,7 @@ class Machine:
     def _add_move(self, op: ir.Move, place: Place, state: State) -> None:
         """Add one move to the columns, with its targets in a state, or with the cause against correction."""
         frames, cause = self._evaluate_frames(op, place, state)
-        own = [place.qualify(each) for each in op.offset_from]
-        for name in [*own, *self._trace_offsets([*own, *self._list_named_targets(place, op)])]:
+        for name in self._list_offsets(place, op, frames):
             self._note_offset(place, name, frames[0], state)
         contents = [self._evaluate_target(place, each, state) for each in op.targets]
         cause = cause or next((each for each in contents if isinstance(each, Cause)), None)

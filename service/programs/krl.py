@@ -395,6 +395,17 @@ def _translate_spline(line: Line) -> list[Op]:
     return [*found, *([ir.MakeUnknown(frozenset({"$BASE", "$TOOL"}), reason, remedy)] if own_frames else [])]
 
 
+def _translate_sensor(line: Line) -> list[Op]:
+    """Return the operations by which a sensor guides the arm, or ends to guide (KUKA RSI)."""
+    found = line.read_expression(line["arguments"]) if line["arguments"] else []
+    found += [_forget_name(line["name"])] if line["name"] else []
+    if line["action"] == "OFF":
+        return [*found, ir.end_lasting("RSI")]
+    reason, remedy = "a sensor moves the targets (RSI)", "omit the statement"
+    found.append(ir.begin_lasting("RSI", reason, remedy))
+    return ir.make_uncorrected_move(found, reason, remedy) if line["action"] == "MOVECORR" else found
+
+
 def _translate_routine(line: Line) -> list[Op]:
     """Return the operations that begin a routine and declare its parameters."""
     names = re.findall(rf"({_NAME})(?::\w+)?", line["parameters"])
@@ -605,6 +616,10 @@ LANGUAGE: Final = ir.Language(
         (rf"(?:{_NAME}=)?RSI_ON\(.*\)", lambda _: [ir.begin_lasting("RSI", *_SENSORS)]),
         (r"RSI_MOVECORR\(.*\)", lambda _: ir.make_uncorrected_move([], *_SENSORS)),
         (r"BAS\(#(?P<function>\w+)(?:,(?P<argument>.+))?\)", _translate_bas),
+        (
+            r"(?:@{name}=)?(?:RSI|ST)_(?P<action>ON|OFF|MOVECORR)\((?P<arguments>.*)\)",
+            _translate_sensor,
+        ),
         (r"(?:PTP_)?SPLINE(?P<rest>(?: .*)?)", _translate_spline),
         (
             rf"(?:(?:DECL |GLOBAL |CONST )+{_NAME}|(?:GLOBAL )?(?:INT|REAL|BOOL|CHAR|FRAME"

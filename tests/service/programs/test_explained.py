@@ -204,14 +204,14 @@ def test_only_the_move_with_an_external_axis_away_from_zero_is_left():
     assert second == (3, "", *frames, AXIS, CARRY, False)
 
 
-def test_a_target_in_two_bases_is_left_at_both_of_its_moves():
+def test_a_target_in_two_bases_is_left_at_both_of_its_moves_each_with_its_base():
     text = krl(f"P1={PLACE}", "$BASE=BASE_DATA[1]", "LIN P1", "$BASE=BASE_DATA[2]", "LIN P1")
     found = list_moves([("a.src", text.encode())])
     reason = "target 'P1' is used with another base or tool on line 4"
     remedy = "use a separate target for each base and tool: one correction cannot suit both"
-    assert [(each.line, each.reason, each.remedy) for each in found] == [
-        (4, reason, remedy),
-        (6, reason, remedy),
+    assert [(each.line, each.base, each.reason, each.remedy) for each in found] == [
+        (4, "BASE_DATA[1]", reason, remedy),
+        (6, "BASE_DATA[2]", reason, remedy),
     ]
 
 
