@@ -119,12 +119,16 @@ def _translate_frame_choice(line: Line) -> list[Op]:
 
 
 def _translate_jump(line: Line) -> list[Op]:
-    """Return the operations of a jump to a numbered label, or to a label whose number is computed."""
+    """Return the operations of a jump to a numbered label, or to a label whose number is computed.
+
+    A jump after a time of waiting may be skipped.
+    """
     label = line["label"]
-    if label == "\0":
-        return [ir.Flow("jump", ("%s", line.first_ordinal("label")))]
     # A computed label has the name NUL, which no label has: the jump may lead to each label.
-    return [*line.read_expression(label), ir.Flow("jump", "\0")]
+    name = ("%s", line.first_ordinal("label")) if label == "\0" else "\0"
+    used = [] if label == "\0" else line.read_expression(label)
+    jump = ir.Flow("jump", name)
+    return [*used, *([ir.Flow("if"), jump, ir.Flow("close")] if line["wait"] else [jump])]
 
 
 def _translate_conditional_action(line: Line) -> list[Op]:
@@ -253,7 +257,10 @@ def _translate_register_move(line: Line) -> list[Op]:
     if not _is_known_tail(line["tail"]) or "CALL" in line["tail"]:
         raise Misread("the target is not a position in /POS, and the text after it is unknown")
     statement = ir.quote_statement(line.text, line.ordinals)
-    return ir.make_uncorrected_move([], f"{statement}: the target is not a position in /POS", _REMEDY)
+    reason = f"{statement}: the target is not a position in /POS"
+    text = f"{statement}: the move may go to any position in /POS, and then shifts with its correction"
+    shifts: list[Op] = [ir.Note(text)] if re.match(r"\w P\[", line.text) else []
+    return [*shifts, *ir.make_uncorrected_move([], reason, _REMEDY)]
 
 
 def _translate_assignment(line: Line) -> list[Op]:
@@ -527,14 +534,15 @@ LANGUAGE: Final = ir.Language(
         (rf"{_KINDS}(?! ?(?:End|END)\b)[ \[].*", _translate_lasting),
         (r"P?R\[[^\]]*\]=P\[#{place}(?:,\0)?\]", _translate_copy_to_register),
         (r"[JLAS] (?:PR?\[[RA]+\[\0\]\]|PR\[(?:\0|GP\d)\]) ?(?P<tail>.*)", _translate_register_move),
-        (rf"{_CHOICE}=#{{number}}", _translate_frame_choice),
+        (rf"(?!\$MN){_CHOICE}=#{{number}}", _translate_frame_choice),
+        # The number in $MNUFRAMENUM[n] is that of a group of axes, which may be another one than the arm.
         (rf"{_CHOICE}=[\0\w\[\]()+*/-]+", _translate_computed_choice),
         (r"IF ?(.+?) ?THEN", "if"),
         (r"FOR R\[\0\]=(.+?)(?: TO| DOWNTO) ?(.+)", "loop"),
         (r"ELSE", "default"),
         (r"ENDIF|ENDFOR", "close"),
         (r"LBL ?\[#{name}\]", "label"),
-        (r"(?:WAIT ?(.+?),? ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
+        (r"(?:(?P<wait>WAIT) ?(.+?),? ?TIMEOUT,|JMP )LBL ?\[(?P<label>.*)\]", _translate_jump),
         (
             r"VISION GET_\w+ [^\[\]]*(?:\[[^\[\]]*\][^\[\]]*?)*(?P<action>JMP LBL ?\[[^\[\]]*\])",
             _translate_conditional_action,

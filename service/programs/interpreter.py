@@ -13,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
+from itertools import chain
 from sys import intern
 from typing import Final, NoReturn, TypeAlias
 
@@ -175,7 +176,8 @@ class ControlFlow:
         self._names = names
         self._open_blocks: list[_OpenBlock] = []  # blocks whose end was not reached yet
         self._open_routines = [""]  # routines whose end was not reached yet; "" for text outside of routines
-        self._labels: dict[str, dict[str, int]] = defaultdict(dict)  # indices of labels, by routine
+        # indices of labels, by routine and name: a name may occur twice
+        self._labels: dict[str, dict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
         self._jumps: list[int] = []
         for i, op in enumerate(ops):
             if isinstance(op, ir.Flow):
@@ -203,8 +205,8 @@ class ControlFlow:
             kind = "end" if block.kind == "routine" else "close"
             if kind == "close":
                 self._note_missing_end(block)
-                for label in self._labels[self._open_routines[-1]].values():  # what is cut may jump there
-                    self.uncertain.setdefault(label, block.begin)
+                for label in chain(*self._labels[self._open_routines[-1]].values()):
+                    self.uncertain.setdefault(label, block.begin)  # what is cut may jump there
             ops.append(ir.Flow(kind))
             self._end_block(len(ops) - 1, kind)
             self.routine_of.append(self.ends.get(len(ops) - 1, self._open_routines[-1]))
@@ -213,7 +215,7 @@ class ControlFlow:
         """Add the label of each jump to its successors; for a computed jump, all labels of its routine."""
         for i in self._jumps:
             labels = self._labels[self.routine_of[i]]
-            places = [labels[names[i]]] if names[i] in labels else [*labels.values()]
+            places = labels[names[i]] if names[i] in labels else [*chain(*labels.values())]
             if not places:
                 self._note_fault(
                     i, self.routine_of[i], "the label of a jump does not exist", "write the label"
@@ -243,7 +245,7 @@ class ControlFlow:
                 _OpenBlock(op.kind, i) if op.kind in ir.BLOCKS else self._begin_routine(i, op)
             )
         elif op.kind == "label":
-            self._labels[self._open_routines[-1]][self._names[i]] = i
+            self._labels[self._open_routines[-1]][self._names[i]].append(i)
         elif op.kind == "jump":
             self._jumps.append(i)
         elif op.kind in ir.JUMPS and op.kind != "stop":  # nothing follows a stop
@@ -623,6 +625,22 @@ class Machine:
                 if cause.reason and not (is_attached and each == UNKNOWN)
             }
 
+    def _note_names_of_several_routines(self) -> None:
+        """Let names be unknown that several routines assign to, if each of them may have its own variable."""
+        if not self._language.scopes_by_routine:
+            return
+        routines: dict[str, set[str]] = defaultdict(set)
+        for i, (place, op) in enumerate(zip(self._places, self._ops, strict=True)):
+            names = [op.name] if isinstance(op, ir.Assign) else []
+            names += op.names if isinstance(op, ir.MakeUnknown) else []
+            for name in map(place.qualify, names):
+                routines[name].add(self._flow.routine_of[i])
+        for name, own in routines.items():
+            if len(own) > 1 and name not in self._language.active and not name.startswith(ir.MODE):
+                reason = f"{name} gets values in several routines, each of which may have its own variable"
+                line = self._changes[name][0].line
+                self._anytime[name] = Cause(line, reason, "use a name for each variable")
+
     def _collect_unknown_values(self, place: Place, op: ir.MakeUnknown) -> None:
         """Note why values become unknown at a statement, for each name that the statement changes."""
         cause = place.make_cause(op.reason, op.remedy)
@@ -647,7 +665,8 @@ class Machine:
         cause = place.make_cause(
             f"{quote_text(str(op.name))} gets this name as an argument, and may change its value"
         )
-        changes = unknown is not None and not is_own
+        is_writer = re.fullmatch(self._language.writers, str(op.name)) is not None
+        changes = (unknown is not None or is_writer) and not is_own
         changes = changes or any(self._changes_parameters(each, passed) for each in own)
         for parameter in {parameter for each in own for parameter in self._list_parameters(each)}:
             self._origins[parameter].update((place.scope.qualify(name), place.line) for name in op.passed)
@@ -802,16 +821,30 @@ class Machine:
             self._count_work(1)
             if isinstance(op, ir.Flow):
                 state, shared = self._pass_to_successors(op, i, state), True
-            elif state is not None and isinstance(op, ir.Call) and (called := self._list_called(op)):
-                state, shared = self._follow_calls(op, i, called, state), True
             elif state is not None:
-                if shared:
-                    self._count_work(len(state))
-                    state, shared = dict(state), False
-                self._update_state(state, i)
+                state, shared = self._operate(op, i, state, shared=shared)
         self._entered_routines.pop()
         self._state_changed |= self._exits.get(routine) != state
         self._exits[routine] = state
+
+    def _operate(self, op: Op, i: int, state: State, *, shared: bool) -> tuple[State | None, bool]:
+        """Return the state behind operation i, which is no `Flow`, and whether the state is stored elsewhere.
+
+        `shared` tells whether the state before the operation is.
+        """
+        after: State | None = state
+        if isinstance(op, ir.Call) and (called := self._list_called(op)):
+            after, shared = self._follow_calls(op, i, called, state), True
+        else:
+            if shared:
+                self._count_work(len(state))
+                after = state = dict(state)
+            self._update_state(state, i)
+            shared = False
+        for place in self._flow.successors.get(i, ()):  # an error or interrupt may end the routine here
+            self._join_into(place, after)
+            shared = True
+        return after, shared
 
     def _pass_to_successors(self, op: ir.Flow, i: int, state: State | None) -> State | None:
         """Join a state into the successors of operation i; return the state after the operation."""
@@ -1104,6 +1137,7 @@ class Machine:
             self._causes.append(cause)
             self.columns.add_remark(cause.line, cause.reason)
         self._collect_changes()
+        self._note_names_of_several_routines()
         self._collect_targets()
         self._enter_routines()
         bodies = self._flow.bodies

@@ -82,6 +82,7 @@ _ELEMENT: Final = re.compile(r"(?P<array>[^\W\d]\w*+)\[\0\]")
 _NEAR: Final = re.compile(r"(?P<target>[^\W\d]\w*+):(?P<offset>[^:,]++|\{[^{}]*\})")
 """A place at an offset from a target, by the geometric operator."""
 _TABLE: Final = re.compile(r"(?P<role>BASE|TOOL)_DATA\[(?P<index>[^\W\d]\w*+)\]")
+_SENSORS: Final = ("sensors correct the path (RSI)", "omit the statement")
 _OTHER_TABLE: Final = {"$BASE": "TOOL_DATA", "$TOOL": "BASE_DATA"}
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
@@ -602,10 +603,18 @@ LANGUAGE: Final = ir.Language(
         ),
         (rf"{_TRIGGER}(?P<action>{_NAME}\(.*\)(?: ?PRIO=.+)?)", _translate_attachment),
         (rf"{_TRIGGER}(?P<action>{_NAME}(?:\[[^\]=]*+\]|\.\w++)*=(?!=).+)", _translate_triggered_assignment),
+        (  # the number is a variable, so that the statement does not show where the interrupt is switched on
+            rf"(?:GLOBAL )?INTERRUPT DECL {_NAME} WHEN (.+?) ?DO (?P<action>{_NAME}\(.*\))",
+            lambda line: ir.mark_anytime(line.read_expression(line["action"])),
+        ),
         (
             r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*",
             lambda line: [ir.Call(line.text.replace("\0", "n"), anytime=True)],
         ),
+        # RSI: a correction by sensors lasts until RSI_OFF, and RSI_MOVECORR moves by it alone
+        (rf"(?:{_NAME}=)?RSI_OFF\(.*\)", lambda _: [ir.end_lasting("RSI")]),
+        (rf"(?:{_NAME}=)?RSI_ON\(.*\)", lambda _: [ir.begin_lasting("RSI", *_SENSORS)]),
+        (r"RSI_MOVECORR\(.*\)", lambda _: ir.make_uncorrected_move([], *_SENSORS)),
         (r"BAS\(#(?P<function>\w+)(?:,(?P<argument>.+))?\)", _translate_bas),
         (
             r"(?:@{name}=)?(?:RSI|ST)_(?P<action>ON|OFF|MOVECORR)\((?P<arguments>.*)\)",

@@ -291,6 +291,9 @@ class Language:
     operators: str = ""  # pattern of words between or before operands
     reserved: str = r"(?!)"  # pattern of words that begin statements: none of them is a variable
     functions: str = ""  # pattern of the controller's functions, which return a value and change nothing
+    writers: str = r"(?!)"  # pattern of the controller's functions that write to their arguments
+    # whether a name means another variable in each routine that assigns to it, unless it is global
+    scopes_by_routine: bool = False
     # names of the variables of the active frames, and the names of these frames in messages
     active: Mapping[str, str] = field(default_factory=dict)
     constants: Mapping[str, FloatArray] = field(default_factory=dict)  # frames that no program changes

@@ -34,7 +34,9 @@ _HARMLESS: Final = (
     # Moves of several robots at once have the targets, tools and work objects that they name.
     r"|SYNCMOVE(?:ON|OFF|UNDO|SUSPEND|RESUME)"
     r"|WAIT(?:TIME|[DGA][IO]|UNTIL|ROB)|SET(?:[DGA]O)?|RESET|(?:PULSE|INVERT)DO|TP(?:WRITE|ERASE)|ERR(?:WRITE|LOG)"
-    r"|WRITE\w*|OPEN|CLOSE|REWIND|SOCKET\w+|TPREAD\w+|UI\w+|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
+    r"|WRITE(?:(?:ANY|STR)?BIN|BLOCK|CFGDATA|RAWBYTES|VAR(?:ARR)?)?|OPEN|CLOSE|REWIND|TPREAD(?:FK|D?NUM)"
+    r"|SOCKET(?:ACCEPT|BIND|CLOSE|CONNECT|CREATE|LISTEN|(?:RECEIVE|SEND)(?:FROM|TO)?)"
+    r"|UI(?:MSG(?:BOX|WRITE(?:ABORT)?)|SHOW)|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
     # Corrections of paths act on moves with \Corr only; FCCalib measures the tool's weight.
     r"|FCCALIB|DROPWOBJ|CORR(?:CON|DISCON|CLEAR|WRITE)|(?:START|STOP)MOVE|(?:STORE|RESTO|CLEAR)PATH"
 )
@@ -52,10 +54,10 @@ _PROCESS_OPTIONS: Final = re.compile(
 )
 # The robot's searches, which write their second argument, and those of SmarTac, which write the first one
 _SEARCH: Final = re.compile(r"SEARCH(?:[LCJ]|EXTJ|(?P<smart>_(?:[123]D|GROOVE|PART)))")
-_SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CORR|WAITWOBJ|IND")
+_SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CSS|CORR|WAITWOBJ|IND|SETLEADTHROUGH")
 _END_OF_LASTING: Final = {
     "PDISPOFF": "PDISP", "EOFFSOFF": "EOFFS", "SOFTDEACT": "SOFT", "FCDEACT": "FC", "FCPRESSEND": "FC",
-    "EGMRESET": "EGM",
+    "EGMRESET": "EGM", "CSSDEACTMOVEJ": "CSS", "CSSDEACTMOVEL": "CSS",
 }  # fmt: skip
 """Kinds of what lasts, by the instructions that end it."""
 # Force control, and guidance from outside
@@ -509,7 +511,7 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
             first, last = np.searchsorted(starts, (begin, end)).tolist()
             texts.append(source.text[begin:end].upper())
             parts.append((index, starts[first:last], ends[first:last]))
-    names = [set(re.findall(_LOCAL, text)) for text in texts]
+    names = [set(re.findall(_LOCAL, _TEXT_OR_COMMENT.sub(" ", text))) for text in texts]
     words = [set(re.findall(_WORD, text)) if len(texts) > 1 else set[str]() for text in texts]
     for k, (index, starts, ends) in enumerate(parts):
         # The first module keeps its names, so that messages have them.
@@ -529,6 +531,7 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
 
 _ROUTINE: Final = rf"\bPROC\s++({_WORD})"
 _LOCAL: Final = rf"\bLOCAL\s++(?:PROC|TRAP|(?:FUNC|CONST|PERS|VAR)\s++\w++)\s++({_WORD})"
+_TEXT_OR_COMMENT: Final = re.compile(r'"[^"\r\n]*+"|![^\r\n]*+')
 _TEXT_OR_NAME: Final = re.compile(rf'"({_WORD})"|"[^"\r\n]*+"|(?<![\w.\\])({_WORD})')
 
 
@@ -569,6 +572,7 @@ LANGUAGE: Final = ir.Language(
     operators="AND|OR|XOR|NOT|DIV|MOD",
     reserved=_RESERVED,
     functions=_FUNCTIONS,
+    writers="STRTOVAL|GETNEXTSYM",
     motion=r"\b(?:MOVE(?:[LJC](?:DO|AO|GO|SYNC)?|ABSJ|EXTJ)|TRIGG[LJC])(?!\w)",
     remedy=_REMEDY,
     constants={"WOBJ0": np.eye(4), "TOOL0": np.eye(4)},
@@ -576,7 +580,7 @@ LANGUAGE: Final = ir.Language(
     is_frame=lambda _: True,
     is_reached=lambda _: False,  # each move names its tool and its work object: there is no active frame
     # an assignment without its name, displacements, words of branches, loops and routines
-    lasting=r"^(?![A-Z_]).*:=|\b(?:PDISP|EOFFS|SOFT|CORR|IND|FC|EGM|WAITWOBJ)|DATAVAL|\b(?:IF|THEN|ELSE\w*|FOR|WHILE|DO|TEST|CASE"
+    lasting=r"^(?![A-Z_]).*:=|\b(?:PDISP|EOFFS|SOFT|CSS|CORR|IND|FC|EGM|WAITWOBJ)|DATAVAL|\b(?:IF|THEN|ELSE\w*|FOR|WHILE|DO|TEST|CASE"
     r"|DEFAULT|GOTO|RETURN|RAISE|RETRY|TRYNEXT|EXIT|ERROR|UNDO|BACKWARD|PROC|FUNC|TRAP|RECORD|MODULE|END\w*)\b|:$",
     calls_by_name=True,
     callable_from_outside=True,

@@ -224,6 +224,8 @@ LANGUAGE: Final = ir.Language(
     remedy=_REMEDY,
     active={_ACTIVE: "active TCP"},
     is_reached=lambda name: name == _ACTIVE,
+    # URScript manual, scoping rules: without `global`, a name is the routine's own unless a global one exists
+    scopes_by_routine=True,
     lasting=_KINDS.pattern,
     # the tool, and words of branches, loops and routines
     forgets=r"(?i:tcp)|\b(?:def|sec|thread|end|if|elif|else|while|for|switch|case|default|return|break|run)\b",

@@ -118,6 +118,12 @@ def test_trust_in_other_routines_is_none_in_those_of_the_program_with_a_computed
         read_program([("m.mod", text.encode())], leave_others=True, trust_routines=True)
 
 
+def test_the_function_of_the_controller_that_reads_a_point_is_not_trusted():
+    text = MODULE.replace("NAME p1,v100,z10,t1;", "ok:=StrToVal(s,p1);\nMoveL p1,v5,z1,t1;")
+    with pytest.raises(ProgramError):
+        read_program([("m.mod", text.encode())], leave_others=True, trust_routines=True)
+
+
 @pytest.mark.parametrize(
     "call", ['%"chg"+n% p1', "%s% p1", 'CallByVar "chg",n,p1', "chg1 p1", "IF n=1 chg1 p1"]
 )
