@@ -82,7 +82,6 @@ _ELEMENT: Final = re.compile(r"(?P<array>[^\W\d]\w*+)\[\0\]")
 _NEAR: Final = re.compile(r"(?P<target>[^\W\d]\w*+):(?P<offset>[^:,]++|\{[^{}]*\})")
 """A place at an offset from a target, by the geometric operator."""
 _TABLE: Final = re.compile(r"(?P<role>BASE|TOOL)_DATA\[(?P<index>[^\W\d]\w*+)\]")
-_SENSORS: Final = ("sensors correct the path (RSI)", "omit the statement")
 _OTHER_TABLE: Final = {"$BASE": "TOOL_DATA", "$TOOL": "BASE_DATA"}
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
@@ -402,8 +401,9 @@ def _translate_sensor(line: Line) -> list[Op]:
     if line["action"] == "OFF":
         return [*found, ir.end_lasting("RSI")]
     reason, remedy = "a sensor moves the targets (RSI)", "omit the statement"
-    found.append(ir.begin_lasting("RSI", reason, remedy))
-    return ir.make_uncorrected_move(found, reason, remedy) if line["action"] == "MOVECORR" else found
+    if line["action"] == "MOVECORR":  # the motion is that of the sensor alone, and ends here
+        return ir.make_uncorrected_move(found, reason, remedy)
+    return [*found, ir.begin_lasting("RSI", reason, remedy)]
 
 
 def _translate_routine(line: Line) -> list[Op]:
@@ -611,10 +611,6 @@ LANGUAGE: Final = ir.Language(
             r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*",
             lambda line: [ir.Call(line.text.replace("\0", "n"), anytime=True)],
         ),
-        # RSI: a correction by sensors lasts until RSI_OFF, and RSI_MOVECORR moves by it alone
-        (rf"(?:{_NAME}=)?RSI_OFF\(.*\)", lambda _: [ir.end_lasting("RSI")]),
-        (rf"(?:{_NAME}=)?RSI_ON\(.*\)", lambda _: [ir.begin_lasting("RSI", *_SENSORS)]),
-        (r"RSI_MOVECORR\(.*\)", lambda _: ir.make_uncorrected_move([], *_SENSORS)),
         (r"BAS\(#(?P<function>\w+)(?:,(?P<argument>.+))?\)", _translate_bas),
         (
             r"(?:@{name}=)?(?:RSI|ST)_(?P<action>ON|OFF|MOVECORR)\((?P<arguments>.*)\)",
