@@ -82,7 +82,6 @@ _ELEMENT: Final = re.compile(r"(?P<array>[^\W\d]\w*+)\[\0\]")
 _NEAR: Final = re.compile(r"(?P<target>[^\W\d]\w*+):(?P<offset>[^:,]++|\{[^{}]*\})")
 """A place at an offset from a target, by the geometric operator."""
 _TABLE: Final = re.compile(r"(?P<role>BASE|TOOL)_DATA\[(?P<index>[^\W\d]\w*+)\]")
-_SENSORS: Final = ("sensors correct the path (RSI)", "omit the statement")
 _OTHER_TABLE: Final = {"$BASE": "TOOL_DATA", "$TOOL": "BASE_DATA"}
 _SET_BEFORE_MOVE: Final = "set $TOOL and $BASE before the move"
 
@@ -416,7 +415,10 @@ def _translate_attachment(line: Line) -> list[Op]:
     """Return the operations of an interrupt or a trigger, whose routine may run at any time."""
     # A trigger has no number; the number of an interrupt gives a name by which it is switched on.
     # KSS: a trigger acts on the path of the move behind it, which is planned before, with its frames.
-    event: ir.Name = ("INTERRUPT %s", line.first_ordinal("number")) if line["number"] else "TRIGGER"
+    # A variable in place of its number does not show where the interrupt is switched on.
+    event: ir.Name = "TRIGGER" if line.text.startswith("TRIGGER") else ""
+    if line["number"]:
+        event = "INTERRUPT %s", line.first_ordinal("number")
     action = re.sub(r" ?\bPRIO=", "+", line["action"])
     found = ir.mark_anytime([*line.read_expression(line["when"]), *line.read_expression(action)], event)
     # BAS: IR_STOPM only stops the robot and waits.
@@ -426,6 +428,12 @@ def _translate_attachment(line: Line) -> list[Op]:
         else op
         for op in found
     ]
+
+
+def _translate_unknown_attachment(line: Line) -> list[Op]:
+    """Return the calls of an attachment that is not understood: its routines may run at any time."""
+    names = [line.text.replace("\0", "n"), *re.findall(rf"({_NAME})\(", line.text)]
+    return [ir.Call(name, anytime=True) for name in names]
 
 
 def _translate_triggered_assignment(line: Line) -> list[Op]:
@@ -594,7 +602,8 @@ LANGUAGE: Final = ir.Language(
         ),
         (r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))", ""),
         (
-            rf"(?:GLOBAL )?INTERRUPT DECL #{{number}} WHEN (?P<when>.+?) ?DO (?P<action>{_NAME}\(.*\))",
+            rf"(?:GLOBAL )?INTERRUPT DECL (?:#{{number}}|{_NAME}) WHEN (?P<when>.+?)"
+            rf" ?DO (?P<action>{_NAME}\(.*\))",
             _translate_attachment,
         ),
         (
@@ -603,18 +612,10 @@ LANGUAGE: Final = ir.Language(
         ),
         (rf"{_TRIGGER}(?P<action>{_NAME}\(.*\)(?: ?PRIO=.+)?)", _translate_attachment),
         (rf"{_TRIGGER}(?P<action>{_NAME}(?:\[[^\]=]*+\]|\.\w++)*=(?!=).+)", _translate_triggered_assignment),
-        (  # the number is a variable, so that the statement does not show where the interrupt is switched on
-            rf"(?:GLOBAL )?INTERRUPT DECL {_NAME} WHEN (.+?) ?DO (?P<action>{_NAME}\(.*\))",
-            lambda line: ir.mark_anytime(line.read_expression(line["action"])),
-        ),
         (
             r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*",
-            lambda line: [ir.Call(line.text.replace("\0", "n"), anytime=True)],
+            _translate_unknown_attachment,
         ),
-        # RSI: a correction by sensors lasts until RSI_OFF, and RSI_MOVECORR moves by it alone
-        (rf"(?:{_NAME}=)?RSI_OFF\(.*\)", lambda _: [ir.end_lasting("RSI")]),
-        (rf"(?:{_NAME}=)?RSI_ON\(.*\)", lambda _: [ir.begin_lasting("RSI", *_SENSORS)]),
-        (r"RSI_MOVECORR\(.*\)", lambda _: ir.make_uncorrected_move([], *_SENSORS)),
         (r"BAS\(#(?P<function>\w+)(?:,(?P<argument>.+))?\)", _translate_bas),
         (
             r"(?:@{name}=)?(?:RSI|ST)_(?P<action>ON|OFF|MOVECORR)\((?P<arguments>.*)\)",
