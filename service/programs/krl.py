@@ -401,8 +401,9 @@ def _translate_sensor(line: Line) -> list[Op]:
     if line["action"] == "OFF":
         return [*found, ir.end_lasting("RSI")]
     reason, remedy = "a sensor moves the targets (RSI)", "omit the statement"
-    found.append(ir.begin_lasting("RSI", reason, remedy))
-    return ir.make_uncorrected_move(found, reason, remedy) if line["action"] == "MOVECORR" else found
+    if line["action"] == "MOVECORR":  # the motion is that of the sensor alone, and ends here
+        return ir.make_uncorrected_move(found, reason, remedy)
+    return [*found, ir.begin_lasting("RSI", reason, remedy)]
 
 
 def _translate_routine(line: Line) -> list[Op]:

@@ -161,7 +161,7 @@ def test_refused_moves_are_counted_and_the_options_that_help_are_named(compensat
     shown, words = compensate(*output)
     assert shown.exit_code == 2
     assert words.startswith("Moves cannot be corrected 'pocket.src', line 6: 'GRIPPER' is unknown")
-    assert "state `--trust-routines`, or name it in `--leave-alone GRIPPER`" in words
+    assert "state `--trust-routines`, or name the routine in `--leave-alone GRIPPER`" in words
     assert words.endswith(
         "remedy: write 2 of 4 moves anew; or state `--leave-others` to correct only the other 2"
     )
@@ -176,10 +176,10 @@ def test_refused_moves_are_counted_and_the_options_that_help_are_named(compensat
     shown, words = compensate(*output, "--leave-others", *frames, "--details")
     assert shown.exit_code == 0, words
     assert "2 of 4 moves were corrected, 2 were left unchanged" in words
-    assert "name it in `--leave-alone GRIPPER`" in words
+    assert "name the routine in `--leave-alone GRIPPER`" in words
 
 
 def test_an_explanation_names_options_too(compensate):
     shown, words = compensate("--explain")
     assert shown.exit_code == 0
-    assert "state `--trust-routines`, or name it in `--leave-alone GRIPPER` line 8" in words
+    assert "state `--trust-routines`, or name the routine in `--leave-alone GRIPPER` line 8" in words

@@ -25,8 +25,8 @@ REASONS = {
     "other record": "is recorded with another",
     "same target": "uses the same target",
     "near a target": "at an offset from another",
+    "several routines": "gets values in several routines",
     "changes": "changes while the program runs",
-    "several routines": "in several routines",
 }
 """Reasons for which a move is left, by words; the first that fits counts."""
 COUNTED = {
@@ -73,8 +73,8 @@ COUNTED = {
         "used elsewhere": 7,
         "two frames": 13,
         "near a target": 13,
-        "changes": 75,
         "several routines": 31,
+        "changes": 75,
     },
 }
 
