@@ -416,7 +416,10 @@ def _translate_attachment(line: Line) -> list[Op]:
     """Return the operations of an interrupt or a trigger, whose routine may run at any time."""
     # A trigger has no number; the number of an interrupt gives a name by which it is switched on.
     # KSS: a trigger acts on the path of the move behind it, which is planned before, with its frames.
-    event: ir.Name = ("INTERRUPT %s", line.first_ordinal("number")) if line["number"] else "TRIGGER"
+    # A variable in place of its number does not show where the interrupt is switched on.
+    event: ir.Name = "TRIGGER" if line.text.startswith("TRIGGER") else ""
+    if line["number"]:
+        event = "INTERRUPT %s", line.first_ordinal("number")
     action = re.sub(r" ?\bPRIO=", "+", line["action"])
     found = ir.mark_anytime([*line.read_expression(line["when"]), *line.read_expression(action)], event)
     # BAS: IR_STOPM only stops the robot and waits.
@@ -426,6 +429,12 @@ def _translate_attachment(line: Line) -> list[Op]:
         else op
         for op in found
     ]
+
+
+def _translate_unknown_attachment(line: Line) -> list[Op]:
+    """Return the calls of an attachment that is not understood: its routines may run at any time."""
+    names = [line.text.replace("\0", "n"), *re.findall(rf"({_NAME})\(", line.text)]
+    return [ir.Call(name, anytime=True) for name in names]
 
 
 def _translate_triggered_assignment(line: Line) -> list[Op]:
@@ -594,7 +603,8 @@ LANGUAGE: Final = ir.Language(
         ),
         (r"WAIT (?:SEC|FOR) ?(.+)|ANOUT (?:ON|OFF) ?(.+)|(PULSE\(.*\))", ""),
         (
-            rf"(?:GLOBAL )?INTERRUPT DECL #{{number}} WHEN (?P<when>.+?) ?DO (?P<action>{_NAME}\(.*\))",
+            rf"(?:GLOBAL )?INTERRUPT DECL (?:#{{number}}|{_NAME}) WHEN (?P<when>.+?)"
+            rf" ?DO (?P<action>{_NAME}\(.*\))",
             _translate_attachment,
         ),
         (
@@ -603,13 +613,9 @@ LANGUAGE: Final = ir.Language(
         ),
         (rf"{_TRIGGER}(?P<action>{_NAME}\(.*\)(?: ?PRIO=.+)?)", _translate_attachment),
         (rf"{_TRIGGER}(?P<action>{_NAME}(?:\[[^\]=]*+\]|\.\w++)*=(?!=).+)", _translate_triggered_assignment),
-        (  # the number is a variable, so that the statement does not show where the interrupt is switched on
-            rf"(?:GLOBAL )?INTERRUPT DECL {_NAME} WHEN (.+?) ?DO (?P<action>{_NAME}\(.*\))",
-            lambda line: ir.mark_anytime(line.read_expression(line["action"])),
-        ),
         (
             r"(?:GLOBAL )?(?:INTERRUPT DECL|TRIGGER) .*",
-            lambda line: [ir.Call(line.text.replace("\0", "n"), anytime=True)],
+            _translate_unknown_attachment,
         ),
         (r"BAS\(#(?P<function>\w+)(?:,(?P<argument>.+))?\)", _translate_bas),
         (

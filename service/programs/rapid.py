@@ -54,7 +54,7 @@ _PROCESS_OPTIONS: Final = re.compile(
 )
 # The robot's searches, which write their second argument, and those of SmarTac, which write the first one
 _SEARCH: Final = re.compile(r"SEARCH(?:[LCJ]|EXTJ|(?P<smart>_(?:[123]D|GROOVE|PART)))")
-_SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CSS|CORR|WAITWOBJ|IND|SETLEADTHROUGH")
+_SHIFT: Final = re.compile(r"PDISP|EOFFS|SOFT|CSS|CORR|WAITWOBJ|IND")
 _END_OF_LASTING: Final = {
     "PDISPOFF": "PDISP", "EOFFSOFF": "EOFFS", "SOFTDEACT": "SOFT", "FCDEACT": "FC", "FCPRESSEND": "FC",
     "EGMRESET": "EGM", "CSSDEACTMOVEJ": "CSS", "CSSDEACTMOVEL": "CSS",
@@ -629,6 +629,7 @@ LANGUAGE: Final = ir.Language(
         ),
         (r"@{name}(?P<part>(?:\{[^{}:]*\}|\.\w+)*):=(?P<value>.+)", _translate_assignment),
         (r"(?:RETURN|RAISE|RETRY|TRYNEXT|EXIT)(?:\b ?(.+))?", "return"),
+        (r"EXITCYCLE", "resume"),  # what lasts goes on when the program begins again
         (r"GOTO @{name}", "jump"),
         (
             rf"CONNECT {_WORD} WITH @{{name}}",
