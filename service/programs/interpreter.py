@@ -314,6 +314,9 @@ class ControlFlow:
         if block.kind in ir.LOOPS:
             for place in (i, *block.repetitions):
                 self.successors[place].append(block.begin)
+        if block.kind == "repeat":  # its condition is at the end
+            for place in block.repetitions:
+                self.successors[place].append(i)
         if block.kind == "forever":
             self.endless.add(i)
 
@@ -850,8 +853,10 @@ class Machine:
         """Join a state into the successors of operation i; return the state after the operation."""
         fault = self._flow.uncertain.get(i)
         state = self._add_fault(fault, state)
+        # A round that ends with a jump to the next one may have been the last.
+        leaving = self._join_states(self._incoming.get(i), state) if op.kind in ir.LOOPS else state
         for place in self._flow.successors.get(i, ()):
-            self._join_into(place, state)
+            self._join_into(place, leaving)
         # What follows these operations is reached by jumps alone.
         if op.kind in {"routine", "handler", "switch", "branch", "default"}:
             state = None
