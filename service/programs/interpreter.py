@@ -312,13 +312,17 @@ class ControlFlow:
         if block.kind in {"if", "switch", "loop"} and not block.has_default:  # the block may be skipped
             self.successors[block.begin].append(i)
         if block.kind in ir.LOOPS:
-            for place in (i, *block.repetitions):
-                self.successors[place].append(block.begin)
-        if block.kind == "repeat":  # its condition is at the end
-            for place in block.repetitions:
-                self.successors[place].append(i)
-        if block.kind == "forever":
-            self.endless.add(i)
+            self._link_rounds(i, block)
+
+    def _link_rounds(self, end: int, loop: _OpenBlock) -> None:
+        """Add the successors of the operations that end a round of a loop, whose end has an index."""
+        for place in (end, *loop.repetitions):
+            self.successors[place].append(loop.begin)
+        if loop.kind == "repeat":  # its condition is at the end
+            for place in loop.repetitions:
+                self.successors[place].append(end)
+        if loop.kind == "forever":
+            self.endless.add(end)
 
     def _note_fault(self, i: int, routine: str, reason: str, remedy: str) -> None:
         """Note that operation i does not fit, so that no move of the routine is certain."""
@@ -371,7 +375,7 @@ class Machine:
         # the same for frames that a position states: many positions share one tuple of endings and contents
         self._initial_fields: dict[str, tuple[tuple[str, Content], ...]] = {}
         self._shared_fields: dict[tuple[tuple[str, Content], ...], tuple[tuple[str, Content], ...]] = {}
-        self._changed_arrays: set[str] = set()  # arrays of which statements may change elements
+        self._changed_arrays: set[str] = set()  # arrays whose elements statements may change
         self._fixed: set[str] = set()  # names that the program declares as constants
         self._constants: set[str] = set()  # names that only the program itself may change
         self._shared: set[str] = set()  # names that other programs may use as well
@@ -640,7 +644,7 @@ class Machine:
                 routines[name].add(self._flow.routine_of[i])
         for name, own in routines.items():
             if len(own) > 1 and name not in self._language.active and not name.startswith(ir.MODE):
-                reason = f"{name} gets values in several routines, each of which may have its own variable"
+                reason = f"{name} gets values in several routines, and each routine may have its own variable"
                 line = self._changes[name][0].line
                 self._anytime[name] = Cause(line, reason, "use a name for each variable")
 

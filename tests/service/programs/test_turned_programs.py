@@ -445,7 +445,7 @@ def test_a_workpiece_out_of_reach_is_placed_and_compared_with_nothing():
     result = processed("csv", text, branches="free", place_turns=2, turns=12, **search)
     assert result.before is result.difference is None
     assert result.gain == "no_order"
-    assert result.assessment.reasons[0].message.startswith("the robot does not follow the path where")
+    assert result.assessment.reasons[0].message.startswith("the robot cannot follow the path")
     assert result.turned.value == result.places[0].deflection.value > 0.0
     assert np.isnan(turns(result)["before [mm]"]).all()
     with pytest.raises(ProgramError, match="or `branches: free`"):
@@ -477,8 +477,8 @@ def test_each_point_has_its_bands_before_as_chosen_and_corrected():
 @pytest.mark.parametrize(
     ("stated", "reason"),
     [
-        ({"turn": [-1e12, 1e12]}, "more than a full turn"),
-        ({"turn": [0.0, 361.0]}, "more than a full turn"),
+        ({"turn": [-1e12, 1e12]}, "the range of turns exceeds a full turn"),
+        ({"turn": [0.0, 361.0]}, "the range of turns exceeds a full turn"),
         ({"step": 91.0}, "a step of 91° is more than 90°"),
         ({"clearance": 10.0}, "too near a singularity"),
         ({"spindle": [0.0, 0.0, 0.0]}, "spindle axis is the zero vector"),
