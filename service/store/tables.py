@@ -256,7 +256,7 @@ class RecordPage(Generic[Row]):
     total: int | None  # number of records on all pages; None if they were not counted
 
 
-LAYOUT: Final = "0017_paths_out_of_reach"
+LAYOUT: Final = "0018_actions_name_targets"
 """Version of the tables and of the content of their documents; it gets a new name with each change.
 
 Before the first release only this layout is created and read; databases of other layouts are refused.

@@ -77,7 +77,7 @@ def test_other_tables_are_another_layout() -> None:
         for each in (CreateTable(table), *map(CreateIndex, indexes_of(table)))
     ]
     digest = hashlib.sha256("".join([*made, packing._read_dictionary().decode()]).encode()).hexdigest()[:16]
-    assert (LAYOUT, digest) == ("0017_paths_out_of_reach", "0ecbf63c6bfcb642")
+    assert (LAYOUT, digest) == ("0018_actions_name_targets", "0ecbf63c6bfcb642")
 
 
 def shape(schema: Any) -> Any:
@@ -103,7 +103,7 @@ def test_documents_of_another_shape_are_another_layout() -> None:
     documents = [Robot, StoredMeasurementSet, ReadRun, LastCampaign, *(kind.message for kind in KINDS)]
     shapes = [shape(each.model_json_schema(mode="serialization")) for each in documents]
     digest = hashlib.sha256(json.dumps(shapes, sort_keys=True).encode()).hexdigest()[:16]
-    assert (LAYOUT, digest) == ("0017_paths_out_of_reach", "6201248a967e22ac")
+    assert (LAYOUT, digest) == ("0018_actions_name_targets", "5d16eedc44006769")
 
 
 def test_tables_that_cannot_be_made_leave_nothing(database_url: str) -> None:

@@ -20,7 +20,7 @@ from jointstiff.schemas.options import RunOptions
 from jointstiff.schemas.run import Campaign, JointResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.options import Units
-from jointstiff.service.kinds.comparison.kind import _interval_text as interval_text
+from jointstiff.service.kinds.comparison.kind import _format_interval as interval_text
 from jointstiff.service.kinds.comparison.kind import _ratio_text
 from jointstiff.service.kinds.run.kind import RUN
 from jointstiff.service.reports.exports import explain_missing_stiffness
