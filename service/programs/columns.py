@@ -146,7 +146,11 @@ class Columns:
     def add_remark(self, line: int, text: str, target: str = "") -> None:
         """Note a statement that is not corrected, and about which the user need not decide."""
         if len(self._remarks) >= MAX_REMARKS:
-            self._refuse(line, f"more than {MAX_REMARKS} lines cannot be corrected", "split the program")
+            self._refuse(
+                line,
+                f"the program has more than {MAX_REMARKS} lines that cannot be corrected",
+                "split the program",
+            )
         self._remarks.append(Remark(line, text, target))
 
     def _refuse(self, line: int | None, reason: str, remedy: str) -> None:

@@ -427,7 +427,8 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     files=(
         File(
             name="axes.csv",
-            description="each axis: a point and the direction in R0 at model angle zero, uncertainties",
+            description="each axis: a point, the direction, and the uncertainties of both, in R0 at model "
+            "angle zero",
             sheet=axes_sheet,
             made_of="result",
         ),
