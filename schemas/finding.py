@@ -81,9 +81,9 @@ class AdvisedAction(Message):
 
     kind: ActionKind = Field(
         description="`fit_causes`: identify with `causes` as further unknowns, without `observations`. "
-        "`convert_units`: keep the numbers, and declare `unit`. `exchange_readings`: swap unloaded and loaded "
-        "readings. `choose_model`: let the readings choose elasticity and loss. `choose_robot`: identify "
-        "with `robot`."
+        "`convert_units`: keep the numbers, and declare `unit`. `exchange_readings`: swap unloaded and "
+        "loaded readings. `choose_model`: let the readings choose elasticity and loss. `choose_robot`: "
+        "identify with `robot`."
     )
     observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")

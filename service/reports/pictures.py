@@ -134,7 +134,10 @@ def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture 
 
 
 def draw_bars(chart: Chart) -> Picture:
-    """Draw a chart as groups of bars, a bar for each series; at most the first 60 groups."""
+    """Draw a chart as groups of bars, one bar for each series, of at most the first 60 groups.
+
+    The heights of the bars are the absolute values of the numbers.
+    """
     group_count = min(len(chart.names), _MOST_GROUPS)
     series = {
         name: [chart.factor * (number or 0.0) for number in list(values)[:group_count]]

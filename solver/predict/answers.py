@@ -450,7 +450,7 @@ def build_forward_model(
     Args:
         robot: robot that was measured.
         stored: model of the run as stored.
-        weight: own weight of the links, used only where joints alone bend; None neglects own weight.
+        weight: own weight of the links, ignored if links bend; None: no own weight.
 
     Returns:
         The forward model; and its model error, None if the run has no model error.
