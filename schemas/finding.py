@@ -262,6 +262,11 @@ class Finding(Message):
         default=None, description="Remedy that a program can carry out; null if only a person can."
     )
 
+    @property
+    def is_remark(self) -> bool:
+        """True if the finding allows the verdict `use`."""
+        return self.weight == "use"
+
 
 class Assessment(Message):
     """Assessment of a result: its verdict with the reasons."""

@@ -623,7 +623,7 @@ def _assemble_result(
         drift = base_targets.fit_drift(identified.sigma, identified.targets.mean(axis=0))
         all_findings += report_drift(drift, base_targets)
     all_findings += report_vague_parameters(model.chain.joint_names, "standard", pairs, links)
-    reasons = [finding for finding in all_findings if finding.weight != "use"]
+    reasons = [finding for finding in all_findings if not finding.is_remark]
     calibrated = identified if isinstance(identified, CalibratedAxes) else None
     is_from_residuals = readings.sigma is None or (calibrated and calibrated.exceeded_sigma is not None)
     return results.GeometryResult(

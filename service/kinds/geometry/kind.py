@@ -57,7 +57,7 @@ def _make_report(_job: Geometry, result: GeometryResult, view: View) -> Report:
         parts.append(_make_links_table(result.links))
     parts.append(Line("\n".join(f"  {line}" for line in _make_summary_lines(result, details=view.details))))
     if view.details:
-        notes = [finding for finding in result.findings if finding.weight == "use"]
+        notes = [finding for finding in result.findings if finding.is_remark]
         parts += [Line(f"  {note.where}: {note.message}; {note.remedy}", "dim") for note in notes]
     return Report(parts)
 
