@@ -80,17 +80,18 @@ class AdvisedAction(Message):
     """Action that a program can offer; it changes only the named options or readings."""
 
     kind: ActionKind = Field(
-        description="`fit_causes`: fit `causes` with the joints, without `observations`. `convert_units`: "
-        "declare `unit`, keep the numbers. `exchange_readings`: exchange unloaded and loaded. "
-        "`choose_model`: let the readings choose elasticity and loss. `choose_robot`: identify with `robot`."
+        description="`fit_causes`: identify with `causes` as further unknowns, without `observations`. "
+        "`convert_units`: keep the numbers, and declare `unit`. `exchange_readings`: swap unloaded and "
+        "loaded readings. `choose_model`: let the readings choose elasticity and loss. `choose_robot`: "
+        "identify with `robot`."
     )
     observations: list[Name] = Field(description="Labels of the observations to omit, or to show.")
     joints: list[Name] = Field(description="Joints whose columns are exchanged, or whose map is corrected.")
     joint_map: Dimensionless[list[list[float]]] = Field(
-        description="Rows of the matrix of the corrected joint map; empty for other actions."
+        description="Rows of the matrix of the corrected joint map; empty unless the map is corrected."
     )
     offset: Positions[list[float]] = Field(
-        description="Offset of the corrected joint map; empty for other actions."
+        description="Offset of each joint in the corrected joint map; empty unless the map is corrected."
     )
     target: Name | None = Field(
         description="Target whose position is exchanged with the load point; null for other actions."
@@ -260,6 +261,11 @@ class Finding(Message):
     action: AdvisedAction | None = Field(
         default=None, description="Remedy that a program can carry out; null if only a person can."
     )
+
+    @property
+    def is_remark(self) -> bool:
+        """True if the finding allows the verdict `use`."""
+        return self.weight == "use"
 
 
 class Assessment(Message):

@@ -236,7 +236,7 @@ class GeometryResult(Result):
         """Summary of the result for listings."""
         return ResultSummary(
             verdict=self.assessment.verdict,
-            warning_count=sum(finding.weight != "use" for finding in self.findings),
+            warning_count=sum(not finding.is_remark for finding in self.findings),
         )
 
 

@@ -39,7 +39,10 @@ class ModelError(Message):
     """Residuals in postures omitted in turn, which calibrate the bound of the model error."""
 
     postures: int = Field(description="Number of postures that were omitted in turn.")
-    steps: list[ScoreStep] = Field(description="Steps by ascending score, merged to about 500 at most.")
+    steps: list[ScoreStep] = Field(
+        description="Steps of the distribution of scores, ascending; neighbours are merged to leave about "
+        "500."
+    )
     force: Newtons[float] = Field(
         description="Reference for the size of loads: the greatest load has size 1; zero without loads."
     )

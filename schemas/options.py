@@ -186,8 +186,8 @@ class MethodOptions(Message):
     )
     characteristic_length: Metres[Annotated[float, Field(strict=True, ge=1e-3, le=1e3)] | None] = Field(
         default=None,
-        description="Length for weighting `characteristic_length`; default: the length of least condition "
-        "number.",
+        description="Length for weighting `characteristic_length`; default: the length that gives the "
+        "regressor the smallest condition number.",
     )
 
     @field_validator("characteristic_length", mode="after")
@@ -237,8 +237,8 @@ class RunOptions(MethodOptions):
     )
     huber_threshold: Annotated[float, Field(strict=True, ge=0.1, le=100.0)] | None = Field(
         default=None,
-        description="Threshold of the Huber loss in units of sigma; default 2.8, below which 95 % of good "
-        "readings lie. Dimensionless.",
+        description="Threshold of the Huber loss, on the norm of a target's residual divided by sigma; "
+        "default 2.8 (95 % of good readings are below). Dimensionless.",
     )
     complementary_stiffness: Literal["neglected", "included"] = Field(
         default="included",

@@ -166,7 +166,9 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
         "[N]`, `Fy [N]`, `Fz [N]`, if needed `Mx [N.m]` ... Other points have no load.",
     )
     cut: Annotated[Cut | None, Terminal(hidden=True)] = Field(
-        default=None, description="Milling cut that gives the force, instead of `load`, in SI units."
+        default=None,
+        description="Milling cut from which the force is computed, instead of `load`; its values are in SI "
+        "units.",
     )
     axes: Literal["robot", "tool", "base", "feed"] = Field(
         default="robot",
@@ -203,8 +205,8 @@ class ProgramOptions(AcceptingOptions, PredictionOptions):
     )
     tool_x: Vector3 | None = Field(
         default=None,
-        description="Direction of the tool's x axis in the base, for programs that state only the tool's "
-        "axis or a position.",
+        description="Direction of the tool's x axis in the base frame, for programs that state a position "
+        "alone, or with the direction of the tool's z axis.",
     )
     start: Annotated[
         Annotated[list[Quantity], Field(max_length=MAX_JOINTS)] | None,

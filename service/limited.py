@@ -53,9 +53,9 @@ _PATHS: Final = frozenset(
     f"/v1/{name}"
     for name in ("robots", "kinematics", "measurement-sets", "campaigns", "imports", "plans", "deflections")
 )
-"""Addresses whose large bodies the child processes."""
+"""Paths of the API whose large request bodies are handled in the child process."""
 _ALWAYS_IN_CHILD: Final = frozenset({"/v1/geometries", "/v1/programs"})
-"""Addresses whose bodies of any size the child processes.
+"""Paths of the API whose request bodies of any size are handled in the child process.
 
 Programs are texts of any origin; the time of a geometry grows with the cube of the number of positions.
 """

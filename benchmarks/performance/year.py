@@ -181,7 +181,7 @@ def _bytes(engine: sa.Engine) -> int:
 class _IdleQueue(Queue):
     """The queue of a worker that carries nothing out."""
 
-    def running_parts(self) -> dict[str, float]:
+    def seconds_of_running_parts(self) -> dict[str, float]:
         """Return nothing: no part is under way."""
         return {}
 

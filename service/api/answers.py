@@ -70,7 +70,7 @@ def json_response(text: str, status: int = 200) -> Response:
     return Response(text, status, media_type="application/json")
 
 
-def answer_with_tag(
+def answer_with_etag(
     request: Request,
     body: str | bytes | Iterator[str],
     media_type: str = "application/json",

@@ -316,7 +316,7 @@ def list_jobs(parts: answers.InjectedParts, query: Annotated[_Listing, Query()])
 @router.get("/{job_id}", dependencies=[VIEWER], response_model=ANY_JOB, responses=answers.NOT_MODIFIED)
 def get_job(request: Request, parts: answers.InjectedParts, job_id: JobId) -> Response:
     """Get a job: request, state, result and provenance. Once it has ended, it never changes."""
-    return answers.answer_with_tag(request, parts.job(job_id))
+    return answers.answer_with_etag(request, parts.job(job_id))
 
 
 @router.patch("/{job_id}", dependencies=[OPERATOR], response_model=ANY_JOB)
@@ -381,4 +381,4 @@ async def get_job_file(
     # Computing a file may take seconds: the limiter keeps threads free for other requests.
     limiter = None if is_stored_file(jobs.kind, name) else limiter_of_large_work(request)
     content = await run_sync(make_file, request, parts, jobs, job_id, name, query, limiter=limiter)
-    return answers.answer_with_tag(request, content.body, content.media_type, content.headers)
+    return answers.answer_with_etag(request, content.body, content.media_type, content.headers)

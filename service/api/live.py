@@ -72,7 +72,7 @@ async def get_next(
     """
     state = await run_sync(parts.live.state, set_id, limiter=request.app.state.work)
     if not follow:
-        return answers.answer_with_tag(request, state.model_dump_json())
+        return answers.answer_with_etag(request, state.model_dump_json())
     return EventSourceResponse(_stream_states(request, parts.live, set_id, state))
 
 

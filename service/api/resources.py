@@ -87,7 +87,7 @@ def get_robot(request: Request, parts: answers.InjectedParts, robot_id: RobotId)
     """Get a robot, with its kinematics and its last campaign."""
     robot = robot_from_record(parts.store.robots.get(robot_id))
     latest = parts.trends.last_campaign(parts.store.robots.entry(robot_id))
-    return answers.answer_with_tag(
+    return answers.answer_with_etag(
         request, robot.model_copy(update={"last_campaign": latest}).model_dump_json()
     )
 
@@ -187,7 +187,7 @@ def list_measurement_sets(
 def get_measurement_set(request: Request, parts: answers.InjectedParts, set_id: SetId) -> Response:
     """Get a measurement set as it was posted, with its findings; an open set with its readings so far."""
     document = parts.live.document(set_id) if parts.live.is_open(set_id) else parts.sets.document(set_id)
-    return answers.answer_with_tag(request, document.model_dump_json())
+    return answers.answer_with_etag(request, document.model_dump_json())
 
 
 @sets.patch("/v1/measurement-sets/{set_id}", dependencies=[OPERATOR], response_model=MeasurementSetSummary)

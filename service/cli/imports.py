@@ -673,7 +673,7 @@ def _make_finding_lines(answer: ImportAnswer) -> Iterator[Line]:
         if finding.action is not None and finding.action.kind == "choose_robot":
             remedy += f" with `--robot '{finding.action.robot}'`"
         style: Any = "bad" if finding.weight == "do_not_use" else "care"
-        weight = "note" if finding.weight == "use" else VERDICTS[finding.weight]
+        weight = "note" if finding.is_remark else VERDICTS[finding.weight]
         yield Line(f"  {weight}: {place}{finding.message}{remedy}", style)
 
 

@@ -506,7 +506,8 @@ def field_options(
 def option_flag(message_class: type[Message], name: str, form_of_field: Forms = _NO_FORMS) -> str:
     """Return the command-line option of a field, such as `--load-point`.
 
-    `form_of_field` is name of a field → form of its option, for options that do not follow the class.
+    `form_of_field` maps names of fields to the forms of their options (spelling, unit, parser).
+    Other fields have the form that `message_class` declares.
     """
     return (
         _find_option_form(message_class.model_fields[name], form_of_field.get(name)).option

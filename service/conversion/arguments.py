@@ -198,7 +198,11 @@ class _Converter:
     def _convert_sequence(
         self, value: Sequence[Any], branches: Sequence[tuple[Mapping[str, Any], Mapping[str, str]]]
     ) -> list[Any]:
-        """Return a sequence in SI units as a list; `branches` as of `_convert_mapping`."""
+        """Return a sequence as a list in SI units; if no alternative fits, the values are unchanged.
+
+        `branches` are the alternatives of the JSON schema, each with the units of its numbers. The first
+        alternative that fits is used.
+        """
         for schema, units in branches:
             parts = schema.get("prefixItems")
             if parts is not None and len(parts) == len(value):

@@ -172,7 +172,10 @@ def _build_grid(file: str, kind: ArrayFormat, table: str, arrays: Sequence[Any])
 def _name_columns(
     place: Place, name: str, stated_unit: str | None, columns: list[list[str | None]]
 ) -> dict[str, list[str | None]]:
-    """Return columns by their headers: a name alone, with x, y, z, or with numbers from 1, as joints have.
+    """Return the columns of an array by header.
+
+    A single column has the name as header. Three columns have the name with x, y, z; other columns, and all
+    columns of joint angles, have the name with numbers from 1.
 
     Raises:
         ImportFileError: the name and an attribute state different units.

@@ -22,7 +22,7 @@ Kind = Literal[
     "mass", "moment", "load point", "position", "addition", "along", "uncertainty", "point uncertainty",
     "ignored", "unknown",
 ]  # fmt: skip
-"""What the cells of a column are."""
+"""Content of the cells of a column, such as a joint angle, a force or the name of a target."""
 Dimension = Literal["length", "angle", "force", "moment"]
 _Value = TypeVar("_Value")
 

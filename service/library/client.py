@@ -311,7 +311,7 @@ class Client(Verbs):
             return source
         return source.campaign.model_copy(update={"run": extract_run_options(source)})
 
-    def read_run_for_tables(self, _job: Job) -> None:
+    def find_run_for_tables(self, _job: Job) -> None:
         """Return None, as no run is needed: `read_contents` gets the tables from the service."""
 
     def read_contents(self, job: Job) -> tuple[Mapping[str, Sheet], Mapping[str, bytes]]:

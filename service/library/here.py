@@ -218,8 +218,9 @@ class Here(Verbs):
             self.prepare_run(self.source)  # of a result that was read from a file
         return build_job_sheet(file, job, lambda: kind.prepare_work(self.inputs, job.request))
 
-    def read_run_for_tables(self, job: Job) -> TabledRun | None:
-        """Return the run from which a job's tables are computed again; None for jobs that store tables."""
+    def find_run_for_tables(self, job: Job) -> TabledRun | None:
+        """Return the run that is needed to compute a job's tables; None if the result contains its tables."""
+        # A file made of "work" is not stored: its table is computed from the run.
         needed = any(file.made_of == "work" for file in import_kind(job.kind).files)
         return self.source if needed else None
 

@@ -48,15 +48,15 @@ def identify_many(
     cancel: Cancel | None = None,
     **fields: Unpack[IdentifyFields],
 ) -> Iterator[TabledRun]:
-    """Identify many campaigns, such as one of each robot of a plant.
+    """Identify many campaigns, such as one for each robot of a plant.
 
     Args:
         campaigns: files, documents that were read from JSON, `Campaign` objects, or runs. An iterator is
-            read while the work goes on: up to 256 campaigns ahead of the last run, or up to 1,024 while the
-            next run takes longer than others.
+            read at most 256 campaigns ahead of the run that was yielded last (1,024 if one slow run holds up
+            the others).
         options: options of every run; `fields` replace single options. Default: the options of each campaign.
         executor: computes whole campaigns, such as a `concurrent.futures.ProcessPoolExecutor()` or a Dask
-            client's `get_executor()`; all numbers are the same to the last bit.
+            client's `get_executor()`; the numbers do not depend on it.
         on_progress: called with the number of identified campaigns; default: a bar in a terminal or a
             notebook, if the work takes more than 2 s. For an iterator, the total is the number of campaigns
             read so far.
@@ -65,7 +65,7 @@ def identify_many(
 
     Returns:
         Iterator over the runs, in the order of the campaigns, each as soon as it has ended. A campaign that
-        cannot be identified or used gives a run in state `failed`. If it cannot be used, `where` of the run's
+        is invalid, or whose fit fails, gives a run in state `failed`. If it is invalid, `where` of the run's
         `error` begins with the campaign's place, such as `campaigns[3]`, or the name of its file.
 
     Raises:

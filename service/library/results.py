@@ -54,7 +54,7 @@ class Backend(verb.Backend, Protocol):
     def read_campaign(self, job: Run | Plan) -> messages.Campaign | None:
         """Return the campaign of a run, or the campaign that a plan continues; None if it is not known."""
 
-    def read_run_for_tables(self, job: Job) -> TabledRun | None:
+    def find_run_for_tables(self, job: Job) -> TabledRun | None:
         """Return the run from which a job's tables are computed again; None for jobs that store tables."""
 
     def read_contents(self, job: Job) -> tuple[Mapping[str, Sheet], Mapping[str, bytes]]:

@@ -156,7 +156,7 @@ def to_document(result: Presented) -> dict[str, Any]:
     elif result._origin is not None:
         if isinstance(result, Plan) and (continued := result._origin.read_campaign(result)) is not None:
             fields["continues"] = continued.model_dump(mode="json", exclude_unset=True)
-        if (run := result._origin.read_run_for_tables(result)) is not None:
+        if (run := result._origin.find_run_for_tables(result)) is not None:
             fields["made_from"] = to_document(run)
         fields |= _describe_contents(*result._origin.read_contents(result))
     return fields

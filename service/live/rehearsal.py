@@ -339,10 +339,10 @@ class _Simulation:
         """
         units = readings.units
         self._set, self._robot, self._random, self._remarks = readings, robot, random, remarks
-        self._length, self._force = LENGTH[units.length], FORCE[units.force]
-        self._moment = MOMENT[units.moment] if units.moment else self._force
-        self._angle = np.where(robot.prismatic, self._length, ANGLE[units.angle])
-        self._rotation, self._translation = np.eye(3), np.zeros(3)
+        self._length_unit, self._force_unit = LENGTH[units.length], FORCE[units.force]
+        self._moment_unit = MOMENT[units.moment] if units.moment else self._force_unit
+        self._angle_units = np.where(robot.prismatic, self._length_unit, ANGLE[units.angle])
+        self._rotation_from_tracker, self._translation_from_tracker = np.eye(3), np.zeros(3)
         if readings.frame is not None:
             if readings.frame.rotation is None:
                 raise RequestError(
@@ -350,11 +350,14 @@ class _Simulation:
                     where="measurement_set.frame",
                     remedy="give `rotation` and `translation`",
                 )
-            transform = read_stated_transform(readings.frame, self._length)
-            self._rotation, self._translation = transform.rotation, np.asarray(transform.translation)
+            transform = read_stated_transform(readings.frame, self._length_unit)
+            self._rotation_from_tracker, self._translation_from_tracker = (
+                transform.rotation,
+                np.asarray(transform.translation),
+            )
         self._model = JointModel(robot, 1.0 / stiffness, None, Constraints(Bounds.positive(robot.n)))
         self.sigma = self._choose_sigma(run)
-        self._joints = self._angle * np.array([each.joints for each in readings.observations])
+        self._joints = self._angle_units * np.array([each.joints for each in readings.observations])
         self._unloaded = Postures(robot, robot.joint_map.model_angles(self._joints))
         self._places = self._find_places()
 
@@ -362,12 +365,12 @@ class _Simulation:
         """Return the noise of a coordinate [m]: as the campaign states, else of the run, else usual noise."""
         noise = self._set.noise
         if noise is not None and noise.sigma is not None:
-            return self._length * noise.sigma
+            return self._length_unit * noise.sigma
         stated = [
             reading.sigma for each in self._set.observations for reading in each.readings if reading.sigma
         ]
         if stated:
-            return self._length * float(np.median(stated))
+            return self._length_unit * float(np.median(stated))
         if run is not None and run.sigma:
             return run.sigma
         self._remarks.append(f"no noise of the readings is stated: {1e6 * _USUAL_SIGMA:.0f} µm is assumed")
@@ -375,13 +378,16 @@ class _Simulation:
 
     def _find_places(self) -> dict[str, FloatArray]:
         """Return target → place in the flange frame [m]: as stated, else as read, else a usual place."""
-        places = {name: self._length * np.array(place) for name, place in self._set.flange_targets.items()}
+        places = {
+            name: self._length_unit * np.array(place) for name, place in self._set.flange_targets.items()
+        }
         places_as_read: dict[str, list[FloatArray]] = {}
         for index, observation in enumerate(self._set.observations):
             for reading in observation.readings:
                 if reading.unloaded is not None and any(reading.unloaded):
                     position = (
-                        self._rotation @ (self._length * np.array(reading.unloaded)) + self._translation
+                        self._rotation_from_tracker @ (self._length_unit * np.array(reading.unloaded))
+                        + self._translation_from_tracker
                     )
                     offset = position - self._unloaded.flange_translation[index]
                     places_as_read.setdefault(reading.target, []).append(
@@ -428,14 +434,14 @@ class _Simulation:
         return self._set.model_copy(update={"observations": updated})
 
     def _load(self, observation: Observation) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return force [N], moment [N·m], axes of R0, and load point in the flange frame [m]."""
+        """Return force [N] and moment [N·m] in axes of R0, and the load point [m] in the flange frame."""
         frame = self._set.frame
-        axes = self._rotation if frame is not None and frame.forces == "tracker" else np.eye(3)
+        axes = self._rotation_from_tracker if frame is not None and frame.forces == "tracker" else np.eye(3)
         zero = (0.0, 0.0, 0.0)
-        force = self._force * (axes @ np.array(observation.force or zero))
-        moment = self._moment * (axes @ np.array(observation.moment or zero))
+        force = self._force_unit * (axes @ np.array(observation.force or zero))
+        moment = self._moment_unit * (axes @ np.array(observation.moment or zero))
         point = observation.load_point or self._set.load_point or zero
-        return force, moment, self._length * np.array(point)
+        return force, moment, self._length_unit * np.array(point)
 
     def _read(self, reading: Reading, before: FloatArray, after: FloatArray, flange: FloatArray) -> Reading:
         """Return a reading of the same kind with simulated numbers, in the units and the frame of the set."""
@@ -445,15 +451,21 @@ class _Simulation:
             along = (
                 flange @ np.array(reading.flange_direction)
                 if reading.direction is None
-                else self._rotation @ np.array(reading.direction)
+                else self._rotation_from_tracker @ np.array(reading.direction)
             )
             length = moved @ along / np.linalg.norm(along) + noise[1, 0] - noise[0, 0]
-            return reading.model_copy(update={"displacement": float(length / self._length)})
+            return reading.model_copy(update={"displacement": float(length / self._length_unit)})
         if reading.deflection is not None:
-            deflection = self._rotation.T @ (moved + noise[1] - noise[0]) / self._length
+            deflection = self._rotation_from_tracker.T @ (moved + noise[1] - noise[0]) / self._length_unit
             return reading.model_copy(update={"deflection": tuple(deflection.tolist())})
         unloaded, loaded = (
-            tuple((self._rotation.T @ (each - self._translation) / self._length).tolist())
+            tuple(
+                (
+                    self._rotation_from_tracker.T
+                    @ (each - self._translation_from_tracker)
+                    / self._length_unit
+                ).tolist()
+            )
             for each in (before + noise[0], after + noise[1])
         )
         return reading.model_copy(update={"unloaded": unloaded, "loaded": loaded})

@@ -146,7 +146,11 @@ class Columns:
     def add_remark(self, line: int, text: str, target: str = "") -> None:
         """Note a statement that is not corrected, and about which the user need not decide."""
         if len(self._remarks) >= MAX_REMARKS:
-            self._refuse(line, f"more than {MAX_REMARKS} lines cannot be corrected", "split the program")
+            self._refuse(
+                line,
+                f"the program has more than {MAX_REMARKS} lines that cannot be corrected",
+                "split the program",
+            )
         self._remarks.append(Remark(line, text, target))
 
     def _refuse(self, line: int | None, reason: str, remedy: str) -> None:
@@ -197,9 +201,15 @@ class Columns:
                 self._target_causes.setdefault(self._index_target(target, None, line), cause)
 
     def add_offset(self, target: WrittenNumbers, frames: Frames, line: int) -> None:
-        """Note a move to an offset from a target, which shifts with the correction of the target.
+        """Add a remark to a move that ends at an offset from a target: correcting the target shifts the end.
 
-        The target is not corrected if base or tool of the move are unknown, or differ from its own.
+        If base or tool of the move are unknown, the target is not corrected, for the reason in `frames`. The
+        target is not corrected either if they differ from its own.
+
+        Args:
+            target: target from which the offset counts.
+            frames: base and tool of the move; a `Cause` in place of a frame says why the frame is unknown.
+            line: line of the move.
         """
         unknown = next((each for each in frames if isinstance(each, Cause)), None)
         index = self._index_target(target, None if unknown else frames, line)

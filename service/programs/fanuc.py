@@ -141,16 +141,17 @@ def _translate_conditional_action(line: Line) -> list[Op]:
 
 
 def _translate_harmless_instruction(line: Line) -> list[Op]:
-    """Return the operations of an instruction that moves nothing: the names used in its value, if any.
+    """Return the operations of an instruction that moves nothing: a use of each variable in its value.
 
-    The value is an expression, `ON`, or a pulse such as `PULSE,0.2sec`, which uses no names.
+    The value is an expression, `ON`, or a pulse such as `PULSE,0.2sec`, which reads no variable.
 
     Raises:
-        Misread: a frame is chosen behind the value.
+        Misread: the line also chooses a frame by UFRAME or UTOOL, after the value.
     """
     value = line["value"].replace("!", "")
     if re.search(r"(?<=.)U(?:FRAME|TOOL)\w*(?:\[[^\[\]]*\])?=", line.text):
         return _refuse_computed_frame(line)
+    # In the line, `\0` stands for a number.
     return line.read_expression(value) if value and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) else []
 
 

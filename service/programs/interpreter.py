@@ -37,7 +37,7 @@ from jointstiff.service.programs.program import FrameName, Literal, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
 _MAX_TRANSLATIONS: Final = 10_000
-"""Largest number of masked statements whose translations are remembered."""
+"""Largest number of cached translations; statements that differ only in their numbers share one."""
 _MAX_STATEMENT: Final = 16_384
 """Largest number of characters of a statement."""
 _MAX_WORK: Final = 10_000_000

@@ -78,7 +78,7 @@ _AXES_OF_STEP: Final = r" ?#(?:TOOL|BASE)$"
 """Axes along which the step of a relative move is given, at the end of the move."""
 _FIELD_OF_FRAMES: Final = re.compile(r"\.(?:(BASE|TOOL)_NO=\0|IPO_FRAME=(?P<mode>#(?:BASE|TCP)))")
 _ELEMENT: Final = re.compile(r"(?P<array>[^\W\d]\w*+)\[\0\]")
-"""An element of an array, by a number."""
+"""An element of an array whose index is a number, such as `A[3]`."""
 _NEAR: Final = re.compile(r"(?P<target>[^\W\d]\w*+):(?P<offset>[^:,]++|\{[^{}]*\})")
 """A place at an offset from a target, by the geometric operator."""
 _TABLE: Final = re.compile(r"(?P<role>BASE|TOOL)_DATA\[(?P<index>[^\W\d]\w*+)\]")
@@ -258,7 +258,12 @@ def _assign(line: Line, target: ir.Name, index: str) -> list[Op]:
     is_system_variable = name.startswith("$") and name not in {"$BASE", "$TOOL"}
     if name in _TURNS_TOOL and line["value"] not in {"FALSE", "#VAR"}:
         statement = ir.quote_statement(line.text, line.ordinals)
-        uses.append(ir.Note(f"{statement}: behind this line the arm does not reach the stated orientations"))
+        uses.append(
+            ir.Note(
+                f"{statement}: after this line the arm does not reach the orientations that the "
+                "program states"
+            )
+        )
     if index or is_system_variable:
         changes = [] if is_system_variable else [_forget_name(target)]
         return [*uses, *_read_value(line, line["value"]), *changes]

@@ -52,7 +52,8 @@ _RESERVED: Final = (
     r"|join|set_tcp|move[jlpc]"
 )
 _REMEDY: Final = (
-    "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or use a variable that gets these numbers once"
+    "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or use a variable that is assigned such numbers "
+    "exactly once"
 )
 _WORD: Final = r"[^\W\d]\w*+"
 _SIX: Final = r"\[\0(?:,\0){5}\]"

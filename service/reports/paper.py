@@ -34,7 +34,9 @@ def build_paper(job: Comparison, view: View | None = None) -> Document:
         letterhead=Letterhead("", []),
         dated=job.provenance.ended_at or job.provenance.created_at,
         sections=[
-            Section("Table I: measurement sets and explained deflection", tables=[_make_first_table(result)]),
+            Section(
+                "Table I: measurement sets and explained deflection", tables=[_make_deflection_table(result)]
+            ),
             Section("Table II: stiffness", tables=tables, notes=[note for note in notes if note]),
             Section("Figures 7 and 8", pictures=[draw_bars(chart) for chart in make_charts(result)]),
             Section("Origin", facts=[("Versions", list_versions(job))]),
@@ -51,14 +53,19 @@ def require_result(job: Comparison) -> ComparisonResult:
     return job.result
 
 
-def _make_first_table(result: ComparisonResult) -> Table:
-    """Return a table of both sets: configurations, mean deflection, and what each method explains."""
+def _make_deflection_table(result: ComparisonResult) -> Table:
+    """Return the table that compares both sets.
+
+    The table has the number of configurations, the mean deflection, and the fraction of the deflection that
+    each method explains.
+    """
     methods: dict[str, dict[str, str]] = {}
     for entry in result.entries:
         name = entry.method.replace("_", " ")
         if entry.weighting != "covariance":
             name += f", {entry.weighting.replace('_', ' ')}"
-        # Of a method with and without the constraint, the constrained run comes last, and is shown.
+        # A method run without and with the order constraint has two entries: the constrained entry is the
+        # last, and replaces the other.
         explained = entry.compensation
         methods.setdefault(name, {})[entry.side] = (
             NO_NUMBER if explained is None else f"{100 * explained:.1f} %"

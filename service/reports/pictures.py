@@ -79,6 +79,10 @@ _AXIS_Y, _AXIS_X = 128.0, 40.0  # y of the horizontal axis and x of the vertical
 _ROW_HEIGHT = 17.0
 _NAMES_WIDTH = 90.0  # of the column of joint names
 _MOST_GROUPS = 60  # groups of bars in a bar chart
+_BARS_HEIGHT, _LEGEND_Y = 166.0, 154.0  # height of a bar chart, and top of its legend [points]
+_TOP_MARGIN, _RIGHT_MARGIN = 12, 6  # margins of the area of the bars [points]
+_BARS_SHARE = 0.8  # part of a group's width that its bars fill
+_BARS_PAGE_WIDTH = 0.8  # share of the text's width
 _SERIES_COLOURS = (PALE, MARK, "#d08a2e", "#5a8f5a", "#8a5a8f", "#a04545", "#4a4a4a", "#c9b458")
 _LABEL_DISTANCE = 12.0
 """Least distance of two joints in the picture with separate labels; nearer joints share one [points]."""
@@ -134,14 +138,16 @@ def draw_intervals(joints: Sequence[JointResult], confidence: float) -> Picture 
 
 
 def draw_bars(chart: Chart) -> Picture:
-    """Draw a chart as groups of bars, a bar for each series; at most the first 60 groups."""
+    """Draw a chart as groups of bars, one bar for each series, of at most the first 60 groups.
+
+    The heights of the bars are the absolute values of the numbers.
+    """
     group_count = min(len(chart.names), _MOST_GROUPS)
     series = {
         name: [chart.factor * (number or 0.0) for number in list(values)[:group_count]]
         for name, values in chart.series.items()
     }
-    legend_y = 154.0
-    drawing = Drawing(_WIDTH, 166.0, chart.title)
+    drawing = Drawing(_WIDTH, _BARS_HEIGHT, chart.title)
     sizes = [abs(value) for values in series.values() for value in values]
     greatest = max(sizes, default=0.0) or 1.0
     # The vertical axis ends at 1, 2 or 5 times a power of ten; 1e-9 allows for rounding.
@@ -151,26 +157,26 @@ def draw_bars(chart: Chart) -> Picture:
         for number in (1.0, 2.0, 5.0, 10.0)
         if number * power_of_ten >= greatest * (1 - 1e-9)
     )
-    scale = (_AXIS_Y - 12) / axis_end
+    scale = (_AXIS_Y - _TOP_MARGIN) / axis_end
     for fraction in (0.0, 0.5, 1.0):
-        y = _AXIS_Y - fraction * (_AXIS_Y - 12)
-        drawing.line(_AXIS_X, y, _WIDTH - 6, y)
+        y = _AXIS_Y - fraction * (_AXIS_Y - _TOP_MARGIN)
+        drawing.line(_AXIS_X, y, _WIDTH - _RIGHT_MARGIN, y)
         drawing.text(_AXIS_X - 4, y + 3, f"{fraction * axis_end:g}", anchor="end")
     drawing.text(0, 8, chart.unit)
     axis_label = f"{chart.axis} 1 to {group_count} of {len(chart.names)}"
-    drawing.text(_WIDTH - 6, _AXIS_Y + 12, axis_label, anchor="end")
-    group_width = (_WIDTH - _AXIS_X - 6) / max(group_count, 1)
-    bar_width = 0.8 * group_width / max(len(series), 1)
+    drawing.text(_WIDTH - _RIGHT_MARGIN, _AXIS_Y + 12, axis_label, anchor="end")
+    group_width = (_WIDTH - _AXIS_X - _RIGHT_MARGIN) / max(group_count, 1)
+    bar_width = _BARS_SHARE * group_width / max(len(series), 1)
     for index, (name, values) in enumerate(series.items()):
         colour = _SERIES_COLOURS[index % len(_SERIES_COLOURS)]
         for group, value in enumerate(values):
             height = scale * abs(value)
-            x = _AXIS_X + group_width * (group + 0.1) + bar_width * index
+            x = _AXIS_X + group_width * (group + (1 - _BARS_SHARE) / 2) + bar_width * index
             drawing.bar(x, _AXIS_Y - height, bar_width, height, colour)
-        x = _AXIS_X + (_WIDTH - _AXIS_X - 6) * index / len(series)
-        drawing.bar(x, legend_y, 7, 7, colour)
-        drawing.text(x + 10, legend_y + 7, _shorten(name))
-    return Picture(str(drawing), f"{chart.title}.", 0.8)
+        x = _AXIS_X + (_WIDTH - _AXIS_X - _RIGHT_MARGIN) * index / len(series)
+        drawing.bar(x, _LEGEND_Y, 7, 7, colour)
+        drawing.text(x + 10, _LEGEND_Y + 7, _shorten(name))
+    return Picture(str(drawing), f"{chart.title}.", _BARS_PAGE_WIDTH)
 
 
 def draw_deflections(result: RunResult) -> Picture | None:

@@ -412,7 +412,9 @@ def _make_budget_rows(budget: Budget, result: RunResult) -> list[list[str]]:
             cells.append(NO_NUMBER if percent is None else format_rounded(percent, percent))
         return [source, evaluation, *cells]
 
-    factor = _coverage_factor(budget)
+    # The stored expanded uncertainty is divided by its own factor, and expanded again by the factor that the
+    # report prints.
+    printed_factor = _coverage_factor(budget)
     combined = [expanded / budget.coverage_factor for expanded in budget.expanded_with_model_error]
     rows = [
         make_row(
@@ -424,9 +426,11 @@ def _make_budget_rows(budget: Budget, result: RunResult) -> list[list[str]]:
     ]
     return [
         *rows,
-        make_row("combined, sources in the intervals", "", budget.standard_uncertainty),
+        make_row("combined, only sources that the intervals include", "", budget.standard_uncertainty),
         make_row("combined, all sources", "", combined),
-        make_row(f"expanded, all sources, k = {figure(factor)}", "", [factor * u for u in combined]),
+        make_row(
+            f"expanded, all sources, k = {figure(printed_factor)}", "", [printed_factor * u for u in combined]
+        ),
     ]
 
 

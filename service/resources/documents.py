@@ -85,9 +85,9 @@ def parse_content(
     Args:
         content: bytes of the file.
         message_class: class of the message.
-        path: name of the file, for messages of errors; None if the content is not that of a file.
-        section: key of the message in a larger document, such as `robot` in a campaign; the content may also
-            be the message alone. None if the message is not part of a larger document.
+        path: file named in the texts of errors; None if the content is not from a file.
+        section: key under which a larger document has this message, such as `robot` in a campaign. Content
+            that is the message alone is accepted as well. None if no larger document has the message.
 
     Raises:
         CampaignError: the content is no such message.

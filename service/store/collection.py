@@ -518,7 +518,10 @@ class Robots(Collection[RobotRecord, RobotEntry]):
         )
 
     def _update_name_copies(self, connection: sa.Connection, identifier: str) -> None:
-        """Update the copies of a robot's name in its sets and jobs."""
+        """Update the copies of a robot's name in its own row (the text for searches), its sets and its jobs.
+
+        `identifier` is the id of the robot.
+        """
         _copy_names(connection, robots.c.id, identifier)
         # Sets are updated before jobs, as when a set is renamed: in another order two transactions could
         # deadlock.

@@ -111,8 +111,8 @@ class Store:
         self.close()
 
     def kind_of_job(self, job_id: str) -> str | None:
-        """Return the name of the kind of a job, deleted or not; None if there is no such job."""
-        if not is_indexable(job_id):
+        """Return the kind of a job by name, even if the job was deleted; None if there is no such job."""
+        if not is_indexable(job_id):  # no id that the database could store
             return None
         with self._database.reading() as connection:
             kind = connection.execute(sa.select(jobs.c.kind).where(jobs.c.id == job_id)).scalar_one_or_none()

@@ -196,8 +196,9 @@ class Sheet:
 
         Args:
             rows: the messages.
-            columns: header → path of the field; `force {x y z}` makes a column for each component.
-            units: unit of a field → factor to the unit that is shown instead, and name of that unit.
+            columns: maps each header to the path of a field. A header such as `force {x y z}` makes a column
+                for each component.
+            units: maps the unit of a field to (factor, unit to show); the shown value is factor · value.
         """
         sheet: dict[str, list[Value]] = {}
         for header, path in columns.items() if rows else ():

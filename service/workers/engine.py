@@ -285,8 +285,11 @@ class Engine(Queue):
         self._is_closed.set()
         super().close()
 
-    def running_parts(self) -> dict[str, float]:
-        """Return part's id → processor time of its thread [s], for the parts that run in this process."""
+    def seconds_of_running_parts(self) -> dict[str, float]:
+        """Return the processor time [s] of each part of a job that runs in this process, by the part's id.
+
+        Without a clock of the thread, the elapsed time is returned, so that the part never seems idle.
+        """
         seconds_by_part = {}
         for part_id, clock in list(self._clocks.items()):
             with suppress(OSError):  # the thread has ended meanwhile

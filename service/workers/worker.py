@@ -144,7 +144,10 @@ class Recovery:
         Raises:
             FrozenError: the part used no processor time at `_MAX_STALLED_CHECKS` checks in succession.
         """
-        seconds_at_last_check, self._seconds_by_part = self._seconds_by_part, self._engine.running_parts()
+        seconds_at_last_check, self._seconds_by_part = (
+            self._seconds_by_part,
+            self._engine.seconds_of_running_parts(),
+        )
         # A part with the same processor time at two checks has computed nothing between them.
         is_stalled = bool(seconds_at_last_check.items() & self._seconds_by_part.items())
         self._stalled_checks = self._stalled_checks + 1 if is_stalled else 0
@@ -159,7 +162,7 @@ class Recovery:
             worker_by_part: part's id → name of the worker that claimed the part.
         """
         own_parts = {part for part, worker in worker_by_part.items() if worker == self._executor}
-        idle_parts = own_parts - self._engine.running_parts().keys()
+        idle_parts = own_parts - self._engine.seconds_of_running_parts().keys()
         self._engine.put_back(idle_parts & self._idle_before)
         self._idle_before = idle_parts
 

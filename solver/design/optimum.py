@@ -549,9 +549,9 @@ class Candidates:
         return np.asarray(K.reshape(*K.shape[:2], -1) @ (self._squares * G).ravel())
 
 
-def _arrange_symmetric(products: FloatArray) -> FloatArray:
-    """Arrange the prices (N, 6) of pairs of axes xx, xy, xz, yy, yz, zz as symmetric matrices (3, 3, N)."""
-    return products.T[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+def _arrange_symmetric(entries: FloatArray) -> FloatArray:
+    """Arrange entries (N, 6), in the order xx, xy, xz, yy, yz, zz, as symmetric matrices (3, 3, N)."""
+    return entries.T[[[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -319,8 +319,8 @@ def derive_assessment(joints: Sequence[JointCompliance], findings: Iterable[Find
         verdicts.append(max([_BY_STATUS[joint.status], *weights], key=_ORDER.__getitem__))
     return Assessment(
         verdict=ordered[0].weight if ordered else "use",
-        reasons=tuple(finding for finding in ordered if finding.weight != "use"),
-        remarks=tuple(finding for finding in ordered if finding.weight == "use"),
+        reasons=tuple(finding for finding in ordered if not finding.is_remark),
+        remarks=tuple(finding for finding in ordered if finding.is_remark),
         joints=tuple(verdicts),
     )
 

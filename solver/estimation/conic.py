@@ -42,8 +42,8 @@ _MASS_TOLERANCES: Final = (1e-10, 1e-9, 1e-8)
 """Tolerances of Clarabel for cones of masses and moments, tried in this order."""
 _END_TOLERANCES: Final = (1e-8, 1e-7, 1e-6)
 """Tolerances of Clarabel for ends of intervals; an end needs no more digits than the last tolerance gives."""
-_NEAR_LEAST_SQUARES: Final = 1e-6
-"""Singular values below this part of the first are ignored in the starting point of a program."""
+_ORIGIN_RCOND: Final = 1e-6
+"""Singular values below this part of the first are ignored in the origin of a program."""
 _LEAST_UNIT: Final = 1e-9
 """Least unit in which a program is stated, as a residual relative to the readings."""
 _NEWTON_STEPS: Final = 4
@@ -75,9 +75,12 @@ class LeastSquares:
     z: FloatArray  #: (m,) readings of unit norm
 
     @cached_property
-    def near(self) -> FloatArray:
-        """Point (p,) near the least-squares solution, of moderate size, around which programs are stated."""
-        return np.asarray(np.linalg.lstsq(self.R, self.z, rcond=_NEAR_LEAST_SQUARES)[0])
+    def origin(self) -> FloatArray:
+        """Origin (p,) of the variables of cone programs: an approximate least-squares solution.
+
+        Small singular values are ignored, so that the origin is not huge.
+        """
+        return np.asarray(np.linalg.lstsq(self.R, self.z, rcond=_ORIGIN_RCOND)[0])
 
     @cached_property
     def compressed(self) -> tuple[FloatArray, FloatArray]:
@@ -108,10 +111,10 @@ class SemidefiniteProgram:
         return np.asarray(2.0 * self.fit.R.T @ (self.fit.R @ x - self.fit.z) + self.penalty)
 
     def find_interior_point(self, tolerance: float, unit: float) -> FloatArray | None:
-        """Solve the program by Clarabel in the scaled variables y = (x − near) / unit.
+        """Solve the program by Clarabel in the scaled variables y = (x − origin) / unit.
 
-        `near` is a point near the optimum. With a unit of the residual's size, Clarabel's absolute tolerances
-        are relative to the residual, not to the much larger readings.
+        The origin is a point near the optimum. With a unit of the residual's size, Clarabel's absolute
+        tolerances are relative to the residual, not to the much larger readings.
 
         Args:
             tolerance: tolerance of Clarabel.
@@ -122,17 +125,17 @@ class SemidefiniteProgram:
         """
         from jointstiff.solver.estimation import convex  # takes a second to import
 
-        near = self.fit.near
+        origin = self.fit.origin
         matrix, readings = self.fit.compressed
         clarabel_program = convex.state_semidefinite(len(matrix), self.cone)
         data = {
             "T": matrix,
-            "z": (readings - matrix @ near) / unit,
+            "z": (readings - matrix @ origin) / unit,
             "p": self.penalty / unit,
-            "near": near / unit,
+            "near": origin / unit,
         }
         solution = clarabel_program.solve(data, tolerance)
-        return None if solution is None else near + unit * solution
+        return None if solution is None else origin + unit * solution
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +194,7 @@ def solve_cone(
         At each tolerance the program is solved in units of the readings, and then in units of the residual.
         """
         T, z = program.fit.compressed
-        residual_size = max(float(np.linalg.norm(z - T @ program.fit.near)), _LEAST_UNIT)
+        residual_size = max(float(np.linalg.norm(z - T @ program.fit.origin)), _LEAST_UNIT)
         for tolerance in _CONE_TOLERANCES:
             for unit in (1.0, residual_size):
                 proposed = program.find_interior_point(tolerance, unit)

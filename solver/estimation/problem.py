@@ -289,7 +289,7 @@ class Scaled:
         )
 
     @cached_property
-    def rows(self) -> tuple[FloatArray, FloatArray]:
+    def constraints(self) -> tuple[FloatArray, FloatArray]:
         """All constraints as ``G x ≥ h``: G (k, n), rows of bounds before inequalities, and h (k,)."""
         lower, upper = self.bounds.lower, self.bounds.upper
         has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)
@@ -303,12 +303,14 @@ class Scaled:
         """Return ``Aᵀ(A x − b)`` (n,), half the gradient of ‖A x − b‖²."""
         return np.asarray(self.A.T @ (self.A @ x - self.b))
 
-    def tight_rows(self, x: FloatArray, slack: float = TOLERANCE) -> BoolArray:
-        """Return a mask (k,) of the constraints that hold with equality at x, up to a relative slack.
+    def find_tight_constraints(self, x: FloatArray, slack: float = TOLERANCE) -> BoolArray:
+        """Return a mask (k,) of the constraints ``G x ≥ h`` that hold with equality at a feasible x.
 
-        `x` (n,) are the scaled parameters.
+        Args:
+            x: (n,) scaled parameters that satisfy the constraints.
+            slack: largest ``G x − h`` that counts as equality, relative to max(1, ‖x‖∞).
         """
-        G, h = self.rows
+        G, h = self.constraints
         return np.asarray(G @ x - h <= slack * max(1.0, float(np.abs(x).max())))
 
     def multipliers_at(self, x: FloatArray, slack: float = TOLERANCE) -> FloatArray:
@@ -320,9 +322,9 @@ class Scaled:
         """
         from scipy.optimize import nnls
 
-        G, h = self.rows
+        G, h = self.constraints
         multipliers = np.zeros(len(h))
-        tight = self.tight_rows(x, slack)
+        tight = self.find_tight_constraints(x, slack)
         if tight.any():
             try:
                 multipliers[tight] = nnls(G[tight].T, self.gradient(x))[0]
@@ -346,9 +348,11 @@ class Scaled:
         return x
 
     def solve_by_pivoting(self, active: ActiveBounds) -> FloatArray:
-        """Return the least-squares point (n,) reached by pivoting from given active bounds; not certified.
+        """Return the least-squares point (n,) reached by pivoting from given active bounds.
 
-        Pivoting ends when the active bounds no longer change, or after `MOST_PIVOTS` rounds.
+        Each round of pivoting exchanges the bounds that are wrongly active or wrongly inactive. Pivoting ends
+        when the active bounds no longer change, or after `MOST_PIVOTS` rounds. The point may not be optimal:
+        the caller must check it.
         """
         x = self.solve_with_active_bounds(active)
         for _ in range(MOST_PIVOTS):
@@ -366,7 +370,7 @@ class Scaled:
             active: (k,) whether each row holds with equality.
             near: (n,) point; where the optimum is not unique, the optimum nearest to this point is returned.
         """
-        G, h = self.rows
+        G, h = self.constraints
         rows, values = G[active], h[active]
         x = near
         free_directions = np.eye(len(x))  # directions in which the active rows do not change

@@ -39,7 +39,7 @@ from jointstiff.solver.mechanics.block import (
     RegressorBlock,
     compute_scatter_roots,
     fitted_errors,
-    whole_block,
+    get_whole_block,
 )
 from jointstiff.solver.mechanics.measurements import NO_SCATTER, Measurements, Scatter
 from jointstiff.solver.mechanics.robot import Robot
@@ -85,7 +85,7 @@ def find_scatter(robot: Robot, measurements: Measurements, estimate: Estimate) -
         return measurements.scatter
     tested = measurements.select_evenly(_MOST_OBSERVATIONS)
     try:
-        block = whole_block(robot, tested, estimate.balanced)
+        block = get_whole_block(robot, tested, estimate.balanced)
     except SolverError:  # no balance under the load: the assessment reports that elsewhere
         return measurements.scatter
     compliance = np.maximum(estimate.compliance, 0.0)
@@ -138,7 +138,7 @@ class Repeatability:
         scatter = measurements.scatter
         if not (scatter and sigma):
             return None
-        block = whole_block(robot, measurements.select_evenly(_MOST_OBSERVATIONS))
+        block = get_whole_block(robot, measurements.select_evenly(_MOST_OBSERVATIONS))
         stated = measurements.repeatability
         return cls(
             joint=scatter.joints * sigma if stated is None else stated,

@@ -27,8 +27,8 @@ from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.robot import Robot
 from jointstiff.solver.mechanics.springs import DIAGONAL_BASE
 
-AS_WELL: Final = 6.0
-"""Difference of the information criterion below which neither of two causes is preferred."""
+EQUALLY_GOOD: Final = 6.0
+"""Difference of the information criterion up to which two causes explain the readings equally well."""
 _MOST_STEPS: Final = 3
 """Largest number of causes that are selected one after the other."""
 _MOST_EXCHANGES: Final = 2
@@ -278,14 +278,14 @@ class _Search:
         for _ in range(_MOST_EXCHANGES):
             previous = chosen
             for position in range(len(chosen.suspects)):
-                for fit in self._list_exchanged(chosen, position, pool):
+                for fit in self._list_replacements(chosen, position, pool):
                     if fit.criterion < chosen.criterion:
                         chosen = fit
             if chosen is previous:
                 break
         return chosen
 
-    def _list_exchanged(self, chosen: _Fit, position: int, pool: Iterable[Suspect]) -> list[_Fit]:
+    def _list_replacements(self, chosen: _Fit, position: int, pool: Iterable[Suspect]) -> list[_Fit]:
         """Return the fits in which one selected cause is replaced by each other cause of the pool.
 
         `position` is the index of the replaced cause among the selected causes.
@@ -311,11 +311,14 @@ class _Search:
         return chosen
 
     def describe(self, chosen: _Fit, pool: Iterable[Suspect]) -> tuple[Cause, ...]:
-        """Return the selected causes in order, each with the causes that explain the readings as well."""
+        """Return the selected causes in order.
+
+        Each cause is followed by the other causes that explain the readings about equally well in its place.
+        """
         causes = []
         for position, suspect in enumerate(chosen.suspects):
-            exchanged = sorted(self._list_exchanged(chosen, position, pool), key=_by_criterion)
-            equally_good = [fit for fit in exchanged if fit.criterion <= chosen.criterion + AS_WELL]
+            replaced = sorted(self._list_replacements(chosen, position, pool), key=_by_criterion)
+            equally_good = [fit for fit in replaced if fit.criterion <= chosen.criterion + EQUALLY_GOOD]
             best_by_name: dict[str, _Fit] = {}  # the best fit for each name
             for fit in equally_good:
                 if fit.suspects[position].name != suspect.name:
@@ -387,7 +390,7 @@ def select_causes(
             return Selection(causes, left_out, tests)
     first_causes = search.describe(fits[0], tests.significant)
     links_explain_more = (
-        tests.links_p_value < LINKS_LEVEL and tests.tests.links_criterion() < fits[0].criterion - AS_WELL
+        tests.links_p_value < LINKS_LEVEL and tests.tests.links_criterion() < fits[0].criterion - EQUALLY_GOOD
     )
     kept_causes = [each for each in first_causes if each.makes_links_unnecessary or not links_explain_more]
     return Selection(tuple(kept_causes), left_out, tests)

@@ -91,7 +91,7 @@ def certify(scaled: Scaled, x: FloatArray, solved_by: SupportFinder) -> Certific
     if len(scaled.d):
         # Non-negative multipliers are computed for the tight rows alone, so complementarity holds by
         # construction, and the rows may be linearly dependent.
-        G, h = scaled.rows
+        G, h = scaled.constraints
         multipliers = scaled.multipliers_at(x)
         unbalanced = np.abs(gradient - G.T @ multipliers)
         # The rounding error of the difference is that of its largest terms: nearly parallel rows, such as
@@ -193,7 +193,7 @@ def _select_first_certified(
         if certificate.is_optimal():
             active = scaled.bounds.active_bounds_at(x)
             compliance = problem.bounds.hold_exactly(x * scaled.unit, active)
-            tight = scaled.tight_rows(x)[-len(scaled.d) :] if len(scaled.d) else None
+            tight = scaled.find_tight_constraints(x)[-len(scaled.d) :] if len(scaled.d) else None
             return Solution(compliance, active, certificate, tight)
     raise SolverError(
         f"no solution satisfies the optimality conditions to {TOLERANCE:g} (primal "
@@ -253,7 +253,7 @@ def _propose_by_least_distance(scaled: Scaled) -> Iterator[_Proposal]:
     Q, R = np.linalg.qr(scaled.A)
     if len(R) < R.shape[1] or np.abs(np.diagonal(R)).min() <= 1e-9:
         return
-    G, h = scaled.rows
+    G, h = scaled.constraints
     transformed_rows = np.linalg.solve(R.T, G.T).T
     transformed_limits = h - transformed_rows @ (Q.T @ scaled.b)
     E = np.vstack([transformed_rows.T, transformed_limits])

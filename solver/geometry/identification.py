@@ -564,8 +564,8 @@ def identify_from_poses(
         base_targets: targets on the robot's base, read before and after the poses.
 
     Raises:
-        InputError: the poses contradict the nominal model, or contain too few readings.
-        NotObservableError: fewer readings than unknowns.
+        InputError: the poses contradict the nominal model, or a pose has too few targets.
+        NotObservableError: the readings are fewer than the unknown parameters.
     """
     identified = calibrate(nominal, poses)
     _refuse_vanishing_sigma(identified)
@@ -575,7 +575,7 @@ def identify_from_poses(
         nominal,
         name,
         poses,
-        wrist_axes=identified,
+        wrist_axes=identified,  # the uncertainties of the axes apply to the wrist centre, too
         findings=report_calibration(identified),
         base_targets=base_targets,
     )
@@ -623,7 +623,7 @@ def _assemble_result(
         drift = base_targets.fit_drift(identified.sigma, identified.targets.mean(axis=0))
         all_findings += report_drift(drift, base_targets)
     all_findings += report_vague_parameters(model.chain.joint_names, "standard", pairs, links)
-    reasons = [finding for finding in all_findings if finding.weight != "use"]
+    reasons = [finding for finding in all_findings if not finding.is_remark]
     calibrated = identified if isinstance(identified, CalibratedAxes) else None
     is_from_residuals = readings.sigma is None or (calibrated and calibrated.exceeded_sigma is not None)
     return results.GeometryResult(

@@ -41,7 +41,7 @@ from jointstiff.solver.integrity.values import (
     median,
     transform_to_flange,
 )
-from jointstiff.solver.mechanics.block import RegressorBlock, regressor_blocks, whole_block
+from jointstiff.solver.mechanics.block import RegressorBlock, get_whole_block, regressor_blocks
 from jointstiff.solver.mechanics.measurements import Measurements
 from jointstiff.solver.mechanics.postures import Postures
 from jointstiff.solver.text import PAST_CARE, PAST_DO_NOT_USE, figure, length_text
@@ -663,10 +663,12 @@ def _subtract_pair_medians(distances: FloatArray, both_measured: BoolArray) -> F
 def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0) -> Step | None:
     """Find the most significant lasting displacement of a target relative to the mean of the other targets.
 
-    Errors of the modelled flange position cancel in a difference to other targets. Errors of the modelled
-    flange orientation do not cancel, but change no distance between targets, so that in a step a distance
-    must change by `SMALLEST_MOTION`. The scatter is the greater of the median change from row to row, and the
-    scatter about the means before and after the step. A step needs two postures before and two after.
+    Errors of the modelled flange position cancel in a difference to other targets. An error of the modelled
+    flange orientation rotates all targets together and keeps their distances. A step is therefore accepted
+    only if a distance between targets changes by more than `SMALLEST_MOTION`.
+
+    The displacement is compared with the scatter: the median change from row to row, or the scatter about the
+    means before and after the step if greater. A step needs two postures before and two after.
 
     Args:
         places: (N, T, 3) places in the flange frame [m]; NaN where a target was not measured.
@@ -938,7 +940,7 @@ def exchange_proved_targets(view: View) -> tuple[list[Finding], View]:
     if int(corrected.coordinates[rows].sum()) < _ROWS_PER_JOINT * view.robot.n:
         undecided = [report_exchanged_targets(view, targets, evidence, ~targets)]
         return undecided, replace(view, measurements=corrected)
-    if Springs.fit(whole_block(view.robot, corrected[rows])).work < 0.0:
+    if Springs.fit(get_whole_block(view.robot, corrected[rows])).work < 0.0:
         targets = ~targets
         corrected = exchange_targets(view.measurements, targets)
     found = [report_exchanged_targets(view, targets, evidence)]
@@ -960,7 +962,7 @@ def inspect_response(view: View, good: BoolArray) -> Iterator[Finding]:
     noise_limit = BEYOND_NOISE * np.sqrt(2.0) * (measurements.sigma or 0.0)
     if median(np.linalg.norm(checked.deflection, axis=2)[checked.present]) <= noise_limit:
         return
-    block = whole_block(view.robot, checked)
+    block = get_whole_block(view.robot, checked)
     springs = Springs.fit(block)
     whole_set_finding = _find_mistake_of_the_set(view, rows, block, springs)
     if whole_set_finding is not None:
@@ -1047,7 +1049,8 @@ def _find_exchanged_by_springs(view: View, block: RegressorBlock, springs: Sprin
     while True:
         trials = [targets ^ one for one in np.eye(len(targets), dtype=np.bool_)]
         fits = [
-            Springs.fit(whole_block(view.robot, exchange_targets(measurements, trial))) for trial in trials
+            Springs.fit(get_whole_block(view.robot, exchange_targets(measurements, trial)))
+            for trial in trials
         ]
         least = min(range(len(fits)), key=lambda trial: fits[trial].unexplained)
         if not fits[least].unexplained < best.unexplained:
@@ -1077,7 +1080,7 @@ def _find_mistaken_angles(view: View, block: RegressorBlock, springs: Springs) -
         measurements.joints, np.arange(len(measurements)), view.robot.joint_names
     ):
         corrected = replace(measurements[hypothesis.rows], joints=hypothesis.joints)
-        trials.append((Springs.fit(whole_block(view.robot, corrected)).unexplained, hypothesis))
+        trials.append((Springs.fit(get_whole_block(view.robot, corrected)).unexplained, hypothesis))
     unexplained, best = min(trials, key=lambda pair: pair[0])
     if unexplained >= BETTER * springs.unexplained or unexplained > UNEXPLAINED:
         return None

@@ -32,7 +32,7 @@ OTHER_UNITS: Final[dict[Unit, tuple[str, Unit, FindingCode]]] = {
 }
 """Unit that the numbers seem to have → quantity, unit that was declared instead, and code of the finding."""
 IN_ORDER: Final = 0.8
-"""Correlation of a joint's angle with the number of the row above which a set counts as measured in order."""
+"""If a joint's angle correlates more strongly with the row number, the set counts as measured in order."""
 FALSE_ALARM: Final = 1e-6
 """Significance level of a check: a dozen checks of one set a day give no false finding in centuries."""
 MODEL_ALLOWANCE: Final = 1.5

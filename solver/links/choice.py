@@ -486,13 +486,16 @@ def find_simplest_model(candidates: Sequence[HeldOut], best: HeldOut, *, screene
 
 
 def find_richest_model(names: Sequence[ModelName], chosen: ModelName) -> ModelName:
-    """Return the richest of the models in which every element of the chosen model bends.
+    """Return the richest of some models; the base bends if the base of the chosen model bends.
 
-    `names` are ordered from simple to rich. Intervals computed as if the chosen model were true would be too
-    narrow (Leeb & Pötscher, *Model selection and inference: facts and fiction*, 2005); intervals of the
-    richest model are valid, even if this model predicts worse.
+    A model with a rigid base is skipped if the base bends in the chosen model. Intervals computed as if the
+    chosen model were true would be too narrow (Leeb & Pötscher, *Model selection and inference: facts and
+    fiction*, 2005); intervals of the richest model are valid, even if this model predicts worse.
+
+    Args:
+        names: models from simple to rich.
+        chosen: model that the readings chose; one of `names`.
     """
-    # A base that bends in the chosen model must also bend in the richest.
     return [name for name in names if name in WITH_BASE or chosen not in WITH_BASE][-1]
 
 

@@ -274,7 +274,7 @@ def _summarise_residuals(
         not stated, None if there are too few readings; and the chi square of the residuals, 0 without sigma.
     """
     parameters, rows = compliances[squares.columns] / squares.unit, squares.rows
-    effective_freedom = np.zeros(squares.width)
+    effective_freedom = np.zeros(squares.column_count)
     effective_freedom[squares.columns] = compute_effective_freedom(
         squares.build_squared_program(weight), parameters
     )
@@ -297,7 +297,7 @@ def _compute_gap_scale(formulation: Formulation, sigma: float | None) -> float:
     joints_residual = float(
         np.linalg.norm(joint_columns @ np.linalg.lstsq(joint_columns, fit.z, rcond=None)[0] - fit.z)
     )
-    least_residual = float(np.linalg.norm(fit.R @ fit.near - fit.z))
+    least_residual = float(np.linalg.norm(fit.R @ fit.origin - fit.z))
     joints_scale = max(joints_residual, _LEAST_SCALE) * formulation.size
     noise = sigma or joints_scale / sqrt(max(1, rows.readings - joint_count))
     return max(noise, least_residual * formulation.size / sqrt(max(1, rows.readings)))

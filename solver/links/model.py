@@ -344,8 +344,8 @@ class Formulation:
     _absolute: dict[tuple[float, float, float | None], ConeSolution] = field(default_factory=dict)
 
     @property
-    def width(self) -> int:
-        """Number P of columns."""
+    def column_count(self) -> int:
+        """Number P of columns of the regressor; the last column of the triangle holds the readings."""
         return len(self.rows.triangle[0]) - 1
 
     @cached_property
@@ -384,7 +384,7 @@ class Formulation:
 
     def convert_to_compliances(self, x: FloatArray) -> FloatArray:
         """Return the compliances (..., P) of parameters x (..., p); zero in columns without a parameter."""
-        compliances = np.zeros((*x.shape[:-1], self.width))
+        compliances = np.zeros((*x.shape[:-1], self.column_count))
         compliances[..., self.columns] = self.unit * x
         return compliances
 

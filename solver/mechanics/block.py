@@ -250,7 +250,7 @@ def _build_no_balance_error(case: int) -> RequestError:
 BLOCK_LENGTH = 3072
 """Observations per block: its arrays stay in the cache, and numpy's overhead is spread well."""
 
-_MOST_CACHED = 256
+_MOST_CACHED_OBSERVATIONS = 256
 """Most observations of a set whose block is cached: a block takes 1 MB at most."""
 _BLOCKS_CACHED = 16
 """Number of blocks of small sets that a process caches: the blocks used last."""
@@ -399,7 +399,7 @@ def regressor_blocks(
         SolverError: a load has no equilibrium with joints of this compliance.
     """
     if len(measurements.joints) <= BLOCK_LENGTH:
-        return iter((whole_block(robot, measurements, compliance),))
+        return iter((get_whole_block(robot, measurements, compliance),))
     return _compute_blocks_ahead(robot, measurements, compliance)
 
 
@@ -419,11 +419,21 @@ def _compute_blocks_ahead(
         yield coming.result()
 
 
-def whole_block(
+def get_whole_block(
     robot: Robot, measurements: Measurements, compliance: FloatArray | None = None
 ) -> RegressorBlock:
-    """Return the regressors of all observations as one block; blocks of small sets are cached."""
-    if len(measurements.joints) > _MOST_CACHED:
+    """Return the regressors of all observations as one block; blocks of small sets are cached.
+
+    Args:
+        robot: n joints.
+        measurements: observations; a block of at most `_MOST_CACHED_OBSERVATIONS` is cached.
+        compliance: (n,) joint compliances with which the load is in balance, to include the complementary
+            stiffness; None to neglect the complementary stiffness.
+
+    Raises:
+        SolverError: a load has no equilibrium with joints of this compliance.
+    """
+    if len(measurements.joints) > _MOST_CACHED_OBSERVATIONS:
         return _compute_block(robot, measurements, compliance)
     return _get_cached_block(robot, measurements, None if compliance is None else tuple(compliance.tolist()))
 
@@ -438,9 +448,9 @@ def _get_cached_block(
 
 def unloaded_postures(robot: Robot, measurements: Measurements) -> Postures:
     """Return the kinematics of the unloaded configurations of a set; kinematics of small sets are cached."""
-    if len(measurements.joints) > _MOST_CACHED:
+    if len(measurements.joints) > _MOST_CACHED_OBSERVATIONS:
         return Postures(robot, robot.joint_map.model_angles(measurements.joints))
-    return whole_block(robot, measurements).postures
+    return get_whole_block(robot, measurements).postures
 
 
 def targets_in_flange(robot: Robot, part: Measurements) -> FloatArray:

@@ -290,7 +290,7 @@ def build_curve_term(largest: FloatArray) -> Term:
         partial(_curve_springs, nonzero_torques),
         suspected=True,
         doubt=partial(_doubt_curve, nonzero_torques),
-        words="compliances that change by {} up to the largest torque of each joint",
+        words="compliances that differ by {} between no torque and the largest torque of each joint",
         remedy="read the same posture at half the load: a hardening spring deflects by more than half",
     )
 

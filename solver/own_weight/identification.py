@@ -731,7 +731,7 @@ def identify_weight(
     problem, loss = fit.reduced, fit.optimum.loss
     rank, degrees_of_freedom = problem.rank, fit.count_degrees_of_freedom(load_coordinates)
     reasons = (
-        *(each for each in findings if each.weight != "use"),
+        *(each for each in findings if not each.is_remark),
         *find_reasons_against(fit, rank, degrees_of_freedom, stated_sigma=poses.sigma),
     )
     sigma_of_residuals = poses.sigma is None or any(
@@ -762,7 +762,7 @@ def identify_weight(
         shares=width_ratios,
         fit=fit,
         reasons=(*reasons, *missing),
-        remarks=tuple(each for each in findings if each.weight == "use"),
+        remarks=tuple(each for each in findings if each.is_remark),
         sigma=sigma_of_fit * unit_of_fit,
         sigma_of_residuals=sigma_of_residuals,
         chi_square=float(degrees_of_freedom) if poses.sigma is None else problem.residual_squares,

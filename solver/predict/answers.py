@@ -450,7 +450,7 @@ def build_forward_model(
     Args:
         robot: robot that was measured.
         stored: model of the run as stored.
-        weight: own weight of the links, used only where joints alone bend; None neglects own weight.
+        weight: own weight of the links, ignored if links bend; None: no own weight.
 
     Returns:
         The forward model; and its model error, None if the run has no model error.
@@ -469,45 +469,50 @@ def build_forward_model(
         score = _fill_missing_limits([step.score for step in stored.error.steps], np.inf)
         share = np.array([step.share for step in stored.error.steps], dtype=np.float64)
         error = ModelError(score=score, share=share, **stored.error.model_dump(exclude={"steps"}))
-    model: ForwardModel
     if stored.elastic is None:
-        likelihood = None
-        if stored.covariance:
-            identified_joints = np.array(
-                [robot.joint_names.index(name) for name in stored.seen], dtype=np.intp
-            )
-            rows_given = None if stored.information_root is None else np.array(stored.information_root)
-            likelihood = Likelihood(
-                identified_joints, np.array(stored.estimate), np.array(stored.covariance), rows_given
-            )
-        model = JointModel(
-            robot,
-            np.array(stored.compliance),
-            likelihood,
-            Constraints(
-                Bounds(
-                    _fill_missing_limits(stored.lower, -np.inf), _fill_missing_limits(stored.upper, np.inf)
-                ),
-                tuple(stored.order),
-            ),
-            weight,
-            degrees_of_freedom=stored.degrees_of_freedom,
+        return _build_joint_model(robot, stored, weight), error
+    return _build_elastic_model(robot, stored, stored.elastic), error
+
+
+def _build_joint_model(
+    robot: Robot, stored: stored_as.IdentifiedModel, weight: OwnWeight | None
+) -> JointModel:
+    """Return the forward model of a run in which only joints bend."""
+    likelihood = None
+    if stored.covariance:
+        identified_joints = np.array([robot.joint_names.index(name) for name in stored.seen], dtype=np.intp)
+        information_root = None if stored.information_root is None else np.array(stored.information_root)
+        likelihood = Likelihood(
+            identified_joints, np.array(stored.estimate), np.array(stored.covariance), information_root
         )
-    else:
-        elastic, covariance_root = stored.elastic, None
-        if elastic.covariance_root:
-            covariance_root = np.zeros((len(elastic.columns), len(elastic.columns)))
-            covariance_root[np.triu_indices(len(elastic.columns))] = elastic.covariance_root
-        model = ElasticPredictor(
-            robot,
-            ElasticColumns(robot.n, tuple(robot.joint_names.index(name) for name in elastic.links)),
-            np.array(elastic.columns, dtype=np.intp),
-            np.array(elastic.entries),
-            covariance_root,
-            np.isin(np.array(robot.joint_names), stored.seen),
-            degrees_of_freedom=stored.degrees_of_freedom,
-        )
-    return model, error
+    bounds = Bounds(_fill_missing_limits(stored.lower, -np.inf), _fill_missing_limits(stored.upper, np.inf))
+    return JointModel(
+        robot,
+        np.array(stored.compliance),
+        likelihood,
+        Constraints(bounds, tuple(stored.order)),
+        weight,
+        degrees_of_freedom=stored.degrees_of_freedom,
+    )
+
+
+def _build_elastic_model(
+    robot: Robot, stored: stored_as.IdentifiedModel, elastic: stored_as.ElasticPart
+) -> ElasticPredictor:
+    """Return the forward model of a run in which links or base bend."""
+    covariance_root = None
+    if elastic.covariance_root:
+        covariance_root = np.zeros((len(elastic.columns), len(elastic.columns)))
+        covariance_root[np.triu_indices(len(elastic.columns))] = elastic.covariance_root
+    return ElasticPredictor(
+        robot,
+        ElasticColumns(robot.n, tuple(robot.joint_names.index(name) for name in elastic.links)),
+        np.array(elastic.columns, dtype=np.intp),
+        np.array(elastic.entries),
+        covariance_root,
+        np.isin(np.array(robot.joint_names), stored.seen),
+        degrees_of_freedom=stored.degrees_of_freedom,
+    )
 
 
 def _fill_missing_limits(values: Sequence[float | None], limit: float) -> FloatArray:

@@ -70,17 +70,18 @@ def evaluate_places(
     places: FloatArray,
     first: IndexArray | None = None,
 ) -> FloatArray:
-    """Return the deflection (P,) of the best sequence at each place, to first order in the load [m].
+    """Return the smallest deflection (P,) of the path at each place, over all sequences of joint angles [m].
 
-    NaN is returned where no sequence keeps step and limits.
+    The deflection is computed to first order in the load. It is NaN where no sequence stays within the joint
+    limits and the largest step between points.
 
     Args:
         model: model of the loaded robot.
         inverse: inverse kinematics of the same robot.
-        path: path of the workpiece as it is.
+        path: path of the workpiece where it is now.
         task: turns and motion, such as from `coarsen`.
         places: (P, 4) positions of the path's centre [m], then turns about z [rad].
-        first: (m,) index of the first point that is the same target, for each point; None if all differ.
+        first: (m,) for each point, index of the earliest point with the same target; None if all differ.
     """
     sizes = np.full(len(places), np.nan)
     middle = path.middle

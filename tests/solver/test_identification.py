@@ -34,7 +34,7 @@ from jointstiff.solver.estimation.estimate import predict
 from jointstiff.solver.estimation.problem import Bounds, Constraints
 from jointstiff.solver.estimation.triangle import Triangle
 from jointstiff.solver.mechanics import block as regressor
-from jointstiff.solver.mechanics.block import OwnWeight, regressor_blocks, whole_block
+from jointstiff.solver.mechanics.block import OwnWeight, get_whole_block, regressor_blocks
 from jointstiff.solver.mechanics.chain import ChainJoint
 from jointstiff.solver.mechanics.measurements import whitener
 from jointstiff.solver.mechanics.postures import Postures, find_wrist
@@ -375,7 +375,7 @@ def test_complementary_stiffness_is_the_derivative_of_the_efforts(arm):
         ],
         axis=-1,
     )
-    found = complementary_stiffness(whole_block(robot, measurements))
+    found = complementary_stiffness(get_whole_block(robot, measurements))
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
 
 

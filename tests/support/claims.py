@@ -65,7 +65,7 @@ class Claims(Queue):
 
     # What an engine does beyond a queue
 
-    def running_parts(self) -> dict[str, float]:
+    def seconds_of_running_parts(self) -> dict[str, float]:
         return self.used
 
     def recover(self, executors: Iterable[str]) -> None:

@@ -210,7 +210,7 @@ export const en = {
       process: "Turn and place",
       report: "Report",
     },
-    first: { mend: "Correct it", measure: "Measure next", use: "Correct a program" },
+    first: { mend: "Correct the campaign", measure: "Measure next", use: "Correct a program" },
     tabs: "Parts of the result",
     progress: "Progress",
     progressOf: ({ done, total, unit }: Progress) => `${done} of ${total} ${unit}`,

@@ -66,11 +66,11 @@ class FleetWork(Work):
         self.details = {"request": request.model_copy(update={"measurement_set_ids": set_ids})}
 
     def steps(self) -> tuple[Span, ...]:
-        """Return the steps of the work, one for each block of sets.
+        """Return one step for each block of sets; none if all sets are in one block and every run is short.
 
-        There are no steps if one block has all sets and no run takes steps.
+        A run is short if it is computed without steps.
         """
-        return () if self._is_quick else self._blocks
+        return () if self._needs_no_steps else self._blocks
 
     def compute(self, span: Span) -> Arrays:
         """Identify the sets of a step; return their rows as bytes of JSON, and the size of each row in bytes.
@@ -111,7 +111,7 @@ class FleetWork(Work):
         return step_work
 
     @cached_property
-    def _is_quick(self) -> bool:
+    def _needs_no_steps(self) -> bool:
         """True if the fleet is one block of sets whose runs take no steps."""
         return len(self._blocks) == 1 and not any(map(self._takes_steps, self._sets))
 

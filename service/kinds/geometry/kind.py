@@ -57,7 +57,7 @@ def _make_report(_job: Geometry, result: GeometryResult, view: View) -> Report:
         parts.append(_make_links_table(result.links))
     parts.append(Line("\n".join(f"  {line}" for line in _make_summary_lines(result, details=view.details))))
     if view.details:
-        notes = [finding for finding in result.findings if finding.weight == "use"]
+        notes = [finding for finding in result.findings if finding.is_remark]
         parts += [Line(f"  {note.where}: {note.message}; {note.remedy}", "dim") for note in notes]
     return Report(parts)
 
@@ -427,7 +427,8 @@ GEOMETRY: Final = Kind[Geometry, GeometryRequest](
     files=(
         File(
             name="axes.csv",
-            description="each axis: a point and the direction in R0 at model angle zero, uncertainties",
+            description="each axis: a point, the direction, and the uncertainties of both, in R0 at model "
+            "angle zero",
             sheet=axes_sheet,
             made_of="result",
         ),

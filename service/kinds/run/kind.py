@@ -413,7 +413,7 @@ def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
     """Return tables and lines on elastic links: shares, compliances, compared models, certificate."""
     certificate = links.certificate
     # With squared loss the gap is of all fitted readings together, otherwise of a residual's mean length.
-    gap_reference = "of the optimum" if choice.loss == "squared" else "of the optimum, per target"
+    per_target = "" if choice.loss == "squared" else " per target"
     parts: list[Part] = [_elements_table(links)]
     if links.links:
         parts.append(_links_table(links, choice.elasticity))
@@ -428,7 +428,8 @@ def links_report(links: LinksResult, choice: ModelChoice) -> list[Part]:
             f"({_CHOICE_SOURCES[links.penalty_source]})"
         ),
         f"the readings determine {links.effective_freedom:.1f} of {links.parameters} parameters",
-        f"certified: within {certificate.gap:.1e} sigma {gap_reference}; no negative eigenvalue",
+        f"the fit is proven to be the best, to within {certificate.gap:.1e} sigma{per_target}; no compliance "
+        "matrix has a negative eigenvalue",
     )
     return parts + [Line(f"  {line}", "dim") for line in lines]
 

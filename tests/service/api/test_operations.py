@@ -93,7 +93,7 @@ FILES = """\
   refused for the verdict `do_not_use` without `accept_verdict`
 * `program` of a program or process: a compensated file (`file`); only numbers of its targets differ
 * tables, by the kind of the job; their headers have the units
-* geometry: `axes.csv` (each axis: a point and the direction in R0 at model angle zero, uncertainties)
+* geometry: `axes.csv` (each axis: a point, the direction, and the uncertainties of both, in R0 at model angle zero)
 * plan: `report.pdf`, `report.html`, `rehearsal.json`, `readings.csv` (the readings in their order)
 * fleet: `report.pdf`, `report.html`, `table.csv` (one row per set and joint: stiffness with its interval, verdict; or the set's error)
 """  # noqa: E501 - lines of the description

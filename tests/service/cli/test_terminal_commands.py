@@ -169,7 +169,7 @@ HELP = {
         "docs/glossary.md explains the terms.",
         "FILE <file> Campaign file: robot, measurement set and run options in one JSON document. [required]",
         "--positive / --no-positive Constrain every compliance to be zero or positive.",
-        "default 2.8, below which 95 % of good readings lie. Dimensionless.",
+        "sigma; default 2.8 (95 % of good readings are below). Dimensionless.",
         "--cause NAME[:FIRST] Causes to fit with the joints, as a reason recommends: the readings stay "
         "as they are, and the intervals include the uncertainty of the causes. Repeatable.",
         "--prior JOINT=STIFFNESS:UNCERTAINTY",

@@ -78,7 +78,7 @@ def test_the_report_states_deviations_and_the_budget_with_its_coverage(local, ru
         "readings | B | 0.30 | 2.2 | 3.4 | 0.95 | 4.0 |",
         "assumed force scale | B | 1.00 | 1.0 | 0.99 | 1.00 | 0.80 |",
         "assumed load point | B | 0.42 | 1.5 | 2.5 | 2.5 | 15 |",
-        "combined, sources in the intervals | | 1.1 | 2.8 | 4.3 | 2.9 | 16 |",
+        "combined, only sources that the intervals include | | 1.1 | 2.8 | 4.3 | 2.9 | 16 |",
         "combined, all sources | | 1.1 | 19 | 44 | 19 | 17 |",
         "expanded, all sources, k = 1.282 | | 1.4 | 25 | 56 | 24 | 22 |",
         "– Deviation: prior knowledge of joint_1, joint_6 was used.",

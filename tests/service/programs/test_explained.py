@@ -19,9 +19,7 @@ PLACE = "{X 1,Y 2,Z 3,A 0,B 0,C 0}"
 ROB = "[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
 OF_KRL = "write X, Y, Z, A, B, C (or A1 ... A6) in numbers, and send the .dat that declares them"
 OF_FANUC = "write the numbers of positions in /POS, without PR[] and P[R[]]; choose frames by number, in a line without a condition"
-OF_UR = (
-    "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or use a variable that gets these numbers once"
-)
+OF_UR = "write p[x, y, z, rx, ry, rz] or [q1 ... q6] in numbers, or use a variable that is assigned such numbers exactly once"
 OF_TABLES = (
     "name columns x, y, z and a, b, c (or w, p, r; qw ... qz; rx, ry, rz; i, j, k), or j1 ... j6, with "
     "units as in `x [mm]`"

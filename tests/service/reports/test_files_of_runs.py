@@ -43,7 +43,7 @@ def runs(local):
                 "Z | -0.000994 | -0.000048 | 0.002515 | 0.000062 |",
                 "readings | B | 0.68 | 0.77 | 1.2 | 14 | 1.9 | 13 |",
                 "assumed load point | B | 0.26 | 0.31 | 0.65 | 3.4 | 2.2 | 3.9 |",
-                "combined, sources in the intervals | | 1.2 | 1.3 | 1.7 | 15 | 3.1 | 14 |",
+                "combined, only sources that the intervals include | | 1.2 | 1.3 | 1.7 | 15 | 3.1 | 14 |",
             ],
         ),
         (

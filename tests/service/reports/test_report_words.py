@@ -135,7 +135,7 @@ def test_a_report_has_the_budget_of_each_joint(laboratory, pulled):
         "assumed force scale | B | 1.00 | 1.00 | 1.0 | 1.00 | 1.00 | 1.00 |",
         "assumed load point | B | 0.20 | 0.16 | 0.55 | 1.5 | 1.7 | 2.5 |",
         "model error (not included) | A | 0 | 0 | 0 | 0 | 0 | 0 |",
-        "combined, sources in the intervals | | 1.1 | 1.2 | 1.5 | 8.1 | 2.6 | 11 |",
+        "combined, only sources that the intervals include | | 1.1 | 1.2 | 1.5 | 8.1 | 2.6 | 11 |",
         "combined, all sources | | 1.1 | 1.2 | 1.5 | 8.1 | 2.6 | 11 |",
         "expanded, all sources, k = 2 | | 2.3 | 2.3 | 3.1 | 16 | 5.2 | 21 |",
         "Greatest correlation coefficient between two joints: 0.82 (joint_1 and joint_2); all are in "

@@ -125,7 +125,7 @@ def test_a_zombie_that_ends_late_changes_nothing(store, queue, working):
             store, "UPDATE workflow_status SET owner_xid = 'of another', executor_id = 'other'"
         )  # as after its recovery
         go_on.set()
-        until(lambda: engine.running_parts() == {})
+        until(lambda: engine.seconds_of_running_parts() == {})
         enqueued(store, queue, "b")
         until(lambda: rows(engine).get("b-000000-0", ("", 0))[0] == "SUCCESS")
         assert engine.claimed_parts() == {"a-000000-0": "other"}
@@ -141,20 +141,20 @@ def test_a_worker_knows_what_it_carries_out_and_how_far_it_computes(store, queue
         go_on.wait(90)
 
     with working(carry_out_part) as engine:
-        until(lambda: engine.running_parts().keys() == {"a-000000-0"})
-        early = engine.running_parts()["a-000000-0"]
-        until(lambda: engine.running_parts()["a-000000-0"] > early + 0.2)
+        until(lambda: engine.seconds_of_running_parts().keys() == {"a-000000-0"})
+        early = engine.seconds_of_running_parts()["a-000000-0"]
+        until(lambda: engine.seconds_of_running_parts()["a-000000-0"] > early + 0.2)
         computes.set()
-        used = engine.running_parts()["a-000000-0"]
+        used = engine.seconds_of_running_parts()["a-000000-0"]
         assert not go_on.wait(0.5)
-        assert engine.running_parts()["a-000000-0"] < used + 0.1, "it waits, and computes nothing"
+        assert engine.seconds_of_running_parts()["a-000000-0"] < used + 0.1, "it waits, and computes nothing"
         assert engine.claimed_parts() == {"a-000000-0": "alive"}
         recovery = Recovery(store, lambda _: None, engine, "alive")
         recovery.check_and_recover()
         recovery.check_and_recover()
         assert engine.claimed_parts() == {"a-000000-0": "alive"}, "it is not idle"
         go_on.set()
-        until(lambda: engine.running_parts() == {})
+        until(lambda: engine.seconds_of_running_parts() == {})
 
 
 class Away(Queue):
@@ -199,7 +199,7 @@ def test_a_worker_that_stops_hands_over_what_it_carries_out_and_begins_nothing_m
         assert rows(engine) == {"a-000000-0": ("ENQUEUED", 0)}
         enqueued(store, queue, "b")
         go_on.set()
-        until(lambda: engine.running_parts() == {})
+        until(lambda: engine.seconds_of_running_parts() == {})
         until(lambda: engine.claimed_parts() != {})
         engine.stop()
         assert {status for status, _ in rows(engine).values()} == {"ENQUEUED"}

@@ -50,7 +50,7 @@ from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.term_tests import MISTAKE_LEVEL
-from jointstiff.solver.mechanics.block import whole_block
+from jointstiff.solver.mechanics.block import get_whole_block
 from jointstiff.solver.mechanics.measurements import CommonUncertainty, Instrument, Scatter
 from jointstiff.solver.mechanics.postures import Postures
 
@@ -114,7 +114,7 @@ class TestPromise:
         found = []
         for _ in range(draws):
             exact = read(plan, np.zeros((2, 12, 3, 3)))
-            jacobian = whole_block(robot, exact).jacobian
+            jacobian = get_whole_block(robot, exact).jacobian
             turned = jacobian @ (turns * rng.standard_normal((12, N)))[:, None, :, None]
             noise = SIGMA * np.sqrt(2.0) * rng.standard_normal((12, 3, 3))
             moved = replace(

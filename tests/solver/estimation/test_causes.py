@@ -18,7 +18,7 @@ from jointstiff.solver.estimation.fitted_causes import fit_causes
 from jointstiff.solver.estimation.refuted import leave_out, list_refuted
 from jointstiff.solver.estimation.suspects import Suspect, group_distinct_loads
 from jointstiff.solver.integrity import inspect_measurements
-from jointstiff.solver.mechanics.block import Motion, Term, fitted_errors, whole_block
+from jointstiff.solver.mechanics.block import Motion, Term, fitted_errors, get_whole_block
 from jointstiff.solver.mechanics.terms import PLAY, SHIFT, TERMS
 from jointstiff.solver.run import run
 
@@ -137,7 +137,7 @@ def test_play_and_curved_springs_in_a_tie_are_not_linear():
     (curved,) = screen_estimate(ROBOT, measurements, found).causes
     play = replace(curved, suspect=Suspect("play", PLAY))
     finding = report_causes([curved, play], found)
-    assert finding.message.startswith("the joints are not linear: with compliances that change by (")
+    assert finding.message.startswith("the joints are not linear: with compliances that differ by (")
     assert ", or with play of (" in finding.message
     assert finding.remedy.startswith("not linear: read two postures again at half the load")
     assert [cause.name for cause in finding.action.causes] == ["curved_springs", "play"]
@@ -147,7 +147,7 @@ def test_play_and_curved_springs_in_a_tie_are_not_linear():
 def test_the_torque_that_takes_up_play_is_uncertain_from_zero_to_what_makers_state():
     """Mean and scatter of the turn are those of draws of this torque."""
     measurements = pulls(5, configurations=12)
-    block = whole_block(ROBOT, measurements)
+    block = get_whole_block(ROBOT, measurements)
     play = np.full(6, 2e-4)
     drawn = np.random.default_rng(1).uniform(0.0, 1.0, (20_000, 1, 1))
     largest = np.minimum(50.0, 3e-5 / ARM.compliances)

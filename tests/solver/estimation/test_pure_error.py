@@ -9,7 +9,7 @@ from support.springs import SIGMA, SpringCampaign, robot_of
 from jointstiff.schemas.options import RunOptions
 from jointstiff.simulator import default_arm
 from jointstiff.solver.estimation.pure_error import compute_pure_error
-from jointstiff.solver.mechanics.block import whole_block
+from jointstiff.solver.mechanics.block import get_whole_block
 from jointstiff.solver.run import run
 
 ARM = default_arm()
@@ -39,7 +39,7 @@ def test_noise_is_found_without_any_model():
 
 def test_a_motion_of_the_flange_is_no_noise():
     measurements = read()
-    block = whole_block(ROBOT, measurements)
+    block = get_whole_block(ROBOT, measurements)
     turns = 1e-4 * np.random.default_rng(0).standard_normal((len(block.torque), ROBOT.n))
     moved = np.einsum("btij,bj->bti", block.jacobian, turns)
     pure = compute_pure_error(ROBOT, measurements, moved, 6.0)

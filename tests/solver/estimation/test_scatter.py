@@ -13,7 +13,7 @@ from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.joints import JointsAlone
 from jointstiff.solver.estimation.method import Settings
 from jointstiff.solver.estimation.scatter import Repeatability
-from jointstiff.solver.mechanics.block import whole_block
+from jointstiff.solver.mechanics.block import get_whole_block
 from jointstiff.solver.mechanics.measurements import Scatter
 
 ARM = default_arm()
@@ -60,7 +60,7 @@ def test_a_fit_with_scatter_is_generalised_least_squares():
     scatter = Scatter(joints=1.2, station=0.7)
     measurements = replace(scattered(2e-5), scatter=scatter)
     found = identify(ROBOT, measurements, SETTINGS)
-    block = whole_block(ROBOT, measurements)
+    block = get_whole_block(ROBOT, measurements)
     A, J = (each.reshape(len(measurements), -1, ROBOT.n) for each in (block.A, block.jacobian))
     d = measurements.deflection.reshape(len(measurements), -1)
     ones = np.tile(np.eye(3), (len(POINTS), 1))

@@ -11,7 +11,7 @@ from jointstiff.simulator import default_arm
 from jointstiff.solver.estimation.estimate import UncertaintyBudget
 from jointstiff.solver.estimation.identify import identify
 from jointstiff.solver.estimation.method import Settings
-from jointstiff.solver.mechanics.block import build_whitened_rows, whole_block
+from jointstiff.solver.mechanics.block import build_whitened_rows, get_whole_block
 from jointstiff.solver.mechanics.measurements import CommonUncertainty
 from jointstiff.solver.mechanics.springs import JOINTS
 from jointstiff.solver.mechanics.terms import TERMS
@@ -45,7 +45,7 @@ def test_a_fit_with_statements_is_generalised_least_squares(common):
     measurements = hung([4e-3, -6e-3, 2e-3], common=common)
     found = identify(ROBOT, measurements, NEGLECTED)
     terms = [term for term in TERMS.values() if any(term.prior(common))]
-    rows = build_whitened_rows(whole_block(ROBOT, measurements), [JOINTS, *terms], found.compliance)
+    rows = build_whitened_rows(get_whole_block(ROBOT, measurements), [JOINTS, *terms], found.compliance)
     flat = rows.targets.reshape(-1, rows.targets.shape[-1])
     A, B, d = flat[:, : ROBOT.n], flat[:, ROBOT.n : -1], flat[:, -1]
     stated = np.concatenate([np.resize(term.prior(common), rows.widths[term.name]) for term in terms])
