@@ -21,7 +21,7 @@ from jointstiff.schemas.run import Campaign, JointResult
 from jointstiff.service.cli.app import app
 from jointstiff.service.cli.options import Units
 from jointstiff.service.kinds.comparison.kind import _format_interval as interval_text
-from jointstiff.service.kinds.comparison.kind import _ratio_text
+from jointstiff.service.kinds.comparison.kind import _format_ratio
 from jointstiff.service.kinds.run.kind import RUN
 from jointstiff.service.reports.exports import explain_missing_stiffness
 from jointstiff.service.reports.job import lay_out_job
@@ -144,14 +144,14 @@ def test_a_ratio_has_two_digits_of_half_its_interval(half):
     ratio = 12.3456789
     joint = JointRatio(name="a", ratio=ratio, ratio_interval=(ratio - half, ratio + half))
     for text, value in (
-        (_ratio_text(ratio, joint), ratio),
+        (_format_ratio(ratio, joint), ratio),
         (interval_text(joint).split(" … ")[1], ratio + half),
     ):
         last = 10.0 ** -len(text.partition(".")[2])
         assert 0.01 * half < last <= 0.1 * half
         assert abs(float(text) - value) <= 0.5001 * last
     open_above = JointRatio(name="a", ratio=ratio, ratio_interval=(ratio, None))
-    assert _ratio_text(ratio, open_above) == "12.3"
+    assert _format_ratio(ratio, open_above) == "12.3"
     assert interval_text(open_above).endswith("no limit")
 
 
