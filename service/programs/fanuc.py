@@ -151,7 +151,7 @@ def _translate_harmless_instruction(line: Line) -> list[Op]:
     value = line["value"].replace("!", "")
     if re.search(r"(?<=.)U(?:FRAME|TOOL)\w*(?:\[[^\[\]]*\])?=", line.text):
         return _refuse_computed_frame(line)
-    # In the line, `\0` stands for a number.
+    # In the line, `\0` replaces each number.
     return line.read_expression(value) if value and not re.fullmatch(r"PULSE,\0 ?(?:sec)?", value) else []
 
 

@@ -678,33 +678,14 @@ def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0)
     Returns:
         The step; None if no displacement is beyond chance.
     """
-    was_read = ~np.isnan(places[..., 0])
-    target_count = was_read.sum(axis=1)
-    if len(places) < LEAST_ROWS or target_count.max() < 2:
-        return None
-    most_targets = target_count.max()
-    filled = np.where(was_read[..., None], places, 0.0)
-    # Only rows in which the greatest number of targets was read, so that the mean of the others is comparable
-    rows_of_target = [
-        np.flatnonzero(was_target_read & (target_count == most_targets)) for was_target_read in was_read.T
-    ]
-    # For each target: index, rows, and place relative to the mean of the other targets in these rows
-    series = [
-        (
-            target,
-            rows,
-            filled[rows, target] - (filled[rows].sum(axis=1) - filled[rows, target]) / (most_targets - 1),
-        )
-        for target, rows in enumerate(rows_of_target)
-        if len(rows) >= LEAST_ROWS
-    ]
+    series = _list_series_relative_to_others(places)
     if not series:
         return None
     changes = np.concatenate([np.diff(relative_place, axis=0) for _, _, relative_place in series])
     usual_scatter = estimate_coordinate_scale(np.linalg.norm(changes, axis=1)) / np.sqrt(2.0)
     degrees_of_freedom = 3.0 * len(changes) * (len(series) - 1) / len(series)
     limit = limit_factor * MODEL_ALLOWANCE * compute_norm_quantile(len(changes), degrees_of_freedom)
-    posture, best = np.round(joints / SAME_ANGLE), None
+    best = None
     for target, rows, relative_place in series:
         rows_before, shift = _find_most_significant_shift(relative_place)
         deviations = np.concatenate(
@@ -721,16 +702,60 @@ def find_step(places: FloatArray, joints: FloatArray, limit_factor: float = 1.0)
         if not ratio > (best.ratio if best else 1.0):
             continue
         # Within one posture, a step might be an error of the model in this posture.
-        if any(
-            len(np.unique(posture[part], axis=0)) < 2 for part in (rows[:rows_before], rows[rows_before:])
-        ):
+        if any(_is_within_one_posture(joints[part]) for part in (rows[:rows_before], rows[rows_before:])):
             continue
-        lengths = np.linalg.norm(np.delete(places[rows], target, axis=1) - places[rows, target, None], axis=2)
-        lengths = lengths[:, ~np.isnan(lengths).any(axis=0)]
-        change = np.abs(np.median(lengths[rows_before:], axis=0) - np.median(lengths[:rows_before], axis=0))
-        if change.max(initial=0.0) > SMALLEST_MOTION:
+        if _find_greatest_change_of_distance(places[rows], target, rows_before) > SMALLEST_MOTION:
             best = Step(target, int(rows[rows_before]), displacement, ratio)
     return best
+
+
+def _list_series_relative_to_others(places: FloatArray) -> list[tuple[int, IndexArray, FloatArray]]:
+    """Return a series for each target: its index, rows (k,), and places (k, 3) relative to the other targets.
+
+    A target that was read in too few rows has no series.
+
+    Args:
+        places: (N, T, 3) places in the flange frame [m]; NaN where a target was not measured.
+    """
+    was_read = ~np.isnan(places[..., 0])
+    target_count = was_read.sum(axis=1)
+    if len(places) < LEAST_ROWS or target_count.max() < 2:
+        return []
+    most_targets = target_count.max()
+    filled = np.where(was_read[..., None], places, 0.0)
+    # Only rows in which the greatest number of targets was read, so that the mean of the others is comparable
+    rows_of_target = [
+        np.flatnonzero(was_target_read & (target_count == most_targets)) for was_target_read in was_read.T
+    ]
+    # For each target: index, rows, and place relative to the mean of the other targets in these rows
+    return [
+        (
+            target,
+            rows,
+            filled[rows, target] - (filled[rows].sum(axis=1) - filled[rows, target]) / (most_targets - 1),
+        )
+        for target, rows in enumerate(rows_of_target)
+        if len(rows) >= LEAST_ROWS
+    ]
+
+
+def _is_within_one_posture(joints: FloatArray) -> bool:
+    """Return whether all rows (k, n) of joint angles [rad] are the same posture."""
+    return len(np.unique(np.round(joints / SAME_ANGLE), axis=0)) < 2
+
+
+def _find_greatest_change_of_distance(places: FloatArray, target: int, rows_before: int) -> float:
+    """Return the greatest change of a distance to another target from before a step to after it [m].
+
+    Args:
+        places: (k, T, 3) places in the flange frame [m]; NaN where a target was not measured.
+        target: index of the target.
+        rows_before: number of rows before the step.
+    """
+    lengths = np.linalg.norm(np.delete(places, target, axis=1) - places[:, target, None], axis=2)
+    lengths = lengths[:, ~np.isnan(lengths).any(axis=0)]
+    change = np.abs(np.median(lengths[rows_before:], axis=0) - np.median(lengths[:rows_before], axis=0))
+    return float(change.max(initial=0.0))
 
 
 def _find_most_significant_shift(places: FloatArray) -> tuple[int, FloatArray]:
