@@ -10,7 +10,7 @@ describe("a note", () => {
     ["The readings cannot show play of up to 1 mrad in the gears (and 3 more, in `causes`).", true],
     ["If N and kgf were confused, every stiffness would be wrong, and no reading would show it.", true],
     ["Each posture was read only once without load, so a deflection that remains is not detected.", true],
-    ["The geometry of robot, frames and targets, and the joint angles, cannot be checked.", true],
+    ["The joint angles and the geometry of robot, frames and targets cannot be checked.", true],
     ["The load point is assumed to be known to ±10 mm.", false],
     ["After unloading, the targets return to within 3 µm; 2 % of the deflection remains (u = 1 %).", false],
   ])("%s: unseen %s", (note, unseen) => expect(isUnseen(note)).toBe(unseen));

@@ -68,6 +68,7 @@ PATIENCE_SECONDS: Final = 60.0
 _FIRST_PAUSE: Final = 0.2
 _LONGEST_PAUSE: Final = 2.0
 _POLL_SECONDS: Final = 0.2
+_NOT_FOUND: Final = 404
 _WAIT_QUERY: Final = MappingProxyType({"wait": "1"})
 
 Document = Message | Mapping[str, Any]
@@ -324,13 +325,22 @@ class Client(Verbs):
         return tables, {name: self.file(job, "program", {"file": name}) for name in file_names}
 
     def read_campaign(self, job: Run | Plan) -> Campaign | None:
-        """Return the campaign of a run, or the campaign that a plan continues; None if a plan begins one.
+        """Return the campaign of a run, or the campaign that a plan continues.
 
-        Robot and readings come from the service; the options are those of the run.
+        Robot and readings come from the service; the options are those of the run. The result is None if a
+        plan begins a campaign, or if the campaign that a plan continues was deleted.
+
+        Raises:
+            RefusedError: the service refuses, does not answer, or has deleted the campaign of a run.
         """
         if job.request.measurement_set_id is None:
             return None
-        stored = self.measurement_sets.get(job.request.measurement_set_id)
+        try:
+            stored = self.measurement_sets.get(job.request.measurement_set_id)
+        except RefusedError as refused:
+            if isinstance(job, Run) or refused.problem.status != _NOT_FOUND:
+                raise
+            return None
         robot = self.robots.get(stored.robot_id)
         # The service's messages have more fields, such as an id, than the documents of a campaign file.
         stored_and_document = ((robot, RobotDocument), (stored, MeasurementSetDocument))

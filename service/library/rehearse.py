@@ -180,7 +180,7 @@ def _read_plan(plan: Plan, robot: Any) -> tuple[Campaign, RunResult | None]:  # 
     options = {"causes": request.causes, "leave_out": request.leave_out}
     continued = continued.model_copy(update={"run": continued.run.model_copy(update=options)})
     measured = None
-    # readings that determine no stiffness: plausible ones are planted
+    # If the readings determine no stiffness, plausible stiffnesses are planted.
     with suppress(CampaignError):
         measured = Here().identify(continued).result
     with as_campaign_error("robot"):

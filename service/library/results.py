@@ -507,8 +507,7 @@ class TabledRun(PresentedJob, Run):
                 "the run has no reference to its campaign",
                 where="run",
                 remedy="use a run that `jointstiff.identify` returned, or a run that the client of its "
-                "service "
-                "returned",
+                "service returned",
             )
         return Campaign.from_message(campaign)
 

@@ -64,8 +64,8 @@ def _make_deflection_table(result: ComparisonResult) -> Table:
         name = entry.method.replace("_", " ")
         if entry.weighting != "covariance":
             name += f", {entry.weighting.replace('_', ' ')}"
-        # A method run without and with the order constraint has two entries: the constrained entry is the
-        # last, and replaces the other.
+        # A method with and without the constraint of positive stiffness has two entries: the constrained
+        # entry is the last, and replaces the other.
         explained = entry.compensation
         methods.setdefault(name, {})[entry.side] = (
             NO_NUMBER if explained is None else f"{100 * explained:.1f} %"

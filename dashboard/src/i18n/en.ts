@@ -319,7 +319,8 @@ export const en = {
         return `${omitted} ${some(causes.map(({ name }) => causeNames[name] ?? name))} with the joints`;
       },
       convert_units: ({ unit }) => `Read the numbers in ${unit ?? "another unit"} and repeat`,
-      exchange_readings: () => "Exchange unloaded and loaded and repeat",
+      exchange_readings: ({ targets }) =>
+        `Exchange unloaded and loaded${targets?.length ? ` of ${some(targets)}` : ""} and repeat`,
       choose_model: () => "Choose the model by the readings",
       choose_robot: ({ robot }) => `Choose another robot: ${robot ?? ""}`,
       show_posture: () => "Show the posture",

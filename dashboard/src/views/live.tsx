@@ -142,7 +142,9 @@ function Campaign({ set, robot, state }: { set: OpenSet; robot: Robot; state: Li
           <h2>{words.doubtful(doubted)}</h2>
           <p>
             <Prose
-              text={sentence([message ?? "", ...causes.filter((cause) => !message?.includes(cause))].join("; "))}
+              text={sentence(
+                [message, ...causes.filter((cause) => !message?.includes(cause))].filter(Boolean).join("; "),
+              )}
             />
           </p>
           <div class="row">

@@ -40,6 +40,26 @@ it("offers what removes two reasons once, with the first of them", async () => {
   expect([first, second]).toEqual([1, 0]);
 });
 
+it.each([
+  [[], "Exchange unloaded and loaded and repeat"],
+  [["P10", "P12"], "Exchange unloaded and loaded of P10, P12 and repeat"],
+])("names the targets whose readings are exchanged: %j", async (targets, label) => {
+  const empty = { observations: [], joints: [], joint_map: [], offset: [], target: null, causes: [], unit: null };
+  const reason = {
+    code: "deflection_against_force",
+    weight: "do_not_use",
+    where: null,
+    observation: null,
+    message: "readings are exchanged",
+    remedy: "exchange the readings",
+    action: { ...empty, kind: "exchange_readings", targets },
+  };
+  const assessment = { verdict: "do_not_use", reasons: [reason], notes: [], headline: null } as unknown as Assessment;
+  const context = { run: { id: "r" } as Run } as RunContext;
+  const root = await drawn(<VerdictCard assessment={assessment} context={context} />);
+  expect(root.querySelector("ul > li button")?.textContent).toBe(label);
+});
+
 it("offers each unit of force that is plausible on a button of its own", async () => {
   const empty = { observations: [], joints: [], joint_map: [], offset: [], target: null, causes: [] };
   const plausible = (unit: "kgf" | "lbf") => ({

@@ -244,6 +244,21 @@ def test_the_same_campaign_is_stored_once_and_again_where_it_was_deleted(service
         assert [each.id for each in client.measurement_sets.list(robot_id=stored.robot_id)] == [anew.id]
 
 
+def test_a_plan_is_saved_and_rehearsed_after_its_campaign_was_deleted(service, campaign, tmp_path):
+    with Client(service.url) as client:
+        planned = client.plan(campaign, readings=4, candidates=100)
+        client.plans.delete(planned.id)
+        robot_id = client.measurement_sets.get(planned.request.measurement_set_id).robot_id
+        for run in client.runs.list(robot_id=robot_id):
+            client.runs.delete(run.id)
+        client.measurement_sets.delete(planned.request.measurement_set_id)
+        planned.save(tmp_path / "plan.json")
+        assert js.load(tmp_path / "plan.json").result == planned.result
+        assert js.rehearse(planned, robot=campaign, seed=1).postures == 12
+        with pytest.raises(Exception, match="the plan does not have the campaign that it continues"):
+            js.rehearse(planned)
+
+
 @pytest.mark.parametrize(
     ("key", "environment", "sent"),
     [
