@@ -169,7 +169,7 @@ export function capOf({ status, verdict }: JointResult): Usability | null {
 interface ShownStiffness {
   /** The value, of a prismatic joint with its unit, or null where there is none. */
   value: string | null;
-  /** Half of the interval after ±; where there is no interval, the standard uncertainty after u. */
+  /** Half of the interval after ±; without an interval, or with one that lies to one side, the standard uncertainty after u. */
   uncertainty: string | null;
   /** Null for an end that is open. */
   interval: { low: string; high: string | null } | null;
@@ -190,7 +190,11 @@ export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownSt
   const [low, high] = intervalIn(joint.stiffness_interval, unit, kind);
   const limit = lowerLimit(joint);
   const half = low === null || high === null ? null : (high - low) / 2;
-  const known = change === null || open ? null : half === null ? `u\u00a0${show(change)}` : `±\u00a0${show(half)}`;
+  const middle =
+    half === null || joint.stiffness === null ? null : (low ?? 0) + half - inUnit(joint.stiffness, unit, kind);
+  const aside = half !== null && middle !== null && Math.abs(middle) > 0.1 * half;
+  const known =
+    change === null || open ? null : half === null || aside ? `u\u00a0${show(change)}` : `±\u00a0${show(half)}`;
   return {
     value: joint.stiffness === null ? null : `${show(inUnit(joint.stiffness, unit, kind))}${beside}`,
     uncertainty: known,
