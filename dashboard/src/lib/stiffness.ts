@@ -190,11 +190,8 @@ export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownSt
   const [low, high] = intervalIn(joint.stiffness_interval, unit, kind);
   const limit = lowerLimit(joint);
   const half = low === null || high === null ? null : (high - low) / 2;
-  const middle =
-    half === null || joint.stiffness === null ? null : (low ?? 0) + half - inUnit(joint.stiffness, unit, kind);
-  const aside = half !== null && middle !== null && Math.abs(middle) > 0.1 * half;
-  const known =
-    change === null || open ? null : half === null || aside ? `u\u00a0${show(change)}` : `±\u00a0${show(half)}`;
+  const even = half !== null && Math.abs((low ?? 0) + half - inUnit(joint.stiffness ?? 0, unit, kind)) < 0.1 * half;
+  const known = change === null || open ? null : even ? `±\u00a0${show(half)}` : `u\u00a0${show(change)}`;
   return {
     value: joint.stiffness === null ? null : `${show(inUnit(joint.stiffness, unit, kind))}${beside}`,
     uncertainty: known,
