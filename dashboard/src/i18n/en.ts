@@ -251,7 +251,7 @@ export const en = {
     stiffnessNote: (level: string) =>
       `Point: estimate. Bar: ${level} interval. Arrow: no upper limit. Logarithmic axis.`,
     stiffnessIn: (unit: string) => `Joints in ${unit}.`,
-    half: (level: string) => `±: half of the ${level} interval, u: standard uncertainty.`,
+    half: (level: string) => `±: half of the ${level} interval.`,
     beside: (positive: boolean) => (positive ? "Show constrained beside" : "Show unconstrained beside"),
     joint: "Joint",
     value: "Stiffness",
