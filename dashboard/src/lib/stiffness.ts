@@ -190,7 +190,8 @@ export function shownStiffness(joint: JointResult, unit: StiffnessUnit): ShownSt
   const [low, high] = intervalIn(joint.stiffness_interval, unit, kind);
   const limit = lowerLimit(joint);
   const half = low === null || high === null ? null : (high - low) / 2;
-  const even = half !== null && Math.abs((low ?? 0) + half - inUnit(joint.stiffness ?? 0, unit, kind)) < 0.1 * half;
+  const even =
+    half !== null && Math.abs((low as number) + half - inUnit(joint.stiffness as number, unit, kind)) < half / 10;
   const known = change === null || open ? null : even ? `±\u00a0${show(half)}` : `u\u00a0${show(change)}`;
   return {
     value: joint.stiffness === null ? null : `${show(inUnit(joint.stiffness, unit, kind))}${beside}`,
