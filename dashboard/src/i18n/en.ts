@@ -320,7 +320,7 @@ export const en = {
       },
       convert_units: ({ unit }) => `Read the numbers in ${unit ?? "another unit"} and repeat`,
       exchange_readings: ({ targets }) =>
-        `Exchange unloaded and loaded${targets ? ` of ${some(targets)}` : ""} and repeat`,
+        `Exchange unloaded and loaded${targets?.[0] ? ` of ${some(targets)}` : ""} and repeat`,
       choose_model: () => "Choose the model by the readings",
       choose_robot: ({ robot }) => `Choose another robot: ${robot ?? ""}`,
       show_posture: () => "Show the posture",
