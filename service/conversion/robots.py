@@ -133,8 +133,7 @@ def refuse_far_point(point: Sequence[float] | None, where: str, *, length: float
             "plausible",
             where=where,
             remedy="check the unit of the point; for a longer tool, put the flange of the robot's model on "
-            "the "
-            "tool",
+            "the tool",
         )
 
 

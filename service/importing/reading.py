@@ -55,8 +55,7 @@ _U95: Final[Mapping[_Uncertainty, str]] = MappingProxyType(
         "point": (
             "U(95) was read as the expanded uncertainty of each point, that is the root of the sum of the "
             "squares for x, y and z: σ = U/(1.96 √3); the σ of a reading is the root mean square over its "
-            "two "
-            "positions"
+            "two positions"
         ),
     }
 )

@@ -409,8 +409,7 @@ class LiveCampaign:
         if check is not None:
             lines.append(
                 f"Held-out reading {check.label}: {length_text(check.distance)} from its "
-                f"prediction, {check.ball_ratio:.2f} of the distance within which 90 % of good readings "
-                "lie."
+                f"prediction, {check.ball_ratio:.2f} of the distance within which 90 % of good readings lie."
             )
         for standing, phrase in _PRIOR_PHRASES.items():
             joints = [name for name, each in self.progress.prior_standings.items() if each == standing]

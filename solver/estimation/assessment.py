@@ -790,8 +790,7 @@ def _report_freedom(measurements: Measurements, estimate: Estimate, *, known: bo
             code="residuals_vanish",
             weight="use_with_care",
             message=f"the residuals give a standard uncertainty of {length_text(sigma)} per reading, but "
-            "for a "
-            f"tracker at least {length_text(LEAST_SIGMA)} is plausible: these readings are computed, "
+            f"for a tracker at least {length_text(LEAST_SIGMA)} is plausible: these readings are computed, "
             "not measured, so the uncertainties are meaningless",
             remedy=f"state `noise` from the tracker's data sheet; {PAST_CARE}",
         )
@@ -1008,8 +1007,7 @@ def _report_links(prediction: Prediction, screening: Screening | None) -> Iterat
             "distinguish a rotation of the base about the first axis from a rotation of joint 1; the "
             "stiffnesses of the other joints do not include the base",
             remedy="tighten and stiffen the base, or use the stiffnesses of joints and base together; a "
-            "target "
-            "on the base plate shows directly how the base moves",
+            "target on the base plate shows directly how the base moves",
         )
     elif prediction.bending == "links":
         yield Finding(

@@ -1290,8 +1290,7 @@ def inspect_encoders(view: View) -> Iterator[Finding]:
         yield view.build_finding(
             "encoder_against_torque",
             f"the encoder of {joint_names[joint]} shows {1e6 * encoders.deflection[worst, joint]:.3g} "
-            "µrad, opposite to "
-            f"the torque of {figure(torque[worst, joint])} N.m, in {len(rows)} of "
+            f"µrad, opposite to the torque of {figure(torque[worst, joint])} N.m, in {len(rows)} of "
             f"{int(encoders.present[:, joint].sum())} readings",
             "check that the encoder has the sign of the model's joint, not of the controller's; check "
             "the signs of the force; check that unloaded and loaded readings are not exchanged",

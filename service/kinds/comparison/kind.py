@@ -96,8 +96,7 @@ def _list_ratio_parts(result: ComparisonResult, unit: StiffnessUnit) -> list[Par
             ],
             title=f"Two sides, {METHOD_NAMES[first_run.method]}" if is_same_method else "Two sides",
             caption=f"{unit.quantity} in {unit.label_of(first_run.joints)} with its standard "
-            "uncertainty; ratio "
-            "of the stiffnesses, second to first; p: p-value of equal stiffnesses",
+            "uncertainty; ratio of the stiffnesses, second to first; p: p-value of equal stiffnesses",
         ),
         *joint_reason_lines((joint.name, joint.reason) for joint in joints),
     ]
