@@ -579,7 +579,6 @@ class Machine:
         name = place.qualify(op.name)
         self._shared |= {name} if op.shared or kind == "shared" else set()
         self._stored |= {name} if kind == "shared" else set()
-        self._fixed |= {name} if op.declares == "constant" else set()
         if op.private and not self._language.is_own(name):
             self._private.add(_get_structure_name(name))
         content = self._evaluate(place, name, op.value, {})
@@ -588,8 +587,10 @@ class Machine:
             fields = self._initial_fields.get(structure, ())
             if all(known != (ending, content) for known in fields):
                 fields = (*fields, (ending, content))
-                self._initial_fields[structure] = self._shared_fields.setdefault(fields, fields)
+                # the name of the position itself, of which there is one copy
+                self._initial_fields[intern(structure)] = self._shared_fields.setdefault(fields, fields)
             return
+        self._fixed |= {name} if op.declares == "constant" else set()
         if self._initial.setdefault(name, content) != content:
             self._initial[name] = place.make_cause(f"{name} is declared twice")
         if kind == "constant" and not self._language.is_own(name):

@@ -6,6 +6,7 @@ Source: docs/method.md section 12.
 from __future__ import annotations
 
 import re
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -196,7 +197,7 @@ def _find_nearest_angles(rotations: FloatArray, near: FloatArray) -> FloatArray:
 
 _MOST_BLANKS: Final = 32
 """Most blanks before a number that are used to keep columns aligned."""
-_BLOCK_LENGTH: Final = 1 << 20
+_BLOCK_LENGTH: Final = 1 << 16
 """Characters whose numbers are held as texts at a time."""
 Places: TypeAlias = npt.NDArray[np.int32]
 """Places in a text; 32 bits are enough, because programs are limited in size."""
@@ -219,19 +220,20 @@ class Numerals:
     def from_text(cls, text: str, pattern: str) -> Numerals:
         r"""Find the numbers in a text without `\0` by a pattern; no number spans two lines."""
         split = re.compile(f"({pattern})").split
-        values, spans, masked, begin = [np.zeros(0)], [np.zeros((0, 2), dtype=np.int32)], [], 0
+        # Growing arrays: many small ones would leave gaps in the memory, as large as the numbers themselves.
+        values, starts, ends, masked, begin = array("d"), array("i"), array("i"), list[str](), 0
         while begin < len(text):
             end = text.find("\n", begin + _BLOCK_LENGTH) + 1 or len(text)
             pieces = split(text[begin:end])  # text, number, text, number, …, text
-            values.append(_parse_numbers(pieces[1::2]))
-            ends = begin + np.cumsum(
-                np.fromiter(map(len, pieces), dtype=np.int32, count=len(pieces)), dtype=np.int32
-            )
-            spans.append(ends[:-1].reshape(-1, 2))
+            values.frombytes(_parse_numbers(pieces[1::2]).tobytes())
+            lengths = np.fromiter(map(len, pieces), dtype=np.int32, count=len(pieces))
+            piece_ends = begin + np.cumsum(lengths, dtype=np.int32)
+            starts.frombytes(piece_ends[:-1:2].tobytes())
+            ends.frombytes(piece_ends[1::2].tobytes())
             masked.append("\0".join(pieces[::2]))
             begin = end
-        starts, ends = (np.concatenate([each[:, i] for each in spans]) for i in (0, 1))
-        return cls(np.concatenate(values), starts, ends, "".join(masked))
+        numbers, *places = (np.asarray(memoryview(each)) for each in (values, starts, ends))
+        return cls(numbers, *places, "".join(masked))
 
     def masked_texts(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
         """Return k parts of the text, with NUL in place of each number.
