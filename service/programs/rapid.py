@@ -488,10 +488,12 @@ def _split_arguments(
 
 
 _ENDS: Final = re.compile(
+    # its first characters come before all else, so that the search passes quickly over all others
+    r"(?=[\"!%;:<BDEFMPTUbdefmptu])(?:"
     r"\"[^\"\r\n]*+\"|![^\r\n]*+|%%%[^%;!]*+%%%|(?i:(;|:(?!=)|<(?:SMT|DDN|TDN|RDL|EIT|CSE)>"
     r"|\b(?:THEN|DO|ELSE|END(?:IF|FOR|WHILE|TEST|PROC|FUNC|TRAP|MODULE|RECORD))\b"
     r"|(?<![\w\\.])(?:ERROR|UNDO|BACKWARD)\b(?!\s*+:?=)(?:\s*+\([^()]*\))?"
-    r"|\b(?:PROC|FUNC\s++\w++)\s++\w++\s*+\([^()]*\)|\bTRAP\s++\w++|\bMODULE\s++\w++(?:\s*+\([^()]*\))?))"
+    r"|\b(?:PROC|FUNC\s++\w++)\s++\w++\s*+\([^()]*\)|\bTRAP\s++\w++|\bMODULE\s++\w++(?:\s*+\([^()]*\))?)))"
 )
 """End of a statement; texts and comments match without group 1, because no statement ends in them."""
 
