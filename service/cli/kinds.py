@@ -80,7 +80,7 @@ _ARGUMENTS: Final[Mapping[str, Mapping[str, Any]]] = {
             cli.file_argument(
                 "PROGRAM",
                 "Robot program, or CSV table of poses; for KUKA, the .src and its .dat, for ABB, the "
-                "modules of the task.",
+                "modules of the task, for FANUC, the .LS and those that it calls.",
             ),
         ]
     },

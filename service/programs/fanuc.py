@@ -1,9 +1,10 @@
-"""Programs of FANUC (.LS, ASCII of TP), translated: /MN and /POS."""
+"""Programs of FANUC (.LS, ASCII of TP), with programs that they call, translated: /MN and /POS."""
 
 from __future__ import annotations
 
 import re
 from array import array
+from collections.abc import Collection
 from itertools import islice
 from typing import Final, TypeAlias
 
@@ -39,7 +40,7 @@ _HARMLESS: Final = (
     r"|(?:WAIT|OVERRIDE=|LINEAR_MAX_SPEED=|\$(?:WAITTMOUT|RMT_MASTER|SVPRG_ENB|UALRM_SEV\[\0\])="
     r"|\$[\w$.\[\]\0]*(?:OVERRIDE|SPEED|TIMER_VAL)=) ?(.+?)"
     r"(?:\(sec\)| ?sec| ?%|(?<=ON)[+-]|(?<=OFF)[+-])?"
-    r"|(?:PAUSE|ABORT|END|MESSAGE|REMARK|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+|(?:UN)?LOCK PREG)"
+    r"|(?:PAUSE|ABORT|MESSAGE|REMARK|STOP_TRACKING|COL DETECT (?:ON|OFF)|-+|(?:UN)?LOCK PREG)"
     r"|TC_ONLINE(?: (?:EN|DIS)ABLE| ?(\(.+\)))?|CLEAR_RESUME_PROG|RETURN_PATH_DSBL"
     r"|(?:PAYLOAD|UALM|DIAG_REC)\[(.*)\]|COL GUARD ADJUST(?: ?(.+))?"
     r"|U(?:FRAME|TOOL)_NUM\[GP[2-9](?:,GP[2-9])*\]=(.+)"  # frames of other groups
@@ -410,12 +411,29 @@ _SECOND_POSITION: Final = re.compile(r"\s*+P\s*+\[")
 
 
 def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
-    """Add the positions and the instructions of a .LS file to a machine.
+    """Add a .LS file to a machine, and those of the programs that it calls, whose moves are not corrected.
 
     Raises:
         ProgramError: a section is missing or misplaced, or a line is not in the controller's form.
     """
-    source = sources[0]
+    machine.own_names = frozenset({"P"})  # each program has positions of its own
+    for index, source in enumerate(sources):
+        section_ends, spans = _find_instructions(machine, index, source)
+        if not index:
+            end = section_ends["END"] - len("/END")
+            positions = _find_positions(machine, source, section_ends["POS"], end)
+            machine.add_statements(0, *positions, translate=_POSITION_LANGUAGE.translate)
+        machine.add_statements(index, *_spans_to_arrays(spans))
+        if not index:
+            _note_conveyor(machine, source.text, section_ends["MN"])
+
+
+def _find_instructions(machine: Machine, index: int, source: Source) -> tuple[dict[str, int], array[int]]:
+    """Return the places behind the heads of sections, and the spans of instructions, heads of /PROG and /POS.
+
+    Raises:
+        ProgramError: a section is missing or misplaced.
+    """
     section_ends, section = dict[str, int](), ""  # index behind the head of each section; present section
     spans = array("q")  # first, and last + 1 character of each instruction
     for line, (start, end) in enumerate(
@@ -427,29 +445,32 @@ def read_fanuc(machine: Machine, sources: tuple[Source, ...]) -> None:
             if occurs_twice or _SECTION_ORDER.index(match[1]) < max(
                 map(_SECTION_ORDER.index, section_ends), default=0
             ):
-                machine.refuse(
-                    line, f"the section /{match[1]} occurs twice or in the wrong place", "send one program"
-                )
+                reason = f"the section /{match[1]} occurs twice or in the wrong place"
+                machine.refuse(line, reason, "send each program as a file of its own", index)
             section = match[1]
             section_ends[section] = start + len(text)
+            if section in {"PROG", "POS"} and "PROG" in section_ends:
+                spans.extend((start, start + len(text)))
         elif section == "END" and text.strip():
-            machine.refuse(line, "there is text after /END", "send one program")
+            machine.refuse(line, "there is text after /END", "send each program as a file of its own", index)
         elif section == "MN" and text.strip():
-            _add_instruction(machine, spans, start, text)
-    if not section_ends.keys() >= {"MN", "POS"}:
+            _add_instruction(source, spans, start, text)
+    _check_sections(machine, index, section_ends)
+    return section_ends, spans
+
+
+def _check_sections(machine: Machine, index: int, section_ends: Collection[str]) -> None:
+    """Check that a file has all of its sections.
+
+    Raises:
+        ProgramError: a section is missing.
+    """
+    if not {"MN", "POS"} <= set(section_ends):
         remedy = "write the program as ASCII (.LS), not as binary (.TP)"
-        machine.refuse(None, "the file lacks the section /MN or /POS", remedy)
+        machine.refuse(None, "the file lacks the section /MN or /POS", remedy, index)
     if "END" not in section_ends:
-        machine.refuse(
-            None,
-            "the file lacks /END: its end may have been cut off",
-            "send the whole program",
-        )
-    end = section_ends["END"] - len("/END")
-    positions = _find_positions(machine, source, section_ends["POS"], end)
-    machine.add_statements(0, *positions, translate=_POSITION_LANGUAGE.translate)
-    machine.add_statements(0, *_spans_to_arrays(spans))
-    _note_conveyor(machine, source.text, section_ends["MN"])
+        reason = "the file lacks /END: its end may have been cut off"
+        machine.refuse(None, reason, "send the whole program", index)
 
 
 def _note_conveyor(machine: Machine, text: str, end: int) -> None:
@@ -465,7 +486,7 @@ def _spans_to_arrays(spans: array[int]) -> tuple[IndexArray, IndexArray]:
     return starts, ends
 
 
-def _add_instruction(machine: Machine, spans: array[int], start: int, text: str) -> None:
+def _add_instruction(source: Source, spans: array[int], start: int, text: str) -> None:
     """Add the span of a line of /MN to `spans`; a line without a number continues the line before it.
 
     A line that is not in the controller's form is a statement of its own, which is not understood.
@@ -479,7 +500,7 @@ def _add_instruction(machine: Machine, spans: array[int], start: int, text: str)
     body = head.end() if head else 0
     if text[body:].lstrip().startswith(("!", "//", "--")):
         return
-    last = machine.sources[0].text[spans[-2] : spans[-1]].rstrip() if spans else ";"
+    last = source.text[spans[-2] : spans[-1]].rstrip() if spans else ";"
     if not (head and head[1]) and not last.endswith(";"):
         spans[-1] = start + len(text)
     else:
@@ -529,6 +550,10 @@ LANGUAGE: Final = ir.Language(
     is_reached=lambda name: name in {"UFRAME_NUM", "UTOOL_NUM"},
     lasting="",  # offsets, tracking, soft float: what is not understood may last
     rules=(
+        (r"/PROG @{name}.*", "routine"),
+        (r"/POS.*", "end"),
+        # Behind the end are positions that people use by hand: what follows may run, too.
+        (r"END", lambda _: [ir.Flow("if"), ir.Flow("return"), ir.Flow("close")]),
         (r"(?P<letter>[JLCAS]) P\[\0\] ?(?P<second>P\[\0\] ?)?(?P<tail>.*)", _translate_move),
         (r"[JL] PAL_\w+\[\w+\] ?(?P<tail>.*)", _translate_pallet_move),
         (rf"{_KINDS} (?:End|END)", lambda line: [ir.end_lasting(line["kind"])]),

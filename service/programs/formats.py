@@ -24,7 +24,7 @@ MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
 MAX_LINES: Final = 2_000_000
 MAX_LINE: Final = 4096
 """Characters of a line."""
-_MOST_FILES: Final = {"krl": MAX_FILES - 1, "rapid": MAX_FILES - 1}
+_MOST_FILES: Final = dict.fromkeys(("krl", "rapid", "fanuc"), MAX_FILES - 1)
 """Most files of a program, by its format; one in other formats."""
 _UNSUPPORTED_SUFFIXES: Final = {".nc", ".cnc", ".mpf", ".apt", ".cls", ".aptsource", ".gcode"}
 MARK: Final = "Jointstiff run "
@@ -50,7 +50,8 @@ def read_program(
 
     Args:
         files: names and bytes of the files, first the one whose moves are corrected: for KUKA a .src, its
-            .dat, $config.dat and files with its routines and points; for ABB the modules of a task.
+            .dat, $config.dat and files with its routines and points; for ABB the modules of a task;
+            for FANUC the .LS and those of the programs that it calls.
         name: name of the format, one of FORMATS; if None, the first file's name decides.
         leave_alone: names of routines that neither move the robot nor change its frames.
         leave_others: whether moves that are not certain are kept unchanged; if not, they raise an error.
@@ -74,7 +75,8 @@ def read_program(
         _refuse(files[0][0], None, reason, f"give `format`: one of {', '.join(FORMATS)}")
     if len(files) > _MOST_FILES.get(chosen, 1):
         remedy = (
-            "send one program: for KUKA a .src with its .dat and $config.dat, for ABB the modules of one task"
+            "send one program: for KUKA a .src with its .dat and $config.dat, for ABB the modules of one "
+            "task, for FANUC the .LS and those that it calls"
         )
         _refuse(files[-1][0], None, "more files were sent than one program has", remedy)
     if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:

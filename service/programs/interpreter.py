@@ -1026,11 +1026,16 @@ class Machine:
         content: Content = place.qualify(value.name)
         if "\0" in content:
             return place.make_cause("the number of a frame is not a whole number")
-        if isinstance(value, ir.Copy):
-            # The other name is looked up, and with `through` also the name that the other name holds.
-            for _ in range(2 if value.through else 1):
-                if isinstance(content, str):
-                    content, _line = self._look_up(state, content)
+        return self._follow_copy(value, content, state) if isinstance(value, ir.Copy) else content
+
+    def _follow_copy(self, value: ir.Copy, content: Content, state: State) -> Content:
+        """Return the content of a copied name in a state; with `through`, of the name that it holds."""
+        for _ in range(2 if value.through else 1):
+            if isinstance(content, str):
+                content, _line = self._look_up(state, content)
+        # The number that is active may be that of a frame whose numbers change.
+        if value.through and isinstance(content, str) and self._language.is_frame(content):
+            content, _line = self._look_up(state, content)
         return content
 
     def _look_up(self, state: State, name: str) -> tuple[Content, int]:

@@ -232,8 +232,8 @@ class Numerals:
             ends.frombytes(piece_ends[1::2].tobytes())
             masked.append("\0".join(pieces[::2]))
             begin = end
-        numbers, *places = (np.asarray(memoryview(each)) for each in (values, starts, ends))
-        return cls(numbers, *places, "".join(masked))
+        numbers, first, last = (np.asarray(memoryview(each)) for each in (values, starts, ends))
+        return cls(numbers, first, last, "".join(masked))
 
     def masked_texts(self, starts: IndexArray, ends: IndexArray) -> tuple[Iterator[str], IndexArray]:
         """Return k parts of the text, with NUL in place of each number.

@@ -250,7 +250,7 @@ HELP = {
     "compensate": [
         "Compensate a program for the deflection under load.",
         "PROGRAM <list[Path]> Robot program, or CSV table of poses; for KUKA, the .src and its .dat, for "
-        "ABB, the modules of the task. [required]",
+        "ABB, the modules of the task, for FANUC, the .LS and those that it calls. [required]",
         "--accuracy-option <off|same_as_measured|compensates_load> Accuracy option of the controller: `off`; "
         "`same_as_measured`: on, as in the campaign; `compensates_load`: refused, because the load "
         "would be compensated twice.",

@@ -276,12 +276,15 @@ def test_a_line_of_4096_characters_is_read():
     assert len(read("a.src", line[:4096]).moves) == 1
 
 
-@pytest.mark.parametrize(("suffix", "most"), [("script", 1), ("LS", 1), ("csv", 1), ("src", 12), ("mod", 12)])
+@pytest.mark.parametrize(
+    ("suffix", "most"), [("script", 1), ("csv", 1), ("LS", 12), ("src", 12), ("mod", 12)]
+)
 def test_more_files_than_a_program_of_a_language_has_are_refused(suffix, most):
     with pytest.raises(ProgramError) as refused:
         list_moves([(f"{i}.{suffix}", b"") for i in range(most + 1)])
     remedy = (
-        "send one program: for KUKA a .src with its .dat and $config.dat, for ABB the modules of one task"
+        "send one program: for KUKA a .src with its .dat and $config.dat, for ABB the modules of one task, "
+        "for FANUC the .LS and those that it calls"
     )
     assert str(refused.value) == f"'{most}.{suffix}': more files were sent than one program has; {remedy}"
 
