@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import re
 from array import array
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, ReadMove, quote_text
-from jointstiff.service.programs.language import Move
+from jointstiff.service.programs.language import Language, Move
 from jointstiff.service.programs.notation import Numerals
+from jointstiff.service.programs.own_numbers import copy_numbers, find_name
 from jointstiff.service.programs.program import (
     BLOCK,
     NUMBERS,
@@ -21,6 +23,7 @@ from jointstiff.service.programs.program import (
     Literal,
     Motion,
     Moves,
+    OwnNumbers,
     Program,
     Remark,
     Source,
@@ -107,10 +110,24 @@ class Columns:
     """Targets and moves of a program while it is interpreted, and the moves that are left."""
 
     def __init__(
-        self, kind: str, sources: tuple[Source, ...], numerals: Sequence[Numerals], *, ignores_case: bool
+        self,
+        kind: str,
+        sources: tuple[Source, ...],
+        numerals: Sequence[Numerals],
+        language: Language,
+        own: Sequence[OwnNumbers] = (),
     ) -> None:
-        """Begin without targets; `ignores_case` if the case of letters does not matter in the language."""
-        self._format, self._sources, self._numerals, self._folded = kind, sources, numerals, ignores_case
+        """Begin without targets.
+
+        Args:
+            kind: name of the program's format.
+            sources: files of the program, with own numbers of moves in place of names.
+            numerals: numbers of each file.
+            language: language of the format.
+            own: these own numbers of moves; their declarations stay as they are.
+        """
+        self._format, self._sources, self._numerals, self._language = kind, sources, numerals, language
+        self._own = tuple(own)
         self.spelled: dict[str, str] = {}  # names as the program writes them
         self._remarks: list[Remark] = []
         self._left: list[tuple[ReadMove, Cause]] = []
@@ -125,6 +142,7 @@ class Columns:
         self._moves = array("q")  # rows of line, motion, count of visits up to the end
         self._visits = array("q")  # indices of the targets of all moves
         self._target_causes: dict[int, Cause] = {}  # targets whose numbers have to stay, and why
+        self._unfit: set[int] = set()  # those of them whose numbers themselves are the cause
         # base and tool, by index of the target and line, of moves in other frames than the first move
         self._other_frames: dict[tuple[int, int], tuple[int, int]] = {}
 
@@ -134,7 +152,7 @@ class Columns:
         def find_spelling(match: re.Match[str]) -> str:
             """Return the spelling of one name in the text after the line; store it for other lines."""
             name = match[0]
-            if name[0] != "'" and self._folded and name not in self.spelled:
+            if name[0] != "'" and self._language.ignores_case and name not in self.spelled:
                 start = self._sources[source].starts[max(line - 1, 0)]
                 following = self._sources[source].text[start : start + _SEARCHED_LENGTH]
                 spelling = re.search(rf"(?<!\w){name}(?!\w)", following, re.IGNORECASE)
@@ -216,6 +234,8 @@ class Columns:
         if unknown:
             self._target_causes.setdefault(index, unknown)
             return
+        if target.label in {each.label for each in self._own}:  # its declaration stays as it is
+            return
         name = quote_text(_get_plain_name(target.label))
         text = (
             f"the move ends at an offset from {name}, so the end of the move shifts with the correction "
@@ -293,29 +313,112 @@ class Columns:
         key = role, frame.name if frame.pose is None else frame.pose.tobytes()
         return self._frames.setdefault(key, (len(self._frames), frame))[0]
 
-    def build_program(
-        self, used: Mapping[str, int], causes: Sequence[Cause], external_axes: ExternalAxes
-    ) -> Program:
-        """Return the program of the targets and moves that were added.
+    def keep_numbers(self, target: WrittenNumbers, cause: Cause, line: int) -> None:
+        """Note why the numbers of a target, which is used on a line, have to stay as they are."""
+        self._target_causes.setdefault(self._index_target(target, None, line), cause)
+
+    def list_own_numbers(
+        self, used: Mapping[str, int], external_axes: ExternalAxes
+    ) -> tuple[OwnNumbers, ...]:
+        """Return the own numbers that moves need because the declaration of their target has to stay.
 
         Args:
             used: line of use of each name whose numbers are used for something else than targets.
-            causes: causes why statements are not understood.
             external_axes: what the user states on external axes and other groups.
+        """
+        self._target_indices.clear()  # its memory serves for the columns
+        own = {each.label: each for each in self._own}
+        for index, name in enumerate(self._names):
+            line = used.get(name) or used.get(get_array_name(name))
+            if name and name in own:
+                cause = Cause(own[name].line, own[name].reason, own[name].remedy)
+                self._target_causes.setdefault(index, cause)
+            elif line and name:
+                use = f"the numbers of {quote_text(name)} are also used on line {line}"
+                reason = f"{use}, where their meaning is not certain"
+                self._target_causes.setdefault(index, Cause(0, reason, "use a separate target on that line"))
+        labels, self._names = self._names, [_get_plain_name(name) if name else name for name in self._names]
+        self._filled = self._fill_targets(_reshape_rows(self._targets, _ROW_WIDTH), external_axes)
+        self._sorted = _sort_moves(Moves(*_reshape_rows(self._moves, 3), *_reshape_rows(self._visits, 1)))
+        self._name_own_numbers()
+        return () if self._own or not self._language.opening else self._find_own_numbers(labels)
+
+    def _name_own_numbers(self) -> None:
+        """Give targets that are own numbers of a move the names that they replace; add a remark to each."""
+        names = {each.start: each for each in self._own}
+        for index in np.flatnonzero(self._filled.source == 0).tolist() if names else ():
+            first = int(self._filled.spans[index, 0, 0])
+            opening = re.search(
+                rf"{self._language.opening}\Z", self._sources[0].text[max(first - 100, 0) : first]
+            )
+            own = names.get(first - len(opening[0])) if opening else None
+            if own is not None:
+                self._names[index] = own.name
+                text = f"numbers take the place of {quote_text(own.name)} at this move, because {own.reason}"
+                self.add_remark(own.line, text)
+
+    def _find_own_numbers(self, labels: Sequence[str]) -> tuple[OwnNumbers, ...]:
+        """Return the own numbers of all moves whose targets have to stay; `labels` are the targets' names."""
+        found = defaultdict[int, list[OwnNumbers]](list)  # by move
+
+        def gets_own_numbers(move: int, target: int) -> bool:
+            """Return whether a move gets own numbers in place of a target, and note these numbers."""
+            own = self._make_own_numbers(target, int(self._sorted.line[move]), labels[target])
+            found[move] += [own] if own else []
+            return own is not None
+
+        is_left = self._find_left_moves(gets_own_numbers)
+        return tuple(own for move, each in found.items() if not is_left[move] for own in each)
+
+    def _find_left_moves(self, gets_own_numbers: Callable[[int, int], bool]) -> BoolArray:
+        """Return a mask (k,) of the moves that are left because the numbers of a target have to stay.
+
+        The other targets of such a move have to stay, too, until nothing changes.
+
+        Args:
+            gets_own_numbers: whether a move, by index, does not need that a target, by index, is corrected.
+        """
+        moves, is_left = self._sorted, np.zeros(len(self._sorted), dtype=np.bool_)
+        begins, order = np.append(0, moves.ends[:-1]), np.argsort(moves.visits, kind="stable")
+        bounds = np.searchsorted(moves.visits[order], np.arange(len(self._filled) + 1))
+        kept, to_visit = {*self._target_causes}, [*self._target_causes]
+        while to_visit:
+            target = to_visit.pop()
+            visits = order[bounds[target] : bounds[target + 1]]
+            for move in dict.fromkeys(moves.move_of_visit[visits].tolist()):
+                if gets_own_numbers(move, target):
+                    continue
+                is_left[move] = True
+                others = {*moves.visits[begins[move] : moves.ends[move]].tolist()} - kept
+                kept |= others
+                to_visit += others
+        return is_left
+
+    def _make_own_numbers(self, target: int, line: int, label: str) -> OwnNumbers | None:
+        """Return the own numbers of a move to a target, by index and line; None if they are not certain."""
+        if not label or target in self._unfit:
+            return None
+        source = self._sources[self._filled.source[target]]
+        numbers = copy_numbers(self._language, source, int(self._filled.spans[target, 0, 0]))
+        place = find_name(self._language, self._sources[0], line, _get_plain_name(label))
+        if numbers is None or place is None:
+            return None
+        shared = Cause(line, "a move that is not corrected uses the same target", "use a separate target")
+        cause = self._target_causes.get(target, shared)
+        reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
+        name = self._sources[0].text[slice(*place)]
+        return OwnNumbers(*place, name, numbers, line, label, reason, cause.remedy)
+
+    def build_program(self, causes: Sequence[Cause]) -> Program:
+        """Return the program of the targets and moves, behind `list_own_numbers`.
+
+        Args:
+            causes: causes why statements are not understood.
 
         Raises:
             ProgramError: no move of the program can be corrected.
         """
-        self._target_indices.clear()  # its memory serves for the columns
-        for index, name in enumerate(self._names):
-            line = used.get(name) or used.get(get_array_name(name))
-            if line and name:
-                use = f"the numbers of {quote_text(name)} are also used on line {line}"
-                reason = f"{use}, where their meaning is not certain"
-                self._target_causes.setdefault(index, Cause(0, reason, "use a separate target on that line"))
-        self._names = [_get_plain_name(name) if name else name for name in self._names]
-        targets = self._fill_targets(_reshape_rows(self._targets, _ROW_WIDTH), external_axes)
-        moves = _sort_moves(Moves(*_reshape_rows(self._moves, 3), *_reshape_rows(self._visits, 1)))
+        targets, moves = self._filled, self._sorted
         is_corrected = self._find_corrected_moves(targets, moves)
         left = sorted(self._left, key=lambda each: each[0].line)
         left_moves = tuple(move for move, _ in left)
@@ -330,7 +433,9 @@ class Columns:
         if left:
             moves, targets = _select_moves(moves, targets, is_corrected)
         remarks = tuple(sorted(self._remarks, key=lambda each: each.line))
-        return Program(self._format, self._sources, targets, moves, remarks, left_moves, tuple(faults))
+        return Program(
+            self._format, self._sources, targets, moves, remarks, left_moves, tuple(faults), self._own
+        )
 
     def _build_fault(self, cause: Cause) -> Fault:
         """Return a cause as a fault for the user, with names as the program spells them."""
@@ -340,20 +445,9 @@ class Columns:
     def _find_corrected_moves(self, targets: Targets, moves: Moves) -> BoolArray:
         """Return a mask (k,) of the moves that can be corrected; note the other moves in `_left`.
 
-        A move cannot be corrected if one of its targets has a cause against a correction. The other targets
-        of such a move must then keep their numbers, too, so that further moves to these targets cannot be
-        corrected, until nothing changes.
+        A move cannot be corrected if one of its targets has a cause against a correction.
         """
-        keeps_numbers = np.zeros(len(targets), dtype=np.bool_)
-        keeps_numbers[list(self._target_causes)] = True
-        while True:
-            is_left = np.zeros(len(moves), dtype=np.bool_)
-            is_left[moves.move_of_visit[keeps_numbers[moves.visits]]] = True
-            more = keeps_numbers.copy()
-            more[moves.visits[is_left[moves.move_of_visit]]] = True
-            if (more == keeps_numbers).all():
-                break
-            keeps_numbers = more
+        is_left = self._find_left_moves(lambda _move, _target: False)
         begins = np.append(0, moves.ends[:-1])
         for i in np.flatnonzero(is_left).tolist():
             visited, line = moves.visits[begins[i] : moves.ends[i]].tolist(), int(moves.line[i])
@@ -420,6 +514,7 @@ class Columns:
             (is_moved | has_many_axes[literal], "an external axis or another group moves", _CARRY_NOTHING),
         ):
             for i in np.flatnonzero(faults).tolist():
+                self._unfit.add(i)
                 self._target_causes.setdefault(i, Cause(int(line[i]), reason, remedy))
         return targets
 

@@ -17,7 +17,8 @@ from jointstiff.service.programs.errors import Fault, ProgramError, ReadMove, qu
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Language
 from jointstiff.service.programs.notation import Notation, has_decimal_commas
-from jointstiff.service.programs.program import NUMBERS, ExternalAxes, Program, Source
+from jointstiff.service.programs.own_numbers import insert_numbers
+from jointstiff.service.programs.program import NUMBERS, ExternalAxes, OwnNumbers, Program, Source
 
 MAX_PROGRAM_BYTES: Final = 32 * 1024 * 1024
 """All files of a program together."""
@@ -62,6 +63,43 @@ def read_program(
     Raises:
         ProgramError: the text is not understood; or a move is not certain, and `leave_others` is false.
     """
+    chosen = _choose_format(files, name)
+    if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
+        _refuse(
+            files[0][0],
+            None,
+            f"the files of the program have more than {MAX_PROGRAM_BYTES // 2**20} MiB",
+            "split the program",
+        )
+    ordered = sorted(
+        files, key=lambda file: file[0].lower().endswith(".dat")
+    )  # stable: only moves of the first file are corrected
+    sources = tuple(_read_source(name, content) for name, content in ordered)
+    commas = chosen == "csv" and has_decimal_commas(sources[0].text)
+    language = table.DECIMAL_COMMAS if commas else FORMATS[chosen]
+    own: tuple[OwnNumbers, ...] = ()
+    while True:
+        # The machine is not kept: its names and states take as much memory as the targets built next.
+        columns, used, causes = Machine(
+            chosen, sources, language, leave_alone, trusts_routines=trust_routines, own=own
+        ).interpret()
+        own = columns.list_own_numbers(used, external_axes)
+        if not own or _exceed_limit(sources, own):
+            break
+        first, own = insert_numbers(sources[0], own)
+        sources = first, *sources[1:]
+    program = columns.build_program(causes)
+    if program.faults and not leave_others:
+        raise ProgramError(program.faults, left=program.left_moves)
+    return program
+
+
+def _choose_format(files: Sequence[tuple[str, bytes]], name: str | None) -> str:
+    """Return the name of the format of files, which is `name` if that is given.
+
+    Raises:
+        ProgramError: there is no file, the format is not known, or a program has fewer files.
+    """
     if not files:
         _refuse("program", None, "no file was sent", "send a program")
     suffix = PurePath(files[0][0].lower()).suffix
@@ -79,27 +117,13 @@ def read_program(
             "task, for FANUC the .LS and those that it calls"
         )
         _refuse(files[-1][0], None, "more files were sent than one program has", remedy)
-    if sum(len(content) for _, content in files) > MAX_PROGRAM_BYTES:
-        _refuse(
-            files[0][0],
-            None,
-            f"the files of the program have more than {MAX_PROGRAM_BYTES // 2**20} MiB",
-            "split the program",
-        )
-    ordered = sorted(
-        files, key=lambda file: file[0].lower().endswith(".dat")
-    )  # stable: only moves of the first file are corrected
-    sources = tuple(_read_source(name, content) for name, content in ordered)
-    commas = chosen == "csv" and has_decimal_commas(sources[0].text)
-    language = table.DECIMAL_COMMAS if commas else FORMATS[chosen]
-    # The machine is not kept: its names and states take as much memory as the targets that are built next.
-    columns, used, causes = Machine(
-        chosen, sources, language, leave_alone, trusts_routines=trust_routines
-    ).interpret()
-    program = columns.build_program(used, causes, external_axes)
-    if program.faults and not leave_others:
-        raise ProgramError(program.faults, left=program.left_moves)
-    return program
+    return chosen
+
+
+def _exceed_limit(sources: Sequence[Source], own: Sequence[OwnNumbers]) -> bool:
+    """Return whether the files of a program would be too large with own numbers of moves."""
+    added = sum(len(each.numbers) for each in own)
+    return sum(len(each.text) for each in sources) + added > MAX_PROGRAM_BYTES
 
 
 def list_moves(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from itertools import chain
@@ -33,7 +33,7 @@ from jointstiff.service.programs.columns import (
 from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, quote_text
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals, iterate_integers
-from jointstiff.service.programs.program import FrameName, Literal, Source
+from jointstiff.service.programs.program import FrameName, Literal, OwnNumbers, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
 _MAX_TRANSLATIONS: Final = 10_000
@@ -346,6 +346,7 @@ class Machine:
         allowed: Collection[str] = (),
         *,
         trusts_routines: bool = False,
+        own: Sequence[OwnNumbers] = (),
     ) -> None:
         """Prepare to interpret a program.
 
@@ -355,6 +356,7 @@ class Machine:
             language: language of the format.
             allowed: routines that, as the user states, neither move the robot nor change frames.
             trusts_routines: whether the user states this for all routines of other files.
+            own: own numbers of moves that take the place of names in the first file.
         """
         self.sources, self._language, self._trusts_routines = sources, language, trusts_routines
         self.unknown_routines: dict[str, None] = {}  # routines of other files that are not allowed
@@ -364,7 +366,7 @@ class Machine:
         self._attached: dict[str, list[str]] = defaultdict(list)  # routines of each event, by its name
         self._allowed = frozenset(each.upper() for each in allowed)
         self.numerals = [Numerals.from_text(source.text, language.number) for source in sources]
-        self.columns = Columns(kind, sources, self.numerals, ignores_case=language.ignores_case)
+        self.columns = Columns(kind, sources, self.numerals, language, own)
         self._ops: list[Op] = []
         self._places: list[Place] = []  # place of each operation
         self._scopes = [Scope("")]  # scopes of the routines and blocks whose end was not reached yet
@@ -1393,22 +1395,36 @@ class Machine:
             return WrittenNumbers("", place.source, place.line, place.first, target)
         name = place.qualify(target)
         content, _ = self._look_up(state, name)
-        changes = self._changes.get(name, [])
-        reason = content.reason if isinstance(content, Cause) and content.line else ""
-        if len(changes) + (name in self._initial) > 1:  # the target gets numbers more than once
-            reason = changes[-1].reason
-        elif isinstance(content, WrittenNumbers) and len(content.literal.numbers) == 1:
-            reason = "it is a single number"
-        elif isinstance(content, WrittenNumbers) and name in self._stored:
-            reason = "the declaration is shared with other programs"
-        elif isinstance(content, WrittenNumbers):
-            if name in self._shared and name not in self._noted:
-                self._noted.add(name)
-                text = f"{quote_text(name)} is GLOBAL: its correction moves it for other programs, too"
-                self.columns.add_remark(place.line, text)
-            return content if content.label == name else content._replace(label=name)
         unknown = f"the target {quote_text(name)} is not given by constant numbers"
+        if not isinstance(content, WrittenNumbers):
+            reason = content.reason if isinstance(content, Cause) and content.line else ""
+            changes = self._changes.get(name, [])
+            if len(changes) + (name in self._initial) > 1:
+                reason = changes[-1].reason
+        elif len(content.literal.numbers) == 1:
+            reason = "it is a single number"
+        else:
+            return self._settle_target(place, name, content._replace(label=name), unknown)
         return place.make_cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
+
+    def _settle_target(
+        self, place: Place, name: str, numbers: WrittenNumbers, unknown: str
+    ) -> WrittenNumbers:
+        """Return the numbers of a target at a move; note why the numbers in its declaration have to stay."""
+        changes = self._changes.get(name, [])
+        if len(changes) + (name in self._initial) > 1:  # the target gets numbers more than once
+            self._keep_numbers(place, numbers, f"{unknown}: {changes[-1].reason}")
+        elif name in self._stored:
+            self._keep_numbers(place, numbers, f"{unknown}: the declaration is shared with other programs")
+        elif name in self._shared and name not in self._noted:
+            self._noted.add(name)
+            text = f"{quote_text(name)} is GLOBAL: its correction moves it for other programs, too"
+            self.columns.add_remark(place.line, text)
+        return numbers
+
+    def _keep_numbers(self, place: Place, numbers: WrittenNumbers, reason: str) -> None:
+        """Note why the numbers of a target have to stay in its declaration."""
+        self.columns.keep_numbers(numbers, place.make_cause(reason, self._language.remedy), place.line)
 
     def _evaluate_frame(self, place: Place, value: Value | ir.Product, state: State) -> FrameName | Cause:
         """Return a frame in a state, multiplied if it is a product, or the cause why the frame is unknown."""

@@ -535,6 +535,7 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
 
 
 LANGUAGE: Final = ir.Language(
+    opening=r"\{[^{}]*",
     suffixes=".src .dat",
     pose=POSE,
     remark=";",

@@ -316,6 +316,9 @@ class Language:
     field_endings: tuple[str, ...] = ()
     callable_from_outside: bool = False  # whether other programs may call each of the routines
     positions: str = ""  # name of the array of the program's positions, if there is one
+    # pattern of the text before the first number of a target in numbers; empty if no move can state numbers
+    opening: str = ""
+    end_of_statement: str = ""  # sign at the end of each statement; empty if statements end with their line
     suffixes: str = ""  # suffixes of the names of its files, separated by blanks
     pose: Notation | None = None  # notation in which users write frames; None for the notation of the program
     remark: str = "#"  # begin of a remark
@@ -389,6 +392,15 @@ class Language:
         text = text.upper() if self.ignores_case else text
         text = re.sub(self.blank, " ", text).strip() if self.blank else text
         return Line(self, text, tuple(ordinals), line_offset)
+
+    def blank_comments(self, text: str) -> str:
+        """Return a text with blanks in place of comments and quotations; line breaks remain."""
+        return self._token.sub(
+            lambda match: (
+                _NO_LINE_BREAK.sub(" ", match[0]) if match.lastgroup in {"comment", "text"} else match[0]
+            ),
+            text,
+        )
 
     def translate(self, masked: str) -> list[tuple[int, Op]]:
         """Return the operations of a statement, each with its number of lines below the first line.
@@ -496,13 +508,7 @@ class Language:
                     f"{reason}; it is assumed that the statement changes only the values that it names"
                 )
                 ops.append((line.line_offset, note))
-        # Blanks replace comments and texts, in which words of motions mean nothing; line breaks remain.
-        plain = self._token.sub(
-            lambda match: (
-                _NO_LINE_BREAK.sub(" ", match[0]) if match.lastgroup in {"comment", "text"} else match[0]
-            ),
-            masked,
-        )
+        plain = self.blank_comments(masked)  # words of motions in comments and texts mean nothing
         line_offset, place = 0, 0
         for match in self._motion.finditer(plain):
             line_offset += len(_LINE_END.findall(plain, place, match.start()))

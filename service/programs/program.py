@@ -99,6 +99,20 @@ class Literal:
     common: tuple[int, ...] = ()  # numbers that all targets have to share, such as that of the tool
 
 
+@dataclass(frozen=True, slots=True)
+class OwnNumbers:
+    """Numbers of a target that take the place of its name at a move, because its declaration has to stay."""
+
+    start: int  # first character of the name, or of the numbers once they are inserted, in the first file
+    end: int  # last character + 1
+    name: str  # name as the program writes it
+    numbers: str  # text of the numbers, as in the declaration
+    line: int  # line of the move
+    label: str  # name of the target in the intermediate language
+    reason: str  # why the declaration has to stay
+    remedy: str
+
+
 @dataclass(frozen=True, eq=False)
 class Targets:
     """The t targets of a program as columns, each once, in the order of their first moves."""
@@ -196,6 +210,7 @@ class Program:
     left_alone: tuple[Remark, ...]  # moves and calls that are left without need of a confirmation
     left_moves: tuple[ReadMove, ...] = ()  # moves that cannot be corrected
     faults: tuple[Fault, ...] = ()  # why these moves cannot be corrected
+    own_numbers: tuple[OwnNumbers, ...] = ()  # numbers in the first file that take the place of names
 
     @property
     def files(self) -> tuple[bytes, ...]:
@@ -206,7 +221,8 @@ class Program:
 class Rewriting:
     """Files of a program while numbers are replaced, block by block in the order of the text.
 
-    A number whose new value is equal to the digits written keeps its characters. In FANUC's programs, blanks
+    A number whose new value is equal to the digits written keeps its characters. Where none of the numbers
+    that took the place of a name is replaced, the name comes back. In FANUC's programs, blanks
     before a number are removed or added as the number grows or shrinks, so that columns stay aligned.
     """
 
@@ -215,6 +231,10 @@ class Rewriting:
         self._targets, self._aligned = program.targets, program.format == "fanuc"
         self._commas = program.format == "csv" and has_decimal_commas(program.sources[0].text)
         self._characters = [np.frombuffer(content, dtype=np.uint8) for content in program.files]
+        self._own = program.own_numbers
+        # places of these numbers in the first file, and whether some of them are replaced
+        self._own_spans = np.array([(each.start, each.end) for each in self._own]).reshape(-1, 2)
+        self._is_own_replaced = np.zeros(len(self._own), dtype=np.bool_)
         self._rewritten = [0] * len(self._characters)  # count of characters of each file that are rewritten
         self._pieces: list[list[bytes]] = [[] for _ in self._characters]  # rewritten text of each file
         # fewest decimals of each number of a target, by the index of its notation; filled up with zeros
@@ -249,6 +269,7 @@ class Rewriting:
         """
         source = int(self._targets.source[rows[0]])
         begin, end = self._rewritten[source], int(self._targets.spans[rows].max())
+        end = max([end, *self._own_spans[self._find_own(source, np.array([end - 1])), 1].tolist()])
         characters = self._characters[source][begin:end]
         written = self._targets.values[rows, :NUMBERS]
         row, column = np.nonzero(np.isfinite(values) & (values != written))
@@ -263,6 +284,9 @@ class Rewriting:
         written[row, column] = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
         texts = [text.replace(".", ",") for text in texts] if self._commas else texts
         edits = [(start - begin, stop - begin, text) for _, (start, stop, text) in words]
+        replaced = begin + np.array([*spans[:, 0].tolist(), *(edit[0] for edit in edits)], dtype=np.intp)
+        self._is_own_replaced[self._find_own(source, replaced)] = True
+        edits += self._restore_names(source, begin, end)
         if self._aligned:  # edits with blanks take the place of all new numbers
             edits += [pad_number(characters, *edit) for edit in zip(*spans.T.tolist(), texts, strict=True)]
             texts, spans = [], spans[:0]
@@ -276,7 +300,31 @@ class Rewriting:
         self._rewritten[source] = end
         return written
 
+    def _find_own(self, source: int, places: IndexArray) -> IndexArray:
+        """Return the indices of the own numbers, in the first file, in which some places of a file are."""
+        if source or not len(self._own):
+            return np.zeros(0, dtype=np.intp)
+        starts, ends = self._own_spans.T
+        found = np.searchsorted(starts, places, side="right") - 1
+        return np.unique(found[(found >= 0) & (places < ends[found])])
+
+    def _restore_names(self, source: int, begin: int, end: int) -> list[Edit]:
+        """Return the edits of the text between two indices that bring names back where no number changed."""
+        if source:
+            return []
+        starts = self._own_spans[:, 0]
+        kept = np.flatnonzero((starts >= begin) & (starts < end) & ~self._is_own_replaced)
+        spans = (self._own_spans[kept] - begin).tolist()
+        return [(start, stop, self._own[i].name) for (start, stop), i in zip(spans, kept, strict=True)]
+
     def files(self) -> list[bytes]:
         """Return the bytes of all files, with the numbers that were replaced so far."""
-        parts = zip(self._pieces, self._characters, self._rewritten, strict=True)
-        return [b"".join([*pieces, characters[count:].tobytes()]) for pieces, characters, count in parts]
+        files = list[bytes]()
+        for source, (pieces, characters, count) in enumerate(
+            zip(self._pieces, self._characters, self._rewritten, strict=True)
+        ):
+            names = self._restore_names(source, count, len(characters))
+            spans = np.array([edit[:2] for edit in names], dtype=np.int32).reshape(-1, 2)
+            rest = splice_texts(characters[count:], spans, [edit[2] for edit in names])
+            files.append(b"".join([*pieces, rest]))
+        return files

@@ -207,6 +207,7 @@ def _translate_late_call(line: Line) -> list[Op]:
     text = line["routine"] or f"{line['variable']}+N"  # CallByVar "sub",n calls sub1, sub2 and so on
     name, prefix = _read_routine(text)
     found = [*(line.read_expression(text) if prefix is not None else []), *_read_arguments(line)]
+    found += line.read_expression(line["more"]) if line["more"] else []
     return [*found, ir.Call(name, _find_names(found), prefix=prefix)]
 
 
@@ -564,6 +565,8 @@ def _find_statements(text: str) -> tuple[IndexArray, IndexArray]:
 
 
 LANGUAGE: Final = ir.Language(
+    opening=r"\[\s*\[\s*",
+    end_of_statement=";",
     suffixes=".mod .prg .modx .sys .sysx",
     pose=POSE,
     remark="!",
@@ -639,7 +642,7 @@ LANGUAGE: Final = ir.Language(
         ),
         (r"IF ?(?P<rest>.*)", _translate_compact_if),
         (
-            r"%(?P<routine>[^%]+)%(?P<arguments>[^%]*)|CALLBYVAR (?P<variable>[^,]+),(.+)",
+            r"%(?P<routine>[^%]+)%(?P<arguments>[^%]*)|CALLBYVAR (?P<variable>[^,]+),(?P<more>.+)",
             _translate_late_call,
         ),
         (r"@{name} ?(?P<arguments>.*)", _translate_instruction),

@@ -214,6 +214,7 @@ def _read_target(line: Line, start: int, end: int, found: list[Op]) -> tuple[Lit
 
 
 LANGUAGE: Final = ir.Language(
+    opening=r"(?<!\w)p?\s*\[\s*",
     suffixes=".script .urscript",
     pose=POSE,
     comment=r"#[^\r\n]*+",

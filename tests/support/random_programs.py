@@ -34,6 +34,12 @@ class Statement:
     nest: "Nest | None" = None
     line: int = 0
 
+    @property
+    def targets(self) -> list[str]:
+        """Names of the targets of a move."""
+        moved = re.match(r"(?:maybe )?see ([^/]*) / ", self.does)
+        return re.findall(r"[a-zA-Z]\d", moved[1]) if moved else []
+
 
 @dataclass(eq=False)
 class Nest:
@@ -146,15 +152,25 @@ class Program:
             line += 1 + each.text.count("\n")
         self.text = "\n".join(re.sub(r"<([\d.]+)>", r"\1", each.text) for each in statements)
 
-    def coordinates(self, text: str) -> dict[Statement, float]:
-        """Return the coordinate of each statement in a text that has other ones, and is else the same."""
-        lines, found = text.split("\n"), dict[Statement, float]()
+    def coordinates(self, text: str) -> dict[Any, float]:
+        """Return the coordinate of each statement in a text that has other ones, and is else the same.
+
+        Where a move has numbers in place of the name of its target, they are found by statement and name.
+        """
+        lines, found = text.split("\n"), dict[Any, float]()
         for each in self.statements:
             own = "\n".join(lines[each.line - 1 : each.line + each.text.count("\n")])
-            pattern = re.sub(r"<[\d.]+>", "<x>", each.text)
-            match = re.fullmatch(re.escape(pattern).replace("<x>", r" *(-?\d+\.\d+)"), own)
+            pattern = re.escape(re.sub(r"<[\d.]+>", "<x>", each.text)).replace("<x>", r" *(?P<x>-?\d+\.\d+)")
+            for name in each.targets:
+                numbers = rf"p?[\[{{][\[X ]*(?P<{name}>-?\d+\.\d+)[\w,\[\] .-]*[\]}}]"
+                pattern = re.sub(
+                    rf"(?<!\w){name}(?!\w)", lambda _, n=numbers, m=name: f"(?:{m}|{n})", pattern
+                )
+            match = re.fullmatch(pattern, own)
             assert match, f"{own!r} is not {each.text!r}"
-            found[each] = float(match[1]) if match.groups() else 0.0
+            drawn = match.groupdict()
+            found[each] = float(drawn.pop("x", 0.0))
+            found |= {(each, name): float(value) for name, value in drawn.items() if value}
         return found
 
     def runs(self, text: str, seed: int, times: int = 2) -> list[Seen]:
@@ -167,7 +183,7 @@ class Cell:
     """What a controller holds while a program runs."""
 
     program: Program
-    coordinates: dict[Statement, float]
+    coordinates: dict[Any, float]
     draw: Random
     values: dict[str, Any] = field(default_factory=dict)  # first coordinates of points and frames, by name
     own: list[dict[str, Any]] = field(default_factory=list)  # those of the routines that run, innermost last
@@ -262,7 +278,7 @@ class Cell:
             elif equals:
                 self.give(name, self.value(value, x))
             elif verb == "see":
-                self.see(each.line, x, *(part.split(", ") for part in rest.split(" / ")))
+                self.see(each, x, *(part.split(", ") for part in rest.split(" / ")))
             elif verb == "at":
                 self.at(each.line, rest.split(", "))
             else:
@@ -284,11 +300,11 @@ class Cell:
         else:
             assert verb == "label", verb
 
-    def see(self, line: int, x: float, targets: list[str], base: list[str], tool: list[str]) -> None:
-        """Move to targets."""
-        values = [self.value(target, x) for target in targets]
+    def see(self, each: Statement, x: float, targets: list[str], base: list[str], tool: list[str]) -> None:
+        """Move to targets, by their names or to numbers of its own."""
+        values = [self.coordinates.get((each, target), self.value(target, x)) for target in targets]
         frames = ([self.value(name, x)] * len(values) for name in (*base, *tool))
-        self.seen.append(Seen(line, values, *frames))
+        self.seen.append(Seen(each.line, values, *frames))
 
     def at(self, line: int, names: list[str]) -> None:
         """Move to positions of FANUC; it stops where their frames are not the active ones."""

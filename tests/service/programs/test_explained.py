@@ -202,15 +202,15 @@ def test_only_the_move_with_an_external_axis_away_from_zero_is_left():
     assert second == (3, "", *frames, AXIS, CARRY, False)
 
 
-def test_a_target_in_two_bases_is_left_at_both_of_its_moves_each_with_its_base():
-    text = krl(f"P1={PLACE}", "$BASE=BASE_DATA[1]", "LIN P1", "$BASE=BASE_DATA[2]", "LIN P1")
-    found = list_moves([("a.src", text.encode())])
-    reason = "target 'P1' is used with another base or tool on line 4"
+def test_a_position_of_fanuc_in_two_frames_is_left_at_both_of_its_moves_each_with_its_frame():
+    text = (SAMPLES / "frame.LS").read_text().replace("UF : 1", "UF : F").replace("§", "")
+    text = text.replace("…", "UFRAME_NUM=2").replace("L P[2]", "L P[1]")
+    reason = "target 'P[1]' is used with another base or tool on line 6"
     remedy = "use a separate target for each base and tool: one correction cannot suit both"
-    assert [(each.line, each.base, each.reason, each.remedy) for each in found] == [
-        (4, "BASE_DATA[1]", reason, remedy),
-        (6, "BASE_DATA[2]", reason, remedy),
+    found = [
+        (each.line, each.base, each.reason, each.remedy) for each in list_moves([("a.LS", text.encode())])
     ]
+    assert found == [(6, "UF 1", reason, remedy), (8, "UF 2", reason, remedy)]
 
 
 NOT_CNC = "programs in the formats CNC, APT and CLS cannot be read"

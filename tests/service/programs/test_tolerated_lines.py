@@ -120,6 +120,7 @@ def test_trust_in_other_routines_is_none_in_those_of_the_program_with_a_computed
 
 def test_the_function_of_the_controller_that_reads_a_point_is_not_trusted():
     text = MODULE.replace("NAME p1,v100,z10,t1;", "ok:=StrToVal(s,p1);\nMoveL p1,v5,z1,t1;")
+    text = text.replace("CONST", "PERS")
     with pytest.raises(ProgramError):
         read_program([("m.mod", text.encode())], leave_others=True, trust_routines=True)
 

@@ -1,0 +1,169 @@
+"""A move gets numbers of its own where the declaration of its target has to stay."""
+
+import numpy as np
+from support.programs import compensated, path, tool_poses
+from support.written_programs import rewritten, targets_of
+
+from jointstiff.service.kinds.program.work import decompress_file
+from jointstiff.service.programs.formats import list_moves, read_program
+
+KRL = """DEF a()
+$TOOL=TOOL_DATA[1]
+$BASE=BASE_DATA[1]
+LIN XP1 C_DIS ; XP1 above the part
+$BASE=BASE_DATA[2]
+lin xp1 WITH $VEL.CP=0.1
+LIN XP2
+END
+"""
+DAT = """DEFDAT a
+DECL E6POS XP1={X 1.5,Y 2,Z 3,A 0,B 0,C 0,S 2,T 10,E1 0.0}
+DECL E6POS XP2={X 4,Y 5,Z 6,A 0,B 0,C 0}
+ENDDAT
+"""
+NUMBERS = "{X 1.5,Y 2,Z 3,A 0,B 0,C 0,S 2,T 10,E1 0.0}"
+REASON = "target 'XP1' is used with another base or tool on line 4"
+
+
+def read(text, *others, name="a.src"):
+    return read_program([(name, text.encode()), *((other, part.encode()) for other, part in others)])
+
+
+def moved(program, shift, rows=None):
+    """The program's files with the first numbers of some targets changed."""
+    rows = np.arange(len(program.targets)) if rows is None else np.array(rows, dtype=np.intp)
+    values = np.full((len(rows), 7), np.nan)
+    values[:, 0] = program.targets.values[rows, 0] + shift
+    return [each.decode() for each in rewritten(program, rows, values)[0]]
+
+
+def test_a_target_in_two_bases_gets_its_numbers_at_both_moves_and_its_declaration_stays():
+    program = read(KRL, ("a.dat", DAT))
+    first, second, third = targets_of(program)
+    assert [(each.name, each.line, each.values[0], each.base.name) for each in (first, second, third)] == [
+        ("XP1", 4, 1.5, "BASE_DATA[1]"),
+        ("xp1", 6, 1.5, "BASE_DATA[2]"),
+        ("XP2", 3, 4.0, "BASE_DATA[2]"),
+    ]
+    source, data = moved(program, 0.25)
+    new = NUMBERS.replace("X 1.5", "X 1.7500")
+    assert [line for line in source.split("\n") if "X 1" in line] == [
+        f"LIN {new} C_DIS ; XP1 above the part",
+        f"lin {new} WITH $VEL.CP=0.1",
+    ]
+    assert data == DAT.replace("X 4", "X 4.2500")
+
+
+def test_a_name_comes_back_where_none_of_its_numbers_changes():
+    program = read(KRL, ("a.dat", DAT))
+    assert moved(program, 0.0, []) == [KRL, DAT]
+    assert moved(program, 0.0) == [KRL, DAT]
+    source, data = moved(program, 0.25, [1])
+    assert data == DAT
+    assert source == KRL.replace("lin xp1", f"lin {NUMBERS.replace('X 1.5', 'X 1.7500')}")
+    source, _ = moved(program, 0.25, [0])
+    assert source == KRL.replace("LIN XP1 C", f"LIN {NUMBERS.replace('X 1.5', 'X 1.7500')} C")
+
+
+def test_a_remark_says_why_a_move_has_numbers_of_its_own():
+    remarks = {each.line: each.text for each in read(KRL, ("a.dat", DAT)).left_alone}
+    assert remarks[4] == f"numbers take the place of 'XP1' at this move, because {REASON}"
+    assert remarks[6] == f"numbers take the place of 'xp1' at this move, because {REASON}"
+
+
+def test_a_point_of_all_programs_stays_and_the_move_gets_its_numbers():
+    config = DAT.replace("DEFDAT a", "DEFDAT $CONFIG PUBLIC").replace("XP2", "XP3")
+    text = KRL.replace("LIN XP2\n", "")
+    program = read(text, ("$config.dat", config))
+    source, data = moved(program, 1.0)
+    assert data == config
+    assert source.count("X 2.5000") == 2
+
+
+MODULE = """MODULE m
+PERS robtarget p1:=[[500,0,500],
+  [1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+PERS robtarget p2:=[[600,0,500],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+! the height belongs to another module
+PROC main()
+height:=p1.trans.z;
+PDispOn p2,p2,tool0; PDispOff;
+MoveC p1,
+  p2,v5,z1,tool0;
+MoveL p2,v5,z1,tool1;
+ENDPROC
+ENDMODULE
+"""
+
+
+def test_numbers_of_several_lines_are_written_on_the_line_of_the_move():
+    program = read(MODULE, name="m.mod")
+    assert {each.line for each in targets_of(program)} == {9, 11}
+    (text,) = moved(program, 1.0)
+    assert len(text.split("\n")) == len(MODULE.split("\n"))
+    assert (
+        "MoveC [[501.0000,0,500], [1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],\n  [[601.0000,0,500]"
+        in text
+    )
+    assert text.count("PERS robtarget p1:=[[500,0,500],") == 1
+
+
+SCRIPT = """def a():
+  set_tcp(p[0,0,0.1,0,0,0])
+  p1 = p[0.5,0,0.5,0,3.1,0]
+  movel(p1, a=1)
+  p1 = p[0.6,0,0.5,0,3.1,0]
+  movel(p1, a=1)
+  movel(p[0.5,0.1,0.5,0,3.1,0], a=1)
+  textmsg("p1") movel(p1) # p1
+end
+"""
+
+
+def test_a_variable_with_several_values_is_known_at_each_of_its_moves():
+    program = read(SCRIPT.replace('textmsg("p1") ', ""), name="a.script")
+    assert [each.values[0] for each in targets_of(program)] == [0.5, 0.6, 0.5, 0.6]
+    (text,) = moved(program, 0.001)
+    assert "movel(p[0.5010000,0,0.5,0,3.1,0], a=1)\n  p1 = p[0.6,0,0.5,0,3.1,0]" in text
+
+
+def test_a_move_that_names_its_target_twice_is_left_with_the_reason():
+    text = KRL.replace("LIN XP1 C_DIS", "CIRC XP1,XP1")
+    rows = list_moves([("a.src", text.encode()), ("a.dat", DAT.encode())])
+    assert [(each.line, each.reason) for each in rows] == [(4, REASON), (6, ""), (7, "")]
+
+
+def test_a_comment_within_the_numbers_leaves_them_where_they_are():
+    text = MODULE.replace("[[500,0,500],\n", "[[500,0,500], ! above\n")
+    rows = {each.line: each.corrected for each in list_moves([("m.mod", text.encode())])}
+    assert rows == {9: False, 11: True}
+
+
+def test_numbers_that_would_exceed_the_limit_of_a_program_are_not_copied(monkeypatch):
+    monkeypatch.setattr("jointstiff.service.programs.formats.MAX_PROGRAM_BYTES", len(KRL) + len(DAT) + 60)
+    rows = list_moves([("a.src", KRL.encode()), ("a.dat", DAT.encode())])
+    assert [(each.line, each.reason) for each in rows] == [(4, REASON), (6, REASON), (7, "")]
+
+
+def test_the_loaded_tool_reaches_a_point_of_two_bases_in_both():
+    """The bases are 30 mm apart along z: two corrections, and both are right."""
+    pose = tool_poses(path(1))[0]
+    angles = (float(each) for each in np.degrees(_zyx(pose[:3, :3])))
+    numbers = "{{X {:.6f},Y {:.6f},Z {:.6f},A {:.8f},B {:.8f},C {:.8f}}}".format(
+        *(1e3 * pose[:3, 3]), *angles
+    )
+    text = KRL.replace("LIN XP2\n", "").replace("$TOOL", f"XP1={numbers}\n$TOOL", 1)
+    bases = [{"name": f"BASE_DATA[{i}]", "values": [0, 0, 30.0 * (i - 1), 0, 0, 0]} for i in (1, 2)]
+    result = compensated("krl", text, "a.src", bases=bases)
+    source = decompress_file(result.files[0]).decode()
+    assert result.corrected == 2
+    assert f"XP1={numbers}" in source
+    first, second = (line for line in source.split("\n") if line.lower().startswith("lin {"))
+    assert first.split("}")[0].upper() != second.split("}")[0].upper()
+    assert result.residual.greatest < 1e-8
+
+
+def _zyx(rotation):
+    """Angles about Z, Y', X'' of a rotation (3, 3) [rad]."""
+    b = np.arcsin(-rotation[2, 0])
+    return np.arctan2(rotation[1, 0], rotation[0, 0]), b, np.arctan2(rotation[2, 1], rotation[2, 2])
