@@ -82,6 +82,11 @@ def get_array_name(name: str) -> str:
     return variable.partition("[")[0] + separator + routine
 
 
+def is_without_axes(axes: FloatArray) -> bool:
+    """Return whether positions (a,) of external axes are zero, or mean that there is no axis."""
+    return bool(((axes > _NO_AXIS) | (np.abs(axes) <= _AXIS_ROUNDING)).all())
+
+
 class Cause(NamedTuple):
     """Reason why a value is not known, with its line and a remedy."""
 

@@ -29,10 +29,11 @@ from jointstiff.service.programs.columns import (
     Frames,
     WrittenNumbers,
     get_array_name,
+    is_without_axes,
 )
 from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, quote_text
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
-from jointstiff.service.programs.notation import Numerals, iterate_integers
+from jointstiff.service.programs.notation import Numerals, Orientation, iterate_integers
 from jointstiff.service.programs.program import FrameName, Literal, OwnNumbers, Source
 from jointstiff.solver.arrays import FloatArray, IndexArray
 
@@ -1374,6 +1375,9 @@ class Machine:
         """Return the cause why a move cannot be corrected, apart from its targets; None without a cause."""
         if op.reason:
             return place.make_cause(op.reason, op.remedy)
+        literals = (each for each in op.targets if isinstance(each, Literal))
+        if cause := next(filter(None, (self._find_axes(place, each, state) for each in literals)), None):
+            return cause
         lasting = (self._look_up(state, name)[0] for name in self._lasting)
         for each in (*lasting, *(each for pair in frames for each in pair)):
             if isinstance(each, Cause):
@@ -1401,11 +1405,27 @@ class Machine:
             changes = self._changes.get(name, [])
             if len(changes) + (name in self._initial) > 1:
                 reason = changes[-1].reason
-        elif len(content.literal.numbers) == 1:
-            reason = "it is a single number"
+        elif content.literal.notation.orientation is Orientation.NONE:
+            reason = "it is no pose"
+        elif (cause := self._find_axes(place, content.literal, state)) is not None:
+            return cause
         else:
             return self._settle_target(place, name, content._replace(label=name), unknown)
         return place.make_cause(f"{unknown}: {reason}" if reason else unknown, self._language.remedy)
+
+    def _find_axes(self, place: Place, target: Literal, state: State) -> Cause | None:
+        """Return the cause against a correction if a variable holds external axes that may carry the arm."""
+        if not target.axes_name:
+            return None
+        content, _ = self._look_up(state, place.qualify(target.axes_name))
+        if isinstance(content, WrittenNumbers):
+            axes = self.numerals[content.source].values[content.first + np.array(content.literal.numbers)]
+            if is_without_axes(axes):
+                return None
+        reason = (
+            f"the external axes are in the variable {quote_text(target.axes_name)}, and may carry the arm"
+        )
+        return place.make_cause(reason, "write the numbers of the external axes at the target")
 
     def _settle_target(
         self, place: Place, name: str, numbers: WrittenNumbers, unknown: str

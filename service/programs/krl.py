@@ -488,6 +488,16 @@ def _translate_reading(line: Line) -> list[Op]:
     return [ir.MakeUnknown(names, "the value is read from outside while the program runs", _REMEDY)]
 
 
+def _translate_kinematics(line: Line) -> list[Op]:
+    """Return the operations of a calculation of joint angles or of a pose, whose last argument gets an error.
+
+    Source: KSS, INVERSE and FORWARD: they read the active base and tool, and change neither.
+    """
+    found = ir.pass_uses(line.read_expression(line["arguments"]), line["name"])
+    names = frozenset({line["name"], line["status"]})
+    return [*found, ir.MakeUnknown(names, "the value is calculated while the program runs", _REMEDY)]
+
+
 _DEFINED: Final = re.compile(rf"(?im)^[ \t]*+(?:GLOBAL[ \t]++)?DEF(?:FCT[ \t]++\w++)?[ \t]++({_NAME})")
 _DATA: Final = re.compile(rf"(?im)^[ \t]*+DEFDAT[ \t]++({_NAME})([ \t]++PUBLIC\b)?")
 _GLOBAL: Final = re.compile(r"(?i)[^;\r\n]*\bGLOBAL\b")
@@ -547,13 +557,14 @@ LANGUAGE: Final = ir.Language(
     number=rf"{ir.NUMBER}|'B ?[01]{{1,16}}+'",
     operators="AND|OR|EXOR|NOT|B_AND|B_OR|B_EXOR|B_NOT",
     reserved=_RESERVED,
-    # KSS: arithmetic, strings, the state of variables, pulses, what inline forms set speeds by, messages,
-    # channels, the number of the program; Ethernet KRL: connections; ArcTech: the arc
+    # KSS: arithmetic, strings, the state of variables, pulses, what inline forms set speeds and collision
+    # detection by, messages, channels, the number of the program; Ethernet KRL: connections; ArcTech: the
+    # arc; LaserTech: laser and gas
     functions=r"ABS|SQRT|SIN|COS|TAN|ACOS|ATAN2|ROUND|TRUNC|INV_POS|VARSTATE|GET_SYSTEM_DATA|PULSE"
     r"|STR(?:ADD|CLEAR|COMP|COPY|DECLLEN|FIND|LEN)|S(?:VEL|ACC)_(?:JOINT|CP)|SAPO(?:_PTP)?|SORI_TYP"
-    r"|S(?:GEAR_)?JERK|SLOAD|SIPO_MODE|SCIRC_TYPE|USE_CM_PRO_VALUES|(?:SET|CLEAR|EXISTS)_KRL(?:MSG|DLG)"
+    r"|S(?:GEAR_)?JERK|SLOAD|SIPO_MODE|SCIRC_TYPE|USE_CM_PRO_VALUES|SET_CD_PARAMS|(?:SET|CLEAR|EXISTS)_KRL(?:MSG|DLG)"
     r"|MSG(?:NOTIFY|QUIT|STATE|LOG)|C(?:OPEN|CLOSE)|P00"
-    r"|EKI_(?:INIT|OPEN|CLOSE|CLEAR\w*|CHECK\w*|LOCK|UNLOCK|SEND|SET\w+)|ARC(?:MAINNG|GET\w+)",
+    r"|EKI_(?:INIT|OPEN|CLOSE|CLEAR\w*|CHECK\w*|LOCK|UNLOCK|SEND|SET\w+)|ARC(?:MAINNG|GET\w+)|LSR_\w+|LSRDELAY|GASDELAY",
     motion=r"\b(?:S?(?:PTP|LIN|CIRC|SPL)(?:_REL)?)(?!\w)",
     remedy=_REMEDY,
     active={"$BASE": "active $BASE", "$TOOL": "active $TOOL", "FDAT_ACT.IPO": ""},
@@ -637,6 +648,10 @@ LANGUAGE: Final = ir.Language(
         (
             rf"(?:(?P<status>{_NAME})=)?(?:EKI_GET\w+|[CS]READ|CAST_(?:TO|FROM)|STRTO(?:INT|REAL))\((?P<arguments>.*)\)",
             _translate_reading,
+        ),
+        (
+            rf"(?P<name>{_NAME})=(?:INVERSE|FORWARD)\((?P<arguments>[^()]*),(?P<status>{_NAME})\)",
+            _translate_kinematics,
         ),
         (r"@{name}\(.*\)", lambda line: line.read_expression(line.text)),
         (rf"(?P<name>{_NAME})(?P<index>(?:\[[^\]=]*+\]|\.\w++)*)=(?!=)(?P<value>.+)", _translate_assignment),

@@ -291,7 +291,7 @@ class Language:
     operators: str = ""  # pattern of words between or before operands
     reserved: str = r"(?!)"  # pattern of words that begin statements: none of them is a variable
     functions: str = ""  # pattern of the controller's functions, which return a value and change nothing
-    writers: str = r"(?!)"  # pattern of the controller's functions that write to their arguments
+    writers: str = r"(?!)"  # pattern of the controller's functions that write to the last of their arguments
     # whether a name means another variable in each routine that assigns to it, unless it is global
     scopes_by_routine: bool = False
     # names of the variables of the active frames, and the names of these frames in messages
@@ -544,7 +544,10 @@ class Language:
         ops: list[Op] = [Use(names)] if names else []
         for name in dict.fromkeys(match[1] for match in _CALLED.finditer(plain)):
             harmless = functions.fullmatch(name) is not None
-            call = Call(name, frozenset() if harmless else names - {name}, harmless=harmless)
+            passed = frozenset() if harmless else names - {name}
+            if re.fullmatch(self.writers, name):
+                passed &= frozenset(_NAME.findall(_find_last_argument(plain, name)))
+            call = Call(name, passed, harmless=harmless)
             is_whole_text = plain.startswith(f"{name}(") and plain.count("(") == 1
             # A call in a larger expression may be skipped, and several calls may run in any order.
             ops += [call] if harmless or is_whole_text else [Flow("if"), call, Flow("close")]
@@ -655,6 +658,15 @@ def _is_balanced(text: str) -> bool:
         elif not open_brackets or open_brackets.pop() != _PAIRS[character]:
             return False
     return not open_brackets
+
+
+def _find_last_argument(text: str, name: str) -> str:
+    """Return the last argument of a function that is called once in a text; else the whole text."""
+    begin = text.index(f"{name}(") + len(name) + 1 if text.count(f"{name}(") == 1 else len(text)
+    for first, last in split_outside_brackets(text, begin):
+        if text[first:last].count(")") > text[first:last].count("("):
+            return text[first:last]
+    return text
 
 
 _MAX_DEPTH: Final = 16

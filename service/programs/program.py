@@ -97,6 +97,7 @@ class Literal:
     words: tuple[tuple[str, int], ...] = ()  # names and numbers that state the arm's configuration
     letters: str = ""  # letters of the configuration, such as those of FANUC
     common: tuple[int, ...] = ()  # numbers that all targets have to share, such as that of the tool
+    axes_name: str = ""  # name of the variable that holds the external axes; empty if they are no variable
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from jointstiff.solver.arrays import IndexArray
 
 POSE: Final = Notation(Orientation.QUATERNION, angle=1, length_decimals=4, angle_decimals=8)
 JOINTS: Final = Notation(Orientation.JOINTS, length_decimals=5)
+_AXES: Final = Notation(Orientation.NONE)  # of external axes alone, which are no target
 _MOTIONS: Final = {"L": Motion.LINEAR, "J": Motion.JOINT, "C": Motion.CIRCULAR}
 # Facts. Source: ABB, Technical reference manual, RAPID instructions, functions and data types (3HAC050917).
 _ARGUMENTS_AFTER_TOOL: Final = {"DO": 2, "AO": 2, "GO": 2, "SYNC": 1}
@@ -89,8 +90,9 @@ _ZONE: Final = r"FINE|Z\d{1,3}+"  # names of the controller's zones
 _N3, _N4, _N6 = (rf"\[\0(?:,\0){{{n - 1}}}\]" for n in (3, 4, 6))
 _POSE_PATTERN: Final = rf"\[{_N3},{_N4}\]"
 _LITERALS: Final = {
-    "ROBTARGET": re.compile(rf"\[{_N3},{_N4},{_N4},{_N6}\]"),
-    "JOINTTARGET": re.compile(rf"\[{_N6},{_N6}\]"),
+    "ROBTARGET": re.compile(rf"\[{_N3},{_N4},({_N4}|{_WORD}),(?:{_N6}|(?P<axes>{_WORD}))\]"),
+    "JOINTTARGET": re.compile(rf"\[{_N6},(?:{_N6}|(?P<axes>{_WORD}))\]"),
+    "EXTJOINT": re.compile(_N6),
     "WOBJDATA": re.compile(rf'\[FALSE,TRUE,"[^"]*",{_POSE_PATTERN},{_POSE_PATTERN}\]'),
     "TOOLDATA": re.compile(rf"\[TRUE,{_POSE_PATTERN},(.*)\]"),
 }
@@ -333,11 +335,12 @@ def _translate_lasting(name: str, names: frozenset[str]) -> list[Op]:
 def _read_target(line: Line, start: int, end: int) -> Literal | None:
     """Return the robtarget or jointtarget between two indices of the text; None if neither is there."""
     numbers = line.ordinals_in(start, end)
-    if _LITERALS["ROBTARGET"].fullmatch(line.text, start, end):
-        words = tuple(zip(("cf1", "cf4", "cf6", "cfx"), numbers[7:], strict=False))
-        return Literal(POSE, numbers[:7], numbers[11:], words)
-    if _LITERALS["JOINTTARGET"].fullmatch(line.text, start, end):
-        return Literal(JOINTS, numbers[:6], numbers[6:])
+    if match := _LITERALS["ROBTARGET"].fullmatch(line.text, start, end):
+        count = 11 if match[1][0] == "[" else 7  # a variable may hold the configuration
+        words = tuple(zip(("cf1", "cf4", "cf6", "cfx"), numbers[7:count], strict=False))
+        return Literal(POSE, numbers[:7], numbers[count:], words, axes_name=match["axes"] or "")
+    if match := _LITERALS["JOINTTARGET"].fullmatch(line.text, start, end):
+        return Literal(JOINTS, numbers[:6], numbers[6:], axes_name=match["axes"] or "")
     return None
 
 
@@ -350,6 +353,8 @@ def _assign_data(line: Line, name: str, start: int, end: int, *kinds: str) -> li
     target = _read_target(line, start, end)
     if target is not None and {"ROBTARGET", "JOINTTARGET"} & set(kinds):
         return [ir.Assign(name, target)]
+    if "EXTJOINT" in kinds and _LITERALS["EXTJOINT"].fullmatch(line.text, start, end):
+        return [ir.Assign(name, Literal(_AXES, line.ordinals_in(start, end)))]
     for kind, frames in _FRAMES_OF.items():
         match = _LITERALS[kind].fullmatch(line.text, start, end) if kind in kinds else None
         if match and not (match.re.groups and ir.calls_routine(line.read_expression(match[1]))):
@@ -577,7 +582,7 @@ LANGUAGE: Final = ir.Language(
     operators="AND|OR|XOR|NOT|DIV|MOD",
     reserved=_RESERVED,
     functions=_FUNCTIONS,
-    writers="STRTOVAL|GETNEXTSYM",
+    writers="STRTOVAL|GETNEXTSYM",  # to the last of their arguments
     motion=r"\b(?:MOVE(?:[LJC](?:DO|AO|GO|SYNC)?|ABSJ|EXTJ)|TRIGG[LJC])(?!\w)",
     remedy=_REMEDY,
     constants={"WOBJ0": np.eye(4), "TOOL0": np.eye(4)},
