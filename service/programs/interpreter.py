@@ -391,6 +391,7 @@ class Machine:
         # names of targets near which moves with these frames go
         self._noted_offsets: dict[tuple[object, ...], set[str]] = defaultdict(set)
         self._targets: set[str] = set()  # names of the targets of moves
+        self._frame_names: set[str] = set()  # names of the frames of moves
         self._used: dict[str, int] = {}  # line on which a name is used otherwise than as a target
         # names from which each name was calculated, with the lines; names of data that the program declares
         self._origins: dict[str, dict[str, int]] = defaultdict(dict)
@@ -620,6 +621,14 @@ class Machine:
             if isinstance(op, ir.Call) and not (op.harmless and op.name not in self._flow.begins)
         ]
         passed = {place.qualify(name) for place, op in calls for name in op.passed}
+        self._frame_names = {
+            place.qualify(name)
+            for place, op in zip(self._places, self._ops, strict=True)
+            if isinstance(op, ir.Move)
+            for frame in (*op.bases, *op.tools)
+            if isinstance(frame, ir.Product)
+            for name in frame.names
+        }
         self._changed_arrays = {
             get_array_name(_get_structure_name(each)) for each in self._changes if "[" in each
         }
@@ -681,7 +690,10 @@ class Machine:
         changes = changes or any(self._changes_parameters(each, passed) for each in own)
         for parameter in {parameter for each in own for parameter in self._list_parameters(each)}:
             self._origins[parameter].update((place.scope.qualify(name), place.line) for name in op.passed)
-        for name in {place.scope.qualify(name) for name in (op.passed if changes else ())} - self._fixed:
+        given = {place.scope.qualify(name) for name in (op.passed if changes else ())} - self._fixed
+        if op.reads_frames and not own:
+            given -= self._assume_frames_stay(place, op, given)
+        for name in given:
             self._changes[name].append(cause)
             self._anytime.update(dict.fromkeys(self._list_name_and_fields(name), cause))
         self._flow.anytime_routines |= set(own) if op.anytime else set()
@@ -694,6 +706,15 @@ class Machine:
         elif place.qualify(op.name) not in self._attached:
             permission = "the request states that this routine neither moves the robot nor changes frames"
             self.columns.add_remark(place.line, f"{op.name} is called; {permission}")
+
+    def _assume_frames_stay(self, place: Place, op: ir.Call, given: Collection[str]) -> set[str]:
+        """Return the bases and tools that a function of another file gets, and note that they are to stay."""
+        frames = {name for name in given if self._frame_names.intersection(self._list_name_and_fields(name))}
+        if frames:
+            names = ", ".join(map(quote_text, sorted(frames)))
+            text = f"it is assumed that the function {quote_text(str(op.name))} only uses {names}"
+            self.columns.add_remark(place.line, text)
+        return frames
 
     def _changes_parameters(self, routine: str, passed: Collection[str]) -> bool:
         """Return whether a routine of the program may change its parameters, or passes them to others.

@@ -121,6 +121,8 @@ class Call(NamedTuple):
     # whether an unknown routine may also leave something that lasts (`MODE`)
     may_last: bool = False
     behind_next: bool = False  # whether the routine runs only behind a move that is the next statement
+    # whether a function of another file is assumed to change no base and no tool that it gets as an argument
+    reads_frames: bool = False
     # with this text begin the names of the program's routines that may be meant; None if the name is fixed
     prefix: str | None = None
 
@@ -292,6 +294,8 @@ class Language:
     reserved: str = r"(?!)"  # pattern of words that begin statements: none of them is a variable
     functions: str = ""  # pattern of the controller's functions, which return a value and change nothing
     writers: str = r"(?!)"  # pattern of the controller's functions that write to the last of their arguments
+    # pattern of names of functions of other files that are assumed to change no frame they get as an argument
+    readers: str = r"(?!)"
     # whether a name means another variable in each routine that assigns to it, unless it is global
     scopes_by_routine: bool = False
     # names of the variables of the active frames, and the names of these frames in messages
@@ -547,7 +551,8 @@ class Language:
             passed = frozenset() if harmless else names - {name}
             if re.fullmatch(self.writers, name):
                 passed &= frozenset(_NAME.findall(_find_last_argument(plain, name)))
-            call = Call(name, passed, harmless=harmless)
+            reads_frames = re.fullmatch(self.readers, name) is not None
+            call = Call(name, passed, harmless=harmless, reads_frames=reads_frames)
             is_whole_text = plain.startswith(f"{name}(") and plain.count("(") == 1
             # A call in a larger expression may be skipped, and several calls may run in any order.
             ops += [call] if harmless or is_whole_text else [Flow("if"), call, Flow("close")]

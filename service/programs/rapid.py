@@ -582,6 +582,8 @@ LANGUAGE: Final = ir.Language(
     operators="AND|OR|XOR|NOT|DIV|MOD",
     reserved=_RESERVED,
     functions=_FUNCTIONS,
+    # A function compares or calculates; one that measures a frame or sets it is named after that.
+    readers=r"(?!\w*(?:ADJ|CAL|CHANGE|CORR|DEF|FRAME|MEAS|MOD|SET|SHIFT|TCP|TEACH|TOOL|UPD|WOBJ)|STRTOVAL)\w+",
     writers="STRTOVAL|GETNEXTSYM",  # to the last of their arguments
     motion=r"\b(?:MOVE(?:[LJC](?:DO|AO|GO|SYNC)?|ABSJ|EXTJ)|TRIGG[LJC])(?!\w)",
     remedy=_REMEDY,
