@@ -174,16 +174,21 @@ def _translate_move(line: Line) -> list[Op]:
         Misread: the number of positions is wrong, or the text after them is unknown.
     """
     letter, skip = line["letter"], _SKIP.search(line["tail"])
-    tail = _SKIP.sub("", line["tail"])
-    has_second = bool(line["second"])  # an arc has a second position, on the next line
-    if has_second != (letter == "C"):
+    tail, ordinals = _SKIP.sub("", line["tail"]), list(line.ordinals[:1])  # numbers n of the positions P[n]
+    # An arc has a second position, on the next line; an offset of the first one may come before it.
+    group = "second" if line["second"] or letter != "C" else "tail"
+    second = re.search(rf"{'' if group == 'second' else _OFFSETS} ?(P\[\0\])", line[group])
+    if (second is not None) != (letter == "C"):
         raise Misread(
             "an arc needs two positions, the second one on the next line; any other move needs one position"
         )
+    if second:
+        begin = line.span(group)[0]
+        ordinals += line.ordinals_in(begin + second.start(1), begin + second.end(1))
+        tail = tail.replace(second[1], " ", 1) if group == "tail" else tail
     offset, is_known = _OFFSET.search(tail), _is_known_tail(tail)
     if not is_known and _MAY_ACT.search(re.sub(r"\[[^\[\]]*\]", "", tail)):
         raise Misread(_UNKNOWN_TAIL)
-    ordinals = line.ordinals[: 1 + has_second]  # numbers n of the positions P[n]
     names = tuple(("P[%s]", ordinal) for ordinal in ordinals)
     bases, tools = (
         tuple(ir.Copy((f"P[%s].{kind}", ordinal), through=True) for ordinal in ordinals)
@@ -202,8 +207,8 @@ def _translate_move(line: Line) -> list[Op]:
     if skip is None:
         return [*calls, move]
     place = line.span("tail")[0]
-    ordinals = line.ordinals_in(place + skip.start("label"), place + skip.end("label"))
-    label: ir.Name = ("%s", ordinals[0]) if skip["label"] == "\0" else "\0"
+    numbers = line.ordinals_in(place + skip.start("label"), place + skip.end("label"))
+    label: ir.Name = ("%s", numbers[0]) if skip["label"] == "\0" else "\0"
     return [*calls, move, ir.Flow("if"), ir.Flow("jump", label), ir.Flow("close")]
 
 
