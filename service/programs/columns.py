@@ -10,7 +10,14 @@ from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, ReadMove, quote_text
+from jointstiff.service.programs.errors import (
+    WRITE_NUMBERS,
+    Fault,
+    ProgramError,
+    ReadMove,
+    quote_text,
+    show_text,
+)
 from jointstiff.service.programs.language import Language, Move
 from jointstiff.service.programs.notation import Numerals
 from jointstiff.service.programs.own_numbers import copy_numbers, find_name
@@ -45,7 +52,7 @@ IN_MODULE: Final = "__MODULE"
 """Text between a name that modules of a program use for different data, and the number of the module."""
 _SEARCHED_LENGTH: Final = 1000
 """Number of characters from the beginning of a line in which a name is looked for."""
-_NAME_OR_TEXT: Final = re.compile(r"'[^']*'|\b[A-Z_][A-Z0-9_]*\b")
+_NAME_OR_TEXT: Final = re.compile(r"'[^']*'|\b(?![a-z\d])(?:(?![a-z])\w)+\b")
 _ENDING: Final = re.compile(
     rf"(?:\.(?:BASE|TOOL|[UOT]FRAME|UF|UT))?{OF_ROUTINE}\w+|\.(?:BASE|TOOL|[UOT]FRAME|UF|UT)\b|{IN_MODULE}\d+"
 )
@@ -164,7 +171,7 @@ class Columns:
                 self.spelled[name] = spelling[0] if spelling else name
             return self.spelled.get(name, name)
 
-        return _NAME_OR_TEXT.sub(find_spelling, _ENDING.sub("", text))
+        return show_text(_NAME_OR_TEXT.sub(find_spelling, _ENDING.sub("", text)))
 
     def add_remark(self, line: int, text: str, target: str = "") -> None:
         """Note a statement that is not corrected, and about which the user need not decide."""
@@ -411,7 +418,7 @@ class Columns:
         shared = Cause(line, "a move that is not corrected uses the same target", "use a separate target")
         cause = self._target_causes.get(target, shared)
         reason = self.restore_spelling(cause.reason, cause.source, cause.line or line)
-        name = self._sources[0].text[slice(*place)]
+        name = show_text(self._sources[0].text[slice(*place)])
         return OwnNumbers(*place, name, numbers, line, label, reason, cause.remedy)
 
     def build_program(self, causes: Sequence[Cause]) -> Program:
@@ -591,7 +598,7 @@ def _select_moves(moves: Moves, targets: Targets, selected: BoolArray) -> tuple[
 
 def _get_plain_name(label: str) -> str:
     """Return a name without its routine and its module."""
-    return label.partition(OF_ROUTINE)[0].partition(IN_MODULE)[0]
+    return show_text(label.partition(OF_ROUTINE)[0].partition(IN_MODULE)[0])
 
 
 def _get_frame_name(frame: FrameName | Cause) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from jointstiff.service.problems import FilesError
 
@@ -15,9 +16,39 @@ WRITE_NUMBERS = "write the numbers of the value, or omit the value"
 _MAX_QUOTED = 60
 
 
+# Bytes that are no letters in Latin-1 are parts of letters in UTF-8: in names, letters without a case.
+_LETTERS: Final = {
+    byte: chr(0x4E00 + byte) for byte in (*range(0x80, 0xC0), 0xD7, 0xF7) if not chr(byte).isspace()
+}
+_BYTES: Final = {ord(letter): chr(byte) for byte, letter in _LETTERS.items()}
+_SMALL: Final = re.compile("(?<=\xc3)[\u4ea0-\u4ebe]")  # second bytes of small letters in UTF-8
+
+
+def decode_text(content: bytes) -> str:
+    """Return the text of a program: one character for each byte, a letter for each one beyond ASCII."""
+    text = content.decode("latin-1")
+    return text if text.isascii() else text.translate(_LETTERS)
+
+
+def encode_text(text: str) -> bytes:
+    """Return the bytes of a text of a program."""
+    return show_text(text).encode("latin-1")
+
+
+def show_text(text: str) -> str:
+    """Return a text of a program with its bytes as characters of Latin-1."""
+    return text if text.isascii() else text.translate(_BYTES)
+
+
+def capitalise(text: str) -> str:
+    """Return a text of a program in capitals, also those of its letters in UTF-8."""
+    capitals = text.upper()
+    return capitals if text.isascii() else _SMALL.sub(lambda match: chr(ord(match[0]) - 0x20), capitals)
+
+
 def quote_text(text: str) -> str:
     """Return text of a program in quotation marks, escaped and cut to 60 characters, for a message."""
-    text = text.strip()
+    text = show_text(text.strip())
     return ascii(text if len(text) <= _MAX_QUOTED else text[:_MAX_QUOTED] + "...")
 
 

@@ -31,7 +31,14 @@ from jointstiff.service.programs.columns import (
     get_array_name,
     is_without_axes,
 )
-from jointstiff.service.programs.errors import WRITE_NUMBERS, Fault, ProgramError, quote_text
+from jointstiff.service.programs.errors import (
+    WRITE_NUMBERS,
+    Fault,
+    ProgramError,
+    capitalise,
+    decode_text,
+    quote_text,
+)
 from jointstiff.service.programs.language import Language, Misread, Name, Op, Value
 from jointstiff.service.programs.notation import Numerals, Orientation, iterate_integers
 from jointstiff.service.programs.program import FrameName, Literal, OwnNumbers, Source
@@ -195,7 +202,8 @@ class ControlFlow:
             if routine in self.begins
         }
         # A handler without a name handles errors; a handler that resumes ends the routines it interrupted.
-        handles_errors = any(not names[self.begins[handler]] for handler in self.anytime_routines)
+        handlers = (ops[self.begins[name]] for name in self.anytime_routines if not names[self.begins[name]])
+        handles_errors = any(isinstance(op, ir.Flow) and op.kind == "handler" for op in handlers)
         if handles_errors or any(isinstance(op, ir.Flow) and op.kind == "resume" for op in ops):
             self._add_error_exits()
 
@@ -238,7 +246,7 @@ class ControlFlow:
         Raises:
             UnmatchedEnd: the operation is nested too deep.
         """
-        if op.kind in {"routine", "handler"} | ir.BLOCKS:
+        if op.kind in ir.ROUTINES | ir.BLOCKS:
             if len(self._open_blocks) >= _MAX_DEPTH:
                 reason = f"branches and loops are nested more than {_MAX_DEPTH} deep"
                 raise UnmatchedEnd(i, reason, "move inner branches and loops to routines of their own")
@@ -267,7 +275,7 @@ class ControlFlow:
             name = f"{name} again {i}"
             self.faulty_routines[name] = i
         self.begins[name] = i
-        self.anytime_routines |= {name} if op.kind == "handler" else set()
+        self.anytime_routines |= {name} if op.kind != "routine" else set()
         self.shared_routines |= {name} if op.shared else set()
         self._open_routines.append(name)
         return _OpenBlock("routine", i)
@@ -365,7 +373,8 @@ class Machine:
         self._first_unknown = 0  # first line on which one of them is called
         self._attached_routines: set[str] = set()  # routines of the program that are attached to an event
         self._attached: dict[str, list[str]] = defaultdict(list)  # routines of each event, by its name
-        self._allowed = frozenset(each.upper() for each in allowed)
+        spelled = (each.encode(code, "replace") for each in allowed for code in ("latin-1", "utf-8"))
+        self._allowed = frozenset(capitalise(decode_text(each)) for each in spelled)
         self.numerals = [Numerals.from_text(source.text, language.number) for source in sources]
         self.columns = Columns(kind, sources, self.numerals, language, own)
         self._ops: list[Op] = []
@@ -571,7 +580,7 @@ class Machine:
 
         `names` are local names that each routine has.
         """
-        if op.kind in {"routine", "handler"}:  # a handler without a name shares the scope of its routine
+        if op.kind in ir.ROUTINES:  # a handler without a name shares the scope of its routine
             self._scopes.append(Scope(str(op.name), set(names)) if op.name else self._last_scope)
         elif op.kind in ir.BLOCKS:
             self._scopes.append(self._scopes[-1])
@@ -744,7 +753,7 @@ class Machine:
         name = place.qualify(op.name)
         names = (each for each in self._attached.get(name, [name]) if each not in self._flow.begins)
         plain = (each.partition(IN_MODULE)[0] for each in names)
-        unknown = [each for each in plain if each.upper() not in self._allowed]
+        unknown = [each for each in plain if capitalise(each) not in self._allowed]
         if op.harmless or self._trusts_routines or not unknown:
             return None
         self.unknown_routines |= dict.fromkeys(unknown)
@@ -887,7 +896,7 @@ class Machine:
         for place in self._flow.successors.get(i, ()):
             self._join_into(place, leaving)
         # What follows these operations is reached by jumps alone.
-        if op.kind in {"routine", "handler", "switch", "branch", "default"}:
+        if op.kind in ir.ROUTINES | {"switch", "branch", "default"}:
             state = None
         elif state is not None and (op.kind in ir.JUMPS or i in self._flow.endless):
             state = {**state, _NEVER: ("", 0)}

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from jointstiff.service.programs import language as ir
+from jointstiff.service.programs.errors import capitalise
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import UNKNOWN_STATEMENT, Line, Misread, Op, split_outside_brackets
 from jointstiff.service.programs.notation import Notation, Orientation
@@ -506,7 +507,7 @@ _NO_DATA: Final = re.compile(r"(?i)\s*+(?:&|DEFDAT\b|EXT)|[^;\r\n]*\bGLOBAL\b")
 
 def _find_private_names(text: str) -> Iterator[str]:
     """Yield the names that a .dat declares without GLOBAL, and words of types."""
-    for line in text.upper().splitlines():
+    for line in capitalise(text).splitlines():
         if not _NO_DATA.match(line):
             for part in re.sub(r"\{[^{}]*\}|\"[^\"]*\"|;.*", "", line).split(","):
                 yield from re.findall(_NAME, part.partition("=")[0])
@@ -519,7 +520,7 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
         ProgramError: a .dat belongs to another program.
     """
     programs = [_DEFINED.search(each.text) for each in sources if not each.name.lower().endswith(".dat")]
-    main, *others = [match[1].upper() if match else "" for match in programs] or [""]
+    main, *others = [capitalise(match[1]) if match else "" for match in programs] or [""]
     if others:
         own = (each.text for each in sources[1:] if _DATA.search(each.text))
         machine.own_names = frozenset(name for text in own for name in _find_private_names(text))
@@ -527,8 +528,8 @@ def read_krl(machine: Machine, sources: tuple[Source, ...]) -> None:
         is_config = source.name.lower().endswith("config.dat")
         data = _DATA.search(source.text) if index else None
         starts, ends = source.starts, source.ends
-        if main and data and not is_config and data[1].upper() != main:
-            if not (data[2] or data[1].upper() in others):
+        if main and data and not is_config and capitalise(data[1]) != main:
+            if not (data[2] or capitalise(data[1]) in others):
                 reason, remedy = (
                     f"the file declares data of {data[1]}, not of {programs[0][1] if programs[0] else main}",
                     "send the .dat file of this .src file",

@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 from itertools import accumulate
 from typing import Any, Final, NamedTuple, TypeAlias
 
-from jointstiff.service.programs.errors import WRITE_NUMBERS, quote_text
+from jointstiff.service.programs.errors import WRITE_NUMBERS, capitalise, decode_text, quote_text
 from jointstiff.service.programs.notation import Notation
 from jointstiff.service.programs.program import Literal, Motion, Source
 from jointstiff.solver.arrays import FloatArray
@@ -186,7 +186,8 @@ class Flow(NamedTuple):
     Blocks begin with `if`, `switch` (all its branches are further ones), `loop`, `repeat` (a loop that runs
     at least once) or `forever` (a loop that only `leave`, a jump or a return ends), and end with `close`;
     further branches begin with `branch` or `default`. `leave` leaves a loop, `again` begins its next round.
-    Routines begin with `routine`, or with `handler` if they may run at any time, and end with `end`.
+    Routines begin with `routine`, with `handler` if they may run at any time, or with `undo` if nothing goes
+    on behind them then, and end with `end`.
     `close_or_end` ends a block or a routine. The other kinds are `label`, `jump`, `return`, `stop`, which
     ends the whole program, and `resume`, which also ends the interrupted routines.
     """
@@ -206,6 +207,7 @@ class Flow(NamedTuple):
         return self._replace(kind="repeat" if runs else self.kind)
 
 
+ROUTINES: Final = frozenset({"routine", "handler", "undo"})
 LOOPS: Final = frozenset({"loop", "repeat", "forever"})
 BLOCKS: Final = LOOPS | {"if", "switch"}
 JUMPS: Final = frozenset({"leave", "again", "jump", "return", "resume", "stop"})
@@ -341,7 +343,7 @@ class Language:
     def _token(self) -> re.Pattern[str]:
         """Pattern of one token: a blank, a comment, a text, a word or a sign."""
         return re.compile(
-            rf"(?P<blank>\s++)|(?P<comment>{self.comment}|\xef\xbb\xbf)|(?P<text>{self.text})"
+            rf"(?P<blank>\s++)|(?P<comment>{self.comment}|{_MARK})|(?P<text>{self.text})"
             rf"|(?P<word>\0|{self.word})|(?P<sign>.)",
             re.DOTALL,
         )
@@ -393,7 +395,7 @@ class Language:
                 is_after_word = kind != "sign"
             number += count
         text = "".join(pieces)
-        text = text.upper() if self.ignores_case else text
+        text = capitalise(text) if self.ignores_case else text
         text = re.sub(self.blank, " ", text).strip() if self.blank else text
         return Line(self, text, tuple(ordinals), line_offset)
 
@@ -674,6 +676,7 @@ def _find_last_argument(text: str, name: str) -> str:
     return text
 
 
+_MARK: Final = decode_text(b"\xef\xbb\xbf")  # of a file in UTF-8
 _MAX_DEPTH: Final = 16
 """Largest depth of braces within one another; structures of controllers need a depth of three."""
 _QUOTED: Final = re.compile(r'"[^"]*+"')

@@ -13,6 +13,7 @@ from dataclasses import replace
 from itertools import accumulate
 from typing import Final
 
+from jointstiff.service.programs.errors import encode_text
 from jointstiff.service.programs.language import Language
 from jointstiff.service.programs.program import OwnNumbers, Source
 
@@ -60,4 +61,4 @@ def insert_numbers(source: Source, own: Iterable[OwnNumbers]) -> tuple[Source, t
         placed.append(replace(each, start=length, end=length + len(each.numbers)))
         length, last = length + len(each.numbers), each.end
     text = "".join([*pieces, source.text[last:]])
-    return Source.from_bytes(source.name, text.encode("latin-1")), tuple(placed)
+    return Source.from_bytes(source.name, encode_text(text)), tuple(placed)

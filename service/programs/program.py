@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from jointstiff.service.programs.errors import Fault, ReadMove
+from jointstiff.service.programs.errors import Fault, ReadMove, decode_text, encode_text
 from jointstiff.service.programs.notation import (
     Edit,
     Notation,
@@ -56,7 +56,7 @@ class Source:
     """A file of a program."""
 
     name: str  # name of the file
-    text: str  # its bytes as Latin-1, which gives every byte back
+    text: str  # its bytes, one character for each
     starts: IndexArray = field(compare=False)  # offset of the first character of each line
 
     @classmethod
@@ -66,7 +66,7 @@ class Source:
         feed, back = characters == ord("\n"), characters == ord("\r")
         back[:-1] &= ~feed[1:]
         starts = np.concatenate([[0], np.flatnonzero(feed | back) + 1])
-        return cls(name, content.decode("latin-1"), starts)
+        return cls(name, decode_text(content), starts)
 
     @property
     def ends(self) -> IndexArray:
@@ -216,7 +216,7 @@ class Program:
     @property
     def files(self) -> tuple[bytes, ...]:
         """Bytes of the program's files."""
-        return tuple(source.text.encode("latin-1") for source in self.sources)
+        return tuple(encode_text(source.text) for source in self.sources)
 
 
 class Rewriting:

@@ -11,6 +11,7 @@ import numpy as np
 
 from jointstiff.service.programs import language as ir
 from jointstiff.service.programs.columns import IN_MODULE
+from jointstiff.service.programs.errors import capitalise
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import UNKNOWN_STATEMENT, Line, Misread, Op, split_outside_brackets
 from jointstiff.service.programs.notation import Notation, Orientation
@@ -39,6 +40,8 @@ _HARMLESS: Final = (
     r"|SOCKET(?:ACCEPT|BIND|CLOSE|CONNECT|CREATE|LISTEN|(?:RECEIVE|SEND)(?:FROM|TO)?)"
     r"|UI(?:MSG(?:BOX|WRITE(?:ABORT)?)|SHOW)|CLK(?:START|STOP|RESET)|STOP|EXIT|BREAK|I(?:SLEEP|WATCH|DISABLE|ENABLE|DELETE|SIGNALD[IO])|TRIGG(?:IO|EQUIP|INT)"
     # Corrections of paths act on moves with \Corr only; FCCalib measures the tool's weight.
+    # Supervision and conditions of force control, and settings of EGM, act once their control is active.
+    r"|FC(?:SUPV|COND)\w+|EGM(?:GETID|(?:SETUP|STREAM)\w+)"
     r"|FCCALIB|DROPWOBJ|CORR(?:CON|DISCON|CLEAR|WRITE)|(?:START|STOP)MOVE|(?:STORE|RESTO|CLEAR)PATH"
 )
 # Instructions that give values to their arguments
@@ -517,7 +520,7 @@ def read_rapid(machine: Machine, sources: tuple[Source, ...]) -> None:
         starts, ends = _find_statements(source.text)
         for begin, end in pairwise((0, *begins, len(source.text))):
             first, last = np.searchsorted(starts, (begin, end)).tolist()
-            texts.append(source.text[begin:end].upper())
+            texts.append(capitalise(source.text[begin:end]))
             parts.append((index, starts[first:last], ends[first:last]))
     names = [set(re.findall(_LOCAL, _TEXT_OR_COMMENT.sub(" ", text))) for text in texts]
     words = [set(re.findall(_WORD, text)) if len(texts) > 1 else set[str]() for text in texts]
@@ -552,7 +555,7 @@ def _translate_renamed(masked: str, renamed: dict[str, str]) -> list[tuple[int, 
 
     def rename(match: re.Match[str]) -> str:
         name = match[1] or match[2] or ""
-        return match[0].replace(name, renamed.get(name.upper(), name)) if name else match[0]
+        return match[0].replace(name, renamed.get(capitalise(name), name)) if name else match[0]
 
     return LANGUAGE.translate(_TEXT_OR_NAME.sub(rename, masked))
 
@@ -617,7 +620,9 @@ LANGUAGE: Final = ir.Language(
         (rf"(?:LOCAL )?(?:PROC|FUNC {_WORD}) @{{name}}\((?P<parameters>[^()]*)\)", _translate_routine),
         (r"(?:LOCAL )?TRAP @{name}", "handler"),
         (r"ENDPROC|ENDFUNC|ENDTRAP", "end"),
-        (r"(?:ERROR|UNDO|BACKWARD)(?:\([^()]*\))?", lambda _: [ir.Flow("end"), ir.Flow("handler")]),
+        (r"ERROR(?:\([^()]*\))?", lambda _: [ir.Flow("end"), ir.Flow("handler")]),
+        # Both run by hand: when somebody leaves the routine in its middle, or steps back.
+        (r"UNDO|BACKWARD", lambda _: [ir.Flow("end"), ir.Flow("undo")]),
         (r"IF ?(.*?) ?THEN", "if"),
         (r"ELSEIF ?(.*?) ?THEN|CASE ?(.*):", "branch"),
         (r"ELSE|DEFAULT ?:", "default"),

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from jointstiff.service.programs import language as ir
-from jointstiff.service.programs.errors import quote_text
+from jointstiff.service.programs.errors import quote_text, show_text
 from jointstiff.service.programs.interpreter import Machine
 from jointstiff.service.programs.language import Op
 from jointstiff.service.programs.notation import DEGREE, MM, Notation, Orientation
@@ -52,7 +52,7 @@ def read_table(machine: Machine, sources: tuple[Source, ...]) -> None:
     rows = ((i, masked) for i, masked in enumerate(masked_texts) if _is_row(masked))
     (head, _), (_, first) = next(rows, (0, "")), next(rows, (0, ""))  # header, and first row of targets
     if first:
-        header = source.text[source.starts[head] : source.ends[head]]
+        header = show_text(source.text[source.starts[head] : source.ends[head]])
         translate = partial(_translate_row, _parse_header(machine, head + 1, header, first))
         machine.add_statements(0, source.starts[head + 1 :], source.ends[head + 1 :], translate=translate)
 
