@@ -103,7 +103,7 @@ _MAY_ACT: Final = re.compile(r"=|LBL|JMP|CALL(?! ?\w)|(?i:track|touch|soft|follo
 # Arguments of programs and macros are values, never positions.
 _ARGUMENTS: Final = r"(?:\((?:(?!\bP\[)[^()]|\([^()]*\))*\))?"
 _CHOICE: Final = (
-    r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM(?:\[(?:GP\d,)*GP1(?:,GP\d)*\])?|NUM\[\0\])"
+    r"(?:\$MN(?=\w+NUM\[))?U(?P<which>FRAME|TOOL)(?:_NUM(?:\[(?=(?:GP\d,)*?GP1\b)GP\d(?:,GP\d)*+\])?|NUM\[\0\])"
 )
 _RECORD_AGAIN: Final = "record the position again"
 # Actions after a condition: jumps, calls, and what changes neither positions nor frames

@@ -439,7 +439,7 @@ def _translate_attachment(line: Line) -> list[Op]:
 
 def _translate_unknown_attachment(line: Line) -> list[Op]:
     """Return the calls of an attachment that is not understood: its routines may run at any time."""
-    names = [line.text.replace("\0", "n"), *re.findall(rf"({_NAME})\(", line.text)]
+    names = [line.text.replace("\0", "n"), *re.findall(rf"(?<![\w$])({_NAME})\(", line.text)]
     return [ir.Call(name, anytime=True) for name in names]
 
 
